@@ -1,0 +1,132 @@
+"""What an agent is shown: one table for the Gymnasium spaces, JSON and msgpack.
+
+Spaces are flat, with no 0-d boxes, because nested or scalar ones were seen to fail in Stable-Baselines3.
+"""
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import DTypeLike, NDArray
+
+from wrongturn_protocol.vocabulary import Track
+
+Observation = dict[str, NDArray[Any]]
+"""An observation: one array for each key of the track's space."""
+
+PATH_POINTS: Final = 60
+"""Points of ``lane`` and of each of ``exits``, 1 m apart."""
+ROAD_USERS: Final = 32
+"""Rows of ``road_users``."""
+IMAGE_SHAPE: Final = (64, 192)
+"""Rows and columns of the camera's picture."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One key of an observation."""
+
+    name: str
+    dtype: DTypeLike
+    shape: tuple[int, ...]
+    low: float
+    high: float
+    image: bool = False
+    """Goes as base64 in JSON."""
+
+    @property
+    def scalar(self) -> bool:
+        """Whether it goes as a plain number."""
+        return self.shape == (1,)
+
+
+_ALWAYS: Final = (
+    Field("speed", np.float32, (1,), 0.0, 22.0),
+    Field("steering", np.float32, (1,), -1.0, 1.0),
+    Field("command", np.int64, (1,), -1, 4),
+)
+_RGB: Final = Field("rgb", np.uint8, (*IMAGE_SHAPE, 3), 0, 255, image=True)
+_SEGMENTATION: Final = Field("segmentation", np.uint8, IMAGE_SHAPE, 0, 10, image=True)
+_PRIVILEGED: Final = (
+    Field("pose", np.float64, (3,), -np.inf, np.inf),
+    Field("lane", np.float32, (PATH_POINTS, 2), -np.inf, np.inf),
+    Field("stop_line", np.float32, (1,), -1.0, 60.0),
+    Field("exits", np.float32, (3, PATH_POINTS, 2), -np.inf, np.inf),
+    Field("exits_mask", np.int8, (3,), 0, 1),
+    Field("road_users", np.float32, (ROAD_USERS, 6), -np.inf, np.inf),
+    Field("road_users_count", np.int64, (1,), 0, ROAD_USERS),
+)
+FIELDS: Final[Mapping[Track, tuple[Field, ...]]] = {
+    Track.STATE: _ALWAYS,
+    Track.CAMERA: (*_ALWAYS, _RGB),
+    Track.SEGMENTATION: (*_ALWAYS, _RGB, _SEGMENTATION),
+    Track.PRIVILEGED: (*_ALWAYS, *_PRIVILEGED),
+}
+"""The fields of each track, in order."""
+
+
+def observation_space(track: Track) -> spaces.Dict:
+    """The Gymnasium space of a track: a flat ``Dict`` of ``Box``."""
+    return spaces.Dict(
+        {
+            field.name: spaces.Box(field.low, field.high, field.shape, np.dtype(field.dtype).type)
+            for field in FIELDS[track]
+        },
+    )
+
+
+def action_space() -> spaces.Box:
+    """Box float32 (3,): steer in [-1, 1], throttle and brake in [0, 1]."""
+    return spaces.Box(np.array([-1, 0, 0], np.float32), np.array([1, 1, 1], np.float32), dtype=np.float32)
+
+
+def encode(observation: Observation, track: Track, *, binary: bool = False) -> dict[str, Any]:
+    """An observation as plain values: for msgpack with raw bytes where ``binary``, else for JSON."""
+    message: dict[str, Any] = {}
+    for field in FIELDS[track]:
+        array = observation[field.name]
+        if field.scalar:
+            message[field.name] = array.item()
+        elif binary or field.image:
+            raw = np.ascontiguousarray(array).tobytes()
+            data = raw if binary else base64.b64encode(raw).decode("ascii")
+            message[field.name] = {"shape": list(field.shape), "dtype": np.dtype(field.dtype).name, "data": data}
+        else:
+            message[field.name] = array.tolist()
+    return message
+
+
+def decode(message: Mapping[str, Any], track: Track) -> Observation:
+    """The arrays that :func:`encode` was given, from its JSON or its msgpack form.
+
+    Raises:
+        ValueError: a key of the track is missing or has another shape.
+    """
+    observation: Observation = {}
+    for field in FIELDS[track]:
+        if field.name not in message:
+            raise ValueError(f"observation.{field.name}: missing; the {track} track has it")
+        value = message[field.name]
+        if isinstance(value, Mapping):
+            raw = value["data"]
+            raw = base64.b64decode(raw) if isinstance(raw, str) else raw
+            array = np.frombuffer(raw, np.dtype(field.dtype))
+            if array.size == np.prod(field.shape):
+                array = array.reshape(field.shape)
+        elif field.scalar:
+            array = np.array([value], field.dtype)
+        else:
+            array = np.array(value, field.dtype)
+        if array.shape != field.shape:
+            raise ValueError(f"observation.{field.name}: has shape {array.shape}, the {track} track's is {field.shape}")
+        observation[field.name] = array
+    return observation
+
+
+def track_of(space: spaces.Space[Any]) -> Track | None:
+    """Which track an observation space belongs to, by its keys; None where no track has just these."""
+    keys = set(space.spaces) if isinstance(space, spaces.Dict) else set()
+    return next((track for track, fields in FIELDS.items() if {field.name for field in fields} == keys), None)
