@@ -174,7 +174,7 @@ class Flag(StrEnum):
 class Reaction(StrEnum):
     """How the agent met the fault.
 
-    To ``infeasible``: ``obeyed``, ``overrode``, ``froze`` or ``other``. To ``omission``: ``exit``, ``froze`` or ``other``.
+    To ``infeasible``: ``obeyed``, ``overrode``, ``froze``, ``other``. To ``omission``: ``exit``, ``froze``, ``other``.
     """
 
     OBEYED = "obeyed"
