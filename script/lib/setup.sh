@@ -1,0 +1,89 @@
+# Sourced by script/demo and script/test: makes .venv and installs what is missing, once; later runs are quick.
+#   setup run    what the service, the client and the agents need (no torch)
+#   setup test   the same and what the tests need
+# shellcheck shell=bash
+
+say() { printf '%s\n' "$*" >&2; }
+
+fail() {
+  say "error: $*"
+  exit 1
+}
+
+# What libsumo's shared object is linked to and slim images lack.
+declare -A LIBRARIES=(
+  [libX11.so.6]=libx11-6 [libXext.so.6]=libxext6 [libXrender.so.1]=libxrender1 [libGL.so.1]=libgl1
+  [libatomic.so.1]=libatomic1
+)
+
+find_python() {
+  local candidate
+  for candidate in python3.11 python3 python3.12 python3.13 python3.14; do
+    if command -v "$candidate" >/dev/null &&
+      "$candidate" -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null; then
+      printf '%s\n' "$candidate"
+      return
+    fi
+  done
+  fail "Python 3.11 or newer is needed and none was found on the PATH; on Debian 12: apt-get install python3 python3-venv"
+}
+
+missing_packages() {
+  local python=$1 library
+  "$python" -c 'import ensurepip, venv' 2>/dev/null || printf 'python3-venv\n'
+  for library in "${!LIBRARIES[@]}"; do
+    "$python" -c 'import ctypes, sys; ctypes.CDLL(sys.argv[1])' "$library" 2>/dev/null ||
+      printf '%s\n' "${LIBRARIES[$library]}"
+  done
+}
+
+install_packages() {
+  local -a as_root=() packages=("$@")
+  if ((EUID != 0)); then
+    command -v sudo >/dev/null && sudo -n true 2>/dev/null ||
+      fail "these Debian packages are missing: ${packages[*]}. Install them (apt-get install ${packages[*]}) or run this as root"
+    as_root=(sudo -n)
+  fi
+  command -v apt-get >/dev/null ||
+    fail "these Debian packages, or your system's like of them, are missing: ${packages[*]}; there is no apt-get to install them with"
+  say "Installing ${packages[*]} …"
+  "${as_root[@]}" apt-get update -qq >&2 &&
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
+      "${packages[@]}" >/dev/null ||
+    fail "apt-get could not install ${packages[*]}; its message stands above"
+}
+
+setup() {
+  local level=$1 python stamp digest
+  local -a packages
+  # Whoever comes second waits for the first and then finds everything done.
+  if command -v flock >/dev/null; then
+    exec 9>.venv.lock
+    flock 9
+  fi
+  digest=$(cat constraints.txt pyproject.toml ./*/pyproject.toml script/lib/setup.sh | sha256sum | cut -c1-64)
+  stamp=.venv/.wrongturn-$level
+  if [[ -x .venv/bin/python && -f $stamp && $(<"$stamp") == "$digest $PWD" ]]; then
+    exec 9>&-
+    return
+  fi
+  python=$(find_python) || exit 1
+  mapfile -t packages < <(missing_packages "$python" | sort -u)
+  ((${#packages[@]} == 0)) || install_packages "${packages[@]}"
+  say "Setting up .venv (this takes a few minutes, once) …"
+  if ! .venv/bin/python -c 'import pip, sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null; then
+    "$python" -m venv --clear .venv || fail "$python -m venv .venv did not work; its message stands above"
+  fi
+  pip() { .venv/bin/python -m pip -qq --disable-pip-version-check "$@"; }
+  pip install --upgrade 'pip>=25.1' setuptools || fail "pip could not be brought up to date; its message stands above"
+  local -a wanted=(-c constraints.txt -e clients -e networks -e service -e agents)
+  if [[ $level == test ]]; then
+    # torch comes first and by itself, so that no other package's range picks another build of it.
+    pip install -c constraints.txt torch || fail "pip could not install torch; its message stands above"
+    wanted+=(-e 'networks[making]' -e 'agents[training,onnx]' --group test)
+  fi
+  pip install "${wanted[@]}" || fail "pip could not install the packages; its message stands above"
+  printf '%s' "$digest $PWD" >.venv/.wrongturn-run
+  printf '%s' "$digest $PWD" >"$stamp"
+  exec 9>&-
+}
