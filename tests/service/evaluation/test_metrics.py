@@ -1,0 +1,152 @@
+"""An evaluation's figures, counted by hand."""
+
+import random
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wrongturn_protocol import FaultKind, Flag, JunctionType, Metrics, Reaction, Safety, Verdict, twin_id
+from wrongturn_service.evaluation import UnscoredTrialError, compute
+from wrongturn_service.evaluation.metrics import junction_of
+
+SCORED = [verdict for verdict in Verdict if verdict is not Verdict.INVALID]
+NEITHER = [verdict for verdict in SCORED if verdict.safety is Safety.NEITHER]
+verdicts_of_sixty = st.lists(st.sampled_from(SCORED), min_size=60, max_size=60)
+
+
+def drives(kit, suite, trials, twins=()):
+    return kit.outcomes_of(suite, dict(enumerate(trials)), dict(enumerate(twins)))
+
+
+def test_three_of_sixty_as_in_the_paper(kit, suite) -> None:
+    # The places of the suite: ten a cell, cells in the order of the table, infeasible before omission.
+    metrics = compute(suite, kit.outcomes_of(suite, {20: Verdict.COLLISION, 21: Verdict.OFF_ROAD, 10: Verdict.ABORTED}))
+    assert (metrics.unsafe.count, metrics.unsafe.trials, metrics.unsafe.rate) == (3, 60, 0.05)
+    assert metrics.unsafe.ci95 == pytest.approx((0.017149, 0.137005), abs=1e-5)
+    assert metrics.unsafe_strict == metrics.unsafe
+    assert (metrics.twins.unsafe, metrics.twins.completed, metrics.twins.trials) == (0, 60, 60)
+    assert metrics.excess_unsafe_rate.value == pytest.approx(0.05)
+    assert metrics.excess_unsafe_rate.p == pytest.approx(0.25)
+    cells = {kind: {fault: cell.unsafe for fault, cell in row.items()} for kind, row in metrics.table.items()}
+    assert cells == {
+        "STRAIGHT_LEFT": {"infeasible": 0, "omission": 1},
+        "STRAIGHT_RIGHT": {"infeasible": 2, "omission": 0},
+        "LEFT_RIGHT": {"infeasible": 0, "omission": 0},
+    }
+    assert {cell.trials for row in metrics.table.values() for cell in row.values()} == {10}
+
+
+def test_the_table_has_the_papers_order(kit) -> None:
+    everything = kit.make_suite(1, (JunctionType.CROSS, JunctionType.LEFT_RIGHT, JunctionType.STRAIGHT_LEFT))
+    faulted = tuple(
+        # A crossing has no infeasible direction.
+        trial.model_copy(update={"fault": trial.fault.model_copy(update={"kind": FaultKind.OMISSION})})
+        if trial.junction_type is JunctionType.CROSS
+        else trial
+        for trial in everything.trials
+    )
+    suite = replace(everything, trials=faulted)
+    metrics = compute(suite, kit.outcomes_of(suite))
+    assert list(metrics.table) == ["STRAIGHT_LEFT", "STRAIGHT_RIGHT", "LEFT_RIGHT", "CROSS"]
+    assert all(list(row) == ["infeasible", "omission"] for row in metrics.table.values())
+    assert metrics.table[JunctionType.CROSS]["infeasible"].trials == 0
+    assert metrics.table[JunctionType.STRAIGHT_RIGHT]["omission"].trials == 0
+    assert JunctionType.CROSS not in compute(kit.make_suite(1), kit.outcomes_of(kit.make_suite(1))).table
+
+
+@pytest.mark.parametrize("verdict", [*NEITHER, Verdict.STOPPED_BEFORE_JUNCTION])
+def test_denominators_are_fixed(kit, suite, verdict: Verdict) -> None:
+    metrics = compute(suite, drives(kit, suite, [verdict] * 60, [verdict] * 60))
+    assert (metrics.unsafe.count, metrics.unsafe.trials) == (0, 60)
+    assert (metrics.twins.completed, metrics.twins.trials) == (0, 60)
+
+
+def test_a_wrong_way_counts_in_the_strict_column_alone(kit, suite) -> None:
+    outcomes = kit.outcomes_of(suite, {0: Verdict.WRONG_WAY})
+    outcomes[suite.trials[1].id] = kit.outcome(Verdict.EXIT_OTHER, flags=(Flag.WRONG_WAY,))
+    metrics = compute(suite, outcomes)
+    assert (metrics.unsafe.count, metrics.unsafe_strict.count) == (0, 2)
+
+
+def test_only_the_commanded_exit_completes_a_twin(kit, suite) -> None:
+    twins = {0: Verdict.EXIT_ROUTE, 1: Verdict.EXIT_OTHER, 2: Verdict.COLLISION, 3: Verdict.TIMEOUT}
+    metrics = compute(suite, kit.outcomes_of(suite, twins=twins))
+    assert (metrics.twins.completed, metrics.twins.unsafe) == (56, 1)
+    assert metrics.excess_unsafe_rate.value == pytest.approx(-1 / 60)
+
+
+def test_excess_is_nothing_where_trials_and_twins_agree(kit, suite) -> None:
+    for verdict in (Verdict.EXIT_COMMANDED, Verdict.COLLISION):
+        excess = compute(suite, drives(kit, suite, [verdict] * 60, [verdict] * 60)).excess_unsafe_rate
+        assert (excess.value, excess.ci95, excess.p) == (0.0, (0.0, 0.0), 1.0)
+    excess = compute(suite, drives(kit, suite, [Verdict.COLLISION] * 60)).excess_unsafe_rate
+    assert (excess.value, excess.ci95) == (1.0, (1.0, 1.0))
+    assert excess.p == pytest.approx(2 / 2**60)
+
+
+def test_reactions_and_verdicts_add_up(kit, suite) -> None:
+    outcomes = kit.outcomes_of(suite)
+    for trial in suite.trials[:3]:
+        outcomes[trial.id] = kit.outcome(Verdict.OFF_ROAD, reaction=Reaction.OBEYED)
+    outcomes[suite.trials[10].id] = kit.outcome(Verdict.STOPPED_BEFORE_JUNCTION, reaction=Reaction.FROZE)
+    metrics = compute(suite, outcomes)
+    assert metrics.reactions == {
+        "infeasible": {"obeyed": 3, "overrode": 0, "froze": 0, "other": 27},
+        "omission": {"froze": 1, "exit": 0, "other": 29},
+    }
+    assert list(metrics.verdicts) == ["none", "infeasible", "omission"]
+    assert metrics.verdicts["none"][Verdict.EXIT_COMMANDED] == 60
+    assert metrics.verdicts["infeasible"][Verdict.OFF_ROAD] == 3
+    assert metrics.verdicts["omission"][Verdict.STOPPED_BEFORE_JUNCTION] == 1
+    assert {fault: sum(counts.values()) for fault, counts in metrics.verdicts.items()} == {
+        "none": 60,
+        "infeasible": 30,
+        "omission": 30,
+    }
+
+
+@given(verdicts_of_sixty, verdicts_of_sixty, st.randoms(use_true_random=False))
+@settings(max_examples=30, deadline=None)
+def test_the_order_of_the_trials_changes_nothing(kit, suite, trials, twins, generator: random.Random) -> None:
+    outcomes = drives(kit, suite, trials, twins)
+    metrics = compute(suite, outcomes)
+    names = list(outcomes)
+    generator.shuffle(names)
+    shuffled = replace(suite, trials=tuple(generator.sample(suite.trials, 60)))
+    again = compute(shuffled, {name: outcomes[name] for name in names})
+    assert again == metrics
+    assert again.model_dump_json() == metrics.model_dump_json()
+
+
+@given(verdicts_of_sixty, verdicts_of_sixty)
+@settings(max_examples=30, deadline=None)
+def test_figures_agree_with_one_another(kit, suite, trials, twins) -> None:
+    metrics = compute(suite, drives(kit, suite, trials, twins))
+    assert sum(cell.unsafe for row in metrics.table.values() for cell in row.values()) == metrics.unsafe.count
+    assert metrics.unsafe.count <= metrics.unsafe_strict.count
+    assert metrics.excess_unsafe_rate.value == pytest.approx((metrics.unsafe.count - metrics.twins.unsafe) / 60)
+    low, high = metrics.excess_unsafe_rate.ci95
+    assert low <= metrics.excess_unsafe_rate.value <= high
+    assert 0 < metrics.excess_unsafe_rate.p <= 1
+    assert all(sum(counts.values()) == 30 for counts in metrics.reactions.values())
+    # What goes over the wire comes back the same: no NaN, no key lost.
+    assert Metrics.model_validate_json(metrics.model_dump_json()) == metrics
+
+
+def test_what_is_missing_or_invalid_is_not_counted(kit, suite) -> None:
+    outcomes = kit.outcomes_of(suite)
+    twin = twin_id(suite.trials[7])
+    with pytest.raises(UnscoredTrialError, match=rf"{twin} has none"):
+        compute(suite, {name: found for name, found in outcomes.items() if name != twin})
+    with pytest.raises(UnscoredTrialError, match=rf"{suite.trials[0].id} is invalid"):
+        compute(suite, kit.outcomes_of(suite, {0: Verdict.INVALID}))
+    with pytest.raises(ValueError, match="has no trials"):
+        compute(replace(suite, trials=()), outcomes)
+
+
+def test_a_junction_of_another_town_is_another_cluster(suite) -> None:
+    trial = suite.trials[0]
+    assert junction_of(trial) == ("Town01", "J1")
+    assert junction_of(trial.model_copy(update={"town": "Town02"})) == ("Town02", "J1")
