@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints
 
-from wrongturn_protocol.episodes import Fault, Message, Outcome, Start, Traffic
+from wrongturn_protocol.episodes import EpisodeDetail, Fault, Message, Outcome, Start, Traffic
 from wrongturn_protocol.vocabulary import (
     AgentKind,
     Command,
@@ -217,6 +217,12 @@ class ResultsRequest(Message):
     """Software of the worker, by name."""
 
 
+class EpisodeList(Message):
+    """``GET /v1/evaluations/{id}/episodes``."""
+
+    episodes: tuple[EpisodeDetail, ...]
+
+
 class EpisodeResult(Message):
     """A finished episode of a finished evaluation."""
 
@@ -245,9 +251,43 @@ class Leaderboard(Message):
 
     suite: str
     sha256: Sha256
-    updated: str
-    """When the newest evaluation on it was finished, ISO 8601 in UTC."""
+    updated: str | None
+    """When the newest evaluation on it was finished, ISO 8601 in UTC; None where there is none yet."""
     entries: tuple[LeaderboardEntry, ...]
+
+
+class LeaderboardSummary(Message):
+    """One leaderboard as ``GET /v1/leaderboards`` lists it."""
+
+    suite: str
+    sha256: Sha256
+    title: str
+    updated: str | None
+    entries: int
+
+
+class LeaderboardList(Message):
+    """``GET /v1/leaderboards``."""
+
+    leaderboards: tuple[LeaderboardSummary, ...]
+
+
+class SuiteList(Message):
+    """``GET /v1/suites``."""
+
+    suites: tuple[SuiteSummary, ...]
+
+
+class TownList(Message):
+    """``GET /v1/towns``."""
+
+    towns: tuple[TownSummary, ...]
+
+
+class AgentList(Message):
+    """``GET /v1/agents``."""
+
+    agents: tuple[AgentDetail, ...]
 
 
 class FieldError(Message):
