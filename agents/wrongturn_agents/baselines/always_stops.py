@@ -1,0 +1,18 @@
+"""``always-stops``: drives up to a junction and never into it."""
+
+from typing import ClassVar
+
+from wrongturn_agents.baselines.driver import Driver
+from wrongturn_agents.baselines.view import View
+from wrongturn_protocol import Command
+
+
+class AlwaysStops(Driver):
+    """Stops before every junction: never unsafe, and completes no twin, so it is not ranked."""
+
+    name: ClassVar[str] = "always-stops"
+    description: ClassVar[str] = "Stops before every junction; shows that being safe without driving earns no rank."
+
+    def choose(self, view: View) -> Command | None:  # noqa: ARG002 - whatever it sees
+        """Stop."""
+        return None

@@ -1,0 +1,159 @@
+"""The driving that all baselines share: keeping to a path by pure pursuit, and keeping to a speed.
+
+What a baseline adds is its choice at a junction, :meth:`Driver.choose`.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from wrongturn_agents.baselines.path import Path
+from wrongturn_agents.baselines.view import View
+from wrongturn_protocol import Action, AgentKind, Command, Track
+from wrongturn_protocol.observations import Observation
+
+_COMMITTED: Final = 30.0  # metres past the stop line within which a chosen path is kept
+
+
+@dataclass(frozen=True)
+class Car:
+    """What a driver knows of its car."""
+
+    wheelbase: float = 2.9
+    """Metres; the rear axle is half of it behind the body's centre."""
+    nose: float = 2.3
+    """From the body's centre to the front bumper, metres."""
+    max_wheel_angle: float = math.radians(35.0)
+    """Of the front wheels at full steering, radians."""
+    acceleration: float = 3.5
+    """At full throttle, m/s2."""
+    braking: float = 8.0
+    """At full brake, m/s2."""
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How a driver drives."""
+
+    cruise: float = 10.0
+    """On an open street, m/s."""
+    lateral: float = 3.0
+    """Lateral acceleration in bends, m/s2; the tyres would hold 7."""
+    braking: float = 3.0
+    """Deceleration for bends and stops, m/s2."""
+    hard_braking: float = 6.0
+    """Deceleration beyond which it is too late to stop before the line, m/s2."""
+    look_ahead: tuple[float, float, float] = (3.0, 0.45, 8.0)
+    """Distance of the point that is steered for: least, seconds of travel, greatest; m, s, m."""
+    gap: float = 1.0
+    """From the front bumper to the stop line when standing before it, metres."""
+    gain: float = 4.0
+    """Acceleration per speed error, 1/s."""
+
+
+class Driver(ABC):
+    """Follows the lane, asks :meth:`choose` before each junction, and takes that exit or stops before the line."""
+
+    track: ClassVar[Track] = Track.PRIVILEGED
+    kind: ClassVar[AgentKind] = AgentKind.BASELINE
+
+    def __init__(self, car: Car | None = None, manner: Manner | None = None) -> None:
+        self.car = car or Car()
+        self.manner = manner or Manner()
+        self._forget()
+
+    @abstractmethod
+    def choose(self, view: View) -> Command | None:
+        """The direction to take at the junction ahead; None to stop before it.
+
+        Asked at every step until the stop line is passed.
+        """
+
+    def path_beyond(self, view: View, direction: Command) -> NDArray[np.floating]:
+        """(N, 2) points from the stop line on in a chosen direction; by default the permitted exit's."""
+        return view.exits[direction]
+
+    def reset(self, observation_space: spaces.Dict) -> None:  # noqa: ARG002 - it drives in one track alone
+        """Forget the last episode."""
+        self._forget()
+
+    def act(self, observation: Observation) -> Action:
+        """Steer along the path, as fast as it allows."""
+        view = View.of(observation)
+        path, stop = self._plan(view)
+        here = path.project(view.x, view.y)
+        return _action(
+            steer=self._steer(view, path),
+            acceleration=self._acceleration(view, path, here, stop),
+            car=self.car,
+        )
+
+    def _forget(self) -> None:
+        self._path: Path | None = None
+        self._line: float | None = None
+        self._choice: Command | None = None
+
+    def _plan(self, view: View) -> tuple[Path, float | None]:
+        """The path to follow and, where the car shall stop, the stop's distance along it."""
+        if self._path is not None and self._line is not None:
+            past = self._path.project(view.x, view.y) - self._line
+            if 0.0 < past < _COMMITTED:
+                return self._path, None if self._choice is not None else self._line
+        if not view.near_junction:
+            self._forget()
+            return _ahead(view, view.lane), None
+        choice = self.choose(view)
+        if choice is None and self._choice is not None and self._too_late_to_stop(view):
+            choice = self._choice
+        if self._path is None or self._line is None or choice is not self._choice:
+            self._choice = choice
+            beyond = view.lane[-1:] if choice is None else self.path_beyond(view, choice)
+            self._path = _ahead(view, np.concatenate((view.lane, beyond)))
+            self._line = self._path.project(*view.lane[-1].tolist())
+        return self._path, None if choice is not None else self._line - self.car.nose - self.manner.gap
+
+    def _too_late_to_stop(self, view: View) -> bool:
+        return view.speed**2 > 2.0 * self.manner.hard_braking * max(0.0, view.stop_line - self.car.nose)
+
+    def _steer(self, view: View, path: Path) -> float:
+        """Pure pursuit from the rear axle (Coulter, CMU-RI-TR-92-01)."""
+        back = self.car.wheelbase / 2.0
+        rear_x, rear_y = view.x - back * math.cos(view.yaw), view.y - back * math.sin(view.yaw)
+        least, seconds, greatest = self.manner.look_ahead
+        reach = min(max(least, seconds * view.speed), greatest)
+        goal_x, goal_y = path.at(path.project(rear_x, rear_y) + reach)
+        aside = -math.sin(view.yaw) * (goal_x - rear_x) + math.cos(view.yaw) * (goal_y - rear_y)
+        square = (goal_x - rear_x) ** 2 + (goal_y - rear_y) ** 2
+        wheel = math.atan(2.0 * self.car.wheelbase * aside / square)
+        return -wheel / self.car.max_wheel_angle  # CARLA's steering is negative to the left
+
+    def _acceleration(self, view: View, path: Path, here: float, stop: float | None) -> float:
+        """What to ask of the engine or the brakes, m/s2."""
+        manner = self.manner
+        speed = min(manner.cruise, path.speed_limit(here, manner.lateral, manner.braking))
+        if stop is not None:
+            speed = min(speed, math.sqrt(2.0 * manner.braking * max(0.0, stop - here)))
+            if speed < 0.5:
+                return -self.car.braking
+        return manner.gain * (speed - view.speed)
+
+
+def _ahead(view: View, points: NDArray[np.floating]) -> Path:
+    """The path through the points; where they are one and the same, straight on from the car."""
+    if np.ptp(points, axis=0).max() < 0.1:
+        heading = np.array((math.cos(view.yaw), math.sin(view.yaw)))
+        points = np.stack((points[0] - heading, points[0]))
+    return Path.through(points)
+
+
+def _action(steer: float, acceleration: float, car: Car) -> Action:
+    return Action(
+        steer=min(max(steer, -1.0), 1.0),
+        throttle=min(max(acceleration / car.acceleration, 0.0), 1.0),
+        brake=min(max(-acceleration / car.braking, 0.0), 1.0),
+    )

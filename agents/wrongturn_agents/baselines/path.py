@@ -1,0 +1,85 @@
+"""A path to follow: a polyline that goes straight on at either end."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_BEHIND = 6.0  # metres that a path reaches back, so that a rear axle behind its first point projects onto it
+_BEYOND = 30.0  # metres that it goes straight on past its last point, for looking ahead
+_HALF_WINDOW = 2.0  # metres to either side over which curvature is measured: polylines have corners, streets do not
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A polyline in the town frame."""
+
+    points: NDArray[np.float64]
+    """(N, 2), metres."""
+    distances: NDArray[np.float64]
+    """(N,), metres along the path from the point that was given first, so negative on the extension behind it."""
+    bends: NDArray[np.float64]
+    """(N,), absolute curvature at each point, 1/m."""
+
+    @classmethod
+    def through(cls, points: NDArray[Any]) -> "Path":
+        """The path through (N, 2) points, of which repeated ones are dropped; two distinct ones at least.
+
+        Raises:
+            ValueError: fewer than two points are distinct.
+        """
+        given = points.astype(np.float64)
+        steps = np.hypot(*np.diff(given, axis=0).T)
+        kept: NDArray[np.float64] = given[np.concatenate(([True], steps > 1e-3))]
+        if len(kept) < 2:
+            raise ValueError("points: a path needs two that differ")
+        behind = kept[0] - _BEHIND * _unit(kept[1] - kept[0])
+        beyond = kept[-1] + _BEYOND * _unit(kept[-1] - kept[-2])
+        whole = np.concatenate(([behind], kept, [beyond]))
+        distances = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(whole, axis=0).T)))) - _BEHIND
+        return cls(whole, distances, _curvature(whole, distances))
+
+    def project(self, x: float, y: float) -> float:
+        """Distance along the path of its point nearest to (x, y), metres."""
+        starts, vectors = self.points[:-1], np.diff(self.points, axis=0)
+        lengths = np.diff(self.distances)
+        offsets = np.array((x, y)) - starts
+        along = np.clip((offsets * vectors).sum(axis=1) / lengths, 0.0, lengths)
+        misses = offsets - vectors * (along / lengths)[:, None]
+        nearest = int(np.argmin((misses * misses).sum(axis=1)))
+        return float(self.distances[nearest] + along[nearest])
+
+    def at(self, distance: float) -> tuple[float, float]:
+        """The point at a distance along the path, metres."""
+        return (
+            float(np.interp(distance, self.distances, self.points[:, 0])),
+            float(np.interp(distance, self.distances, self.points[:, 1])),
+        )
+
+    def speed_limit(self, distance: float, lateral: float, braking: float) -> float:
+        """How fast a car may be at a distance along the path, m/s.
+
+        Args:
+            distance: Where the car is, metres along the path.
+            lateral: Lateral acceleration to keep to in bends, m/s2.
+            braking: Deceleration with which the car slows down for a bend ahead, m/s2.
+        """
+        ahead = self.distances - distance
+        use = ahead > -_HALF_WINDOW
+        squares = lateral / np.maximum(self.bends[use], 1e-6) + 2.0 * braking * np.maximum(ahead[use], 0.0)
+        return math.sqrt(float(squares.min()))
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vector / math.hypot(vector[0], vector[1])
+
+
+def _curvature(points: NDArray[np.float64], distances: NDArray[np.float64]) -> NDArray[np.float64]:
+    vectors = np.diff(points, axis=0)
+    headings = np.unwrap(np.arctan2(vectors[:, 1], vectors[:, 0]))
+    middles = (distances[:-1] + distances[1:]) / 2.0
+    turned = np.interp(distances + _HALF_WINDOW, middles, headings)
+    turned -= np.interp(distances - _HALF_WINDOW, middles, headings)
+    return np.asarray(np.abs(turned) / (2.0 * _HALF_WINDOW))

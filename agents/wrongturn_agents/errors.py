@@ -1,0 +1,45 @@
+"""What can go wrong on the agents' side.
+
+::
+
+    AgentsError
+    ├── UnknownAgentError        no agent is registered under the name
+    ├── AgentImportError         package.module:Class cannot be imported
+    ├── NotAnAgentError          it was imported, and it is no agent
+    ├── ModelFileError           an .onnx file is missing, broken or has other inputs and outputs
+    ├── OnnxRuntimeMissingError  the extra ``onnx`` is not installed
+    ├── RunFileError             a run cannot be resumed: its file is missing or not readable
+    └── AgentNameTakenError      another agent already has the name
+"""
+
+
+class AgentsError(Exception):
+    """Root of the agents' errors; the text is one line for a user."""
+
+
+class UnknownAgentError(AgentsError):
+    """No agent is registered under the name."""
+
+
+class AgentImportError(AgentsError):
+    """``package.module:Class`` cannot be imported."""
+
+
+class NotAnAgentError(AgentsError):
+    """What was imported lacks ``reset``, ``act`` or ``track``."""
+
+
+class ModelFileError(AgentsError):
+    """An ONNX file is missing, broken or does not keep to the contract."""
+
+
+class OnnxRuntimeMissingError(AgentsError):
+    """onnxruntime is not installed."""
+
+
+class RunFileError(AgentsError):
+    """A run cannot be resumed from what was named."""
+
+
+class AgentNameTakenError(AgentsError):
+    """The service already has an agent of that name."""
