@@ -1,0 +1,91 @@
+"""The light client of Wrongturn: ``Client(url, token).evaluate(policy, suite)``.
+
+Names are loaded when they are first used, so that the program ``wrongturn`` starts quickly. Importing this package
+registers the Gymnasium environment ``Wrongturn-v0``.
+"""
+
+import sys
+from importlib import import_module
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from wrongturn_client.client import Client
+    from wrongturn_client.errors import (
+        AgentNameTakenError,
+        ApiError,
+        AuthenticationError,
+        ConflictError,
+        EpisodeFinishedError,
+        EpisodeLostError,
+        EvaluationCancelledError,
+        EvaluationFinishedError,
+        EvaluationStalledError,
+        InvalidRequestError,
+        LocalServiceError,
+        NotFoundError,
+        NoTrialAvailableError,
+        PolicyError,
+        ProtocolError,
+        ResultsMismatchError,
+        ServiceBusyError,
+        ServiceFailedError,
+        ServiceUnreachableError,
+        WrongturnError,
+    )
+    from wrongturn_client.local_service import LocalService
+    from wrongturn_client.policy import Policy
+    from wrongturn_protocol import Action
+
+__all__ = [
+    "Action",
+    "AgentNameTakenError",
+    "ApiError",
+    "AuthenticationError",
+    "Client",
+    "ConflictError",
+    "EpisodeFinishedError",
+    "EpisodeLostError",
+    "EvaluationCancelledError",
+    "EvaluationFinishedError",
+    "EvaluationStalledError",
+    "InvalidRequestError",
+    "LocalService",
+    "LocalServiceError",
+    "NoTrialAvailableError",
+    "NotFoundError",
+    "Policy",
+    "PolicyError",
+    "ProtocolError",
+    "ResultsMismatchError",
+    "ServiceBusyError",
+    "ServiceFailedError",
+    "ServiceUnreachableError",
+    "WrongturnError",
+]
+
+_HOMES: Final = {
+    "Action": "wrongturn_protocol",
+    "Client": "wrongturn_client.client",
+    "LocalService": "wrongturn_client.local_service",
+    "Policy": "wrongturn_client.policy",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_HOMES.get(name, "wrongturn_client.errors")), name)
+    globals()[name] = value
+    return value
+
+
+def _register() -> None:
+    from gymnasium import register, registry  # noqa: PLC0415 - the program does without
+
+    if "Wrongturn-v0" not in registry:
+        register("Wrongturn-v0", entry_point="wrongturn_client.gym_env:WrongturnEnv")
+
+
+if PurePath(sys.argv[0] if sys.argv else "").name not in {"wrongturn", "-m"}:
+    _register()

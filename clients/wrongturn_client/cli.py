@@ -1,0 +1,5 @@
+"""The program ``wrongturn``."""
+
+
+def main() -> None:
+    """Run it."""

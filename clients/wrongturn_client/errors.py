@@ -1,0 +1,172 @@
+"""What can go wrong for a user of the client.
+
+::
+
+    WrongturnError
+    ├── ServiceUnreachableError      nobody answers at the URL
+    ├── ProtocolError                the answer is none that this client understands
+    ├── LocalServiceError            ``wrongturn serve`` did not come up
+    ├── EvaluationStalledError       no trial was handed out for too long
+    ├── PolicyError                  the policy gave something that is no action
+    └── ApiError                     the service says no, by a problem of RFC 9457
+        ├── AuthenticationError      no token, another's token, registration closed
+        ├── InvalidRequestError      a field is wrong or does not apply
+        ├── NotFoundError            unknown suite, town, approach, trial, agent, evaluation or episode
+        ├── ConflictError            the call does not fit what was said before
+        │   ├── AgentNameTakenError
+        │   ├── EvaluationFinishedError
+        │   ├── EvaluationCancelledError
+        │   ├── NoTrialAvailableError
+        │   ├── EpisodeFinishedError
+        │   └── ResultsMismatchError
+        ├── EpisodeLostError         the service was started again while the episode was open
+        ├── ServiceBusyError         come back later: rate limit, simulators busy, shutting down, a gateway's 502 to 504
+        └── ServiceFailedError       the service broke: 5xx
+"""
+
+from typing import Final
+
+from wrongturn_protocol import Problem, ProblemType
+
+
+class WrongturnError(Exception):
+    """The root of all that the client raises on purpose."""
+
+
+class ServiceUnreachableError(WrongturnError):
+    """Nobody answers at the URL."""
+
+    def __init__(self, url: str, reason: str) -> None:
+        super().__init__(
+            f"no Wrongturn service answers at {url} ({reason}); start one by 'wrongturn serve', "
+            "or name another by --url or WRONGTURN_URL",
+        )
+        self.url = url
+        self.reason = reason
+
+
+class ProtocolError(WrongturnError):
+    """The answer is none that this client understands: another program, or another version, is at the URL."""
+
+
+class LocalServiceError(WrongturnError):
+    """A service of one's own did not come up."""
+
+
+class EvaluationStalledError(WrongturnError):
+    """The service handed out no trial for too long, though the evaluation is not finished."""
+
+
+class PolicyError(WrongturnError):
+    """The policy gave something that is no action."""
+
+
+class ApiError(WrongturnError):
+    """The service refused a call."""
+
+    def __init__(self, problem: Problem, retry_after: float | None = None) -> None:
+        fields = "; ".join(f"{error.path}: {error.message}" for error in problem.errors)
+        super().__init__(f"{problem.detail or problem.title} ({fields})" if fields else problem.detail or problem.title)
+        self.problem = problem
+        """What the service sent."""
+        self.retry_after = retry_after
+        """Seconds after which the service asks to be called again; None where it said nothing."""
+
+    @property
+    def type(self) -> str:
+        """The problem's kind, one of :class:`wrongturn_protocol.ProblemType`; ``blank`` from another program."""
+        return self.problem.type.rsplit("/", 1)[-1].removeprefix("about:")
+
+    @property
+    def status(self) -> int:
+        """The HTTP status."""
+        return self.problem.status
+
+
+class AuthenticationError(ApiError):
+    """No token, another's token, or registration is closed."""
+
+
+class InvalidRequestError(ApiError):
+    """A field is wrong, or does not apply here."""
+
+
+class NotFoundError(ApiError):
+    """An unknown suite, town, approach, trial, agent, evaluation or episode."""
+
+
+class ConflictError(ApiError):
+    """The call does not fit what was said before."""
+
+
+class AgentNameTakenError(ConflictError):
+    """Another agent has the name."""
+
+
+class EvaluationFinishedError(ConflictError):
+    """No trial is left."""
+
+
+class EvaluationCancelledError(ConflictError):
+    """The evaluation was cancelled."""
+
+
+class NoTrialAvailableError(ConflictError):
+    """For now only the twin of an open trial is left, or as many are open as may be."""
+
+
+class EpisodeFinishedError(ConflictError):
+    """The episode has had its last step."""
+
+
+class ResultsMismatchError(ConflictError):
+    """The worker's own record differs from what the service saw."""
+
+
+class EpisodeLostError(ApiError):
+    """The service was started again while the episode was open; its trial runs anew and nobody is charged."""
+
+
+class ServiceBusyError(ApiError):
+    """The service asks to be called again later; the client does so by itself for a while."""
+
+
+class ServiceFailedError(ApiError):
+    """The service broke."""
+
+
+_BY_TYPE: Final[dict[str, type[ApiError]]] = {
+    ProblemType.UNAUTHENTICATED: AuthenticationError,
+    ProblemType.FORBIDDEN: AuthenticationError,
+    ProblemType.REGISTRATION_CLOSED: AuthenticationError,
+    ProblemType.FAULT_NOT_APPLICABLE: InvalidRequestError,
+    ProblemType.TRACK_NOT_AVAILABLE: InvalidRequestError,
+    ProblemType.AGENT_NAME_TAKEN: AgentNameTakenError,
+    ProblemType.EVALUATION_FINISHED: EvaluationFinishedError,
+    ProblemType.EVALUATION_CANCELLED: EvaluationCancelledError,
+    ProblemType.NO_TRIAL_AVAILABLE: NoTrialAvailableError,
+    ProblemType.EPISODE_FINISHED: EpisodeFinishedError,
+    ProblemType.RESULTS_MISMATCH: ResultsMismatchError,
+    ProblemType.EPISODE_LOST: EpisodeLostError,
+    ProblemType.RATE_LIMITED: ServiceBusyError,
+    ProblemType.SIMULATORS_BUSY: ServiceBusyError,
+    ProblemType.SHUTTING_DOWN: ServiceBusyError,
+}
+_BY_STATUS: Final[dict[int, type[ApiError]]] = {
+    401: AuthenticationError,
+    403: AuthenticationError,
+    404: NotFoundError,
+    409: ConflictError,
+    429: ServiceBusyError,
+    502: ServiceBusyError,
+    503: ServiceBusyError,
+    504: ServiceBusyError,
+}
+
+
+def api_error(problem: Problem, retry_after: float | None = None) -> ApiError:
+    """The error that a problem stands for, by its type and else by its status."""
+    kind = _BY_TYPE.get(problem.type.rsplit("/", 1)[-1]) or _BY_STATUS.get(problem.status)
+    if kind is None:
+        kind = ServiceFailedError if problem.status >= 500 else InvalidRequestError
+    return kind(problem, retry_after)

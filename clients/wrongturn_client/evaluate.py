@@ -1,0 +1,202 @@
+"""Driving a policy through an evaluation to its end, whatever happens on the way."""
+
+import contextlib
+import hashlib
+import math
+import platform
+import statistics
+import struct
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import metadata
+from typing import TYPE_CHECKING, Final
+
+from wrongturn_client.errors import (
+    EpisodeFinishedError,
+    EpisodeLostError,
+    EvaluationFinishedError,
+    EvaluationStalledError,
+    NoTrialAvailableError,
+    PolicyError,
+    ProtocolError,
+    WrongturnError,
+)
+from wrongturn_client.policy import Policy
+from wrongturn_client.wire import track_of_message
+from wrongturn_protocol import Action, EpisodeRecord, EvaluationDetail, EvaluationState
+from wrongturn_protocol.observations import Observation, observation_space
+
+if TYPE_CHECKING:
+    from wrongturn_client.client import Client
+
+Progress = Callable[[int, int], None]
+"""Called with the numbers of finished and of all episodes."""
+_STALLED_AFTER: Final = 900.0
+"""Seconds without a trial; a worker that vanished is given up by the service after 600."""
+_ACTION: Final = struct.Struct("<3f")
+
+
+@dataclass
+class Record:
+    """What the worker itself saw of an episode."""
+
+    episode: str
+    steps: int = 0
+    latencies: list[float] = field(default_factory=list)
+    """Seconds that each decision took."""
+    actions: bytearray = field(default_factory=bytearray)
+    """Little-endian float32 [n, 3]."""
+
+    def add(self, action: Action, latency: float) -> None:
+        """Note a decision."""
+        self.steps += 1
+        self.latencies.append(latency)
+        self.actions += _ACTION.pack(action.steer, action.throttle, action.brake)
+
+    def message(self) -> EpisodeRecord:
+        """The record as it is posted."""
+        return EpisodeRecord(
+            episode=self.episode,
+            steps=self.steps,
+            actions_sha256=hashlib.sha256(self.actions).hexdigest(),
+            latency_ms=statistics.median(self.latencies) * 1000 if self.latencies else None,
+        )
+
+
+def drive_evaluation(
+    client: "Client",
+    policy: Policy,
+    suite: str,
+    *,
+    evaluation: str | None = None,
+    progress: Progress | None = None,
+    versions: dict[str, str] | None = None,
+) -> EvaluationDetail:
+    """See :meth:`wrongturn_client.Client.evaluate`."""
+    detail = client.create_evaluation(suite) if evaluation is None else client.evaluation(evaluation)
+    if detail.suite != suite:
+        raise WrongturnError(f"evaluation: {detail.id} is on the suite {detail.suite}, not on {suite}")
+    if detail.state is EvaluationState.CANCELLED:
+        raise WrongturnError(f"evaluation: {detail.id} was cancelled; begin a new one")
+    finished = detail.finished
+    records: list[EpisodeRecord] = []
+
+    def told(count: int) -> None:
+        if progress is not None:
+            progress(min(count, detail.trials), detail.trials)
+
+    told(finished)
+    if evaluation is not None and detail.state is EvaluationState.RUNNING:
+        for episode in client.open_episodes(detail.id):
+            with contextlib.suppress(EpisodeLostError):
+                _resume(client, policy, episode.id)
+                finished += 1
+                told(finished)
+    since = time.monotonic()
+    while detail.state is EvaluationState.RUNNING:
+        try:
+            reply = client.next_episode(detail.id)
+        except EvaluationFinishedError:
+            break
+        except NoTrialAvailableError as error:
+            if time.monotonic() - since > _STALLED_AFTER:
+                raise EvaluationStalledError(
+                    f"no trial of evaluation {detail.id} could be had for {_STALLED_AFTER:.0f} s; another worker "
+                    f"holds the rest: look at its open episodes, or resume it later by its id",
+                ) from error
+            time.sleep(min(1.0 if error.retry_after is None else error.retry_after, 10.0))
+            continue
+        try:
+            record = drive_episode(client, policy, reply.id, 0, reply.observation)
+        except EpisodeLostError:
+            continue
+        records.append(record.message())
+        finished += 1
+        since = time.monotonic()
+        told(finished)
+    if records:
+        client.put_results(detail.id, records, {**_versions(), **(versions or {})})
+    return client.evaluation(detail.id)
+
+
+def drive_episode(
+    client: "Client",
+    policy: Policy,
+    episode: str,
+    seq: int,
+    observation: Observation,
+) -> Record:
+    """Drive one episode to its end.
+
+    Args:
+        client: the connection.
+        policy: what decides.
+        episode: its id.
+        seq: of the last reply.
+        observation: of the last reply.
+
+    Returns:
+        What was done from here on.
+
+    Raises:
+        EpisodeLostError: the service was started again meanwhile.
+        PolicyError: the policy gave something that is no action; the episode is aborted then, as for any error that
+            the policy raises itself.
+    """
+    record = Record(episode)
+    try:
+        policy.reset(observation_space(track_of_message(observation)))
+    except Exception:
+        _abort(client, episode)
+        raise
+    while True:
+        begin = time.perf_counter()
+        try:
+            action = policy.act(observation)
+            latency = time.perf_counter() - begin
+            _check(policy, action)
+        except Exception:
+            _abort(client, episode)
+            raise
+        seq += 1
+        record.add(action, latency)
+        reply = client.step(episode, seq, action)
+        if reply.seq != seq:
+            raise ProtocolError(f"seq: the reply to step {seq} of episode {episode} has {reply.seq}")
+        if reply.terminated or reply.truncated:
+            return record
+        observation = reply.observation
+
+
+def _resume(client: "Client", policy: Policy, episode: str) -> None:
+    """Go on with an episode from its last reply; without a record, as its first actions are not known here."""
+    detail = client.episode(episode)
+    last = detail.last_reply
+    if last is None:  # ended meanwhile
+        return
+    with contextlib.suppress(EpisodeFinishedError):
+        drive_episode(client, policy, episode, int(last["seq"]), last["observation"])
+
+
+def _check(policy: Policy, action: object) -> None:
+    if not isinstance(action, Action):
+        raise PolicyError(
+            f"{type(policy).__name__}.act returned {type(action).__name__}; return a wrongturn_client.Action",
+        )
+    if not all(map(math.isfinite, (action.steer, action.throttle, action.brake))):
+        raise PolicyError(f"{type(policy).__name__}.act returned {action!r}; each value must be finite")
+
+
+def _abort(client: "Client", episode: str) -> None:
+    """End an episode that cannot go on; that this fails too must not hide why."""
+    with contextlib.suppress(WrongturnError):
+        client.abort_episode(episode)
+
+
+def _versions() -> dict[str, str]:
+    versions = {"python": platform.python_version()}
+    for name in ("wrongturn-client", "wrongturn-agents", "numpy"):
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            versions[name] = metadata.version(name)
+    return versions

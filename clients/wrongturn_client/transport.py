@@ -1,0 +1,203 @@
+"""From a call to its answer: headers, retries, msgpack or JSON, and problems turned into errors."""
+
+import json
+import random
+import time
+from dataclasses import dataclass
+from typing import Any, Final
+from urllib.parse import quote
+
+import httpx
+import msgpack
+from pydantic import ValidationError
+
+from wrongturn_client.errors import (
+    ProtocolError,
+    ServiceBusyError,
+    ServiceUnreachableError,
+    WrongturnError,
+    api_error,
+)
+from wrongturn_protocol import Problem
+
+JSON: Final = "application/json"
+MSGPACK: Final = "application/msgpack"
+_SHORTEST_PAUSE: Final = 0.1
+"""Seconds before the first repetition; doubles with each."""
+_LONGEST_GROWN_PAUSE: Final = 5.0
+"""Seconds; pauses grow no longer than this."""
+_LONGEST_PAUSE: Final = 30.0
+"""Seconds; a longer ``Retry-After`` is not waited for in one go."""
+_FIRST_CONTACT: Final = 2.0
+"""Seconds of patience with a URL at which nobody has answered yet: it may well be mistyped."""
+
+
+class _ConnectionBrokeError(Exception):
+    """The connection could not be made, or broke before the answer was complete."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """An answer that is no error."""
+
+    status: int
+    media_type: str
+    content: bytes
+
+    def message(self) -> Any:
+        """The body as plain values, arrays still as they went over the wire.
+
+        Raises:
+            ProtocolError: it is neither JSON nor msgpack.
+        """
+        try:
+            if self.media_type == MSGPACK:
+                return msgpack.unpackb(self.content)
+            return json.loads(self.content)
+        except (ValueError, msgpack.UnpackException) as error:
+            raise ProtocolError(
+                f"the answer is no {'msgpack' if self.media_type == MSGPACK else 'JSON'}, though status "
+                f"{self.status} says that all is well; is there a Wrongturn service at this URL?",
+            ) from error
+
+
+class Transport:
+    """Sends calls to one service over connections that stay open.
+
+    A call that meets a broken connection, or 429, 502, 503, 504, is sent again for ``patience`` seconds, with growing
+    pauses or after the pause that ``Retry-After`` asks for. All calls of the interface bear a repetition: those that
+    create carry an ``Idempotency-Key``, a step its ``seq``.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        token: str | None,
+        *,
+        transport: httpx.BaseTransport | None = None,
+        timeout: float = 30.0,
+        patience: float = 60.0,
+    ) -> None:
+        """Open nothing yet.
+
+        Args:
+            url: of the service, without ``/v1``.
+            token: the bearer token; None for public calls alone.
+            transport: injected by tests.
+            timeout: seconds for each attempt at a call.
+            patience: seconds for which a call is repeated; 0 for never.
+
+        Raises:
+            WrongturnError: the URL is none.
+        """
+        self.url = url.rstrip("/")
+        try:
+            parsed = httpx.URL(self.url)
+        except httpx.InvalidURL as error:
+            raise WrongturnError(f"url: {url!r} is no URL ({error}); give one such as http://127.0.0.1:8000") from error
+        if parsed.scheme not in {"http", "https"} or not parsed.host:
+            raise WrongturnError(f"url: {url!r} is no URL of a service; give one such as http://127.0.0.1:8000")
+        self.patience = patience
+        self._client = httpx.Client(base_url=parsed, transport=transport, timeout=timeout)
+        self._client.headers["User-Agent"] = "wrongturn-client"
+        if token:
+            self._client.headers["Authorization"] = f"Bearer {token}"
+        self._answered = False
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._client.close()
+
+    def call(
+        self,
+        method: str,
+        path: str,
+        *,
+        body: Any = None,
+        media_type: str = JSON,
+        headers: dict[str, str] | None = None,
+    ) -> Reply:
+        """Send a call until it is answered.
+
+        Args:
+            method: of HTTP.
+            path: below the service's URL, with its query.
+            body: plain values, or None for none.
+            media_type: of the body and of the answer that is asked for.
+            headers: beside these.
+
+        Raises:
+            ServiceUnreachableError: nobody answered for as long as the patience lasts.
+            ApiError: the service refused.
+        """
+        sent = {"Accept": media_type, **(headers or {})}
+        content = None
+        if body is not None:
+            sent["Content-Type"] = media_type
+            content = msgpack.packb(body) if media_type == MSGPACK else json.dumps(body, allow_nan=False).encode()
+        return self.send(method, path, sent, content)
+
+    def send(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Reply:
+        """Send prepared bytes until they are answered; raises as :meth:`call`."""
+        begin = time.monotonic()
+        growing = _SHORTEST_PAUSE
+        while True:
+            try:
+                return self._once(method, path, headers, content)
+            except (_ConnectionBrokeError, ServiceBusyError) as error:
+                asked = getattr(error, "retry_after", None)
+                # Jitter, lest workers that lost the same service come back as one.
+                pause = growing * random.uniform(0.75, 1.25) if asked is None else min(asked, _LONGEST_PAUSE)
+                growing = min(growing * 2, _LONGEST_GROWN_PAUSE)
+                patience = self.patience if self._answered else min(self.patience, _FIRST_CONTACT)
+                if time.monotonic() - begin + pause > patience:
+                    if isinstance(error, ServiceBusyError):
+                        raise
+                    raise ServiceUnreachableError(self.url, str(error)) from error.__cause__
+            time.sleep(pause)
+
+    def _once(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Reply:
+        try:
+            response = self._client.request(method, path, headers=headers, content=content)
+        except httpx.TransportError as error:
+            raise _ConnectionBrokeError(str(error) or type(error).__name__) from error
+        self._answered = True
+        return check(response.status_code, response.headers, response.content)
+
+
+def check(status: int, headers: Any, content: bytes) -> Reply:
+    """The answer, where it is no error.
+
+    Raises:
+        ApiError: it is one.
+        ProtocolError: it is a redirection.
+    """
+    media_type = headers.get("content-type", "").partition(";")[0].strip().lower()
+    if status < 300:
+        return Reply(status, media_type, content)
+    if status < 400:
+        raise ProtocolError(f"the service redirects to {headers.get('location', 'nowhere')}; give that URL")
+    try:
+        problem = Problem.model_validate_json(content)
+    except ValidationError:
+        phrase = httpx.codes.get_reason_phrase(status)
+        problem = Problem(
+            type="about:blank",
+            title=phrase,
+            status=status,
+            detail=f"{status} {phrase}, without a problem's description; is there a Wrongturn service at this URL?",
+        )
+    raise api_error(problem, _seconds(headers.get("retry-after")))
+
+
+def _seconds(value: str | None) -> float | None:
+    """``Retry-After`` in seconds; None where there is none, or where it is a date."""
+    try:
+        return max(0.0, float(value)) if value is not None else None
+    except ValueError:
+        return None
+
+
+def path_of(*parts: str) -> str:
+    """A path of parts, each quoted."""
+    return "/" + "/".join(quote(part, safe="@") for part in parts)
