@@ -1,0 +1,46 @@
+# The service with its simulators. Build from the repository's root:
+#   docker build -f docker/service.Dockerfile -t wrongturn-service .
+FROM python:3.11-slim-bookworm
+
+# libsumo is linked against SUMO's window libraries, though no window is ever opened.
+RUN apt-get update \
+    && apt-get install -y --no-install-recommends libx11-6 libxext6 libxrender1 libgl1 libatomic1 \
+    && rm -rf /var/lib/apt/lists/*
+
+ENV PYTHONUNBUFFERED=1 \
+    PIP_NO_CACHE_DIR=1 \
+    PIP_DISABLE_PIP_VERSION_CHECK=1 \
+    PIP_ROOT_USER_ACTION=ignore
+
+WORKDIR /opt/wrongturn
+
+# The dependencies come before the sources, so that a change of code does not install them again.
+COPY constraints.txt docker/requirements.py ./
+COPY clients/pyproject.toml clients/
+COPY networks/pyproject.toml networks/
+COPY service/pyproject.toml service/
+RUN python requirements.py clients networks service > requirements.txt \
+    && pip install -c constraints.txt -r requirements.txt
+
+COPY clients clients
+COPY networks networks
+COPY service service
+RUN pip install --no-deps ./clients ./networks ./service \
+    && rm -rf clients networks service
+
+# What the service writes (database, caches) lies in one folder, which compose puts on a volume.
+RUN useradd --system --uid 10001 --home-dir /var/lib/wrongturn --shell /usr/sbin/nologin wrongturn \
+    && install -d -o wrongturn -g wrongturn -m 0750 /var/lib/wrongturn
+COPY docker/entrypoint.sh /usr/local/bin/wrongturn-entrypoint
+ENV WRONGTURN_HOME=/var/lib/wrongturn \
+    NUMBA_CACHE_DIR=/var/lib/wrongturn/numba
+USER wrongturn
+WORKDIR /var/lib/wrongturn
+VOLUME /var/lib/wrongturn
+EXPOSE 8000
+
+HEALTHCHECK --interval=10s --timeout=5s --start-period=120s --retries=3 \
+    CMD ["python", "-c", "import urllib.request; urllib.request.urlopen('http://127.0.0.1:8000/health/ready', timeout=4)"]
+
+ENTRYPOINT ["sh", "/usr/local/bin/wrongturn-entrypoint"]
+CMD ["wrongturn", "serve", "--host", "0.0.0.0", "--port", "8000"]
