@@ -1,0 +1,26 @@
+"""Verdicts: what an episode came to, from its trajectory and the town's geometry alone.
+
+:class:`Judge` watches rows as they are driven, :func:`judge` reads them from a record; both are the same code.
+"""
+
+from wrongturn_sim.verdict.errors import GeometryMismatchError, JudgeError, RowError
+from wrongturn_sim.verdict.geometry import ExitLane, JudgeGeometry, LaneStrip
+from wrongturn_sim.verdict.judge import Judge, Zone, judge
+from wrongturn_sim.verdict.reaction import on_missing_side, reaction_of
+from wrongturn_sim.verdict.thresholds import THRESHOLDS, Thresholds
+
+__all__ = [
+    "THRESHOLDS",
+    "ExitLane",
+    "GeometryMismatchError",
+    "Judge",
+    "JudgeError",
+    "JudgeGeometry",
+    "LaneStrip",
+    "RowError",
+    "Thresholds",
+    "Zone",
+    "judge",
+    "on_missing_side",
+    "reaction_of",
+]

@@ -1,0 +1,353 @@
+"""The scalar arithmetic of the judge, compiled.
+
+Everything that scores is plain float64 arithmetic with ``math.cos``, ``sin``, ``sqrt`` and ``floor``, without fastmath,
+so compiled and interpreted results agree bit for bit. All kernels live in this one file, because numba's cache does not
+notice a change to a callee in another file. How the arrays are filled is told in ``packing.py``.
+
+A polygon is a run of edges ``x1, y1, x2, y2``; a line is a run of segments ``x1, y1, ux, uy, length, s``, with the
+unit vector and the arc length at the segment's begin; a box is ``x, y, cos, sin, half length, half width, radius``.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+Array = np.ndarray[Any, Any]
+
+EDGE, SEGMENT, BOX = 4, 6, 7
+"""Floats to one polygon edge, line segment, box."""
+
+# Where to find what in the packed integers. First the town's part, then the approach's.
+I_CELLS_X, I_CELLS_Y, I_ROAD_ROWS, I_ROAD_LIST, I_ROAD_EDGES = 0, 1, 2, 3, 4
+I_BOXES, I_BOX_CELLS_X, I_BOX_CELLS_Y, I_BOX_CELLS, I_BOX_LIST = 5, 6, 7, 8, 9
+I_AREAS, I_AREA_TABLE, I_LANES, I_LANE_TABLE = 10, 11, 12, 13
+I_APPROACH, I_APPROACH_COUNT, I_EXITS = 14, 15, 16
+INTS = 22
+"""Length of the header; ``I_EXITS`` takes six."""
+
+# And in the packed floats.
+F_X, F_Y, F_BOX_X, F_BOX_Y, F_STOP_X, F_STOP_Y, F_STOP_UX, F_STOP_UY, F_WIDTHS = 0, 1, 2, 3, 4, 5, 6, 7, 8
+FLOATS = 11
+
+CELL = 1.0
+"""Side of a cell of the surface grid, m."""
+BOX_CELL = 4.0
+"""Side of a cell of the boxes' grid, and the stride of the look ahead, m."""
+
+# A surface cell is one byte: road in bits 0-1, junction areas in bits 2-3, lanes in bits 4-7.
+ROAD_IN, ROAD_EDGE = 1, 2
+AREA_OWN, AREA_OTHER, AREA_EDGE = 1, 2, 3
+LANE_EDGE = 15
+
+# The numbers of one judge: thresholds and body.
+N_ENGAGE, N_WRONG_WAY, N_EXIT, N_EXIT_COS, N_COMMAND, N_TTC = 0, 1, 2, 3, 4, 5
+N_FRONT_AXLE, N_REAR_AXLE, N_WHEEL_SIDE, N_HALF_LENGTH, N_HALF_WIDTH, N_RADIUS = 6, 7, 8, 9, 10, 11
+NUMBERS = 12
+
+# What the kernel saw, packed into one integer.
+WHEELS = 0b111
+CENTRE_OFF, IN_AREA, IN_OTHER, HIT, INVASION = 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7
+FAR, ENGAGED, NOSE_OVER = 1 << 8, 1 << 9, 1 << 10
+PAST_SHIFT, TAKEN_SHIFT = 11, 14
+"""Three bits each, in the order of DIRECTIONS: past the exit line by the command's distance; the exit is taken."""
+NOT_FINITE = -1
+OVERLAP = -1.0
+"""The time to a contact that is there."""
+
+
+@njit(cache=True)
+def inside(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
+    """Whether a point lies in the polygon of these edges (even-odd, half-open at the boundary)."""
+    odd = False
+    for i in range(first, first + EDGE * edges, EDGE):
+        y1 = floats[i + 1]
+        y2 = floats[i + 3]
+        if (y1 > y) != (y2 > y):
+            x1 = floats[i]
+            if x < x1 + (floats[i + 2] - x1) * (y - y1) / (y2 - y1):
+                odd = not odd
+    return odd
+
+
+@njit(cache=True)
+def inside_listed(  # noqa: PLR0917
+    floats: Array, first: int, ints: Array, begin: int, end: int, x: float, y: float
+) -> bool:
+    """The same over the edges that ``ints[begin:end]`` names: those that meet the point's row of cells."""
+    odd = False
+    for k in range(begin, end):
+        i = first + EDGE * ints[k]
+        y1 = floats[i + 1]
+        y2 = floats[i + 3]
+        if (y1 > y) != (y2 > y):
+            x1 = floats[i]
+            if x < x1 + (floats[i + 2] - x1) * (y - y1) / (y2 - y1):
+                odd = not odd
+    return odd
+
+
+@njit(cache=True)
+def distance_to_edges(floats: Array, first: int, edges: int, x: float, y: float) -> float:
+    """Distance of a point from the nearest edge, m."""
+    best = math.inf
+    for i in range(first, first + EDGE * edges, EDGE):
+        ax = floats[i]
+        ay = floats[i + 1]
+        bx = floats[i + 2] - ax
+        by = floats[i + 3] - ay
+        square = bx * bx + by * by
+        along = 0.0
+        if square > 0.0:
+            along = ((x - ax) * bx + (y - ay) * by) / square
+            along = min(max(along, 0.0), 1.0)
+        dx = x - (ax + bx * along)
+        dy = y - (ay + by * along)
+        best = min(best, dx * dx + dy * dy)
+    return math.sqrt(best)
+
+
+@njit(cache=True)
+def project(floats: Array, first: int, segments: int, x: float, y: float) -> tuple[float, float, float, float]:
+    """The nearest point of a line: its arc length, its distance, and the line's unit vector there."""
+    best = math.inf
+    s = ux = uy = 0.0
+    for i in range(first, first + SEGMENT * segments, SEGMENT):
+        px = x - floats[i]
+        py = y - floats[i + 1]
+        along = min(max(px * floats[i + 2] + py * floats[i + 3], 0.0), floats[i + 4])
+        dx = px - floats[i + 2] * along
+        dy = py - floats[i + 3] * along
+        square = dx * dx + dy * dy
+        if square < best:
+            best = square
+            s = floats[i + 5] + along
+            ux = floats[i + 2]
+            uy = floats[i + 3]
+    return s, math.sqrt(best), ux, uy
+
+
+@njit(cache=True)
+def contact(  # noqa: PLR0917
+    dx: float, dy: float, wx: float, wy: float, c1: float, s1: float, length1: float, width1: float,
+    c2: float, s2: float, length2: float, width2: float,
+) -> float:  # fmt: skip
+    """When two oriented boxes begin to overlap: -1 if they do now, inf if they never will.
+
+    ``dx, dy`` leads from the first centre to the second, ``wx, wy`` is the second's velocity relative to the first's;
+    lengths and widths are halves. Exact: the separating-axis test with the time as a parameter. Boxes that only touch
+    do not overlap.
+    """
+    enter = -math.inf
+    leave = math.inf
+    cosine = abs(c1 * c2 + s1 * s2)
+    sine = abs(c1 * s2 - s1 * c2)
+    for axis in range(4):
+        if axis == 0:
+            nx, ny, reach = c1, s1, length1 + length2 * cosine + width2 * sine
+        elif axis == 1:
+            nx, ny, reach = -s1, c1, width1 + length2 * sine + width2 * cosine
+        elif axis == 2:
+            nx, ny, reach = c2, s2, length2 + length1 * cosine + width1 * sine
+        else:
+            nx, ny, reach = -s2, c2, width2 + length1 * sine + width1 * cosine
+        gap = dx * nx + dy * ny
+        speed = wx * nx + wy * ny
+        if speed == 0.0:
+            if abs(gap) >= reach:
+                return math.inf
+        else:
+            first = (-reach - gap) / speed
+            last = (reach - gap) / speed
+            enter = max(enter, min(first, last))
+            leave = min(leave, max(first, last))
+    if enter >= leave or leave <= 0.0:
+        return math.inf
+    return enter if enter >= 0.0 else OVERLAP
+
+
+@njit(cache=True)
+def surface(floats: Array, ints: Array, cells: Array, x: float, y: float) -> tuple[bool, int, int]:
+    """What lies under a point: whether it is road; 0, AREA_OWN or AREA_OTHER; 0 or the lane's number from 1 on."""
+    column = math.floor((x - floats[F_X]) / CELL)
+    row = math.floor((y - floats[F_Y]) / CELL)
+    if not (0 <= column < ints[I_CELLS_X] and 0 <= row < ints[I_CELLS_Y]):
+        return False, 0, 0
+    code = int(cells[row * ints[I_CELLS_X] + column])
+    road = (code & 3) == ROAD_IN
+    if (code & 3) == ROAD_EDGE:
+        rows = ints[I_ROAD_ROWS] + row
+        begin = ints[I_ROAD_LIST]
+        road = inside_listed(floats, ints[I_ROAD_EDGES], ints, begin + ints[rows], begin + ints[rows + 1], x, y)
+    area = (code >> 2) & 3
+    lane = code >> 4
+    if area == AREA_EDGE or lane == LANE_EDGE:
+        area = 0
+        for k in range(ints[I_AREAS]):
+            table = ints[I_AREA_TABLE] + 2 * k
+            if inside(floats, ints[table], ints[table + 1], x, y):
+                area = AREA_OWN if k == 0 else AREA_OTHER
+                break
+    if lane == LANE_EDGE:
+        lane = 0
+        for k in range(ints[I_LANES]):
+            table = ints[I_LANE_TABLE] + 4 * k
+            if inside(floats, ints[table], ints[table + 1], x, y):
+                lane = k + 1
+                break
+    return road, area, lane if area == 0 else 0
+
+
+@njit(cache=True)
+def least_contact(  # noqa: PLR0917
+    floats: Array, ints: Array, numbers: Array, users: Array, x: float, y: float, c: float, s: float, v: float
+) -> float:
+    """Time until the body, going straight on at its speed, meets a solid box or a road user doing the same, s.
+
+    -1 where it overlaps one now, inf beyond the horizon.
+    """
+    half_length = numbers[N_HALF_LENGTH]
+    half_width = numbers[N_HALF_WIDTH]
+    best = math.inf
+    for k in range(users.shape[0]):
+        c2 = math.cos(users[k, 2])
+        s2 = math.sin(users[k, 2])
+        time = contact(
+            users[k, 0] - x, users[k, 1] - y, users[k, 5] * c2 - v * c, users[k, 5] * s2 - v * s,
+            c, s, half_length, half_width, c2, s2, users[k, 3] / 2, users[k, 4] / 2,
+        )  # fmt: skip
+        best = min(best, time)
+    # Each box stands in every cell from which the body may touch it within half a stride; so a walk of full strides
+    # along the heading meets every box in the way, the first of them first.
+    columns = ints[I_BOX_CELLS_X]
+    strides = math.ceil(v * numbers[N_TTC] / BOX_CELL)
+    for stride in range(strides + 1):
+        if (stride - 0.5) * BOX_CELL > best * v:
+            break
+        column = math.floor((x + c * BOX_CELL * stride - floats[F_BOX_X]) / BOX_CELL)
+        row = math.floor((y + s * BOX_CELL * stride - floats[F_BOX_Y]) / BOX_CELL)
+        if not (0 <= column < columns and 0 <= row < ints[I_BOX_CELLS_Y]):
+            continue
+        cell = ints[I_BOX_CELLS] + row * columns + column
+        for k in range(ints[cell], ints[cell + 1]):
+            box = ints[I_BOXES] + BOX * ints[ints[I_BOX_LIST] + k]
+            dx = floats[box] - x
+            dy = floats[box + 1] - y
+            # Beside the corridor or behind: the circle around the box tells it sooner.
+            radius = floats[box + 6] + numbers[N_RADIUS]
+            if abs(dy * c - dx * s) > radius or dx * c + dy * s < -radius:
+                continue
+            time = contact(
+                dx, dy, -v * c, -v * s, c, s, half_length, half_width,
+                floats[box + 2], floats[box + 3], floats[box + 4], floats[box + 5],
+            )  # fmt: skip
+            best = min(best, time)
+    return best if best <= numbers[N_TTC] else math.inf
+
+
+@njit(cache=True)
+def look(  # noqa: PLR0917
+    floats: Array, ints: Array, cells: Array, numbers: Array, users: Array,
+    x: float, y: float, yaw: float, v: float, entered: bool,
+) -> tuple[int, float]:  # fmt: skip
+    """Everything that the judge asks of one row: the packed bits and the time to contact (inf where there is none).
+
+    ``entered`` tells whether the centre was in the junction's area before; exits and the way back wait for that.
+    """
+    if not math.isfinite(x + y + yaw + v):
+        return NOT_FINITE, math.inf
+    c = math.cos(yaw)
+    s = math.sin(yaw)
+    road, area, lane = surface(floats, ints, cells, x, y)
+    bits = 0 if road else CENTRE_OFF
+    if area == AREA_OWN:
+        bits |= IN_AREA
+    elif area == AREA_OTHER:
+        bits |= IN_OTHER
+
+    asked = 0  # the lane that was last compared with the heading: mostly all four wheels are in the same
+    for wheel in range(4):
+        forward = numbers[N_FRONT_AXLE] if wheel < 2 else numbers[N_REAR_AXLE]
+        left = numbers[N_WHEEL_SIDE] if wheel % 2 == 0 else -numbers[N_WHEEL_SIDE]
+        wx = x + c * forward - s * left
+        wy = y + s * forward + c * left
+        road, _, lane = surface(floats, ints, cells, wx, wy)
+        if not road:
+            bits += 1
+        if lane not in {0, asked}:
+            asked = lane
+            table = ints[I_LANE_TABLE] + 4 * (lane - 1)
+            _, _, ux, uy = project(floats, ints[table + 2], ints[table + 3], wx, wy)
+            if c * ux + s * uy < 0.0:
+                bits |= INVASION
+
+    time = least_contact(floats, ints, numbers, users, x, y, c, s, v)
+    if time < 0.0:
+        bits |= HIT
+        time = 0.0
+
+    if not entered:
+        remaining, distance, _, _ = project(floats, ints[I_APPROACH], ints[I_APPROACH_COUNT], x, y)
+        last = ints[I_APPROACH] + SEGMENT * (ints[I_APPROACH_COUNT] - 1)
+        remaining = floats[last + 5] + floats[last + 4] - remaining
+        if remaining <= numbers[N_ENGAGE] and distance <= numbers[N_ENGAGE]:
+            bits |= ENGAGED
+        nose = numbers[N_HALF_LENGTH]
+        over = (x + c * nose - floats[F_STOP_X]) * floats[F_STOP_UX]
+        over += (y + s * nose - floats[F_STOP_Y]) * floats[F_STOP_UY]
+        if over > 0.0:
+            bits |= NOSE_OVER
+    elif area != AREA_OWN:
+        table = ints[I_AREA_TABLE]
+        if distance_to_edges(floats, ints[table], ints[table + 1], x, y) > numbers[N_WRONG_WAY]:
+            bits |= FAR
+        rear = numbers[N_HALF_LENGTH]
+        for k in range(3):
+            first = ints[I_EXITS + 2 * k]
+            segments = ints[I_EXITS + 2 * k + 1]
+            if segments == 0:
+                continue
+            past, distance, ux, uy = project(floats, first, segments, x, y)
+            if past > numbers[N_COMMAND]:
+                bits |= 1 << (PAST_SHIFT + k)
+            if distance <= floats[F_WIDTHS + k] / 2 and c * ux + s * uy >= numbers[N_EXIT_COS]:
+                past, _, _, _ = project(floats, first, segments, x - c * rear, y - s * rear)
+                if past >= numbers[N_EXIT]:
+                    bits |= 1 << (TAKEN_SHIFT + k)
+    return bits, time
+
+
+@njit(cache=True)
+def mark_edges(marks: Array, edges: Array, x: float, y: float, size: float) -> None:
+    """Set every cell of ``marks`` (rows, columns) that an edge of ``edges`` (n, 4) touches."""
+    slack = 1e-6
+    rows, columns = marks.shape
+    for k in range(edges.shape[0]):
+        x1, y1, x2, y2 = edges[k, 0] - x, edges[k, 1] - y, edges[k, 2] - x, edges[k, 3] - y
+        left = max(math.floor((min(x1, x2) - slack) / size), 0)
+        right = min(math.floor((max(x1, x2) + slack) / size), columns - 1)
+        low = max(math.floor((min(y1, y2) - slack) / size), 0)
+        high = min(math.floor((max(y1, y2) + slack) / size), rows - 1)
+        nx, ny = y1 - y2, x2 - x1
+        reach = (abs(nx) + abs(ny)) * (size / 2 + slack)
+        for row in range(low, high + 1):
+            for column in range(left, right + 1):
+                mx = (column + 0.5) * size - x1
+                my = (row + 0.5) * size - y1
+                if abs(mx * nx + my * ny) <= reach:
+                    marks[row, column] = True
+
+
+@njit(cache=True)
+def mark_inside(  # noqa: PLR0917
+    marks: Array, edges: Array, starts: Array, listed: Array, x: float, y: float, size: float
+) -> None:
+    """Set every cell of ``marks`` whose middle lies in the polygon; ``starts`` and ``listed`` as for the road."""
+    rows, columns = marks.shape
+    flat = edges.ravel()
+    for row in range(rows):
+        for column in range(columns):
+            marks[row, column] = inside_listed(
+                flat, 0, listed, starts[row], starts[row + 1], x + (column + 0.5) * size, y + (row + 0.5) * size
+            )

@@ -1,0 +1,295 @@
+"""Shapes as the flat arrays that the kernels read.
+
+Two grids spare the kernels their searches. A byte a square metre of the town tells what lies there: road, junction
+area, lane, or a boundary of one of them, where the edges decide. And a cell of 4 m knows the solid boxes that the
+car may touch from within it or from up to half a stride beside it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from wrongturn_sim.ego import Vehicle
+from wrongturn_sim.verdict import kernels
+from wrongturn_sim.verdict.thresholds import Thresholds
+
+Floats = NDArray[np.float64]
+Marks = NDArray[np.bool_]
+
+REACH = 3.0
+"""No body is longer than twice this from its centre to a corner, m; what the boxes' grid is made for."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Packed:
+    """A geometry as the kernels read it: read-only, flat."""
+
+    floats: Floats
+    ints: NDArray[np.int64]
+    cells: NDArray[np.uint8]
+
+
+def edges_of(geometry: BaseGeometry) -> Floats:
+    """All edges of a polygon or of several, holes too, (n, 4): x1, y1, x2, y2."""
+    runs = [np.empty((0, 4))]
+    for ring in shapely.get_rings(shapely.get_parts(geometry)):
+        points = shapely.get_coordinates(ring)
+        runs.append(np.hstack([points[:-1], points[1:]]))
+    edges: Floats = np.concatenate(runs)
+    whole: Floats = edges[(edges[:, :2] != edges[:, 2:]).any(axis=1)]
+    return whole
+
+
+def segments_of(line: Floats) -> Floats:
+    """The segments of a polyline (n, 2) without those of no length, (m, 6): x, y, unit vector, length, arc length."""
+    rows = []
+    s = 0.0
+    for (x1, y1), (x2, y2) in zip(line[:-1].tolist(), line[1:].tolist(), strict=True):
+        length = math.sqrt((x2 - x1) * (x2 - x1) + (y2 - y1) * (y2 - y1))
+        if length > 0.0:
+            rows.append((x1, y1, (x2 - x1) / length, (y2 - y1) / length, length, s))
+            s += length
+    return np.array(rows, np.float64).reshape(-1, kernels.SEGMENT)
+
+
+def boxes_of(solids: Floats) -> Floats:
+    """Boxes (n, 7) of solids (n, 5): x, y, yaw, length, width."""
+    boxes = np.empty((len(solids), kernels.BOX))
+    for box, (x, y, yaw, length, width) in zip(boxes, solids.tolist(), strict=True):
+        radius = math.sqrt(length * length + width * width) / 2
+        box[:] = x, y, math.cos(yaw), math.sin(yaw), length / 2, width / 2, radius
+    return boxes
+
+
+class Packer:
+    """Collects floats and ints, and tells where each run of them begins."""
+
+    def __init__(self) -> None:
+        self.floats: list[Floats] = [np.zeros(kernels.FLOATS)]
+        self.ints: list[NDArray[np.int64]] = [np.zeros(kernels.INTS, np.int64)]
+
+    def add_floats(self, values: Floats) -> int:
+        """Append a run; its begin."""
+        begin = sum(map(len, self.floats))
+        self.floats.append(np.ascontiguousarray(values, np.float64).ravel())
+        return begin
+
+    def add_ints(self, values: Any) -> int:
+        """Append a run; its begin."""
+        begin = sum(map(len, self.ints))
+        self.ints.append(np.asarray(values, np.int64).ravel())
+        return begin
+
+    def packed(self, cells: NDArray[np.uint8]) -> Packed:
+        """The arrays, sealed."""
+        floats, ints = np.concatenate(self.floats), np.concatenate(self.ints)
+        for array in (floats, ints, cells):
+            array.setflags(write=False)
+        return Packed(floats, ints, cells)
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """Square cells over a rectangle."""
+
+    x: float
+    y: float
+    size: float
+    columns: int
+    rows: int
+
+    @classmethod
+    def over(cls, bounds: Sequence[float], size: float) -> Grid:
+        """Cells on whole multiples of their size, one to spare on each side."""
+        x, y = math.floor(bounds[0] / size) - 1, math.floor(bounds[1] / size) - 1
+        columns, rows = math.ceil(bounds[2] / size) + 1 - x, math.ceil(bounds[3] / size) + 1 - y
+        return cls(x * size, y * size, size, columns, rows)
+
+    def touched(self, edges: Floats) -> Marks:
+        """Cells that an edge touches, (rows, columns)."""
+        marks = np.zeros((self.rows, self.columns), np.bool_)
+        kernels.mark_edges(marks, edges, self.x, self.y, self.size)
+        return marks
+
+    def rows_of(self, edges: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """For each row of cells the edges that meet it: where its list begins (rows + 1), and the lists."""
+        low = np.floor((np.minimum(edges[:, 1], edges[:, 3]) - self.y) / self.size - 1e-6).astype(np.int64)
+        high = np.floor((np.maximum(edges[:, 1], edges[:, 3]) - self.y) / self.size + 1e-6).astype(np.int64)
+        level = edges[:, 1] == edges[:, 3]  # no ray along x crosses a level edge
+        lists = [np.flatnonzero((low <= row) & (row <= high) & ~level) for row in range(self.rows)]
+        return np.concatenate([[0], np.cumsum([len(one) for one in lists])]), np.concatenate(lists)
+
+    def covered(self, edges: Floats) -> Marks:
+        """Cells whose middle lies in the polygon of these edges, (rows, columns)."""
+        marks = np.zeros((self.rows, self.columns), np.bool_)
+        starts, listed = self.rows_of(edges)
+        kernels.mark_inside(marks, np.ascontiguousarray(edges), starts, listed, self.x, self.y, self.size)
+        return marks
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Surface:
+    """The road on its grid: the same for every approach of a town."""
+
+    grid: Grid
+    edges: Floats
+    starts: NDArray[np.int64]
+    listed: NDArray[np.int64]
+    codes: NDArray[np.uint8]
+    """(rows, columns): ROAD_IN, ROAD_EDGE or 0."""
+
+    @classmethod
+    def of(cls, road: BaseGeometry) -> Surface:
+        """Rasterise a road."""
+        grid = Grid.over(road.bounds, kernels.CELL)
+        edges = edges_of(road)
+        starts, listed = grid.rows_of(edges)
+        codes = np.where(grid.covered(edges), kernels.ROAD_IN, 0).astype(np.uint8)
+        codes[grid.touched(edges)] = kernels.ROAD_EDGE
+        return cls(grid, edges, starts, listed, codes)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Boxes:
+    """The solid boxes on their grid: the same for every approach of a town."""
+
+    grid: Grid
+    boxes: Floats
+    starts: NDArray[np.int64]
+    listed: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, solids: Floats) -> Boxes:
+        """Put every box into the cells from which the car may touch it."""
+        boxes = boxes_of(solids)
+        margin = REACH + kernels.BOX_CELL / 2
+        half_x = np.abs(boxes[:, 2]) * boxes[:, 4] + np.abs(boxes[:, 3]) * boxes[:, 5] + margin
+        half_y = np.abs(boxes[:, 3]) * boxes[:, 4] + np.abs(boxes[:, 2]) * boxes[:, 5] + margin
+        sides = np.stack([boxes[:, 0] - half_x, boxes[:, 1] - half_y, boxes[:, 0] + half_x, boxes[:, 1] + half_y])
+        if not len(boxes):
+            return cls(Grid(0.0, 0.0, kernels.BOX_CELL, 0, 0), boxes, np.zeros(1, np.int64), np.empty(0, np.int64))
+        bounds = (*sides[:2].min(axis=1).tolist(), *sides[2:].max(axis=1).tolist())
+        grid = Grid.over(bounds, kernels.BOX_CELL)
+        spans = np.floor((sides - np.array([[grid.x], [grid.y], [grid.x], [grid.y]])) / grid.size).astype(np.int64)
+        lists: list[list[int]] = [[] for _ in range(grid.rows * grid.columns)]
+        for k, (left, low, right, high) in enumerate(spans.T.tolist()):
+            for row in range(low, high + 1):
+                for column in range(left, right + 1):
+                    lists[row * grid.columns + column].append(k)
+        starts = np.concatenate([[0], np.cumsum([len(one) for one in lists])]).astype(np.int64)
+        return cls(grid, boxes, starts, np.array([k for one in lists for k in one], np.int64))
+
+
+def pack(  # noqa: PLR0917
+    surface: Surface,
+    boxes: Boxes,
+    areas: Sequence[BaseGeometry],
+    lanes: Sequence[tuple[BaseGeometry, Floats]],
+    approach: Floats,
+    exits: Iterable[tuple[Floats, float] | None],
+) -> Packed:
+    """One approach's arrays.
+
+    Args:
+        surface: the road.
+        boxes: what is solid.
+        areas: junction areas, the trial's own first.
+        lanes: polygon and centre line (n, 2) of the lanes around the junction, at most 14.
+        approach: the incoming lane's centre line (n, 2).
+        exits: for LEFT, RIGHT, STRAIGHT the exit lane's centre line and width, or None.
+
+    Raises:
+        ValueError: a line has no length, or there are too many lanes.
+    """
+    packer = Packer()
+    grid = surface.grid
+    head = [0] * kernels.INTS
+    heads = [0.0] * kernels.FLOATS
+    head[kernels.I_CELLS_X], head[kernels.I_CELLS_Y] = grid.columns, grid.rows
+    heads[kernels.F_X], heads[kernels.F_Y] = grid.x, grid.y
+    head[kernels.I_ROAD_ROWS] = packer.add_ints(surface.starts)
+    head[kernels.I_ROAD_LIST] = packer.add_ints(surface.listed)
+    head[kernels.I_ROAD_EDGES] = packer.add_floats(surface.edges)
+
+    head[kernels.I_BOXES] = packer.add_floats(boxes.boxes)
+    head[kernels.I_BOX_CELLS_X], head[kernels.I_BOX_CELLS_Y] = boxes.grid.columns, boxes.grid.rows
+    heads[kernels.F_BOX_X], heads[kernels.F_BOX_Y] = boxes.grid.x, boxes.grid.y
+    head[kernels.I_BOX_CELLS] = packer.add_ints(boxes.starts)
+    head[kernels.I_BOX_LIST] = packer.add_ints(boxes.listed)
+
+    area_edges = [edges_of(area) for area in areas]
+    head[kernels.I_AREAS] = len(areas)
+    head[kernels.I_AREA_TABLE] = packer.add_ints([(packer.add_floats(edges), len(edges)) for edges in area_edges])
+    if len(lanes) >= kernels.LANE_EDGE:
+        raise ValueError(f"lanes: {len(lanes)} meet at one junction; the judge knows {kernels.LANE_EDGE - 1} at most")
+    lane_edges = [edges_of(polygon) for polygon, _ in lanes]
+    lane_lines = [segments_of(line) for _, line in lanes]
+    head[kernels.I_LANES] = len(lanes)
+    head[kernels.I_LANE_TABLE] = packer.add_ints(
+        [
+            (packer.add_floats(edges), len(edges), packer.add_floats(line), len(line))
+            for edges, line in zip(lane_edges, lane_lines, strict=True)
+        ]
+    )
+
+    line = segments_of(approach)
+    if not len(line):
+        raise ValueError("approach: its lane has no length; give at least two different points")
+    head[kernels.I_APPROACH], head[kernels.I_APPROACH_COUNT] = packer.add_floats(line), len(line)
+    heads[kernels.F_STOP_X], heads[kernels.F_STOP_Y] = approach[-1].tolist()
+    heads[kernels.F_STOP_UX], heads[kernels.F_STOP_UY] = line[-1, 2:4].tolist()
+    for k, exit_lane in enumerate(exits):
+        if exit_lane is not None:
+            line = segments_of(exit_lane[0])
+            head[kernels.I_EXITS + 2 * k : kernels.I_EXITS + 2 * k + 2] = packer.add_floats(line), len(line)
+            heads[kernels.F_WIDTHS + k] = exit_lane[1]
+
+    packer.ints[0] = np.array(head, np.int64)
+    packer.floats[0] = np.array(heads, np.float64)
+    return packer.packed(_codes(surface, area_edges, lane_edges))
+
+
+def _codes(surface: Surface, areas: Sequence[Floats], lanes: Sequence[Floats]) -> NDArray[np.uint8]:
+    grid = surface.grid
+    area = np.zeros((grid.rows, grid.columns), np.uint8)
+    lane = np.zeros_like(area)
+    for k, edges in enumerate(lanes):
+        lane[grid.covered(edges)] = k + 1
+    for edges in lanes:
+        lane[grid.touched(edges)] = kernels.LANE_EDGE
+    for k, edges in enumerate(areas):
+        area[grid.covered(edges)] = kernels.AREA_OWN if k == 0 else kernels.AREA_OTHER
+    for edges in areas:
+        area[grid.touched(edges)] = kernels.AREA_EDGE
+    codes: NDArray[np.uint8] = np.ravel(surface.codes | (area << 2) | (lane << 4))
+    return codes
+
+
+def numbers_of(thresholds: Thresholds, vehicle: Vehicle) -> Floats:
+    """The numbers of one judge as the kernels read them."""
+    numbers = np.zeros(kernels.NUMBERS)
+    radius = math.sqrt(vehicle.half_length**2 + vehicle.half_width**2)
+    if radius > REACH:
+        raise ValueError(f"vehicle: {radius} m from its centre to a corner; the boxes' grid is made for {REACH} m")
+    numbers[kernels.N_ENGAGE] = thresholds.engage_distance
+    numbers[kernels.N_WRONG_WAY] = thresholds.wrong_way_distance
+    numbers[kernels.N_EXIT] = thresholds.exit_distance
+    numbers[kernels.N_EXIT_COS] = math.cos(math.radians(thresholds.exit_heading))
+    numbers[kernels.N_COMMAND] = thresholds.command_distance
+    numbers[kernels.N_TTC] = thresholds.ttc_horizon
+    numbers[kernels.N_FRONT_AXLE] = vehicle.wheelbase - vehicle.rear_axle
+    numbers[kernels.N_REAR_AXLE] = -vehicle.rear_axle
+    numbers[kernels.N_WHEEL_SIDE] = vehicle.half_track
+    numbers[kernels.N_HALF_LENGTH] = vehicle.half_length
+    numbers[kernels.N_HALF_WIDTH] = vehicle.half_width
+    numbers[kernels.N_RADIUS] = radius
+    numbers.setflags(write=False)
+    return numbers
