@@ -1,5 +1,105 @@
-"""Wrongturn's simulation: towns on SUMO, a car, command faults and episodes, judged by their trajectories."""
+"""Wrongturn's simulation: towns on SUMO, a car, command faults and episodes, judged by their trajectories.
+
+What it offers is loaded when it is first asked for, so that a look at the package (a command's help, the doctor)
+needs neither SUMO nor a compiler.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
 
 from wrongturn_sim.home import set_cache
 
-set_cache()
+set_cache()  # before numba is imported anywhere
+
+if TYPE_CHECKING:
+    from wrongturn_sim.ego import VEHICLE, EgoState, Vehicle
+    from wrongturn_sim.episode import Episode, Step
+    from wrongturn_sim.errors import (
+        EpisodeAlreadyFinishedError,
+        EpisodeNotStartedError,
+        InvalidActionError,
+        SimError,
+        SimulatorError,
+        SimulatorFailedError,
+        SimulatorInUseError,
+        SimulatorUnavailableError,
+        TrackNotAvailableError,
+        TrafficNotAvailableError,
+        TrajectoryError,
+    )
+    from wrongturn_sim.faults import FaultNotApplicableError, available_faults
+    from wrongturn_sim.gym_env import WrongturnSimEnv
+    from wrongturn_sim.simulator import Simulator
+    from wrongturn_sim.trajectory import Row, Trajectory
+    from wrongturn_sim.verdict import Judge, JudgeGeometry, judge
+
+_HOME = {
+    "VEHICLE": "ego",
+    "EgoState": "ego",
+    "Episode": "episode",
+    "EpisodeAlreadyFinishedError": "errors",
+    "EpisodeNotStartedError": "errors",
+    "FaultNotApplicableError": "faults",
+    "InvalidActionError": "errors",
+    "Judge": "verdict",
+    "JudgeGeometry": "verdict",
+    "Row": "trajectory",
+    "SimError": "errors",
+    "Simulator": "simulator",
+    "SimulatorError": "errors",
+    "SimulatorFailedError": "errors",
+    "SimulatorInUseError": "errors",
+    "SimulatorUnavailableError": "errors",
+    "Step": "episode",
+    "TrackNotAvailableError": "errors",
+    "TrafficNotAvailableError": "errors",
+    "Trajectory": "trajectory",
+    "TrajectoryError": "errors",
+    "Vehicle": "ego",
+    "WrongturnSimEnv": "gym_env",
+    "available_faults": "faults",
+    "judge": "verdict",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})
+
+
+gymnasium.register(id="WrongturnSim-v0", entry_point="wrongturn_sim.gym_env:WrongturnSimEnv")
+
+__all__ = [
+    "VEHICLE",
+    "EgoState",
+    "Episode",
+    "EpisodeAlreadyFinishedError",
+    "EpisodeNotStartedError",
+    "FaultNotApplicableError",
+    "InvalidActionError",
+    "Judge",
+    "JudgeGeometry",
+    "Row",
+    "SimError",
+    "Simulator",
+    "SimulatorError",
+    "SimulatorFailedError",
+    "SimulatorInUseError",
+    "SimulatorUnavailableError",
+    "Step",
+    "TrackNotAvailableError",
+    "TrafficNotAvailableError",
+    "Trajectory",
+    "TrajectoryError",
+    "Vehicle",
+    "WrongturnSimEnv",
+    "available_faults",
+    "judge",
+]

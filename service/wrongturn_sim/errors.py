@@ -7,6 +7,7 @@
     ├── EpisodeNotStartedError               a step before the first reset
     ├── EpisodeAlreadyFinishedError          a step after the end
     ├── TrackNotAvailableError (ValueError)  the track's sensors are not there
+    ├── TrafficNotAvailableError (ValueError) the trial has other road users
     ├── TrajectoryError (ValueError)         bytes that are no trajectory
     └── SimulatorError
         ├── SimulatorUnavailableError        libsumo cannot be loaded
@@ -35,6 +36,10 @@ class EpisodeAlreadyFinishedError(SimError):
 
 class TrackNotAvailableError(SimError, ValueError):
     """The track's sensors are not there."""
+
+
+class TrafficNotAvailableError(SimError, ValueError):
+    """The trial has other road users, which this version cannot carry."""
 
 
 class TrajectoryError(SimError, ValueError):

@@ -1,0 +1,219 @@
+"""One drive of one trial."""
+
+import hashlib
+import struct
+from typing import Final, NamedTuple, SupportsFloat
+
+from wrongturn_networks import load_town
+from wrongturn_protocol import Command, Outcome, Track, Trial, Verdict
+from wrongturn_protocol.observations import Observation
+from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, EgoState, advance
+from wrongturn_sim.errors import (
+    EpisodeAlreadyFinishedError,
+    EpisodeNotStartedError,
+    InvalidActionError,
+    TrafficNotAvailableError,
+)
+from wrongturn_sim.faults import CommandFault, make_fault
+from wrongturn_sim.observation import check_track, observe_privileged, observe_state
+from wrongturn_sim.reward import reward
+from wrongturn_sim.route import Guidance, Navigator, start_pose
+from wrongturn_sim.simulator import Drive, Simulator
+from wrongturn_sim.trajectory import Row, Trajectory
+from wrongturn_sim.verdict import Judge, JudgeGeometry
+from wrongturn_sim.verdict.thresholds import THRESHOLDS
+
+_FLOAT32: Final = struct.Struct("<3f")
+_PER_SECOND: Final = round(1 / SUB_STEP)
+_RANGES: Final = {"steer": (-1.0, 1.0), "throttle": (0.0, 1.0), "brake": (0.0, 1.0)}
+_TIME_UP: Final = THRESHOLDS.time_limit - SUB_STEP / 2
+_BY_TIME: Final = frozenset({Verdict.TIMEOUT, Verdict.NOT_ENGAGED, Verdict.STOPPED_IN_JUNCTION})
+
+
+class Step(NamedTuple):
+    """What came of a step."""
+
+    observation: Observation
+    reward: float
+    """Of practice; nothing that scores looks at it."""
+    terminated: bool
+    """A verdict fell."""
+    truncated: bool
+    """Time ran out."""
+
+
+def _check(steer: SupportsFloat, throttle: SupportsFloat, brake: SupportsFloat) -> None:
+    """Say what is wrong with an action.
+
+    Raises:
+        InvalidActionError: always; it names the field.
+    """
+    for (name, (low, high)), value in zip(_RANGES.items(), (steer, throttle, brake), strict=True):
+        try:
+            right = low <= float(value) <= high
+        except (TypeError, ValueError):
+            raise InvalidActionError(
+                f"action.{name}: {value!r} is no number; give one from {low:g} to {high:g}",
+            ) from None
+        if not right:
+            raise InvalidActionError(f"action.{name}: is {float(value)}; give a number from {low:g} to {high:g}")
+
+
+class Episode:
+    """One drive of one trial: ``reset``, then ``step`` until it says terminated or truncated.
+
+    The same trial and actions give the same bytes of observations, trajectory and outcome, whatever was driven
+    before in this process.
+
+    Args:
+        trial: what to drive.
+        track: what to show.
+        simulator: the process's simulator, where the caller keeps one.
+
+    Raises:
+        FaultNotApplicableError: this version or the approach does not admit the fault.
+        TrackNotAvailableError: the track needs the camera.
+        TrafficNotAvailableError: the trial has other road users.
+    """
+
+    def __init__(self, trial: Trial, track: Track, *, simulator: Simulator | None = None) -> None:
+        check_track(track)
+        if trial.traffic.vehicles or trial.traffic.pedestrians:
+            raise TrafficNotAvailableError(
+                "traffic: other road users are not there yet; take 0 vehicles and pedestrians"
+            )
+        self.trial = trial
+        self.track = track
+        self.town = load_town(trial.town)
+        self.geometry = JudgeGeometry.of(self.town, trial)
+        self._approach = self.town.approach(trial.approach)
+        self._fault: CommandFault = make_fault(trial)
+        self._simulator = simulator or Simulator()
+        self._privileged = track is Track.PRIVILEGED
+        self._drive: Drive | None = None
+        self.trajectory = Trajectory(trial, self.town.sha256)
+        self.outcome: Outcome | None = None
+        self.steps = 0
+        """Decisions so far."""
+
+    def reset(self) -> Observation:
+        """Begin the trial, or begin it anew.
+
+        Raises:
+            SimulatorUnavailableError: libsumo cannot be loaded.
+            SimulatorFailedError: SUMO refused.
+        """
+        trial = self.trial
+        pose = start_pose(self.town, trial)
+        edge = self.town.lanes[self._approach.lane].edge
+        self._drive = self._simulator.begin(self.town.net_file, edge, *pose, seed=trial.seed)
+        self._ego = EgoState(*pose, trial.start.speed, 0.0)
+        self._navigator = Navigator(self.town, trial)
+        self._fault = make_fault(trial)
+        self._judge = Judge(self.geometry, trial)
+        self._actions: list[bytes] = []
+        self.trajectory = Trajectory(trial, self.town.sha256)
+        self.steps = self._sub_steps = 0
+        self._guide()
+        row = Row(0.0, *self._ego, int(self._command), int(self._guidance.command), 0.0, 0.0, 0.0)
+        self.trajectory.append(row)
+        self.outcome = self._judge.observe(row)
+        return self._observe()
+
+    def step(self, steer: float, throttle: float, brake: float) -> Step:
+        """Drive on for 0.1 s, or until a verdict falls.
+
+        Args:
+            steer: -1 full left to 1 full right.
+            throttle: 0 to 1.
+            brake: 0 to 1; it wins over the throttle.
+
+        Raises:
+            InvalidActionError: a field is no number, not finite or out of its range.
+            EpisodeNotStartedError: call ``reset`` first.
+            EpisodeAlreadyFinishedError: it has its outcome.
+            SimulatorInUseError: another environment of this process took the simulator.
+            SimulatorFailedError: SUMO refused.
+        """
+        drive = self._drive
+        if drive is None:
+            raise EpisodeNotStartedError("step before the first reset; call reset")
+        if self.outcome is not None:
+            raise EpisodeAlreadyFinishedError(f"the episode ended in {self.outcome.verdict}; call reset to drive again")
+        try:
+            if not (-1.0 <= steer <= 1.0 and 0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0):
+                _check(steer, throttle, brake)
+            action = _FLOAT32.pack(steer, throttle, brake)
+        except (TypeError, ValueError, struct.error):
+            _check(steer, throttle, brake)
+            raise
+        steer, throttle, brake = _FLOAT32.unpack(action)
+
+        state: tuple[float, float, float, float, float] = self._ego
+        rows = self.trajectory.rows
+        command = int(self._command)
+        route_command = int(self._guidance.command)
+        for _ in range(SUB_STEPS):
+            state = advance(*state, steer, throttle, brake, SUB_STEP)
+            drive.move(state[0], state[1], state[2])
+            self._sub_steps += 1
+            row = Row(
+                self._sub_steps / _PER_SECOND,
+                *state,
+                command,
+                route_command,
+                steer,
+                throttle,
+                brake,
+                drive.road_users(),
+            )
+            rows.append(row)
+            self.outcome = self._judge.observe(row)
+            if self.outcome is not None:
+                break
+        self._ego = EgoState(*state)
+        self._actions.append(action)
+        self.steps += 1
+        self._guide()
+        truncated = self._ran_out()
+        return Step(
+            self._observe(),
+            reward(state[3], state[2], self._guidance),
+            self.outcome is not None and not truncated,
+            truncated,
+        )
+
+    def abort(self) -> Outcome:
+        """End it here, as the agent's own doing; an episode that has ended keeps its outcome.
+
+        Raises:
+            EpisodeNotStartedError: nothing was begun.
+        """
+        if self._drive is None:
+            raise EpisodeNotStartedError("abort before the first reset; call reset")
+        if self.outcome is None:
+            self.outcome = self._judge.abort(self.trajectory.rows[-1].t)
+        return self.outcome
+
+    @property
+    def actions_sha256(self) -> str:
+        """Of the actions as little-endian float32 [n, 3] in the order steer, throttle, brake; hexadecimal."""
+        if self._drive is None:
+            return hashlib.sha256(b"").hexdigest()
+        return hashlib.sha256(b"".join(self._actions)).hexdigest()
+
+    def _ran_out(self) -> bool:
+        """Whether the outcome fell because the episode's time was up."""
+        outcome = self.outcome
+        return outcome is not None and outcome.verdict in _BY_TIME and outcome.time >= _TIME_UP
+
+    def _guide(self) -> None:
+        """Ask the route, and the fault, for the command of the coming 0.1 s."""
+        self._guidance: Guidance = self._navigator.update(self._ego.x, self._ego.y)
+        self._command: Command = self._fault.deliver(self._sub_steps / _PER_SECOND, self._guidance)
+
+    def _observe(self) -> Observation:
+        if self._privileged:
+            assert self._drive is not None
+            return observe_privileged(self._ego, self._command, self._navigator, self._drive.road_users())
+        return observe_state(self._ego, self._command)

@@ -1,0 +1,29 @@
+"""The reward of practice and training: the paper's, r = (v* - |v* - v|) + 10 (1 - d) + 0.1 (15 - |a|)."""
+
+import math
+from typing import Final
+
+from wrongturn_protocol import Command
+from wrongturn_sim.route import Guidance
+
+CRUISING: Final = 35.0
+"""v* outside a junction's window, km/h."""
+TURNING: Final = 15.0
+"""v* within it."""
+_KMH: Final = 3.6
+_TURN: Final = 2.0 * math.pi
+_DEGREES: Final = 180.0 / math.pi
+
+
+def reward(v: float, yaw: float, guidance: Guidance) -> float:
+    """How well the car drives at this instant.
+
+    Args:
+        v: m/s; the formula's is in km/h.
+        yaw: of the car, radians.
+        guidance: of the route, for the window, the distance d from its path (m) and the angle a to it (degrees).
+    """
+    target = CRUISING if guidance.command is Command.LANE_FOLLOW else TURNING
+    angle = abs(yaw - guidance.heading) % _TURN
+    angle = min(angle, _TURN - angle) * _DEGREES
+    return (target - abs(target - v * _KMH)) + 10.0 * (1.0 - abs(guidance.lateral)) + 0.1 * (15.0 - angle)

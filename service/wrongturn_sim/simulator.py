@@ -1,0 +1,168 @@
+"""The bridge to SUMO, and the only file that imports libsumo.
+
+libsumo holds one simulation to a process: a second ``start()`` silently kills the first. So the process has one
+:class:`_Process`, and whoever begins an episode takes it; an environment that was displaced is told so at its next
+step instead of driving in a stranger's town.
+"""
+
+import importlib
+import math
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+from wrongturn_sim.ego import SUB_STEP, VEHICLE
+from wrongturn_sim.errors import (
+    SimulatorFailedError,
+    SimulatorInUseError,
+    SimulatorUnavailableError,
+)
+from wrongturn_sim.trajectory import RoadUser
+
+EGO: Final = "ego"
+EGO_TYPE: Final = "wrongturn-ego"
+KEEP_ROUTE: Final = 2
+"""``moveToXY``: put the car exactly there, on the road or off it."""
+DEBIAN_PACKAGES: Final = ("libx11-6", "libxext6", "libxrender1", "libgl1", "libatomic1")
+"""What libsumo's wheel links to and slim images lack."""
+
+_OPTIONS: Final = (
+    *("--step-length", str(SUB_STEP)),
+    *("--no-step-log", "true"),
+    *("--no-warnings", "true"),
+    *("--duration-log.disable", "true"),
+    *("--collision.action", "none"),  # its collision list is wrong for a car that is moved by hand
+    *("--time-to-teleport", "-1"),
+    *("--time-to-teleport.highways", "-1"),
+    *("--xml-validation", "never"),
+    *("--xml-validation.net", "never"),
+)
+_HALF_LENGTH: Final = VEHICLE.half_length
+_DEGREES: Final = 180.0 / math.pi
+
+
+class _Process:
+    """What this process has loaded, and who drives in it."""
+
+    sumo: ModuleType | None = None
+    net: Path | None = None
+    holder: object = None
+
+
+def load_libsumo() -> ModuleType:
+    """The libsumo module.
+
+    Raises:
+        SimulatorUnavailableError: it is not installed, or a library that it links to is missing.
+    """
+    if _Process.sumo is None:
+        try:
+            _Process.sumo = importlib.import_module("libsumo")
+        except ImportError as error:
+            raise SimulatorUnavailableError(
+                f"libsumo cannot be loaded ({error}); install the Debian packages {' '.join(DEBIAN_PACKAGES)} "
+                "and `pip install libsumo`",
+            ) from error
+    return _Process.sumo
+
+
+def _start(net: Path, seed: int) -> ModuleType:
+    """A simulation of the net, freshly loaded unless it is there already."""
+    sumo = load_libsumo()
+    if _Process.net == net:
+        return sumo
+    _Process.net = None
+    options = ["--net-file", str(net), "--seed", str(seed), *_OPTIONS]
+    try:
+        if sumo.isLoaded():
+            sumo.load(options)
+        else:
+            sumo.start(["sumo", *options])
+        sumo.vehicletype.copy("DEFAULT_VEHTYPE", EGO_TYPE)
+        sumo.vehicletype.setLength(EGO_TYPE, VEHICLE.length)
+        sumo.vehicletype.setWidth(EGO_TYPE, VEHICLE.width)
+        sumo.vehicletype.setMaxSpeed(EGO_TYPE, VEHICLE.max_speed)
+    except Exception as error:
+        raise SimulatorFailedError(f"SUMO cannot load {net.name}: {error}; is it a net of SUMO 1.28?") from error
+    _Process.net = net
+    return sumo
+
+
+class Drive:
+    """One episode's hold on the simulation: good until somebody else begins one in this process."""
+
+    __slots__ = ("_move", "_step")
+
+    def __init__(self, move: Callable[..., Any], step: Callable[..., Any]) -> None:
+        self._move = move
+        self._step = step
+
+    def move(self, x: float, y: float, yaw: float) -> None:
+        """Put the car there (body's centre) and let 0.05 s pass for everything else.
+
+        Raises:
+            SimulatorInUseError: another environment took the simulator since.
+            SimulatorFailedError: SUMO refused.
+        """
+        if _Process.holder is not self:
+            raise SimulatorInUseError(
+                "another environment of this process took the simulator, there is one to a process: "
+                "reset this one to take it back, or give each environment a process of its own with "
+                "gymnasium.vector.AsyncVectorEnv (Stable-Baselines3: SubprocVecEnv)",
+            )
+        try:
+            # SUMO's angle runs clockwise from north, its position is the front bumper's centre.
+            self._move(
+                EGO,
+                "",
+                0,
+                x + _HALF_LENGTH * math.cos(yaw),
+                y + _HALF_LENGTH * math.sin(yaw),
+                90.0 - yaw * _DEGREES,
+                KEEP_ROUTE,
+            )
+            self._step()
+        except Exception as error:
+            _Process.net = _Process.holder = None
+            raise SimulatorFailedError(f"SUMO refused a sub-step: {error}; reset the environment") from error
+
+    def road_users(self) -> tuple[RoadUser, ...]:
+        """The others near the car, nearest first; none, since there is no traffic yet."""
+        return ()
+
+
+class Simulator:
+    """SUMO as an episode sees it: begin a drive in a town's net, the only one of this process from then on."""
+
+    def begin(self, net: Path, edge: str, x: float, y: float, yaw: float, *, seed: int) -> Drive:
+        """Take the process's simulation, with the net loaded, and put a new car into it.
+
+        Args:
+            net: the town's ``.net.xml``; it is kept loaded between episodes.
+            edge: where the car comes from, one of the net's.
+            x: of the body's centre, metres.
+            y: of the body's centre, metres.
+            yaw: radians, counter-clockwise from east.
+            seed: SUMO's own, used when the net is loaded.
+
+        Raises:
+            SimulatorUnavailableError: libsumo cannot be loaded.
+            SimulatorFailedError: SUMO cannot load the net, or does not know the edge.
+        """
+        sumo = _start(net, seed % 2**31)
+        drive = Drive(sumo.vehicle.moveToXY, sumo.simulationStep)
+        _Process.holder = drive
+        try:
+            if EGO in sumo.vehicle.getIDList():
+                sumo.vehicle.remove(EGO)
+            if edge not in sumo.route.getIDList():
+                sumo.route.add(edge, [edge])
+            sumo.vehicle.add(EGO, edge, EGO_TYPE, depart="now")
+            sumo.vehicle.setSpeedMode(EGO, 0)
+            sumo.vehicle.setLaneChangeMode(EGO, 0)
+        except Exception as error:
+            _Process.net = _Process.holder = None
+            raise SimulatorFailedError(f"SUMO cannot place the car on edge {edge}: {error}") from error
+        drive.move(x, y, yaw)
+        return drive
