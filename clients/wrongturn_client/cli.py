@@ -1,5 +1,139 @@
-"""The program ``wrongturn``."""
+"""The program ``wrongturn``: its own commands, and those of other parts by the entry points ``wrongturn.commands``.
+
+Nothing heavy is imported before a command needs it.
+"""
+
+import json
+import os
+import signal
+import sys
+from typing import Annotated, Any
+
+import typer
+
+from wrongturn_client.plugins import PluginGroup
+
+app = typer.Typer(
+    name="wrongturn",
+    cls=PluginGroup,
+    help="Tell how safely a driving agent behaves when its command is wrong.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    epilog="WRONGTURN_URL and WRONGTURN_TOKEN name a service and your token; WRONGTURN_HOME is where data is kept.",
+    context_settings={"help_option_names": ["--help", "-h"]},
+)
+Url = Annotated[str | None, typer.Option("--url", help="The service's URL.", envvar="WRONGTURN_URL", metavar="URL")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version  # noqa: PLC0415
+
+        typer.echo(f"wrongturn {version('wrongturn-client')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    _show: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def agents(url: Url = None, as_json: AsJson = False) -> None:
+    """List agents: the service's where --url is given, else those that are installed here."""
+    _list("agents", url, as_json)
+
+
+@app.command()
+def suites(url: Url = None, as_json: AsJson = False) -> None:
+    """List suites of trials: the service's where --url is given, else those that are installed here."""
+    _list("suites", url, as_json)
+
+
+@app.command()
+def towns(url: Url = None, as_json: AsJson = False) -> None:
+    """List towns and their approaches by type: the service's where --url is given, else those installed here."""
+    _list("towns", url, as_json)
+
+
+@app.command()
+def leaderboard(
+    suite: Annotated[str, typer.Argument(help="The suite's id.")] = "wrong-command@1",
+    url: Url = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show a service's ranking on a suite, in the layout of the reference paper."""
+    from wrongturn_client.client import Client  # noqa: PLC0415
+    from wrongturn_client.tables import console, leaderboard_table  # noqa: PLC0415
+
+    with Client(url, patience=0) as client:
+        ranking = client.leaderboard(suite)
+    if as_json:
+        _print_json(ranking.model_dump(mode="json"))
+    else:
+        console().print(leaderboard_table(ranking))
+
+
+@app.command()
+def doctor(url: Url = None) -> None:
+    """Check this installation, and the service where --url is given; say what to do."""
+    from wrongturn_client.doctor import diagnose, report  # noqa: PLC0415
+    from wrongturn_client.tables import console  # noqa: PLC0415
+
+    checks = list(diagnose(url))
+    console().print(report(checks))
+    failed = sum(not check.ok for check in checks)
+    if failed:
+        typer.echo(f"{failed} of {len(checks)} checks failed.", err=True)
+        raise typer.Exit(1)
+    typer.echo("All is well.")
+
+
+def _list(what: Any, url: str | None, as_json: bool) -> None:
+    from wrongturn_client.listings import listing, listing_table  # noqa: PLC0415
+    from wrongturn_client.tables import console  # noqa: PLC0415
+
+    items = listing(what, url)
+    if as_json:
+        _print_json(items)
+    elif items:
+        console().print(listing_table(what, items))
+    else:
+        typer.echo(f"There are no {what}.")
+
+
+def _print_json(value: Any) -> None:
+    typer.echo(json.dumps(value, indent=2, ensure_ascii=False))
+
+
+def _terminated(_signal: int, _frame: object) -> None:
+    """Unwind on SIGTERM, so that a service of one's own is stopped too."""
+    sys.exit(128 + signal.SIGTERM)
 
 
 def main() -> None:
-    """Run it."""
+    """Run the program; errors that users can meet are one line on stderr and status 1."""
+    signal.signal(signal.SIGTERM, _terminated)
+    try:
+        app(prog_name="wrongturn")
+    except BrokenPipeError:
+        # The reader of a pipe has gone; what is left in the buffer must not fail again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except Exception as error:
+        # Each part names its own errors in words for users; whatever else is raised is a bug and shows where it is.
+        if not type(error).__module__.startswith("wrongturn_"):
+            raise
+        typer.echo(f"wrongturn: {error}", err=True)
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -8,6 +8,7 @@
     ├── LocalServiceError            ``wrongturn serve`` did not come up
     ├── EvaluationStalledError       no trial was handed out for too long
     ├── PolicyError                  the policy gave something that is no action
+    ├── PluginError                  another part's command, list or check cannot be loaded
     └── ApiError                     the service says no, by a problem of RFC 9457
         ├── AuthenticationError      no token, another's token, registration closed
         ├── InvalidRequestError      a field is wrong or does not apply
@@ -24,9 +25,10 @@
         └── ServiceFailedError       the service broke: 5xx
 """
 
-from typing import Final
+from typing import TYPE_CHECKING
 
-from wrongturn_protocol import Problem, ProblemType
+if TYPE_CHECKING:  # the program wants its errors before it wants pydantic
+    from wrongturn_protocol import Problem
 
 
 class WrongturnError(Exception):
@@ -61,10 +63,14 @@ class PolicyError(WrongturnError):
     """The policy gave something that is no action."""
 
 
+class PluginError(WrongturnError):
+    """A command, list or check that another part adds cannot be loaded."""
+
+
 class ApiError(WrongturnError):
     """The service refused a call."""
 
-    def __init__(self, problem: Problem, retry_after: float | None = None) -> None:
+    def __init__(self, problem: "Problem", retry_after: float | None = None) -> None:
         fields = "; ".join(f"{error.path}: {error.message}" for error in problem.errors)
         super().__init__(f"{problem.detail or problem.title} ({fields})" if fields else problem.detail or problem.title)
         self.problem = problem
@@ -133,40 +139,3 @@ class ServiceBusyError(ApiError):
 
 class ServiceFailedError(ApiError):
     """The service broke."""
-
-
-_BY_TYPE: Final[dict[str, type[ApiError]]] = {
-    ProblemType.UNAUTHENTICATED: AuthenticationError,
-    ProblemType.FORBIDDEN: AuthenticationError,
-    ProblemType.REGISTRATION_CLOSED: AuthenticationError,
-    ProblemType.FAULT_NOT_APPLICABLE: InvalidRequestError,
-    ProblemType.TRACK_NOT_AVAILABLE: InvalidRequestError,
-    ProblemType.AGENT_NAME_TAKEN: AgentNameTakenError,
-    ProblemType.EVALUATION_FINISHED: EvaluationFinishedError,
-    ProblemType.EVALUATION_CANCELLED: EvaluationCancelledError,
-    ProblemType.NO_TRIAL_AVAILABLE: NoTrialAvailableError,
-    ProblemType.EPISODE_FINISHED: EpisodeFinishedError,
-    ProblemType.RESULTS_MISMATCH: ResultsMismatchError,
-    ProblemType.EPISODE_LOST: EpisodeLostError,
-    ProblemType.RATE_LIMITED: ServiceBusyError,
-    ProblemType.SIMULATORS_BUSY: ServiceBusyError,
-    ProblemType.SHUTTING_DOWN: ServiceBusyError,
-}
-_BY_STATUS: Final[dict[int, type[ApiError]]] = {
-    401: AuthenticationError,
-    403: AuthenticationError,
-    404: NotFoundError,
-    409: ConflictError,
-    429: ServiceBusyError,
-    502: ServiceBusyError,
-    503: ServiceBusyError,
-    504: ServiceBusyError,
-}
-
-
-def api_error(problem: Problem, retry_after: float | None = None) -> ApiError:
-    """The error that a problem stands for, by its type and else by its status."""
-    kind = _BY_TYPE.get(problem.type.rsplit("/", 1)[-1]) or _BY_STATUS.get(problem.status)
-    if kind is None:
-        kind = ServiceFailedError if problem.status >= 500 else InvalidRequestError
-    return kind(problem, retry_after)

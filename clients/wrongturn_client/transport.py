@@ -16,8 +16,8 @@ from wrongturn_client.errors import (
     ServiceBusyError,
     ServiceUnreachableError,
     WrongturnError,
-    api_error,
 )
+from wrongturn_client.problems import api_error
 from wrongturn_protocol import Problem
 
 JSON: Final = "application/json"

@@ -1,0 +1,92 @@
+"""Whether this installation can do what it should."""
+
+import platform
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import metadata
+from typing import Final
+
+from rich.table import Table
+from rich.text import Text
+
+from wrongturn_client import plugins, settings
+from wrongturn_client.client import Client
+from wrongturn_client.errors import WrongturnError
+
+_LEAST_PYTHON: Final = (3, 11)
+_PARTS: Final = {
+    "wrongturn-client": "the client and this program",
+    "wrongturn-networks": "towns and suites",
+    "wrongturn-service": "the service: 'wrongturn serve'",
+    "wrongturn-agents": "agents: 'wrongturn run'",
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One finding."""
+
+    name: str
+    ok: bool
+    detail: str
+    remedy: str = ""
+    """What to do, where not ok."""
+
+
+def diagnose(url: str | None) -> Iterator[Check]:
+    """All checks, one after the other.
+
+    Args:
+        url: of a service that should answer; None for none.
+    """
+    version = platform.python_version()
+    yield Check("Python", sys.version_info[:2] >= _LEAST_PYTHON, version, "install Python 3.11 or newer")
+    for part, what in _PARTS.items():
+        yield _part(part, what)
+    yield _home()
+    for finding in plugins.checks():
+        yield Check(*finding)
+    if url is not None:
+        yield _service(url)
+
+
+def report(checks: list[Check]) -> Table:
+    """The findings as a table."""
+    table = Table("", "check", "finding", box=None, header_style="bold", pad_edge=False)
+    for check in checks:
+        mark = Text("ok", style="green") if check.ok else Text("FAILED", style="bold red")
+        finding = check.detail if check.ok or not check.remedy else f"{check.detail}\nTo do: {check.remedy}"
+        table.add_row(mark, Text(check.name), Text(finding))
+    return table
+
+
+def _part(part: str, what: str) -> Check:
+    try:
+        return Check(part, True, f"{metadata.version(part)}: {what}")
+    except metadata.PackageNotFoundError:
+        return Check(part, part != "wrongturn-client", f"not installed; needed for {what}", f"install {part}")
+
+
+def _home() -> Check:
+    home = settings.home()
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=home):
+            pass
+    except OSError as error:
+        reason = error.strerror or str(error)
+        return Check(
+            "WRONGTURN_HOME", False, f"{home} cannot be written: {reason}", "set WRONGTURN_HOME to a folder that can"
+        )
+    return Check("WRONGTURN_HOME", True, f"{home} can be written")
+
+
+def _service(url: str) -> Check:
+    try:
+        with Client(url, patience=0, timeout=10) as client:
+            client.ready()
+            return Check("service", True, f"{client.url} is ready")
+    except WrongturnError as error:
+        return Check("service", False, str(error), "start it by 'wrongturn serve', or correct --url or WRONGTURN_URL")

@@ -1,0 +1,73 @@
+"""What ``agents``, ``suites`` and ``towns`` list: the service's, or the local packages'."""
+
+from typing import Any, Literal
+
+from rich.table import Table
+
+from wrongturn_client.client import Client
+from wrongturn_client.errors import WrongturnError
+from wrongturn_client.plugins import LISTINGS, entry_points, load
+from wrongturn_protocol import JunctionType
+
+Listed = Literal["agents", "suites", "towns"]
+_PART = {"agents": "wrongturn-agents", "suites": "wrongturn-networks", "towns": "wrongturn-networks"}
+
+
+def listing(what: Listed, url: str | None) -> list[dict[str, Any]]:
+    """The items as plain values.
+
+    Args:
+        what: is listed.
+        url: of the service; None for the local packages'.
+
+    Raises:
+        WrongturnError: the service cannot be asked, or the local package is not installed.
+    """
+    if url is not None:
+        with Client(url, patience=0) as client:
+            return [item.model_dump(mode="json", exclude_none=True) for item in getattr(client, what)()]
+    point = entry_points(LISTINGS).get(what)
+    if point is None:
+        raise WrongturnError(
+            f"no {what} are installed here; install {_PART[what]}, or name a service by --url or WRONGTURN_URL",
+        )
+    return [item.model_dump(mode="json", exclude_none=True) for item in load(point)()]
+
+
+def listing_table(what: Listed, items: list[dict[str, Any]]) -> Table:
+    """The items as a table."""
+    return {"agents": _agents, "suites": _suites, "towns": _towns}[what](items)
+
+
+def _agents(items: list[dict[str, Any]]) -> Table:
+    table = Table("agent", "track", "kind", "what it does", box=None, header_style="bold", pad_edge=False)
+    for item in items:
+        table.add_row(item["name"], item["track"], item["kind"], item.get("description", ""))
+    return table
+
+
+def _suites(items: list[dict[str, Any]]) -> Table:
+    table = Table(
+        "suite", "title", "trials", "twins", "tracks", "sha256", box=None, header_style="bold", pad_edge=False
+    )
+    for item in items:
+        table.add_row(
+            item["id"],
+            item["title"],
+            str(item["trials"]),
+            str(item["twins"]),
+            ", ".join(item["tracks"]),
+            item["sha256"][:12],
+        )
+    return table
+
+
+def _towns(items: list[dict[str, Any]]) -> Table:
+    table = Table("town", "junctions", box=None, header_style="bold", pad_edge=False)
+    for kind in JunctionType:
+        table.add_column(kind.value, justify="right")
+    table.add_column("sha256")
+    for item in items:
+        counts = (str(item["approaches"].get(kind.value, 0)) for kind in JunctionType)
+        table.add_row(item["name"], str(item["junctions"]), *counts, item["sha256"][:12])
+    return table

@@ -1,0 +1,138 @@
+"""What other parts add to the program, found by entry points and loaded no sooner than it is used."""
+
+import ast
+import importlib
+import importlib.util
+import inspect
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Final
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from wrongturn_client.errors import PluginError
+
+COMMANDS: Final = "wrongturn.commands"
+LISTINGS: Final = "wrongturn.listings"
+CHECKS: Final = "wrongturn.checks"
+
+
+def entry_points(group: str) -> dict[str, metadata.EntryPoint]:
+    """The entry points of a group by name, in alphabetical order."""
+    found = metadata.entry_points(group=group)
+    return {point.name: point for point in sorted(found, key=lambda point: point.name)}
+
+
+def load(point: metadata.EntryPoint) -> Any:
+    """What an entry point names.
+
+    Raises:
+        PluginError: it cannot be loaded.
+    """
+    try:
+        return point.load()
+    except Exception as error:
+        distribution = point.dist.name if point.dist is not None else "its package"
+        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise PluginError(
+            f"{point.name!r} of {distribution} ({point.value}) cannot be loaded: {reason}; "
+            f"install {distribution} again, or ask 'wrongturn doctor'",
+        ) from error
+
+
+def summary(point: metadata.EntryPoint) -> str:
+    """The first line of the docstring of what an entry point names, read from its source without running it."""
+    try:
+        path = _source(point.module)
+        tree = ast.parse(path.read_text(encoding="utf-8")) if path is not None else ast.Module([], [])
+    except (OSError, SyntaxError, ImportError, ValueError):
+        return ""
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and node.name == point.attr:
+            return (ast.get_docstring(node) or "").partition("\n")[0]
+        if isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == point.attr for t in node.targets):
+            return _help_keyword(node.value)
+    return ""
+
+
+def _source(module: str) -> Path | None:
+    """The file of a module, found without importing the packages above it."""
+    package, *rest = module.split(".")
+    spec = importlib.util.find_spec(package)
+    if spec is None:
+        return None
+    folders = spec.submodule_search_locations
+    if not rest or folders is None:
+        return Path(spec.origin) if spec.origin else None
+    for folder in folders:
+        base = Path(folder, *rest)
+        for path in (base.with_suffix(".py"), base / "__init__.py"):
+            if path.is_file():
+                return path
+    return None
+
+
+def _help_keyword(call: ast.expr) -> str:
+    """``help=`` of a ``typer.Typer(…)``."""
+    if isinstance(call, ast.Call):
+        for keyword in call.keywords:
+            if keyword.arg == "help" and isinstance(keyword.value, ast.Constant):
+                return str(keyword.value.value)
+    return ""
+
+
+class LazyCommand(TyperCommand):
+    """A command of another part: its help line is at hand, the rest is loaded when it is called."""
+
+    entry_point: metadata.EntryPoint
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        """Load the command and let it take over."""
+        return self._command().make_context(info_name, args, parent, **extra)
+
+    def _command(self) -> Any:
+        target = load(self.entry_point)
+        if isinstance(target, typer.Typer):
+            return typer.main.get_command(target)
+        app = typer.Typer(add_completion=False, rich_markup_mode="rich")
+        app.command(self.name, help=inspect.getdoc(target))(target)
+        return typer.main.get_command(app)
+
+
+class PluginGroup(TyperGroup):
+    """The program's commands: its own, then those of other parts."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """The names in the order of the help."""
+        own = super().list_commands(ctx)
+        return [*own, *(name for name in entry_points(COMMANDS) if name not in own)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """A command by its name; None where there is none."""
+        own = super().get_command(ctx, cmd_name)
+        if own is not None:
+            return own
+        point = entry_points(COMMANDS).get(cmd_name)
+        if point is None:
+            return None
+        command = LazyCommand(cmd_name, help=summary(point) or f"See 'wrongturn {cmd_name} --help'.")
+        command.entry_point = point
+        return command
+
+
+def checks() -> Iterator[tuple[str, bool, str, str]]:
+    """The checks of other parts: name, whether all is well, detail, remedy."""
+    for name, point in entry_points(CHECKS).items():
+        try:
+            yield from load(point)()
+        except PluginError as error:
+            yield name, False, str(error), "install it again"
+        except Exception as error:
+            yield name, False, f"the check itself broke: {type(error).__name__}: {error}", "install it again"
+    for name, point in entry_points(COMMANDS).items():
+        try:
+            load(point)
+        except PluginError as error:
+            yield f"command {name}", False, str(error), "install it again"

@@ -1,0 +1,57 @@
+"""Which error a problem of the service stands for."""
+
+from typing import Final
+
+from wrongturn_client.errors import (
+    AgentNameTakenError,
+    ApiError,
+    AuthenticationError,
+    ConflictError,
+    EpisodeFinishedError,
+    EpisodeLostError,
+    EvaluationCancelledError,
+    EvaluationFinishedError,
+    InvalidRequestError,
+    NotFoundError,
+    NoTrialAvailableError,
+    ResultsMismatchError,
+    ServiceBusyError,
+    ServiceFailedError,
+)
+from wrongturn_protocol import Problem, ProblemType
+
+_BY_TYPE: Final[dict[str, type[ApiError]]] = {
+    ProblemType.UNAUTHENTICATED: AuthenticationError,
+    ProblemType.FORBIDDEN: AuthenticationError,
+    ProblemType.REGISTRATION_CLOSED: AuthenticationError,
+    ProblemType.FAULT_NOT_APPLICABLE: InvalidRequestError,
+    ProblemType.TRACK_NOT_AVAILABLE: InvalidRequestError,
+    ProblemType.AGENT_NAME_TAKEN: AgentNameTakenError,
+    ProblemType.EVALUATION_FINISHED: EvaluationFinishedError,
+    ProblemType.EVALUATION_CANCELLED: EvaluationCancelledError,
+    ProblemType.NO_TRIAL_AVAILABLE: NoTrialAvailableError,
+    ProblemType.EPISODE_FINISHED: EpisodeFinishedError,
+    ProblemType.RESULTS_MISMATCH: ResultsMismatchError,
+    ProblemType.EPISODE_LOST: EpisodeLostError,
+    ProblemType.RATE_LIMITED: ServiceBusyError,
+    ProblemType.SIMULATORS_BUSY: ServiceBusyError,
+    ProblemType.SHUTTING_DOWN: ServiceBusyError,
+}
+_BY_STATUS: Final[dict[int, type[ApiError]]] = {
+    401: AuthenticationError,
+    403: AuthenticationError,
+    404: NotFoundError,
+    409: ConflictError,
+    429: ServiceBusyError,
+    502: ServiceBusyError,
+    503: ServiceBusyError,
+    504: ServiceBusyError,
+}
+
+
+def api_error(problem: Problem, retry_after: float | None = None) -> ApiError:
+    """The error that a problem stands for, by its type and else by its status."""
+    kind = _BY_TYPE.get(problem.type.rsplit("/", 1)[-1]) or _BY_STATUS.get(problem.status)
+    if kind is None:
+        kind = ServiceFailedError if problem.status >= 500 else InvalidRequestError
+    return kind(problem, retry_after)
