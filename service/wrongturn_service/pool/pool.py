@@ -1,0 +1,145 @@
+"""What the service asks of simulators, whoever runs them: this machine's processes, or a cluster's actors.
+
+::
+
+    SimulatorError
+    ├── SimulatorsBusyError       every slot is taken
+    ├── SimulatorStartError       no simulator could be started
+    ├── SimulatorDiedError        it ended, hung or broke: replay the episode in another one
+    └── EpisodeRefusedError       the trial cannot be driven as asked: the caller's mistake
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from wrongturn_protocol import Outcome, Track
+from wrongturn_service.wire import Wire
+
+Action = tuple[float, float, float]
+"""Steer, throttle, brake, each already a float32."""
+
+
+class SimulatorError(Exception):
+    """Anything that concerns simulators."""
+
+
+class SimulatorsBusyError(SimulatorError):
+    """Every slot is taken."""
+
+
+class SimulatorStartError(SimulatorError):
+    """No simulator could be started; the message says why."""
+
+
+class SimulatorDiedError(SimulatorError):
+    """The simulator ended, hung or broke."""
+
+
+class EpisodeRefusedError(SimulatorError):
+    """The trial cannot be driven as asked."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name
+        """The error's class in the simulation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Final:
+    """What is left of an episode at its end."""
+
+    outcome: Outcome
+    steps: int
+    trajectory: bytes
+    """Canonical JSON."""
+    trajectory_sha256: str
+    actions_sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """What a simulator shows after a reset or a step."""
+
+    observation: bytes
+    """Encoded for the wire."""
+    reward: float
+    terminated: bool
+    truncated: bool
+    final: Final | None
+
+
+class Simulator(ABC):
+    """One simulation, which drives one episode at a time."""
+
+    @property
+    @abstractmethod
+    def dead(self) -> bool:
+        """Whether it is gone; what it drove has to be replayed elsewhere."""
+
+    @abstractmethod
+    async def reset(self, trial: str, track: Track, actions: bytes, wire: Wire) -> Frame:
+        """Begin an episode, and repeat actions that were taken before.
+
+        Args:
+            trial: JSON of Trial.
+            track: what is observed.
+            actions: little-endian float32 [n, 3].
+            wire: how the observation is encoded.
+
+        Returns:
+            What it shows after the last of the actions.
+
+        Raises:
+            SimulatorDiedError, EpisodeRefusedError.
+        """
+
+    @abstractmethod
+    async def step(self, action: Action, wire: Wire) -> Frame:
+        """One decision. Raises SimulatorDiedError."""
+
+    @abstractmethod
+    async def abort(self) -> Final:
+        """End the episode as ``aborted``. Raises SimulatorDiedError."""
+
+
+class Pool(ABC):
+    """A bounded number of simulators."""
+
+    @abstractmethod
+    async def start(self) -> None:
+        """Have a first one ready. Raises SimulatorStartError."""
+
+    @abstractmethod
+    async def stop(self) -> None:
+        """End all of them."""
+
+    @abstractmethod
+    async def acquire(self, town: str, *, wait: bool = False) -> Simulator:
+        """A simulator for one's own, best one that has the town loaded.
+
+        Args:
+            town: what it will drive in.
+            wait: until one is free, instead of refusing.
+
+        Raises:
+            SimulatorsBusyError, SimulatorStartError.
+        """
+
+    @abstractmethod
+    async def release(self, simulator: Simulator) -> None:
+        """Give a simulator back, dead or alive."""
+
+    @property
+    @abstractmethod
+    def slots(self) -> int:
+        """Simulators at most."""
+
+    @property
+    @abstractmethod
+    def running(self) -> int:
+        """Simulators that are there, or about to be."""
+
+    @property
+    @abstractmethod
+    def busy(self) -> int:
+        """Simulators that somebody has."""

@@ -1,0 +1,131 @@
+"""What runs in a simulator process: ``python -m wrongturn_service.pool.process FD``.
+
+It serves one socket, whose other end the service has: one request at a time, one reply each. At the end of the stream
+it ends, so no simulator outlives its service; a call that takes too long ends it too, by an alarm that works even
+while SUMO does not give Python the word.
+
+Requests: ``["reset", trial, track, actions, binary]``, ``["step", steer, throttle, brake, binary]``, ``["abort"]``.
+Replies: ``[OK, observation, reward, terminated, truncated, final]``, ``[REFUSED, name, message]``,
+``[FAILED, name, message]``; ``final`` is None or ``[outcome, steps, trajectory, its sha256, the actions' sha256]``.
+"""
+
+import signal
+import socket
+import struct
+import sys
+from typing import Any, Final
+
+import msgpack
+import orjson
+
+from wrongturn_networks import draw_trial, load_town
+from wrongturn_protocol import FaultKind, Outcome, Track, Trial, observations
+from wrongturn_service.pool import frames
+from wrongturn_sim import Episode
+
+REFUSALS: Final = frozenset({"FaultNotApplicableError", "TrackNotAvailableError"})
+"""Errors that are the caller's mistake and leave the simulator sound."""
+_ACTION: Final = struct.Struct("<3f")
+
+
+class Server:
+    """The episode of this process."""
+
+    def __init__(self) -> None:
+        self._episode: Episode | None = None
+        self._track = Track.STATE
+
+    def answer(self, request: list[Any]) -> list[Any]:
+        """The reply to one request."""
+        operation, *arguments = request
+        if operation == "step":
+            return self._step(*arguments)
+        if operation == "reset":
+            return self._reset(*arguments)
+        episode = self._driven()
+        return [frames.OK, _final(episode, episode.abort())]
+
+    def warm_up(self) -> None:
+        """Drive a little, so that what is compiled or loaded late is there before the first agent comes."""
+        town = load_town("junctions")
+        trial = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
+        self._reset(trial.model_dump_json(), Track.PRIVILEGED, _ACTION.pack(0.0, 0.5, 0.0) * 3, binary=False)
+        self._driven().abort()
+
+    def _driven(self) -> Episode:
+        if self._episode is None:
+            raise RuntimeError("no episode: reset comes first")
+        return self._episode
+
+    def _reset(self, trial: str, track: str, actions: bytes, binary: bool) -> list[Any]:
+        self._track = Track(track)
+        self._episode = episode = Episode(Trial.model_validate_json(trial), self._track)
+        observation = episode.reset()
+        reward, terminated, truncated = 0.0, False, False
+        for action in _ACTION.iter_unpack(actions):
+            observation, reward, terminated, truncated = episode.step(*action)
+        return self._frame(observation, reward, terminated, truncated, binary)
+
+    def _step(self, steer: float, throttle: float, brake: float, binary: bool) -> list[Any]:
+        observation, reward, terminated, truncated = self._driven().step(steer, throttle, brake)
+        return self._frame(observation, reward, terminated, truncated, binary)
+
+    def _frame(
+        self,
+        observation: observations.Observation,
+        reward: float,
+        terminated: bool,
+        truncated: bool,
+        binary: bool,
+    ) -> list[Any]:
+        message = observations.encode(observation, self._track, binary=binary)
+        encoded = msgpack.packb(message) if binary else orjson.dumps(message)
+        final = None
+        if terminated or truncated:
+            episode = self._driven()
+            assert episode.outcome is not None
+            final = _final(episode, episode.outcome)
+        return [frames.OK, encoded, float(reward), bool(terminated), bool(truncated), final]
+
+
+def _final(episode: Episode, outcome: Outcome) -> list[Any]:
+    trajectory = episode.trajectory
+    return [outcome.model_dump_json(), episode.steps, trajectory.to_json(), trajectory.sha256, episode.actions_sha256]
+
+
+def serve(connection: socket.socket, limit_s: int) -> None:
+    """Answer requests until the other side is gone.
+
+    Args:
+        connection: a blocking stream socket.
+        limit_s: whole seconds after which a request ends the process.
+    """
+    server = Server()
+    server.warm_up()
+    connection.sendall(frames.pack([frames.OK]))
+    while True:
+        try:
+            request = frames.receive(connection)
+        except (EOFError, ConnectionError):
+            return
+        signal.alarm(limit_s)
+        try:
+            reply = server.answer(request)
+        except Exception as error:
+            kind = frames.REFUSED if type(error).__name__ in REFUSALS else frames.FAILED
+            reply = [kind, type(error).__name__, str(error)]
+        signal.alarm(0)
+        connection.sendall(frames.pack(reply))
+
+
+def main() -> None:
+    """Serve the socket whose file descriptor the first argument names."""
+    # Ctrl-C goes to the whole group of processes; the service decides when its simulators end.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    with socket.socket(fileno=int(sys.argv[1])) as connection:
+        serve(connection, int(sys.argv[2]))
+
+
+if __name__ == "__main__":
+    main()

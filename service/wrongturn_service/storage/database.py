@@ -1,0 +1,159 @@
+"""The database: one service to a file, migrated at start, every commit on the disk before it is told."""
+
+import asyncio
+import contextlib
+import fcntl
+import os
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any, Self
+
+from alembic import command
+from alembic.config import Config
+from alembic.util import CommandError
+from sqlalchemy import Connection, event
+from sqlalchemy.engine import URL, make_url
+from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
+from sqlalchemy.ext.asyncio import AsyncEngine, AsyncSession, create_async_engine
+
+from wrongturn_service.errors import StartupError
+
+_READ = "wrongturn_read"
+_BUSY_MS = 30_000
+
+
+class Database:
+    """An engine with its lock; use :meth:`open`."""
+
+    def __init__(self, engine: AsyncEngine, lock: int | None) -> None:
+        self._writing = engine
+        self._reading = engine.execution_options(**{_READ: True})
+        self._lock = lock
+        # SQLite has one writer; waiting here costs less than its polling.
+        self._writer = asyncio.Lock() if engine.dialect.name == "sqlite" else contextlib.nullcontext()
+
+    @classmethod
+    async def open(cls, url: str) -> Self:
+        """Connect, lock the file where it is SQLite's, and bring the tables up to date.
+
+        Raises:
+            StartupError: the URL is no database's, the file cannot be written, another service has it, or it is of a
+                newer version.
+        """
+        parsed = _parse(url)
+        lock = _lock_file(parsed) if parsed.get_backend_name() == "sqlite" else None
+        shown = parsed.render_as_string(hide_password=True)
+        engine = None
+        try:
+            engine = _engine(parsed)
+            async with engine.begin() as connection:
+                await connection.run_sync(_migrate)
+        except (SQLAlchemyError, OSError, ModuleNotFoundError) as error:
+            await _close(engine, lock)
+            reason = str(getattr(error, "orig", None) or error).splitlines()[0]
+            raise StartupError(
+                f"the database {shown} cannot be used: {reason}; "
+                "name one that can be written by --database or WRONGTURN_DATABASE",
+            ) from error
+        except CommandError as error:
+            await _close(engine, lock)
+            raise StartupError(
+                f"the database {shown} was made by another version of Wrongturn ({error}); "
+                "upgrade Wrongturn, or name another database by --database",
+            ) from error
+        return cls(engine, lock)
+
+    @contextlib.asynccontextmanager
+    async def read(self) -> AsyncIterator[AsyncSession]:
+        """A session that only reads, from one snapshot."""
+        async with AsyncSession(self._reading, expire_on_commit=False) as session:
+            yield session
+
+    @contextlib.asynccontextmanager
+    async def write(self) -> AsyncIterator[AsyncSession]:
+        """A session whose changes are on the disk once the block is left, or gone where it raised."""
+        async with self._writer, AsyncSession(self._writing, expire_on_commit=False) as session, session.begin():
+            yield session
+
+    async def close(self) -> None:
+        """Close the connections and let go of the file."""
+        await _close(self._writing, self._lock)
+        self._lock = None
+
+
+async def _close(engine: AsyncEngine | None, lock: int | None) -> None:
+    if engine is not None:
+        await engine.dispose()
+    if lock is not None:
+        os.close(lock)
+
+
+def _parse(url: str) -> URL:
+    try:
+        parsed = make_url(url)
+    except ArgumentError as error:
+        raise StartupError(
+            f"the database URL {url!r} is none; write it as sqlite+aiosqlite:////path/wrongturn.db",
+        ) from error
+    if parsed.drivername == "sqlite":
+        parsed = parsed.set(drivername="sqlite+aiosqlite")
+    if parsed.get_backend_name() == "sqlite" and parsed.database in {None, "", ":memory:"}:
+        raise StartupError("the database has to be a file, so that nothing recorded is lost; name one by --database")
+    return parsed
+
+
+def _lock_file(url: URL) -> int:
+    path = Path(url.database or "")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # A file beside the database: SQLite's own locks on it would be lost when any handle of it is closed.
+        handle = os.open(path.with_name(path.name + ".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except OSError as error:
+        raise StartupError(
+            f"the database file {path} cannot be written: {error.strerror or error}; "
+            "name another by --database or WRONGTURN_DATABASE",
+        ) from error
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(handle)
+        raise StartupError(
+            f"the database file {path} is in use by another Wrongturn service; stop that one, "
+            "or name another file by --database",
+        ) from error
+    return handle
+
+
+def _engine(url: URL) -> AsyncEngine:
+    try:
+        engine = create_async_engine(url)
+    except NoSuchModuleError as error:
+        raise StartupError(f"no driver for the database {url.drivername!r}; use sqlite+aiosqlite") from error
+    if url.get_backend_name() == "sqlite":
+        event.listen(engine.sync_engine, "connect", _set_up_sqlite)
+        event.listen(engine.sync_engine, "begin", _begin_sqlite)
+    return engine
+
+
+def _set_up_sqlite(connection: Any, _record: object) -> None:
+    # Python's driver would begin transactions by itself, and late; BEGIN is ours, below.
+    connection.isolation_level = None
+    cursor = connection.cursor()
+    cursor.execute(f"PRAGMA busy_timeout = {_BUSY_MS}")
+    cursor.execute("PRAGMA journal_mode = WAL")
+    cursor.execute("PRAGMA synchronous = FULL")
+    cursor.execute("PRAGMA foreign_keys = ON")
+    cursor.close()
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    # A writer takes its lock at once: a reader that turns writer later fails where another wrote in between.
+    reads = connection.get_execution_options().get(_READ)
+    connection.exec_driver_sql("BEGIN" if reads else "BEGIN IMMEDIATE")
+
+
+def _migrate(connection: Connection) -> None:
+    config = Config()
+    config.set_main_option("script_location", str(Path(__file__).with_name("migrations")).replace("%", "%%"))
+    config.attributes["connection"] = connection
+    command.upgrade(config, "head")

@@ -1,0 +1,129 @@
+"""The tables. Types are those that SQLite and PostgreSQL share; times are seconds since 1970 in UTC."""
+
+from sqlalchemy import BigInteger, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, String, Text
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+_ID = String(40)
+_WORD = String(32)
+_SHA = String(64)
+
+
+class Base(DeclarativeBase):
+    """The root of the tables; names of constraints are fixed, so that migrations can name them."""
+
+    metadata = MetaData(
+        naming_convention={
+            "ix": "ix_%(table_name)s_%(column_0_name)s",
+            "uq": "uq_%(table_name)s_%(column_0_name)s",
+            "fk": "fk_%(table_name)s_%(column_0_name)s",
+            "pk": "pk_%(table_name)s",
+        },
+    )
+
+
+class AgentRow(Base):
+    """An agent; without a token's hash it was revoked."""
+
+    __tablename__ = "agents"
+
+    id: Mapped[str] = mapped_column(_ID, primary_key=True)
+    name: Mapped[str] = mapped_column(String(64))
+    name_key: Mapped[str] = mapped_column(String(64), unique=True)
+    """The name in lower case: names that differ in case alone would be mistaken for each other."""
+    track: Mapped[str] = mapped_column(_WORD)
+    kind: Mapped[str] = mapped_column(_WORD)
+    description: Mapped[str | None] = mapped_column(Text)
+    homepage: Mapped[str | None] = mapped_column(Text)
+    token_sha256: Mapped[str | None] = mapped_column(_SHA, unique=True)
+    created: Mapped[float] = mapped_column(Double)
+
+
+class EvaluationRow(Base):
+    """One agent on one suite."""
+
+    __tablename__ = "evaluations"
+
+    id: Mapped[str] = mapped_column(_ID, primary_key=True)
+    agent_id: Mapped[str] = mapped_column(_ID, ForeignKey("agents.id"), index=True)
+    suite: Mapped[str] = mapped_column(String(80), index=True)
+    suite_sha256: Mapped[str] = mapped_column(_SHA)
+    entry: Mapped[str] = mapped_column(_WORD)
+    state: Mapped[str] = mapped_column(_WORD)
+    secret: Mapped[str] = mapped_column(_SHA)
+    """What the order of its trials comes from."""
+    trials: Mapped[int] = mapped_column(Integer)
+    created: Mapped[float] = mapped_column(Double)
+    finished: Mapped[float | None] = mapped_column(Double)
+    metrics: Mapped[str | None] = mapped_column(Text)
+    """JSON of Metrics, when finished."""
+
+
+class EpisodeRow(Base):
+    """One drive of one trial; practice where there is no evaluation."""
+
+    __tablename__ = "episodes"
+
+    id: Mapped[str] = mapped_column(_ID, primary_key=True)
+    evaluation_id: Mapped[str | None] = mapped_column(_ID, ForeignKey("evaluations.id"))
+    agent_id: Mapped[str] = mapped_column(_ID, ForeignKey("agents.id"))
+    trial_id: Mapped[str] = mapped_column(String(160))
+    trial: Mapped[str] = mapped_column(Text)
+    """JSON of Trial."""
+    track: Mapped[str] = mapped_column(_WORD)
+    state: Mapped[str] = mapped_column(_WORD, index=True)
+    created: Mapped[float] = mapped_column(Double)
+    finished: Mapped[float | None] = mapped_column(Double)
+    verdict: Mapped[str | None] = mapped_column(_WORD)
+    outcome: Mapped[str | None] = mapped_column(Text)
+    """JSON of Outcome."""
+    steps: Mapped[int] = mapped_column(Integer, default=0)
+    last_action: Mapped[bytes | None] = mapped_column(LargeBinary)
+    """The last step's action, 3 little-endian float32, so that its repeat is known after a restart too."""
+    last_reply: Mapped[bytes | None] = mapped_column(LargeBinary)
+    """The last step's reply, compressed JSON."""
+    actions_sha256: Mapped[str | None] = mapped_column(_SHA)
+    trajectory_sha256: Mapped[str | None] = mapped_column(_SHA)
+
+    __table_args__ = (Index("ix_episodes_evaluation_id_state", "evaluation_id", "state"),)
+
+
+class TrajectoryRow(Base):
+    """A finished episode's trajectory."""
+
+    __tablename__ = "trajectories"
+
+    episode_id: Mapped[str] = mapped_column(_ID, ForeignKey("episodes.id"), primary_key=True)
+    sha256: Mapped[str] = mapped_column(_SHA)
+    """Of the canonical JSON, uncompressed."""
+    size: Mapped[int] = mapped_column(BigInteger)
+    """Bytes, uncompressed."""
+    data: Mapped[bytes] = mapped_column(LargeBinary)
+    """zlib."""
+
+
+class ResultsRow(Base):
+    """A worker's own record of an evaluation."""
+
+    __tablename__ = "results"
+
+    evaluation_id: Mapped[str] = mapped_column(_ID, ForeignKey("evaluations.id"), primary_key=True)
+    body: Mapped[str] = mapped_column(Text)
+    """JSON of ResultsRequest."""
+    created: Mapped[float] = mapped_column(Double)
+
+
+class IdempotencyRow(Base):
+    """The reply that a repeat of a request gets."""
+
+    __tablename__ = "idempotency"
+
+    scope: Mapped[str] = mapped_column(String(80), primary_key=True)
+    """Whose key it is."""
+    key_sha256: Mapped[str] = mapped_column(_SHA, primary_key=True)
+    request_sha256: Mapped[str] = mapped_column(_SHA)
+    status: Mapped[int] = mapped_column(Integer)
+    content_type: Mapped[str] = mapped_column(String(80))
+    body: Mapped[bytes] = mapped_column(LargeBinary)
+    sealed_token: Mapped[bytes | None] = mapped_column(LargeBinary)
+    """What belongs in the reply and must not be readable here."""
+    created: Mapped[float] = mapped_column(Double, index=True)

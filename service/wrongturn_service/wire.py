@@ -1,0 +1,115 @@
+"""JSON or msgpack: how the replies of episode routes are put together.
+
+A simulator process encodes the observation; here it is only set between the other fields, byte for byte, so that the
+web process never decodes it.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import msgpack
+import orjson
+
+from wrongturn_protocol import Track, Verdict
+
+
+class Wire(StrEnum):
+    """An encoding, by its media type."""
+
+    JSON = "application/json"
+    MSGPACK = "application/msgpack"
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """The reply to a reset or a step, before it is encoded.
+
+    Attributes:
+        seq: 0 for a reset.
+        observation: as ``wire`` encodes it.
+        wire: the observation's encoding.
+        head: fields before the observation.
+        tail: fields after it.
+    """
+
+    seq: int
+    observation: bytes
+    wire: Wire
+    track: Track
+    head: tuple[tuple[str, object], ...]
+    tail: tuple[tuple[str, object], ...]
+
+    def render(self, wire: Wire) -> bytes:
+        """The reply's body."""
+        observation = self.observation if wire is self.wire else _transcode(self.observation, self.track, wire)
+        return _json(self, observation) if wire is Wire.JSON else _msgpack(self, observation)
+
+
+def reset_reply(
+    episode: str,
+    observation: bytes,
+    wire: Wire,
+    track: Track,
+    *,
+    town: str | None,
+    trial: str | None,
+    lease_s: float,
+) -> Reply:
+    """The reply to a reset; town and trial are left out where they are None."""
+    tail: list[tuple[str, object]] = [("lease_expires_in_s", lease_s)]
+    tail += [(key, value) for key, value in (("town", town), ("trial", trial)) if value is not None]
+    return Reply(0, observation, wire, track, (("id", episode), ("seq", 0)), tuple(tail))
+
+
+def step_reply(
+    seq: int,
+    observation: bytes,
+    wire: Wire,
+    track: Track,
+    *,
+    terminated: bool,
+    truncated: bool,
+    reward: float | None,
+    verdict: Verdict | None,
+) -> Reply:
+    """The reply to a step; reward and verdict are left out where they are None."""
+    tail: tuple[tuple[str, object], ...] = (("terminated", terminated), ("truncated", truncated))
+    if reward is not None:
+        tail += (("reward", reward),)
+    if verdict is not None:
+        tail += (("verdict", verdict.value),)
+    return Reply(seq, observation, wire, track, (("seq", seq),), tail)
+
+
+_OBSERVATION_JSON: Final = b',"observation":'
+_OBSERVATION_MSGPACK: Final = msgpack.packb("observation")
+
+
+def _json(reply: Reply, observation: bytes) -> bytes:
+    head, tail = orjson.dumps(dict(reply.head)), orjson.dumps(dict(reply.tail))
+    return b"".join((head[:-1], _OBSERVATION_JSON, observation, b",", tail[1:]))
+
+
+def _msgpack(reply: Reply, observation: bytes) -> bytes:
+    packer = msgpack.Packer(autoreset=False)
+    packer.pack_map_header(len(reply.head) + 1 + len(reply.tail))
+    for key, value in reply.head:
+        packer.pack(key)
+        packer.pack(value)
+    head = packer.bytes()
+    packer.reset()
+    for key, value in reply.tail:
+        packer.pack(key)
+        packer.pack(value)
+    return b"".join((head, _OBSERVATION_MSGPACK, observation, packer.bytes()))
+
+
+def _transcode(observation: bytes, track: Track, wire: Wire) -> bytes:
+    # Only where a reply is asked for again in the other encoding; numpy and gymnasium are loaded for it then.
+    from wrongturn_protocol import observations  # noqa: PLC0415
+
+    message = msgpack.unpackb(observation) if wire is Wire.JSON else orjson.loads(observation)
+    binary = wire is Wire.MSGPACK
+    encoded = observations.encode(observations.decode(message, track), track, binary=binary)
+    return msgpack.packb(encoded) if binary else orjson.dumps(encoded)
