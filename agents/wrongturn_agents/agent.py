@@ -25,7 +25,7 @@ class Agent(Protocol):
     must forget it in :meth:`reset`, since trials come in a secret order.
     """
 
-    def reset(self, observation_space: spaces.Dict) -> None:
+    def reset(self, observation_space: spaces.Space[Any]) -> None:
         """Begin a new episode.
 
         Args:

@@ -6,10 +6,11 @@
     ├── UnknownAgentError        no agent is registered under the name
     ├── AgentImportError         package.module:Class cannot be imported
     ├── NotAnAgentError          it was imported, and it is no agent
+    ├── AgentFailedError         it raised something while it drove
     ├── ModelFileError           an .onnx file is missing, broken or has other inputs and outputs
     ├── OnnxRuntimeMissingError  the extra ``onnx`` is not installed
-    ├── RunFileError             a run cannot be resumed: its file is missing or not readable
-    └── AgentNameTakenError      another agent already has the name
+    ├── RunError                 a run cannot begin: its name is taken, its track is not in the suite, ...
+    └── RunFileError             a run cannot be resumed: its file is missing or not readable
 """
 
 
@@ -29,6 +30,10 @@ class NotAnAgentError(AgentsError):
     """What was imported lacks ``reset``, ``act`` or ``track``."""
 
 
+class AgentFailedError(AgentsError):
+    """An agent raised something while it drove; the cause says what."""
+
+
 class ModelFileError(AgentsError):
     """An ONNX file is missing, broken or does not keep to the contract."""
 
@@ -37,9 +42,9 @@ class OnnxRuntimeMissingError(AgentsError):
     """onnxruntime is not installed."""
 
 
+class RunError(AgentsError):
+    """A run cannot begin as it was asked for."""
+
+
 class RunFileError(AgentsError):
     """A run cannot be resumed from what was named."""
-
-
-class AgentNameTakenError(AgentsError):
-    """The service already has an agent of that name."""

@@ -61,7 +61,7 @@ class OnnxAgent:
             raise ModelFileError(f"{file}: outputs: {', '.join(outputs)}; the contract wants one called {_OUTPUT}")
         self._file = file
 
-    def reset(self, observation_space: spaces.Dict) -> None:
+    def reset(self, observation_space: spaces.Space[Any]) -> None:
         """A model keeps no memory."""
 
     def act(self, observation: Observation) -> Action:

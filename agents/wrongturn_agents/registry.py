@@ -86,6 +86,8 @@ def resolve(named: str) -> AgentSource:
 
 def _imported(named: str) -> Any:
     module_name, _, attribute = named.partition(":")
+    if not module_name:
+        raise AgentImportError(f"agent: {named}: no module before the colon; write package.module:Class")
     if "" not in sys.path:
         sys.path.insert(0, "")  # a class in the working directory, as with python -m
     try:

@@ -6,7 +6,7 @@ What a baseline adds is its choice at a junction, :meth:`Driver.choose`.
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from gymnasium import spaces
@@ -78,7 +78,7 @@ class Driver(ABC):
         """(N, 2) points from the stop line on in a chosen direction; by default the permitted exit's."""
         return view.exits[direction]
 
-    def reset(self, observation_space: spaces.Dict) -> None:  # noqa: ARG002 - it drives in one track alone
+    def reset(self, observation_space: spaces.Space[Any]) -> None:  # noqa: ARG002 - it drives in one track alone
         """Forget the last episode."""
         self._forget()
 

@@ -1,6 +1,6 @@
 """``parked``: never goes anywhere."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from gymnasium import spaces
 
@@ -16,7 +16,7 @@ class Parked:
     kind: ClassVar[AgentKind] = AgentKind.BASELINE
     description: ClassVar[str] = "Brakes at once and stands; shows that standing still earns no rank."
 
-    def reset(self, observation_space: spaces.Dict) -> None:
+    def reset(self, observation_space: spaces.Space[Any]) -> None:
         """There is nothing to forget."""
 
     def act(self, observation: Observation) -> Action:  # noqa: ARG002 - that is the point of it

@@ -1,0 +1,131 @@
+"""``wrongturn run``: an agent's worker at the command line."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from wrongturn_agents.progress_style import ProgressStyle
+
+if TYPE_CHECKING:
+    from wrongturn_protocol import EvaluationDetail
+
+DEFAULT_SUITE = "wrong-command@1"
+_INTERRUPTED = 130
+
+
+def run(
+    agent: Annotated[
+        str | None,
+        typer.Argument(
+            help="A registered name (see 'wrongturn agents'), package.module:Class, or an .onnx file.",
+            show_default=False,
+        ),
+    ] = None,
+    *,
+    suite: Annotated[str, typer.Option(help="The suite of trials.")] = DEFAULT_SUITE,
+    url: Annotated[
+        str | None,
+        typer.Option(
+            envvar="WRONGTURN_URL",
+            help="The service; without it one is started for as long as the run lasts.",
+            show_default=False,
+        ),
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Option(help="Name on the leaderboard; by default the agent's own.", show_default=False),
+    ] = None,
+    json_file: Annotated[
+        Path | None,
+        typer.Option("--json", metavar="FILE", help="Write the evaluation with its metrics.", show_default=False),
+    ] = None,
+    resume: Annotated[
+        str | None,
+        typer.Option(metavar="ID|FILE", help="Go on with a run that was interrupted.", show_default=False),
+    ] = None,
+    progress: Annotated[
+        ProgressStyle,
+        typer.Option(help="How to tell the progress, on stderr: a bar, lines, or JSON lines for a program."),
+    ] = ProgressStyle.AUTO,
+) -> None:
+    """Drive an agent through a suite and print the table in the paper's layout.
+
+    WRONGTURN_TOKEN: the token of an agent that is registered already.
+
+    WRONGTURN_OPERATOR_TOKEN: registers a baseline as one.
+    """
+    import traceback  # noqa: PLC0415 - the program starts quickly without what only this command needs
+
+    from wrongturn_agents.errors import AgentFailedError  # noqa: PLC0415
+    from wrongturn_client.tables import console, evaluation_table  # noqa: PLC0415
+
+    try:
+        shown, evaluation = _run(
+            agent, suite=suite, url=url, name=name, json_file=json_file, resume=resume, progress=progress
+        )
+    except AgentFailedError as error:
+        if error.__cause__ is not None:  # it is the user's own program: show where it broke
+            traceback.print_exception(error.__cause__)
+        raise
+    except KeyboardInterrupt:
+        raise typer.Exit(_INTERRUPTED) from None
+    if evaluation.metrics is not None:
+        console().print(evaluation_table(shown, evaluation.metrics))
+
+
+def _run(
+    agent: str | None,
+    *,
+    suite: str,
+    url: str | None,
+    name: str | None,
+    json_file: Path | None,
+    resume: str | None,
+    progress: ProgressStyle,
+) -> tuple[str, "EvaluationDetail"]:
+    """Run it; gives the agent's name on the leaderboard and the finished evaluation."""
+    import os  # noqa: PLC0415
+
+    from wrongturn_agents.errors import RunError  # noqa: PLC0415
+    from wrongturn_agents.progress import report  # noqa: PLC0415
+    from wrongturn_agents.registry import resolve  # noqa: PLC0415
+    from wrongturn_agents.run_file import RunFile  # noqa: PLC0415
+    from wrongturn_agents.worker import OPERATOR_TOKEN, RunRequest, begin, drive, service_at  # noqa: PLC0415
+    from wrongturn_client import settings  # noqa: PLC0415
+
+    run_file: RunFile | None = None
+    if json_file is not None and (json_file.is_dir() or not json_file.absolute().parent.is_dir()):
+        raise RunError(f"--json: {json_file} cannot be written; name a file in a directory that exists")
+    if resume is not None:
+        run_file = RunFile.load(resume)
+        if agent is not None and agent != run_file.agent:
+            raise RunError(f"AGENT: that run is of {run_file.agent}, not of {agent}; leave AGENT out with --resume")
+        agent, suite, url = run_file.agent, run_file.suite, url or run_file.url
+    if agent is None:
+        raise RunError("AGENT: name one, or a run to go on with by --resume; 'wrongturn agents' lists the shipped ones")
+    source = resolve(agent)
+    token = settings.token() if url is not None else None
+    if run_file is None and token is not None and name is not None:
+        raise RunError("--name: WRONGTURN_TOKEN is the token of an agent that has its name; leave out one of the two")
+    with service_at(url, os.environ.get(OPERATOR_TOKEN) or None) as (at, operator_token):
+        if run_file is None:
+            request = RunRequest(agent=agent, suite=suite, url=url, name=name, token=token)
+            run_file = begin(request, source, at, operator_token)
+        shown = run_file.name or source.name
+        typer.echo(f"{shown} on {suite} at {at}: evaluation {run_file.evaluation}", err=True)
+        try:
+            with report(progress, shown) as told:
+                evaluation = drive(run_file, source, at, told)
+        except BaseException:
+            typer.echo(f"Not finished. To go on with it: wrongturn run --resume {run_file.evaluation}", err=True)
+            raise
+    if json_file is not None:
+        try:
+            json_file.write_text(evaluation.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise RunError(
+                f"--json: {json_file} cannot be written ({error.strerror}); the run is finished: "
+                f"'wrongturn run --resume {run_file.evaluation} --json FILE' writes it elsewhere",
+            ) from error
+    return shown, evaluation

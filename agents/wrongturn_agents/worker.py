@@ -1,0 +1,158 @@
+"""The worker: puts one agent on one suite of a service and sees it through."""
+
+import contextlib
+import secrets
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import Any, Final
+
+from gymnasium import spaces
+
+from wrongturn_agents.agent import Agent
+from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError
+from wrongturn_agents.registry import AgentSource
+from wrongturn_agents.run_file import RunFile
+from wrongturn_client import AgentNameTakenError, Client, LocalService, NotFoundError
+from wrongturn_protocol import Action, AgentKind, EvaluationDetail, RegisteredAgent
+from wrongturn_protocol.observations import Observation
+
+_NAMES_TRIED: Final = 100
+OPERATOR_TOKEN: Final = "WRONGTURN_OPERATOR_TOKEN"  # noqa: S105 - the variable's name
+"""The environment variable whose token lets baselines be called so."""
+
+Progress = Callable[[int, int], None]
+"""Called with the numbers of finished and of all episodes."""
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What to run, and where."""
+
+    agent: str
+    """A registered name, ``package.module:Class`` or an ``.onnx`` file."""
+    suite: str
+    url: str | None = None
+    """Of the service; None for one of the worker's own."""
+    name: str | None = None
+    """On the leaderboard; None for the agent's own, numbered where that is taken."""
+    token: str | None = None
+    """Of an agent that is registered already; None to register it."""
+    operator_token: str | None = None
+    """Lets an agent be registered as what it says it is, such as a baseline."""
+
+
+@contextlib.contextmanager
+def service_at(url: str | None, operator_token: str | None) -> Iterator[tuple[str, str | None]]:
+    """The URL and the operator's token of a service: the one that is named, or one's own as long as the block lasts."""
+    if url is not None:
+        yield url, operator_token
+        return
+    own_token = operator_token or secrets.token_urlsafe(32)
+    with LocalService(environment={OPERATOR_TOKEN: own_token}) as service:
+        yield service.url, own_token
+
+
+def begin(request: RunRequest, source: AgentSource, url: str, operator_token: str | None) -> RunFile:
+    """Register the agent, begin its evaluation and note how to go on with it.
+
+    Raises:
+        RunError: the name is taken, or the suite does not have the agent's track.
+        RunFileError: the note cannot be written.
+        WrongturnError: the service refuses, or cannot be reached.
+    """
+    with Client(url, operator_token) as client:
+        suite = client.suite(request.suite)
+        if source.track not in suite.tracks:
+            raise RunError(
+                f"suite: {suite.id} is driven in the tracks {', '.join(suite.tracks)}, "
+                f"and {source.name} wants {source.track}; choose another suite or agent",
+            )
+        token, name = request.token, None
+        if token is None:
+            registered = _register(client, request, source, operator_token)
+            token, name = registered.token, registered.name
+    with Client(url, token) as client:
+        evaluation = client.create_evaluation(request.suite)
+        if request.token is not None:
+            _same_track(client, evaluation, source)
+    agent = str(Path(request.agent).resolve()) if request.agent.endswith(".onnx") else request.agent
+    run_file = RunFile(
+        agent=agent,
+        name=name,
+        suite=request.suite,
+        evaluation=evaluation.id,
+        token=token,
+        url=request.url,
+    )
+    run_file.save()
+    return run_file
+
+
+def drive(run_file: RunFile, source: AgentSource, url: str, progress: Progress) -> EvaluationDetail:
+    """Drive an evaluation to its end, from wherever it is.
+
+    Raises:
+        AgentFailedError: the agent raised something; the episode counts as aborted, and the run can be resumed.
+        WrongturnError: the service refuses, or cannot be reached any more; the run can be resumed.
+    """
+    policy = _Guarded(source.name, source.make())
+    with Client(url, run_file.token) as client:
+        return client.evaluate(policy, run_file.suite, evaluation=run_file.evaluation, progress=progress)
+
+
+def _register(
+    client: Client,
+    request: RunRequest,
+    source: AgentSource,
+    operator_token: str | None,
+) -> RegisteredAgent:
+    kind = source.kind if operator_token else AgentKind.SUBMITTED
+    for number in count(1):
+        name = request.name or (source.name if number == 1 else f"{source.name}-{number}")
+        try:
+            return client.register(name, source.track, description=source.description or None, kind=kind)
+        except AgentNameTakenError as error:
+            if request.name is not None:
+                raise RunError(f"--name: {name!r} is taken at {client.url}; choose another") from error
+            if number >= _NAMES_TRIED:
+                raise RunError(
+                    f"--name: {source.name} to {name} are all taken at {client.url}; give one yourself",
+                ) from error
+    raise AssertionError("count() has no end")
+
+
+def _same_track(client: Client, evaluation: EvaluationDetail, source: AgentSource) -> None:
+    """An agent that was registered before may have been so for another track."""
+    with contextlib.suppress(NotFoundError):
+        registered = client.agent(evaluation.agent)
+        if registered.track is not source.track:
+            client.cancel_evaluation(evaluation.id)
+            raise RunError(
+                f"WRONGTURN_TOKEN: it is the token of {registered.name}, registered for the track {registered.track}, "
+                f"and {source.name} wants {source.track}; unset it to register anew",
+            )
+
+
+class _Guarded:
+    """Passes the two calls on, so that an agent's own mistake is told from the service's."""
+
+    def __init__(self, name: str, agent: Agent) -> None:
+        self._name, self._agent = name, agent
+
+    def reset(self, observation_space: spaces.Space[Any]) -> None:
+        try:
+            self._agent.reset(observation_space)
+        except AgentsError:
+            raise
+        except Exception as error:
+            raise AgentFailedError(f"agent: {self._name}.reset raised {type(error).__name__}: {error}") from error
+
+    def act(self, observation: Observation) -> Action:
+        try:
+            return self._agent.act(observation)
+        except AgentsError:
+            raise
+        except Exception as error:
+            raise AgentFailedError(f"agent: {self._name}.act raised {type(error).__name__}: {error}") from error

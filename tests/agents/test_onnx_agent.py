@@ -1,0 +1,91 @@
+import builtins
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_onnx import write_concat_model
+
+from wrongturn_agents import resolve
+from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
+from wrongturn_protocol import Track
+from wrongturn_protocol.observations import Observation, observation_space
+
+pytest.importorskip("onnxruntime")
+
+
+def observation(speed: float, steering: float) -> Observation:
+    return {
+        "speed": np.array([speed], np.float32),
+        "steering": np.array([steering], np.float32),
+        "command": np.array([4], np.int64),
+    }
+
+
+def test_a_model_drives(tmp_path):
+    source = resolve(str(write_concat_model(tmp_path / "tiny.onnx", ("steering", "speed", "speed"))))
+    assert (source.name, source.track) == ("tiny", Track.STATE)
+    agent = source.make()
+    agent.reset(observation_space(Track.STATE))
+    action = agent.act(observation(speed=0.25, steering=-0.5))
+    assert (action.steer, action.throttle, action.brake) == (-0.5, 0.25, 0.25)
+
+
+def test_an_action_out_of_range_is_clipped(tmp_path):
+    agent = resolve(str(write_concat_model(tmp_path / "tiny.onnx", ("speed", "steering", "speed")))).make()
+    action = agent.act(observation(speed=7.0, steering=-1.0))
+    assert (action.steer, action.throttle, action.brake) == (1.0, 0.0, 1.0)
+
+
+def test_metadata_names_the_agent_and_its_track(tmp_path):
+    metadata = {"name": "mine", "track": "camera", "description": "A try."}
+    file = write_concat_model(tmp_path / "tiny.onnx", ("steering", "speed", "speed"), metadata=metadata)
+    source = resolve(str(file))
+    assert (source.name, source.track, source.description) == ("mine", Track.CAMERA, "A try.")
+
+
+@pytest.mark.parametrize(
+    ("inputs", "extra", "says"),
+    [
+        (("steering", "speed", "velocity"), {}, "velocity: no such observation key"),
+        (("steering", "speed", "speed"), {"output": "control"}, "outputs: control; the contract wants one called"),
+        (("steering", "speed", "speed"), {"metadata": {"track": "sonar"}}, "metadata track: 'sonar' is none of"),
+    ],
+)
+def test_a_model_against_the_contract(tmp_path, inputs, extra, says):
+    file = write_concat_model(tmp_path / "tiny.onnx", inputs, **extra)
+    with pytest.raises(ModelFileError) as caught:
+        resolve(str(file))
+    assert says in str(caught.value)
+
+
+def test_an_action_of_another_shape(tmp_path):
+    agent = resolve(str(write_concat_model(tmp_path / "tiny.onnx", ("steering", "speed")))).make()
+    with pytest.raises(ModelFileError, match=r"must be finite and \(1, 3\)"):
+        agent.act(observation(1.0, 0.0))
+
+
+def test_an_action_that_is_not_finite(tmp_path):
+    agent = resolve(str(write_concat_model(tmp_path / "tiny.onnx", ("steering", "speed", "speed")))).make()
+    with pytest.raises(ModelFileError, match="must be finite"):
+        agent.act(observation(float("nan"), 0.0))
+
+
+def test_a_file_that_is_no_model(tmp_path):
+    file = tmp_path / "text.onnx"
+    file.write_text("not a model")
+    with pytest.raises(ModelFileError, match="cannot load it"):
+        resolve(str(file))
+
+
+def test_without_onnxruntime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    file = write_concat_model(tmp_path / "tiny.onnx", ("steering", "speed", "speed"))
+    real_import = builtins.__import__
+
+    def no_onnxruntime(name, *args, **kwargs):
+        if name == "onnxruntime":
+            raise ImportError(name)
+        return real_import(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", no_onnxruntime)
+    with pytest.raises(OnnxRuntimeMissingError, match=r"pip install 'wrongturn-agents\[onnx\]'"):
+        resolve(str(file))

@@ -1,0 +1,114 @@
+import sys
+from pathlib import Path
+
+import pytest
+
+from wrongturn_agents import AGENTS, Agent, AgentListing, list_agents, resolve
+from wrongturn_agents.errors import AgentImportError, ModelFileError, NotAnAgentError, UnknownAgentError
+from wrongturn_protocol import AgentKind, Track
+
+OWN = '''
+from wrongturn_protocol import Action
+
+class Own:
+    """Drives straight on.
+
+    More of it.
+    """
+
+    track = "state"
+
+    def reset(self, observation_space): ...
+
+    def act(self, observation):
+        return Action(steer=0.0, throttle=0.5, brake=0.0)
+
+class NoTrack(Own):
+    track = None
+
+class OddTrack(Own):
+    track = "sonar"
+
+class NoAct:
+    track = "state"
+
+    def reset(self, observation_space): ...
+
+class Needy(Own):
+    def __init__(self, weights): ...
+
+a_function = len
+'''
+
+
+@pytest.fixture
+def own_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    (tmp_path / "own_driver.py").write_text(OWN)
+    (tmp_path / "broken_driver.py").write_text("import no_such_module_here\n")
+    monkeypatch.chdir(tmp_path)
+    for name in ("own_driver", "broken_driver"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    return "own_driver"
+
+
+def test_the_five_baselines_are_listed():
+    assert [agent.name for agent in list_agents()] == [
+        "parked",
+        "always-stops",
+        "ignores-commands",
+        "obeys-blindly",
+        "careful",
+    ]
+    for listing in list_agents():
+        assert isinstance(listing, AgentListing)
+        assert listing.track is Track.PRIVILEGED
+        assert listing.kind is AgentKind.BASELINE
+        assert listing.description.endswith(".")
+
+
+@pytest.mark.parametrize("name", sorted(AGENTS))
+def test_a_registered_name_makes_an_agent(name):
+    source = resolve(name)
+    assert source.name == name
+    agent = source.make()
+    assert isinstance(agent, Agent)
+    assert agent is not source.make()
+
+
+def test_an_unknown_name_lists_the_known_ones():
+    with pytest.raises(UnknownAgentError, match=r"'carefull'.*parked, always-stops.*careful.*package.module:Class"):
+        resolve("carefull")
+
+
+def test_a_class_in_the_working_directory(own_module):
+    source = resolve(f"{own_module}:Own")
+    assert (source.name, source.track, source.kind) == ("Own", Track.STATE, AgentKind.SUBMITTED)
+    assert source.description == "Drives straight on."
+    assert isinstance(source.make(), Agent)
+
+
+@pytest.mark.parametrize(
+    ("named", "error", "says"),
+    [
+        ("no_such_module:Own", AgentImportError, "no_such_module cannot be imported: ModuleNotFoundError"),
+        ("broken_driver:Own", AgentImportError, "No module named 'no_such_module_here'"),
+        ("own_driver:Other", AgentImportError, "own_driver has no Other"),
+        ("own_driver:", AgentImportError, "own_driver has no class name after the colon"),
+        (":Own", AgentImportError, "no module before the colon"),
+        ("own_driver:a_function", NotAnAgentError, "is no class"),
+        ("own_driver:NoAct", NotAnAgentError, "has no method act"),
+        ("own_driver:NoTrack", NotAnAgentError, "track is None; set the class attribute to one of camera"),
+        ("own_driver:OddTrack", NotAnAgentError, "track is 'sonar'"),
+        ("missing.onnx", ModelFileError, "missing.onnx: there is no such file"),
+    ],
+)
+def test_what_is_no_agent_is_told_clearly(own_module, named, error, says):
+    with pytest.raises(error) as caught:
+        resolve(named)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_class_that_needs_arguments(own_module):
+    with pytest.raises(NotAnAgentError, match=r"cannot be made without arguments.*weights"):
+        resolve(f"{own_module}:Needy").make()
