@@ -8,6 +8,7 @@
     ├── LocalServiceError            ``wrongturn serve`` did not come up
     ├── EvaluationStalledError       no trial was handed out for too long
     ├── PolicyError                  the policy gave something that is no action
+    ├── InvalidActionError           an action of the Gymnasium environment is none (also a ValueError)
     ├── PluginError                  another part's command, list or check cannot be loaded
     └── ApiError                     the service says no, by a problem of RFC 9457
         ├── AuthenticationError      no token, another's token, registration closed
@@ -61,6 +62,10 @@ class EvaluationStalledError(WrongturnError):
 
 class PolicyError(WrongturnError):
     """The policy gave something that is no action."""
+
+
+class InvalidActionError(WrongturnError, ValueError):
+    """An action given to the Gymnasium environment is none, or out of range."""
 
 
 class PluginError(WrongturnError):

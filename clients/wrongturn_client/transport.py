@@ -5,12 +5,13 @@ import random
 import time
 from dataclasses import dataclass
 from typing import Any, Final
-from urllib.parse import quote
+from urllib.parse import SplitResult, quote, urlsplit
 
 import httpx
 import msgpack
 from pydantic import ValidationError
 
+from wrongturn_client.connections import Answer, ConnectionBrokeError, connect
 from wrongturn_client.errors import (
     ProtocolError,
     ServiceBusyError,
@@ -30,10 +31,6 @@ _LONGEST_PAUSE: Final = 30.0
 """Seconds; a longer ``Retry-After`` is not waited for in one go."""
 _FIRST_CONTACT: Final = 2.0
 """Seconds of patience with a URL at which nobody has answered yet: it may well be mistyped."""
-
-
-class _ConnectionBrokeError(Exception):
-    """The connection could not be made, or broke before the answer was complete."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,22 +88,16 @@ class Transport:
             WrongturnError: the URL is none.
         """
         self.url = url.rstrip("/")
-        try:
-            parsed = httpx.URL(self.url)
-        except httpx.InvalidURL as error:
-            raise WrongturnError(f"url: {url!r} is no URL ({error}); give one such as http://127.0.0.1:8000") from error
-        if parsed.scheme not in {"http", "https"} or not parsed.host:
-            raise WrongturnError(f"url: {url!r} is no URL of a service; give one such as http://127.0.0.1:8000")
         self.patience = patience
-        self._client = httpx.Client(base_url=parsed, transport=transport, timeout=timeout)
-        self._client.headers["User-Agent"] = "wrongturn-client"
+        self._connections = connect(_split(self.url), timeout, transport)
+        self._headers = {"User-Agent": "wrongturn-client"}
         if token:
-            self._client.headers["Authorization"] = f"Bearer {token}"
+            self._headers["Authorization"] = f"Bearer {token}"
         self._answered = False
 
     def close(self) -> None:
         """Close the connections."""
-        self._client.close()
+        self._connections.close()
 
     def call(
         self,
@@ -144,7 +135,7 @@ class Transport:
         while True:
             try:
                 return self._once(method, path, headers, content)
-            except (_ConnectionBrokeError, ServiceBusyError) as error:
+            except (ConnectionBrokeError, ServiceBusyError) as error:
                 asked = getattr(error, "retry_after", None)
                 # Jitter, lest workers that lost the same service come back as one.
                 pause = growing * random.uniform(0.75, 1.25) if asked is None else min(asked, _LONGEST_PAUSE)
@@ -157,28 +148,25 @@ class Transport:
             time.sleep(pause)
 
     def _once(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Reply:
-        try:
-            response = self._client.request(method, path, headers=headers, content=content)
-        except httpx.TransportError as error:
-            raise _ConnectionBrokeError(str(error) or type(error).__name__) from error
+        answer = self._connections.exchange(method, path, self._headers | headers, content)
         self._answered = True
-        return check(response.status_code, response.headers, response.content)
+        return check(answer)
 
 
-def check(status: int, headers: Any, content: bytes) -> Reply:
+def check(answer: Answer) -> Reply:
     """The answer, where it is no error.
 
     Raises:
         ApiError: it is one.
         ProtocolError: it is a redirection.
     """
-    media_type = headers.get("content-type", "").partition(";")[0].strip().lower()
+    status = answer.status
     if status < 300:
-        return Reply(status, media_type, content)
+        return Reply(status, answer.media_type.partition(";")[0].strip().lower(), answer.content)
     if status < 400:
-        raise ProtocolError(f"the service redirects to {headers.get('location', 'nowhere')}; give that URL")
+        raise ProtocolError(f"the service redirects to {answer.location or 'nowhere'}; give that URL")
     try:
-        problem = Problem.model_validate_json(content)
+        problem = Problem.model_validate_json(answer.content)
     except ValidationError:
         phrase = httpx.codes.get_reason_phrase(status)
         problem = Problem(
@@ -187,7 +175,7 @@ def check(status: int, headers: Any, content: bytes) -> Reply:
             status=status,
             detail=f"{status} {phrase}, without a problem's description; is there a Wrongturn service at this URL?",
         )
-    raise api_error(problem, _seconds(headers.get("retry-after")))
+    raise api_error(problem, _seconds(answer.retry_after))
 
 
 def _seconds(value: str | None) -> float | None:
@@ -196,6 +184,21 @@ def _seconds(value: str | None) -> float | None:
         return max(0.0, float(value)) if value is not None else None
     except ValueError:
         return None
+
+
+def _split(url: str) -> SplitResult:
+    """The parts of a service's URL.
+
+    Raises:
+        WrongturnError: it is none.
+    """
+    try:
+        parts = urlsplit(url)
+        if parts.scheme in {"http", "https"} and parts.hostname and parts.port != 0:
+            return parts
+    except ValueError:
+        pass
+    raise WrongturnError(f"url: {url!r} is no URL of a service; give one such as http://127.0.0.1:8000")
 
 
 def path_of(*parts: str) -> str:

@@ -1,0 +1,28 @@
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+_PATH = Path(__file__).with_name("fake_service.py")
+
+
+def _load() -> ModuleType:
+    # Test folders are no packages (pytest's importlib mode), so the fake is loaded by its path.
+    spec = importlib.util.spec_from_file_location("client_fake_service", _PATH)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["client_fake_service"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+_load()
+
+
+@pytest.fixture(autouse=True)
+def _plain_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("WRONGTURN_URL", "WRONGTURN_TOKEN", "WRONGTURN_OPERATOR_TOKEN"):
+        monkeypatch.delenv(name, raising=False)

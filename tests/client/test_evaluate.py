@@ -1,0 +1,236 @@
+"""An evaluation comes to its end, whatever happens on the way."""
+
+import hashlib
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from client_fake_service import FakeService, problem
+from gymnasium import spaces
+
+from wrongturn_client import (
+    Action,
+    Client,
+    EvaluationCancelledError,
+    Policy,
+    PolicyError,
+    ResultsMismatchError,
+    WrongturnError,
+)
+from wrongturn_protocol import EvaluationState, ProblemType, Track
+from wrongturn_protocol.observations import Observation, observation_space
+
+
+class Driver:
+    """Steers by the speed that it sees, so that the actions differ."""
+
+    def __init__(self) -> None:
+        self.resets: list[spaces.Space[Any]] = []
+        self.observations: list[Observation] = []
+
+    def reset(self, observation_space: spaces.Space[Any]) -> None:
+        self.resets.append(observation_space)
+
+    def act(self, observation: Observation) -> Action:
+        self.observations.append(observation)
+        return Action(steer=float(observation["speed"][0]) / 44, throttle=1, brake=0)
+
+
+def _client(service: FakeService, **options: Any) -> Client:
+    return Client("http://fake", "secret", transport=service.transport, **options)
+
+
+@pytest.mark.parametrize("track", list(Track))
+@pytest.mark.parametrize("binary", [True, False])
+def test_drives_all_trials_of_every_track(track: Track, binary: bool) -> None:
+    service = FakeService(track=track)
+    driver = Driver()
+    told: list[tuple[int, int]] = []
+    with _client(service, binary=binary) as client:
+        detail = client.evaluate(driver, "smoke@1", progress=lambda done, of: told.append((done, of)))
+    assert isinstance(driver, Policy)
+    assert detail.state is EvaluationState.FINISHED
+    assert detail.metrics is not None
+    assert told == [(n, 4) for n in range(5)]
+    assert driver.resets == [observation_space(track)] * 4
+    assert len(driver.observations) == 4 * 3
+    for observation in driver.observations:
+        assert set(observation) == set(observation_space(track))
+        assert all(observation[key].dtype == box.dtype for key, box in observation_space(track).items())
+
+
+def test_puts_what_it_did() -> None:
+    service = FakeService()
+    with _client(service) as client:
+        client.evaluate(Driver(), "smoke@1", versions={"mine": "7"})
+    assert service.results is not None
+    assert service.results["versions"]["mine"] == "7"
+    assert "wrongturn-client" in service.results["versions"]
+    assert len(service.results["episodes"]) == 4
+    for record in service.results["episodes"]:
+        actions = np.array(service.seen[record["episode"]], dtype="<f4")
+        assert actions.shape == (record["steps"], 3)
+        assert record["actions_sha256"] == hashlib.sha256(actions.tobytes()).hexdigest()
+        assert record["latency_ms"] >= 0
+
+
+def _each_first_time(*, breaks: Callable[[], httpx.Response | Exception]) -> Callable[[httpx.Request], Any]:
+    seen: set[tuple[str, str, bytes]] = set()
+
+    def inject(request: httpx.Request) -> httpx.Response | Exception | None:
+        key = (request.method, request.url.path, request.content)
+        if key in seen:
+            return None
+        seen.add(key)
+        return breaks()
+
+    return inject
+
+
+BREAKS = {
+    "connect": lambda: httpx.ConnectError("refused"),
+    "read": lambda: httpx.ReadError("reset"),
+    "timeout": lambda: httpx.ReadTimeout("slow"),
+    "disconnect": lambda: httpx.RemoteProtocolError("gone"),
+    "502": lambda: httpx.Response(502, content=b"<html>"),
+    "503": lambda: problem(ProblemType.SIMULATORS_BUSY, 503, headers={"retry-after": "0"}),
+    "504": lambda: httpx.Response(504),
+    "429": lambda: problem(ProblemType.RATE_LIMITED, 429, headers={"retry-after": "0"}),
+}
+
+
+@pytest.mark.parametrize("name", BREAKS)
+@pytest.mark.parametrize("when", ["inject", "after"])
+def test_every_call_survives_a_first_failure(name: str, when: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    # "after": the call had its effect and only its answer was lost, so the repetition must be recognised.
+    monkeypatch.setattr("wrongturn_client.transport._SHORTEST_PAUSE", 0.001)
+    service = FakeService()
+    setattr(service, when, _each_first_time(breaks=BREAKS[name]))
+    with _client(service) as client:
+        detail = client.evaluate(Driver(), "smoke@1")
+    assert detail.state is EvaluationState.FINISHED
+    assert [len(actions) for actions in service.seen.values()] == [3] * 4
+    assert service.aborted == []
+
+
+def test_a_lost_episode_is_nobodys_fault_and_the_next_is_taken() -> None:
+    service = FakeService()
+    service.lost.add("ep1")
+    with _client(service) as client:
+        detail = client.evaluate(Driver(), "smoke@1")
+    assert detail.state is EvaluationState.FINISHED
+    assert service.results is not None
+    assert [record["episode"] for record in service.results["episodes"]] == ["ep0", "ep2", "ep3", "ep4"]
+
+
+def test_waits_while_no_trial_is_available(monkeypatch: pytest.MonkeyPatch) -> None:
+    pauses: list[float] = []
+    monkeypatch.setattr("wrongturn_client.evaluate.time.sleep", pauses.append)
+    service = FakeService()
+    answers = [problem(ProblemType.NO_TRIAL_AVAILABLE, 409, headers={"retry-after": "2"}) for _ in range(3)]
+    service.inject = lambda request: (
+        answers.pop() if answers and request.url.path.endswith("/e1/episodes") and request.method == "POST" else None
+    )
+    with _client(service) as client:
+        assert client.evaluate(Driver(), "smoke@1").state is EvaluationState.FINISHED
+    assert pauses == [2.0, 2.0, 2.0]
+
+
+def test_goes_on_with_an_open_episode_from_its_last_reply() -> None:
+    service = FakeService(steps=5)
+
+    class Killed(Exception):  # noqa: N818
+        pass
+
+    def kill(request: httpx.Request) -> None:
+        if request.url.path.endswith("/ep1/step") and len(service.seen["ep1"]) == 2:
+            raise Killed
+
+    service.inject = kill
+    with _client(service) as client, pytest.raises(Killed):
+        client.evaluate(Driver(), "smoke@1")
+    service.inject = None
+    assert service.open == ["ep1"]
+    driver = Driver()
+    told: list[tuple[int, int]] = []
+    with _client(service) as client:
+        detail = client.evaluate(driver, "smoke@1", evaluation="e1", progress=lambda done, of: told.append((done, of)))
+    assert detail.state is EvaluationState.FINISHED
+    assert [len(actions) for actions in service.seen.values()] == [5] * 4
+    assert len(driver.observations) == 3 + 2 * 5
+    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert service.results is not None
+    assert [record["episode"] for record in service.results["episodes"]] == ["ep2", "ep3"], "its first half is unknown"
+
+
+def test_resuming_a_finished_evaluation_gives_it() -> None:
+    service = FakeService(trials=0)
+    with _client(service) as client:
+        detail = client.evaluate(Driver(), "smoke@1", evaluation="e1")
+    assert detail.metrics is not None
+    assert service.paths("POST") == []
+
+
+def test_resuming_needs_the_same_suite() -> None:
+    with _client(FakeService()) as client, pytest.raises(WrongturnError, match="smoke@1, not on other@1"):
+        client.evaluate(Driver(), "other@1", evaluation="e1")
+
+
+class Broken(Driver):
+    def act(self, observation: Observation) -> Action:
+        if len(self.observations) == 4:
+            raise RuntimeError("no idea")
+        return super().act(observation)
+
+
+class Wordy(Driver):
+    def act(self, observation: Observation) -> Action:
+        return "left"  # type: ignore[return-value]
+
+
+class NotReady(Driver):
+    def reset(self, observation_space: spaces.Space[Any]) -> None:
+        raise RuntimeError("no idea")
+
+
+@pytest.mark.parametrize(("policy", "error"), [(Broken, RuntimeError), (Wordy, PolicyError), (NotReady, RuntimeError)])
+def test_a_policy_that_breaks_ends_its_episode_and_shows_why(policy: type[Driver], error: type[Exception]) -> None:
+    service = FakeService()
+    with _client(service) as client, pytest.raises(error):
+        client.evaluate(policy(), "smoke@1")
+    assert len(service.aborted) == 1
+    assert service.open == []
+
+
+def test_a_policy_that_breaks_shows_why_though_the_service_has_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    service = FakeService()
+    service.inject = lambda request: httpx.ConnectError("gone") if request.method == "DELETE" else None
+    with _client(service, patience=0) as client, pytest.raises(RuntimeError, match="no idea"):
+        client.evaluate(NotReady(), "smoke@1")
+
+
+def test_ctrl_c_leaves_the_episode_for_later() -> None:
+    class Interrupted(Driver):
+        def act(self, observation: Observation) -> Action:
+            raise KeyboardInterrupt
+
+    service = FakeService()
+    with _client(service) as client, pytest.raises(KeyboardInterrupt):
+        client.evaluate(Interrupted(), "smoke@1")
+    assert service.aborted == []
+
+
+def test_a_cancelled_evaluation_and_a_mismatch_are_told() -> None:
+    service = FakeService()
+    service.inject = lambda request: (
+        problem(ProblemType.EVALUATION_CANCELLED, 409) if request.url.path.endswith("/episodes") else None
+    )
+    with _client(service) as client, pytest.raises(EvaluationCancelledError):
+        client.evaluate(Driver(), "smoke@1")
+    service.inject = lambda request: (
+        problem(ProblemType.RESULTS_MISMATCH, 409) if request.url.path.endswith("/results") else None
+    )
+    with _client(service) as client, pytest.raises(ResultsMismatchError):
+        client.evaluate(Driver(), "smoke@1")
