@@ -5,7 +5,7 @@ import struct
 from typing import Final, NamedTuple, SupportsFloat
 
 from wrongturn_networks import load_town
-from wrongturn_protocol import Command, Outcome, Track, Trial, Verdict
+from wrongturn_protocol import Command, Outcome, Track, Trial
 from wrongturn_protocol.observations import Observation
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, EgoState, advance
 from wrongturn_sim.errors import (
@@ -21,13 +21,10 @@ from wrongturn_sim.route import Guidance, Navigator, start_pose
 from wrongturn_sim.simulator import Drive, Simulator
 from wrongturn_sim.trajectory import Row, Trajectory
 from wrongturn_sim.verdict import Judge, JudgeGeometry
-from wrongturn_sim.verdict.thresholds import THRESHOLDS
 
 _FLOAT32: Final = struct.Struct("<3f")
 _PER_SECOND: Final = round(1 / SUB_STEP)
 _RANGES: Final = {"steer": (-1.0, 1.0), "throttle": (0.0, 1.0), "brake": (0.0, 1.0)}
-_TIME_UP: Final = THRESHOLDS.time_limit - SUB_STEP / 2
-_BY_TIME: Final = frozenset({Verdict.TIMEOUT, Verdict.NOT_ENGAGED, Verdict.STOPPED_IN_JUNCTION})
 
 
 class Step(NamedTuple):
@@ -50,6 +47,8 @@ def _check(steer: SupportsFloat, throttle: SupportsFloat, brake: SupportsFloat) 
     """
     for (name, (low, high)), value in zip(_RANGES.items(), (steer, throttle, brake), strict=True):
         try:
+            if isinstance(value, str):
+                raise TypeError
             right = low <= float(value) <= high
         except (TypeError, ValueError):
             raise InvalidActionError(
@@ -175,7 +174,7 @@ class Episode:
         self._actions.append(action)
         self.steps += 1
         self._guide()
-        truncated = self._ran_out()
+        truncated = self._judge.ran_out
         return Step(
             self._observe(),
             reward(state[3], state[2], self._guidance),
@@ -201,11 +200,6 @@ class Episode:
         if self._drive is None:
             return hashlib.sha256(b"").hexdigest()
         return hashlib.sha256(b"".join(self._actions)).hexdigest()
-
-    def _ran_out(self) -> bool:
-        """Whether the outcome fell because the episode's time was up."""
-        outcome = self.outcome
-        return outcome is not None and outcome.verdict in _BY_TIME and outcome.time >= _TIME_UP
 
     def _guide(self) -> None:
         """Ask the route, and the fault, for the command of the coming 0.1 s."""

@@ -1,0 +1,96 @@
+"""How long one decision takes in process, against the bare libsumo calls that it must make.
+
+A decision is ``Episode.step`` in the track ``state``, ego alone, unwrapped: two sub-steps of 0.05 s with their
+judgement, the recorded rows, the route's command, the reward and a fresh observation. The bare calls are two
+``vehicle.moveToXY`` and two ``simulationStep`` to the same places. Both run by turns in one process, so that a busy
+machine slows both; the ratio of the medians is the figure.
+
+    python benchmarks/decision.py [--rounds 60] [--town junctions] [--json FILE]
+"""
+
+import argparse
+import json
+import math
+import statistics
+import time
+from pathlib import Path
+
+from wrongturn_networks import draw_trial, load_town
+from wrongturn_protocol import FaultKind, Track
+from wrongturn_sim.ego import SUB_STEPS, VEHICLE
+from wrongturn_sim.episode import Episode
+from wrongturn_sim.simulator import EGO, KEEP_ROUTE, load_libsumo
+
+DECISIONS = 30
+"""Of each round: three seconds, which end before any verdict falls."""
+ACTION = (0.01, 0.3, 0.0)
+
+
+def drive(episode: Episode) -> float:
+    """Seconds that a decision takes through the episode."""
+    episode.reset()
+    step = episode.step
+    begin = time.perf_counter()
+    for _ in range(DECISIONS):
+        step(*ACTION)
+    return (time.perf_counter() - begin) / DECISIONS
+
+
+def bare(calls: list[tuple[str, str, int, float, float, float, int]]) -> float:
+    """Seconds that the bare calls of a decision take."""
+    sumo = load_libsumo()
+    move, step = sumo.vehicle.moveToXY, sumo.simulationStep
+    begin = time.perf_counter()
+    for call in calls:
+        move(*call)
+        step()
+    return (time.perf_counter() - begin) / (len(calls) / SUB_STEPS)
+
+
+def measure(town_name: str, rounds: int) -> dict[str, float]:
+    """Microseconds a decision, both ways, and their ratio."""
+    town = load_town(town_name)
+    episode = Episode(draw_trial(town, min(town.approaches), FaultKind.NONE, 1), Track.STATE)
+    drive(episode)
+    calls = [
+        (
+            EGO,
+            "",
+            0,
+            row.x + VEHICLE.half_length * math.cos(row.yaw),
+            row.y + VEHICLE.half_length * math.sin(row.yaw),
+            90.0 - math.degrees(row.yaw),
+            KEEP_ROUTE,
+        )
+        for row in episode.trajectory.rows[1:]
+    ]
+    pairs = []
+    for _ in range(rounds):
+        ours = drive(episode)
+        episode.reset()
+        pairs.append((ours, bare(calls)))
+    decision, calls_alone = (statistics.median(values) * 1e6 for values in zip(*pairs, strict=True))
+    return {
+        "decision_us": decision,
+        "bare_us": calls_alone,
+        "ratio": statistics.median(ours / theirs for ours, theirs in pairs),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=60)
+    parser.add_argument("--town", default="junctions")
+    parser.add_argument("--json", type=Path, help="write the figures there too")
+    arguments = parser.parse_args()
+    figures = measure(arguments.town, arguments.rounds)
+    print(
+        f"one decision {figures['decision_us']:.1f} us, its bare libsumo calls {figures['bare_us']:.1f} us: "
+        f"ratio {figures['ratio']:.2f} (at most 2)",
+    )
+    if arguments.json:
+        arguments.json.write_text(json.dumps(figures) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""What the simulation's tests share: trials to drive, and a plain driver that follows paths."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wrongturn_networks import draw_trial, load_town
+from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Track, Trial
+from wrongturn_sim import Episode
+
+TOWN = "junctions"
+
+
+def _make_trial(
+    approach: str | None = None,
+    fault: FaultKind | str = FaultKind.NONE,
+    seed: int = 1,
+    *,
+    town: str = TOWN,
+    **more: Any,
+) -> Trial:
+    built = load_town(town)
+    if approach is None:
+        approach = next(name for name in sorted(built.approaches) if built.approach(name).type.missing is not None)
+    return draw_trial(built, approach, FaultKind(fault), seed, **more)
+
+
+@pytest.fixture(scope="session")
+def make_trial() -> Callable[..., Trial]:
+    """Draw a trial: of the first T approach of the small town unless told otherwise."""
+    return _make_trial
+
+
+def _steer(pose: np.ndarray, path: np.ndarray, reach: float = 4.5) -> float:
+    """Pure pursuit of a path."""
+    x, y, yaw = pose
+    distances = np.hypot(path[:, 0] - x, path[:, 1] - y)
+    nearest = int(distances.argmin())
+    ahead = nearest + int(np.argmax(distances[nearest:] >= reach)) if (distances[nearest:] >= reach).any() else -1
+    dx, dy = path[ahead] - (x, y)
+    along = dx * math.cos(yaw) + dy * math.sin(yaw)
+    aside = dy * math.cos(yaw) - dx * math.sin(yaw)
+    if along <= 0.0:
+        return 0.0
+    wheel = math.atan(2.9 * 2.0 * aside / (along * along + aside * aside))
+    return max(-1.0, min(1.0, -wheel / math.radians(35)))
+
+
+def _drive(trial: Trial, direction: Command | None = None, steps: int = 400) -> Episode:
+    """Drive a trial by the privileged observation's paths, by the route's exit unless told otherwise."""
+    episode = Episode(trial, Track.PRIVILEGED)
+    observation = episode.reset()
+    exit_row = DIRECTIONS.index(direction or trial.route)
+    for _ in range(steps):
+        stop_line = float(observation["stop_line"][0])
+        by_exit = observation["exits_mask"][exit_row] and stop_line < 4.0
+        path = observation["exits"][exit_row] if by_exit else observation["lane"]
+        speed = float(observation["speed"][0])
+        throttle, brake = (0.5, 0.0) if speed < 5.0 else (0.0, 0.1)
+        step = episode.step(_steer(observation["pose"], path.astype(float)), throttle, brake)
+        observation = step.observation
+        if step.terminated or step.truncated:
+            break
+    return episode
+
+
+@pytest.fixture(scope="session")
+def drive() -> Callable[..., Episode]:
+    """Drive a trial to its end by the paths that the privileged track shows."""
+    return _drive

@@ -1,0 +1,109 @@
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from wrongturn_networks import load_suite, load_town
+from wrongturn_sim import EpisodeNotStartedError, InvalidActionError, TrackNotAvailableError
+from wrongturn_sim.faults import FaultNotApplicableError
+
+ID = "wrongturn_sim:WrongturnSim-v0"
+COAST = np.array([0.0, 0.2, 0.0], np.float32)
+
+
+@pytest.mark.parametrize("track", ["state", "privileged"])
+def test_gymnasiums_checker(track):
+    env = gymnasium.make(ID, town="junctions", track=track)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*infinity.*")  # the town's frame has no end
+        check_env(env.unwrapped, skip_render_check=True)
+    env.close()
+
+
+@pytest.mark.parametrize("track", ["state", "privileged"])
+def test_stable_baselines_checker_and_a_hundred_steps_of_ppo(track):
+    sb3 = pytest.importorskip("stable_baselines3")
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # advice on normalised actions and on images
+        env = gymnasium.make(ID, town="junctions", track=track, fault="infeasible")
+        checker.check_env(env.unwrapped)
+        model = sb3.PPO("MultiInputPolicy", env, n_steps=50, batch_size=25, n_epochs=1, device="cpu", seed=1)
+        model.learn(100)
+    assert model.num_timesteps == 100
+
+
+def test_a_reset_with_a_seed_draws_the_same_trials_and_each_another():
+    env = gymnasium.make(ID, town="Town01", track="state", fault="omission")
+    one = [env.reset(seed=5 if k == 0 else None)[1]["trial"] for k in range(4)]
+    other = [env.reset(seed=5 if k == 0 else None)[1]["trial"] for k in range(4)]
+    assert one == other
+    assert len(set(one)) == 4
+    assert all(".omission." in name for name in one)
+
+
+def test_an_approach_a_trial_and_a_suite():
+    approach = min(load_town("Town01").approaches)
+    env = gymnasium.make(ID, town="Town01", approach=approach)
+    assert all(f"Town01.{approach}." in env.reset(seed=k)[1]["trial"] for k in range(3))
+    suite = load_suite("smoke@1")
+    trial = suite.trials[0]
+    env = gymnasium.make(ID, suite=suite.id, track="privileged")
+    assert env.reset(seed=1)[1]["trial"] in {episode.id for episode in suite.episodes}
+    assert env.reset(options={"trial": trial.id})[1]["trial"] == trial.id
+    assert env.reset(options={"trial": trial.twin()})[1]["trial"] == trial.twin().id
+    env = gymnasium.make(ID, suite=suite.id, trial=trial.id)
+    assert {env.reset()[1]["trial"] for _ in range(3)} == {trial.id}
+
+
+def test_the_end_tells_the_verdict():
+    env = gymnasium.make(ID, town="junctions", track="state")
+    env.reset(seed=1)
+    ended = False
+    while not ended:
+        _, reward, terminated, truncated, info = env.step(np.array([0.0, 0.0, 1.0], np.float32))
+        ended = terminated or truncated
+        assert ("verdict" in info) is ended
+    assert info["verdict"] == info["outcome"]["verdict"] == "not_engaged"
+    assert isinstance(reward, float)
+
+
+def test_bad_actions_and_steps_out_of_turn():
+    env = gymnasium.make(ID, town="junctions").unwrapped
+    with pytest.raises(EpisodeNotStartedError):
+        env.step(COAST)
+    env.reset(seed=0)
+    for action in ([0.0, 0.0], "left", None, np.zeros((3, 2))):
+        with pytest.raises(InvalidActionError, match="action"):
+            env.step(action)
+    with pytest.raises(InvalidActionError, match=r"action\.brake"):
+        env.step(np.array([0.0, 0.0, np.nan], np.float32))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "named"),
+    [
+        ({}, ValueError, "town"),
+        ({"town": "Nowhere"}, Exception, "Town01"),
+        ({"town": "Town01", "approach": "J99-S"}, Exception, "J99-S"),
+        ({"town": "Town01", "suite": "smoke@1"}, ValueError, "suite"),
+        ({"town": "Town01", "trial": "Town01.J1-S.none.s1"}, ValueError, "suite"),
+        ({"town": "Town01", "fault": "gremlins"}, ValueError, "gremlins"),
+        ({"town": "Town01", "track": "camera"}, TrackNotAvailableError, "privileged"),
+        ({"town": "Town01", "render_mode": "human"}, ValueError, "render_mode"),
+    ],
+)
+def test_what_cannot_be_made_says_why(arguments, error, named):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with pytest.raises(error, match=named):
+            gymnasium.make(ID, **arguments)
+
+
+def test_infeasible_at_a_crossing_is_refused():
+    town = load_town("junctions")
+    crossing = next(name for name, arm in town.approaches.items() if arm.type.missing is None)
+    with pytest.raises(FaultNotApplicableError, match="infeasible"):
+        gymnasium.make(ID, town="junctions", approach=crossing, fault="infeasible")

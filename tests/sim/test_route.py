@@ -1,0 +1,102 @@
+import math
+
+import numpy as np
+import pytest
+
+from wrongturn_networks import load_town
+from wrongturn_protocol import Command
+from wrongturn_sim.polyline import Path
+from wrongturn_sim.route import Navigator, start_pose
+
+
+def passage(town, approach_id, direction):
+    """Points 0.1 m apart through a junction with their distances; those of the stop line and the exit line."""
+    approach = town.approach(approach_id)
+    lane = Path(town.lanes[approach.lane].centreline)
+    inner = Path(approach.exits[direction].path)
+    whole = lane.then(inner).then(Path(town.lanes[approach.exits[direction].lane].centreline))
+    stop, exit_line = lane.length, lane.length + inner.length
+    s = np.arange(max(0.0, stop - 25.0), exit_line + 9.0, 0.1)
+    x = np.interp(s, whole.along, whole.points[:, 0])
+    y = np.interp(s, whole.along, whole.points[:, 1])
+    return zip(s.tolist(), x.tolist(), y.tolist(), strict=True), stop, exit_line
+
+
+@pytest.mark.parametrize("town_name", ["junctions", "Town01", "Town02"])
+def test_the_command_is_named_in_the_nominal_window_on_every_approach(town_name, make_trial):
+    town = load_town(town_name)
+    for approach in town.approaches.values():
+        for route in approach.exits:
+            trial = make_trial(approach.id, town=town_name, route=route)
+            for taken in approach.exits:
+                navigator = Navigator(town, trial)
+                points, stop, exit_line = passage(town, approach.id, taken)
+                for s, x, y in points:
+                    guidance = navigator.update(x, y)
+                    inside = stop - 15.0 <= s <= exit_line + 5.0
+                    near = min(abs(s - stop + 15.0), abs(s - exit_line - 5.0)) < 0.25
+                    expected = route if inside else Command.LANE_FOLLOW
+                    assert near or guidance.command is expected, (approach.id, route, taken, s - stop, s - exit_line)
+                    if inside and not near:
+                        assert guidance.approach is approach
+                    if taken is route and not near:
+                        assert abs(guidance.lateral) < 0.3
+                        assert guidance.travelled == pytest.approx(s - stop + 15.0, abs=0.5) or not inside
+
+
+def test_the_route_goes_on_by_the_trials_seed_and_no_other_draw(make_trial):
+    town = load_town("Town01")
+    onward = set()
+    for seed in range(12):
+        trial = make_trial("J3-S" if "J3-S" in town.approaches else min(town.approaches), town="Town01", seed=seed)
+        seen = []
+        for _ in range(2):
+            navigator = Navigator(town, trial)
+            points, *_ = passage(town, trial.approach, trial.route)
+            for _, x, y in points:
+                navigator.update(x, y)
+            exit_lane = town.lanes[town.approach(trial.approach).exits[trial.route].lane]
+            x, y = np.asarray(exit_lane.centreline)[-1]
+            seen.append(navigator.update(float(x), float(y)).command)
+        assert seen[0] is seen[1]
+        onward.add(seen[0])
+    assert len(onward) > 1
+
+
+def test_a_lane_that_leads_nowhere_is_followed(make_trial):
+    town = load_town("junctions")
+    dead = [
+        (approach, exit_)
+        for approach in town.approaches.values()
+        for exit_ in approach.exits.values()
+        if town.approach_of_lane(exit_.lane) is None
+    ]
+    assert dead, "the small town's arms end"
+    approach, exit_ = dead[0]
+    navigator = Navigator(town, make_trial(approach.id, route=exit_.direction))
+    points, *_ = passage(town, approach.id, exit_.direction)
+    for _, x, y in points:
+        guidance = navigator.update(x, y)
+    assert guidance.command is Command.LANE_FOLLOW
+    assert guidance.approach is None
+    assert guidance.travelled == math.inf
+    assert navigator.stop_line == -1.0
+    exits, mask = navigator.exits()
+    assert not exits.any()
+    assert not mask.any()
+    end = np.asarray(town.lanes[exit_.lane].centreline)[-1]
+    assert navigator.lane_ahead()[-1] == pytest.approx(end, abs=1e-3) or math.dist((x, y), end) > 59
+    navigator.update(*map(float, end + 30.0))
+
+
+def test_the_start_is_where_the_trial_says(make_trial):
+    for town_name in ("junctions", "Town01"):
+        town = load_town(town_name)
+        for seed, name in enumerate(town.approaches):
+            trial = make_trial(name, town=town_name, seed=seed)
+            pose = start_pose(town, trial)
+            lane = Path(town.lanes[town.approach(name).lane].centreline)
+            s, lateral, heading = lane.project(pose.x, pose.y)
+            assert lane.length - s == pytest.approx(trial.start.distance, abs=0.1)
+            assert lateral == pytest.approx(trial.start.lateral, abs=0.02)
+            assert math.remainder(pose.yaw - heading, math.tau) == pytest.approx(trial.start.yaw, abs=0.05)
