@@ -1,0 +1,175 @@
+"""The compose file as a user would try it: up, an agent registered, down, up again with everything still there.
+
+It needs a Docker engine and takes minutes, so it runs only where one answers: ``pytest -m soak tests/system``.
+"""
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import time
+import urllib.error
+import urllib.request
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+pytestmark = [pytest.mark.soak, pytest.mark.system, pytest.mark.timeout(1800)]
+
+
+def compose_program() -> list[str]:
+    """Compose as a plugin or as a program of its own; skips where there is no engine to drive."""
+    if shutil.which("docker") is None:
+        pytest.skip("there is no docker program here")
+    if subprocess.run(["docker", "info"], capture_output=True, check=False).returncode:
+        pytest.skip("no Docker engine answers here; start one to run this")
+    if subprocess.run(["docker", "compose", "version"], capture_output=True, check=False).returncode == 0:
+        return ["docker", "compose"]
+    if shutil.which("docker-compose") is None:
+        pytest.skip("there is neither docker compose nor docker-compose here")
+    return ["docker-compose"]
+
+
+def free_port() -> int:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        return taken.getsockname()[1]
+
+
+def inspect(container: str, field: str) -> str:
+    command = ["docker", "inspect", "-f", field, container]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+class Service:
+    """One compose project of its own name, port and volume."""
+
+    def __init__(self, token_file: Path) -> None:
+        self.port = free_port()
+        self.environment = {
+            **os.environ,
+            "WRONGTURN_PORT": str(self.port),
+            "WRONGTURN_OPERATOR_TOKEN_FILE": str(token_file),
+        }
+        files = [ROOT / "docker" / name for name in ("compose.yaml", "compose.operator.yaml")]
+        self.command = [*compose_program(), "-p", f"wrongturntest{uuid.uuid4().hex[:8]}"]
+        for file in files:
+            self.command += ["-f", str(file)]
+
+    def compose(self, *arguments: str) -> str:
+        done = subprocess.run(
+            [*self.command, *arguments], env=self.environment, cwd=ROOT, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, f"{arguments}: {done.stdout[-3000:]}\n{done.stderr[-3000:]}"
+        return done.stdout
+
+    def up(self) -> None:
+        self.compose("up", "-d")
+        deadline = time.monotonic() + 180
+        while self.call("GET", "/health/ready").status != 200:
+            # A service that ends at once is started again and again; waiting for that one is of no use.
+            hopeless = time.monotonic() > deadline or int(inspect(self.container(), "{{.RestartCount}}")) > 2
+            assert not hopeless, f"not ready:\n{self.compose('logs')[-5000:]}"
+            time.sleep(1)
+
+    def call(self, method: str, path: str, body: object = None, token: str | None = None) -> SimpleNamespace:
+        request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", method=method)
+        if token:
+            request.add_header("Authorization", f"Bearer {token}")
+        if body is not None:
+            request.add_header("Content-Type", "application/json")
+            request.data = json.dumps(body).encode()
+        try:
+            with urllib.request.urlopen(request, timeout=30) as reply:
+                return SimpleNamespace(status=reply.status, body=reply.read())
+        except urllib.error.HTTPError as refusal:
+            return SimpleNamespace(status=refusal.code, body=refusal.read())
+        except OSError as broken:
+            return SimpleNamespace(status=0, body=repr(broken).encode())
+
+    def container(self) -> str:
+        return self.compose("ps", "-q", "service").strip()
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    token_file = tmp_path_factory.mktemp("operator") / "token"
+    token_file.write_text("the-operators-token-of-this-test")
+    # The container's user is another one; folders of the test run are private.
+    token_file.chmod(0o644)
+    project = Service(token_file)
+    try:
+        project.compose("build")
+        project.up()
+        yield project
+    finally:
+        project.compose("down", "--volumes")
+
+
+def test_it_is_healthy_and_not_root(service: Service) -> None:
+    deadline = time.monotonic() + 60
+    while (state := inspect(service.container(), "{{.State.Health.Status}}")) != "healthy":
+        assert time.monotonic() < deadline, state
+        time.sleep(1)
+    assert service.compose("exec", "-T", "service", "id", "-u").strip() == "10001"
+
+
+def test_it_lists_suites_and_towns(service: Service) -> None:
+    suites = json.loads(service.call("GET", "/v1/suites").body)
+    assert {"wrong-command@1", "smoke@1"} <= set(ids_in(suites))
+    assert service.call("GET", "/v1/towns/Town01").status == 200
+
+
+def test_it_drives_a_practice_episode(service: Service) -> None:
+    token = register(service, "driver")["token"]
+    practice = {"suite": "smoke@1", "trial": first_trial(service), "track": "privileged"}
+    reset = service.call("POST", "/v1/episodes", practice, token)
+    assert reset.status == 201, reset.body
+    action = {"seq": 1, "action": {"steer": 0, "throttle": 0, "brake": 1}}
+    step = service.call("POST", f"/v1/episodes/{json.loads(reset.body)['id']}/step", action, token)
+    assert step.status == 200, step.body
+    assert json.loads(step.body)["seq"] == 1
+
+
+def test_only_the_operators_token_registers_a_baseline(service: Service) -> None:
+    wanted = {"name": "shipped", "track": "privileged", "kind": "baseline"}
+    for token in (None, "another-token"):
+        assert service.call("POST", "/v1/agents", wanted, token).status in {401, 403}
+    token = Path(service.environment["WRONGTURN_OPERATOR_TOKEN_FILE"]).read_text()
+    assert service.call("POST", "/v1/agents", wanted, token).status == 201
+
+
+def test_what_was_written_is_there_after_down_and_up(service: Service) -> None:
+    agent = register(service, "stays")
+    created = service.call("POST", "/v1/evaluations", {"suite": "smoke@1"}, agent["token"])
+    assert created.status == 201, created.body
+    evaluation = json.loads(created.body)
+    service.compose("down")
+    assert service.call("GET", "/health/live").status == 0
+    service.up()
+    found = service.call("GET", f"/v1/evaluations/{evaluation['id']}", token=agent["token"])
+    assert found.status == 200, found.body
+    assert json.loads(found.body)["suite"] == "smoke@1"
+    taken = service.call("POST", "/v1/agents", {"name": "stays", "track": "privileged"})
+    assert taken.status == 409, taken.body
+
+
+def register(service: Service, name: str) -> dict[str, str]:
+    reply = service.call("POST", "/v1/agents", {"name": name, "track": "privileged"})
+    assert reply.status == 201, reply.body
+    return json.loads(reply.body)
+
+
+def ids_in(listing: object) -> list[str]:
+    """Ids of a list, bare or under a key."""
+    rows = listing if isinstance(listing, list) else next(iter(listing.values()))
+    return [row["id"] for row in rows]
+
+
+def first_trial(service: Service) -> str:
+    return ids_in(json.loads(service.call("GET", "/v1/suites/smoke@1/trials").body))[0]

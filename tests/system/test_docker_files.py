@@ -1,0 +1,79 @@
+"""What can be checked of the container's files without an engine."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCKER = ROOT / "docker"
+PRINT_TOKEN = ["sh", "-c", 'echo "${WRONGTURN_OPERATOR_TOKEN-none}" "${WRONGTURN_OPERATOR_TOKEN_FILE-none}"']
+
+
+def entrypoint(**environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["sh", str(DOCKER / "entrypoint.sh"), *PRINT_TOKEN],
+        env={"PATH": os.environ["PATH"], **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_the_operators_token_comes_from_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "token"
+    file.write_text("secret\n")
+    done = entrypoint(WRONGTURN_OPERATOR_TOKEN_FILE=str(file), WRONGTURN_OPERATOR_TOKEN="")
+    assert (done.returncode, done.stdout) == (0, "secret none\n")
+
+
+def test_the_operators_token_comes_from_the_environment() -> None:
+    assert entrypoint(WRONGTURN_OPERATOR_TOKEN="plain").stdout == "plain none\n"
+
+
+@pytest.mark.parametrize("environment", [{}, {"WRONGTURN_OPERATOR_TOKEN": ""}, {"WRONGTURN_OPERATOR_TOKEN_FILE": ""}])
+def test_an_empty_token_is_none(environment: dict[str, str]) -> None:
+    assert entrypoint(**environment).stdout == "none none\n"
+
+
+@pytest.mark.parametrize("content", [None, ""])
+def test_a_token_file_that_says_nothing_stops_the_start(tmp_path: Path, content: str | None) -> None:
+    file = tmp_path / "token"
+    if content is not None:
+        file.write_text(content)
+    done = entrypoint(WRONGTURN_OPERATOR_TOKEN_FILE=str(file))
+    assert (done.returncode, done.stdout) == (78, "")
+    assert "WRONGTURN_OPERATOR_TOKEN_FILE" in done.stderr
+    assert str(file) in done.stderr
+
+
+def test_the_image_installs_what_the_parts_need_and_constraints_know_it(tmp_path: Path) -> None:
+    for part in ("clients", "networks", "service"):
+        (tmp_path / part).mkdir()
+        shutil.copy(ROOT / part / "pyproject.toml", tmp_path / part)
+    script = [sys.executable, str(DOCKER / "requirements.py"), "clients", "networks", "service"]
+    printed = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split("\n")
+    names = {re.split(r"[<>=\[~! ]", line)[0].lower() for line in printed if line}
+    assert {"fastapi", "libsumo", "numba", "shapely", "pydantic", "typer"} <= names
+    assert not {name for name in names if name.startswith("wrongturn") or name == "torch"}
+    pinned = {
+        line.split("==")[0].lower().replace("_", "-") for line in (ROOT / "constraints.txt").read_text().splitlines()
+    }
+    assert names <= pinned
+
+
+def test_the_old_builder_can_build_it() -> None:
+    text = (DOCKER / "service.Dockerfile").read_text()
+    assert not re.search(r"--mount|<<|^#\s*syntax", text, re.MULTILINE)
+
+
+def test_what_the_image_is_built_from_is_sent_to_the_engine() -> None:
+    text = (DOCKER / "service.Dockerfile").read_text()
+    sent = {line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")}
+    copied = [source for line in re.findall(r"^COPY (.+)", text, re.MULTILINE) for source in line.split()[:-1]]
+    assert copied
+    assert {Path(source).parts[0] for source in copied} <= sent
