@@ -68,10 +68,6 @@ class JudgeGeometry:
     """(n, 5): x, y, yaw, length, width of every solid box; a trunk is one too."""
     town_sha256: str | None = None
     """Of the town that it was taken from; None if it was made by hand."""
-    surface: Surface | None = dataclasses.field(default=None, repr=False)
-    """The road on its grid, where another approach of the town has it already."""
-    boxes: Boxes | None = dataclasses.field(default=None, repr=False)
-    """The same for the solid boxes."""
 
     @classmethod
     def of(cls, town: Town, trial: Trial) -> JudgeGeometry:
@@ -87,8 +83,8 @@ class JudgeGeometry:
         """The arrays that the kernels read."""
         lanes_of_exits = (self.exits.get(direction) for direction in DIRECTIONS)
         return pack(
-            self.surface or Surface.of(self.road),
-            self.boxes or Boxes.of(self.solids),
+            _surface(self.road),
+            _boxes(self.solids.tobytes()),
             (self.area, *self.other_areas),
             [(lane.polygon, lane.centreline) for lane in self.lanes],
             self.approach,
@@ -127,8 +123,6 @@ class JudgeGeometry:
             other_areas=tuple(_flipped(area) for area in self.other_areas),
             solids=solids,
             town_sha256=None,
-            surface=None,
-            boxes=None,
         )
 
 
@@ -136,14 +130,24 @@ def _flipped(shape: BaseGeometry) -> BaseGeometry:
     return affinity.scale(shape, 1.0, -1.0, origin=(0.0, 0.0))
 
 
-@functools.lru_cache(maxsize=8)
-def _shared(town: Town) -> tuple[Surface, Floats, Boxes]:
-    """What all approaches of a town have in common."""
-    solids = np.array(
-        [(thing.x, thing.y, thing.yaw, thing.length, thing.width) for thing in town.scenery if thing.solid], np.float64
-    ).reshape(-1, 5)
+# What all approaches of a town have in common is made once; the keys are the shapes themselves, so that a geometry
+# whose road or boxes were replaced never sees those of another.
+@functools.lru_cache(maxsize=16)
+def _surface(road: BaseGeometry) -> Surface:
+    return Surface.of(road)
+
+
+@functools.lru_cache(maxsize=16)
+def _boxes(solids: bytes) -> Boxes:
+    return Boxes.of(np.frombuffer(solids, np.float64).reshape(-1, 5))
+
+
+@functools.lru_cache(maxsize=16)
+def _solids(town: Town) -> Floats:
+    rows = [(thing.x, thing.y, thing.yaw, thing.length, thing.width) for thing in town.scenery if thing.solid]
+    solids = np.array(rows, np.float64).reshape(-1, 5)
     solids.setflags(write=False)
-    return Surface.of(town.road), solids, Boxes.of(solids)
+    return solids
 
 
 @functools.lru_cache(maxsize=256)
@@ -151,7 +155,6 @@ def _geometry_of(town: Town, approach_id: str) -> JudgeGeometry:
     approach = town.approach(approach_id)
     junction = town.junctions[approach.junction]
     lane = town.lanes[approach.lane]
-    surface, solids, boxes = _shared(town)
     return JudgeGeometry(
         road=town.road,
         area=junction.area,
@@ -170,8 +173,6 @@ def _geometry_of(town: Town, approach_id: str) -> JudgeGeometry:
             if approach.junction in {one.start_junction, one.end_junction}
         ),
         other_areas=tuple(other.area for name, other in town.junctions.items() if name != approach.junction),
-        solids=solids,
+        solids=_solids(town),
         town_sha256=town.sha256,
-        surface=surface,
-        boxes=boxes,
     )

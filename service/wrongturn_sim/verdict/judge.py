@@ -26,6 +26,9 @@ CLOCK_TOLERANCE: Final = 1e-6
 _NOBODY: Final = np.empty((0, 6))
 _EXITS_SEEN: Final = (0b111 << kernels.PAST_SHIFT) | (0b111 << kernels.TAKEN_SHIFT)
 _NOTABLE: Final = kernels.CENTRE_OFF | kernels.HIT | kernels.INVASION | kernels.WHEELS
+_DECISIVE: Final = (
+    kernels.CENTRE_OFF | kernels.HIT | kernels.WHEELS | kernels.FAR | kernels.IN_OTHER | (0b111 << kernels.TAKEN_SHIFT)
+)
 _DIRECTIONS: Final = frozenset(int(direction) for direction in DIRECTIONS)
 
 
@@ -104,7 +107,7 @@ class Judge:
         """
         if self.outcome is not None:
             return None
-        t, x, y, yaw, v, _, command, *_, road_users = row
+        t, x, y, yaw, v, _, command, _, _, _, _, road_users = row
         if not t > self._t:
             raise RowError(f"t: {t} s is not after the row before, {self._t} s; give the rows in order")
         users = np.array(road_users, np.float64) if road_users else _NOBODY
@@ -112,8 +115,8 @@ class Judge:
         bits, ttc = kernels.look(self._floats, self._ints, self._cells, self._numbers, users, x, y, yaw, v, entered)
         if bits < 0:
             raise RowError(f"row at t = {t} s: x, y, yaw or v is not finite; give numbers")
-        if t > 0 and (self._v - v) / (t - self._t) > self._max_deceleration:
-            self._max_deceleration = (self._v - v) / (t - self._t)
+        deceleration = (self._v - v) / (t - self._t)
+        self._max_deceleration = max(self._max_deceleration, deceleration)
         self._t, self._x, self._y, self._v = t, x, y, v
         self._min_ttc = min(self._min_ttc, ttc)
 
@@ -136,6 +139,8 @@ class Judge:
             self._note_exits(bits)
         if bits & _NOTABLE:
             self._note_flags(bits)
+        if not bits & _DECISIVE and self._slow_since is None and t < self._time_limit:
+            return None  # nothing of the table can hold: this is nearly every row
         verdict, direction = self._verdict(bits)
         return None if verdict is None else self._close(verdict, direction, bits)
 

@@ -174,7 +174,7 @@ def surface(floats: Array, ints: Array, cells: Array, x: float, y: float) -> tup
     row = math.floor((y - floats[F_Y]) / CELL)
     if not (0 <= column < ints[I_CELLS_X] and 0 <= row < ints[I_CELLS_Y]):
         return False, 0, 0
-    code = int(cells[row * ints[I_CELLS_X] + column])
+    code = np.int64(cells[row * ints[I_CELLS_X] + column])
     road = (code & 3) == ROAD_IN
     if (code & 3) == ROAD_EDGE:
         rows = ints[I_ROAD_ROWS] + row
