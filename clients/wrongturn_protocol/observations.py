@@ -4,8 +4,10 @@ Spaces are flat, with no 0-d boxes, because nested or scalar ones were seen to f
 """
 
 import base64
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -37,10 +39,20 @@ class Field:
     image: bool = False
     """Goes as base64 in JSON."""
 
-    @property
+    @cached_property
     def scalar(self) -> bool:
         """Whether it goes as a plain number."""
         return self.shape == (1,)
+
+    @cached_property
+    def numpy_dtype(self) -> "np.dtype[Any]":
+        """The dtype as numpy's object, which is dear to make for every field of every step."""
+        return np.dtype(self.dtype)
+
+    @cached_property
+    def dtype_name(self) -> str:
+        """The dtype as it goes over the wire."""
+        return self.numpy_dtype.name
 
 
 _ALWAYS: Final = (
@@ -93,7 +105,7 @@ def encode(observation: Observation, track: Track, *, binary: bool = False) -> d
         elif binary or field.image:
             raw = np.ascontiguousarray(array).tobytes()
             data = raw if binary else base64.b64encode(raw).decode("ascii")
-            message[field.name] = {"shape": list(field.shape), "dtype": np.dtype(field.dtype).name, "data": data}
+            message[field.name] = {"shape": list(field.shape), "dtype": field.dtype_name, "data": data}
         else:
             message[field.name] = array.tolist()
     return message
@@ -113,13 +125,13 @@ def decode(message: Mapping[str, Any], track: Track) -> Observation:
         if isinstance(value, Mapping):
             raw = value["data"]
             raw = base64.b64decode(raw) if isinstance(raw, str) else raw
-            array = np.frombuffer(raw, np.dtype(field.dtype))
-            if array.size == np.prod(field.shape):
+            array = np.frombuffer(raw, field.numpy_dtype).copy()  # as writable as those made from lists
+            if array.size == math.prod(field.shape):
                 array = array.reshape(field.shape)
         elif field.scalar:
-            array = np.array([value], field.dtype)
+            array = np.array([value], field.numpy_dtype)
         else:
-            array = np.array(value, field.dtype)
+            array = np.array(value, field.numpy_dtype)
         if array.shape != field.shape:
             raise ValueError(f"observation.{field.name}: has shape {array.shape}, the {track} track's is {field.shape}")
         observation[field.name] = array

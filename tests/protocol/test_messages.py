@@ -1,0 +1,107 @@
+"""Messages let nothing in that they should not."""
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from wrongturn_protocol import (
+    DIRECTIONS,
+    Action,
+    AgentRegistration,
+    Command,
+    Fault,
+    FaultKind,
+    JunctionType,
+    PracticeRequest,
+    Start,
+    StepRequest,
+    Track,
+    Trial,
+    twin_id,
+)
+
+MIDDLE = {"steer": 0.0, "throttle": 0.5, "brake": 0.5}
+
+
+@pytest.mark.parametrize("field", MIDDLE)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1.0000001, -1.0000001, None, "left", [0.1]])
+def test_actions_out_of_range_are_refused(field: str, value: Any) -> None:
+    with pytest.raises(ValidationError, match=field):
+        Action.model_validate({**MIDDLE, field: value})
+
+
+@given(steer=st.floats(-1, 1), throttle=st.floats(0, 1), brake=st.floats(0, 1))
+def test_actions_in_range_pass(steer: float, throttle: float, brake: float) -> None:
+    action = Action(steer=steer, throttle=throttle, brake=brake)
+    assert Action.model_validate_json(action.model_dump_json()) == action
+
+
+def test_unknown_fields_and_missing_ones_are_refused() -> None:
+    with pytest.raises(ValidationError, match="handbrake"):
+        Action.model_validate({**MIDDLE, "handbrake": 1})
+    with pytest.raises(ValidationError, match="seq"):
+        StepRequest.model_validate({"action": MIDDLE})
+
+
+@st.composite
+def trials(draw: st.DrawFn) -> Trial:
+    kind = draw(st.sampled_from(JunctionType))
+    return Trial(
+        id="x",
+        town="Town01",
+        approach="J1-S",
+        junction_type=kind,
+        route=draw(st.sampled_from(sorted(kind.exits))),
+        start=Start(distance=25, speed=8, lateral=0, yaw=0),
+        fault=Fault(kind=draw(st.sampled_from(FaultKind))),
+        seed=draw(st.integers(0, 2**63 - 1)),
+    )
+
+
+@given(trials())
+def test_a_twin_is_the_same_trial_without_its_fault(trial: Trial) -> None:
+    twin = trial.twin()
+    assert twin.is_twin
+    assert twin.id == twin_id(trial)
+    assert twin.twin() == twin
+    assert twin.model_copy(update={"id": trial.id, "fault": trial.fault}) == trial
+    assert Trial.model_validate_json(trial.model_dump_json()) == trial
+
+
+@given(trials(), st.sampled_from([*DIRECTIONS, Command.VOID, Command.LANE_FOLLOW]))
+def test_a_route_takes_an_exit_that_exists(trial: Trial, route: Command) -> None:
+    values = {**trial.model_dump(), "route": route}
+    if route in trial.junction_type.exits:
+        assert Trial.model_validate(values).route is route
+    else:
+        with pytest.raises(ValidationError, match="route"):
+            Trial.model_validate(values)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {"suite": "smoke@1"},
+        {"trial": "t"},
+        {"town": "Town01"},
+        {"approach": "J1-S"},
+        {"suite": "s", "trial": "t", "town": "Town01", "approach": "J1-S"},
+        {"town": "Town01", "approach": "J1-S", "seed": -1},
+        {"town": "Town01", "approach": "J1-S", "route": 4},
+        {"town": "Town01", "approach": "J1-S", "fault": "wrong"},
+    ],
+)
+def test_practice_is_asked_for_in_one_way(values: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError):
+        PracticeRequest.model_validate(values)
+
+
+@pytest.mark.parametrize("name", ["", " ", "-a", "a" * 65, "a\nb", "<b>", "a/b"])
+def test_agents_have_plain_names(name: str) -> None:
+    with pytest.raises(ValidationError, match="name"):
+        AgentRegistration(name=name, track=Track.PRIVILEGED)
