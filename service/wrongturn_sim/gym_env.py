@@ -64,8 +64,8 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if suite is None and town is None and trial is None:
             raise ValueError("town: missing; name a town, or a suite, or give a trial")
         self.render_mode = None
-        self.observation_space = observation_space(self.track)
-        self.action_space = action_space()
+        self.observation_space = observation_space(self.track)  # type: ignore[assignment]
+        self.action_space = action_space()  # type: ignore[assignment]
         self._suite = None if suite is None else load_suite(suite)
         self._fault = fault if isinstance(fault, Fault) else Fault(kind=FaultKind(fault))
         self._weather = Weather(weather)

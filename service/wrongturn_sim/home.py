@@ -1,7 +1,7 @@
 """Where compiled kernels are kept. Imported before numba, which reads its settings once.
 
 Installed code may be read-only (a container, a system-wide installation), so numba must not write beside it: its
-cache goes under ``WRONGTURN_HOME``, or to the temporary directory where that cannot be written.
+cache goes under ``WRONGTURN_HOME``, or to a temporary directory where that cannot be written.
 """
 
 import os
@@ -35,6 +35,7 @@ def set_cache() -> Path:
     if not chosen:
         directory = home() / "numba"
         if not writable(directory):
-            directory = Path(tempfile.gettempdir()) / f"wrongturn-numba-{os.getuid()}"
+            # Of this process and its children alone: a cache that others may write would run their code.
+            directory = Path(tempfile.mkdtemp(prefix="wrongturn-numba-"))
         chosen = os.environ[CACHE_VARIABLE] = str(directory)
     return Path(chosen)

@@ -34,7 +34,10 @@ def run(code, **environment):
 
 
 def test_compiled_kernels_are_kept_under_wrongturn_home(tmp_path):
-    code = "from wrongturn_sim.ego import advance; advance(*[0.0] * 8, 0.05); import os; print(os.environ['NUMBA_CACHE_DIR'])"
+    code = (
+        "import os; from wrongturn_sim.ego import advance; advance(*[0.0] * 8, 0.05);"
+        "print(os.environ['NUMBA_CACHE_DIR'])"
+    )
     assert run(code, WRONGTURN_HOME=str(tmp_path)) == str(tmp_path / "numba")
     assert any(tmp_path.rglob("*.nbc"))
 
