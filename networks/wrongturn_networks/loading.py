@@ -1,0 +1,148 @@
+"""Makes a :class:`~wrongturn_networks.town.Town` of a folder with a net and scenery."""
+
+import functools
+import hashlib
+import json
+import re
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from shapely import union
+
+from wrongturn_networks import drivable
+from wrongturn_networks.errors import CorruptFileError, UnknownTownError
+from wrongturn_networks.junctions import Approach, Exit, Junction, arm_of, direction_of
+from wrongturn_networks.lanes import Lane, Line, heading_at_end, heading_at_start
+from wrongturn_networks.netfile import Net, read_net
+from wrongturn_networks.scenery import read_scenery
+from wrongturn_networks.town import Town
+from wrongturn_protocol import DIRECTIONS, JunctionType
+
+TOWNS: Final = Path(__file__).parent / "towns"
+
+
+def town_names() -> tuple[str, ...]:
+    """The towns that there are, sorted."""
+    return tuple(sorted(folder.name for folder in TOWNS.iterdir() if (folder / "manifest.json").is_file()))
+
+
+@functools.lru_cache(maxsize=16)
+def load_town(name: str) -> Town:
+    """The town of this name; read once for each process.
+
+    Raises:
+        UnknownTownError: there is none; names those that there are.
+        CorruptFileError: its files are broken.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9_]+", name) or name not in town_names():
+        raise UnknownTownError(name, town_names())
+    return read_town(TOWNS / name)
+
+
+def read_town(directory: Path) -> Town:
+    """The town in a folder, which gives it its name.
+
+    Raises:
+        CorruptFileError: a file is missing or is not what the manifest says.
+    """
+    name = directory.name
+    try:
+        manifest = json.loads((directory / "manifest.json").read_text("utf-8"))
+        net = read_net(directory / f"{name}.net.xml")
+        radii = {junction: float(radius) for junction, radius in manifest["radii"].items()}
+        sha256 = hashlib.sha256(f"{manifest['net_sha256']} {manifest['scenery_sha256']}".encode()).hexdigest()
+    except (OSError, ValueError, KeyError, SyntaxError) as error:
+        raise CorruptFileError(f"town {name}: {error}; install wrongturn-networks again") from error
+    lanes = _lanes(net, radii)
+    approaches = _approaches(net, lanes)
+    meeting = [net.junctions[junction] for junction in radii]
+    road = drivable.road(net, meeting)
+    sidewalks = drivable.sidewalks(net).difference(road)
+    junctions = {
+        node.id: Junction(
+            id=node.id,
+            position=node.position,
+            radius=radii[node.id],
+            area=drivable.junction_area(node, road),
+            approaches=tuple(approach.id for approach in approaches.values() if approach.junction == node.id),
+        )
+        for node in meeting
+    }
+    return Town(
+        name=name,
+        directory=directory,
+        net_file=directory / f"{name}.net.xml",
+        sha256=sha256,
+        lanes=MappingProxyType(lanes),
+        junctions=MappingProxyType(junctions),
+        approaches=MappingProxyType(approaches),
+        road=road,
+        sidewalks=sidewalks,
+        scenery=read_scenery(directory / "scenery.toml"),
+        bounds=union(road, sidewalks).bounds,
+    )
+
+
+def _lanes(net: Net, radii: dict[str, float]) -> dict[str, Lane]:
+    by_street = {
+        net.edges[lane.edge]: lane.id for lane in net.lanes.values() if lane.function == "normal" and lane.cars
+    }
+    lanes = {}
+    for (start, end), lane_id in by_street.items():
+        lane = net.lanes[lane_id]
+        steps = np.diff(lane.shape, axis=0)
+        lanes[lane_id] = Lane(
+            id=lane_id,
+            edge=lane.edge,
+            width=lane.width,
+            length=float(np.sqrt((steps**2).sum(axis=1)).sum()),
+            centreline=lane.shape,
+            polygon=drivable.lane_polygon(lane.shape, lane.width),
+            start_junction=start if start in radii else None,
+            end_junction=end if end in radii else None,
+            opposite=by_street.get((end, start)),
+        )
+    return lanes
+
+
+def _approaches(net: Net, lanes: dict[str, Lane]) -> dict[str, Approach]:
+    approaches = {}
+    for lane in lanes.values():
+        if lane.end_junction is None:
+            continue
+        heading = heading_at_end(lane.centreline)
+        exits = {}
+        for connection in net.connections:
+            if connection.from_lane == lane.id:
+                onward = lanes[connection.to_lane]
+                direction = direction_of(heading_at_start(onward.centreline) - heading)
+                path = _joined(
+                    [lane.centreline[-1:], *(net.lanes[via].shape for via in connection.via), onward.centreline[:1]]
+                )
+                exits[direction] = Exit(direction, onward.id, connection.via, path)
+        approach = Approach(
+            id=f"{lane.end_junction}-{arm_of(heading)}",
+            junction=lane.end_junction,
+            lane=lane.id,
+            type=JunctionType.of(frozenset(exits)),
+            exits=MappingProxyType({command: exits[command] for command in DIRECTIONS if command in exits}),
+            stop_line=(float(lane.centreline[-1, 0]), float(lane.centreline[-1, 1])),
+            heading=heading,
+        )
+        approaches[approach.id] = approach
+    return dict(sorted(approaches.items(), key=lambda item: _natural(item[0])))
+
+
+def _natural(text: str) -> list[tuple[int, str]]:
+    return [(int(number or 0), word) for number, word in re.findall(r"(\d+)|(\D+)", text)]
+
+
+def _joined(pieces: list[Line]) -> Line:
+    """Pieces of a path as one line, points that stand twice left out."""
+    points = np.concatenate(pieces)
+    keep = np.concatenate([[True], np.abs(np.diff(points, axis=0)).sum(axis=1) > 1e-6])
+    line: Line = points[keep]
+    line.flags.writeable = False
+    return line

@@ -1,0 +1,1 @@
+"""Builds the towns and the suites; needs SUMO's netconvert."""

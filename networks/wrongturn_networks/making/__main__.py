@@ -1,0 +1,63 @@
+"""``python -m wrongturn_networks.making [towns|suites|all] [--check]``."""
+
+import argparse
+import filecmp
+import sys
+import tempfile
+from pathlib import Path
+
+from wrongturn_networks.loading import TOWNS
+from wrongturn_networks.making.netconvert import build
+from wrongturn_networks.making.recipes import RECIPES
+from wrongturn_networks.making.writing_suites import SUITE_RECIPES, suite_text
+from wrongturn_networks.suites import SUITES
+
+
+def make_towns(check: bool) -> list[str]:
+    """Builds all towns; with ``check`` elsewhere, and gives the files that differ from those here."""
+    different: list[str] = []
+    for recipe in RECIPES.values():
+        if not check:
+            build(recipe, TOWNS / recipe.name)
+            print(f"built {recipe.name}")
+            continue
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = Path(scratch) / recipe.name
+            build(recipe, folder)
+            names = [path.name for path in folder.iterdir()]
+            _, unequal, missing = filecmp.cmpfiles(folder, TOWNS / recipe.name, names, shallow=False)
+            different += [f"{recipe.name}/{name}" for name in (*unequal, *missing)]
+    return different
+
+
+def make_suites(check: bool) -> list[str]:
+    """Writes all suites that are not there; one that is there is never changed."""
+    different: list[str] = []
+    for suite_id in SUITE_RECIPES:
+        path, text = SUITES / f"{suite_id}.json", suite_text(suite_id)
+        if path.exists() and path.read_text("utf-8") != text:
+            different.append(path.name)
+        elif not check:
+            SUITES.mkdir(exist_ok=True)
+            path.write_text(text, "utf-8")
+    return different
+
+
+def main() -> int:
+    """Runs the program; 1 where something differs."""
+    parser = argparse.ArgumentParser(prog="python -m wrongturn_networks.making", description=__doc__)
+    parser.add_argument("what", nargs="?", choices=("towns", "suites", "all"), default="all")
+    parser.add_argument("--check", action="store_true", help="change nothing, say what differs from its recipe")
+    arguments = parser.parse_args()
+    different: list[str] = []
+    if arguments.what in {"towns", "all"}:
+        different += make_towns(arguments.check)
+    if arguments.what in {"suites", "all"}:
+        different += make_suites(arguments.check)
+    for name in different:
+        print(f"differs from its recipe: {name}; a changed suite needs a new version", file=sys.stderr)
+    return 1 if different else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

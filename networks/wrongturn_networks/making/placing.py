@@ -1,0 +1,167 @@
+"""Places scenery by a seeded recipe: along the streets, and something else behind each junction."""
+
+import math
+import random
+from itertools import pairwise
+from typing import Final
+
+from shapely import Point, STRtree, union_all
+from shapely.geometry.base import BaseGeometry
+from shapely.prepared import prep
+
+from wrongturn_networks.junctions import Approach
+from wrongturn_networks.lanes import Line
+from wrongturn_networks.scenery import SceneryKind, SceneryObject
+from wrongturn_networks.town import Town
+from wrongturn_protocol import Command
+
+MARGIN: Final = 0.5
+"""Free ground between an object and road or sidewalk, metres."""
+GAP: Final = 0.4
+"""Between objects, metres."""
+TURN: Final = {Command.LEFT: math.pi / 2, Command.RIGHT: -math.pi / 2, Command.STRAIGHT: 0.0}
+BACKDROPS: Final = ("wall", "hedge", "house", "open", "trees", "fence")
+
+
+def place_scenery(town: Town, seed: int) -> tuple[SceneryObject, ...]:
+    """Scenery for a town: the same for the same town and seed, none of it on road, sidewalk or another object."""
+    placer = _Placer(town, seed)
+    for number, approach in enumerate(a for a in town.approaches.values() if a.type.missing is not None):
+        placer.behind(approach, number)
+    for lane in town.lanes.values():
+        placer.along(lane.centreline, lane.width)
+    return tuple(placer.placed)
+
+
+class _Placer:
+    """Puts objects down where there is room."""
+
+    def __init__(self, town: Town, seed: int) -> None:
+        self.draw = random.Random(seed)
+        self.kept_free: BaseGeometry = union_all([town.road, town.sidewalks]).buffer(MARGIN)
+        self.free_of = prep(self.kept_free)
+        self.placed: list[SceneryObject] = []
+        self.footprints: list[BaseGeometry] = []
+        # Looks of a backdrop vary from junction to junction, in an order of the town's own.
+        self.order = list(BACKDROPS)
+        self.draw.shuffle(self.order)
+        self.town = town
+
+    def put(self, kind: SceneryKind, x: float, y: float, yaw: float, size: tuple[float, float, float],
+            crown_radius: float = 0.0) -> bool:  # fmt: skip
+        """Puts an object down if there is room; length, width and height in metres."""
+        item = SceneryObject(
+            kind=kind,
+            x=round(x, 2),
+            y=round(y, 2),
+            yaw=round(math.remainder(yaw, math.tau), 4),
+            length=round(size[0], 2),
+            width=round(size[1], 2),
+            height=round(size[2], 2),
+            solid=kind is not SceneryKind.FENCE,
+            seed=self.draw.randrange(2**31),
+            crown_radius=round(crown_radius, 2),
+        )
+        footprint = item.footprint()
+        if self.free_of.intersects(footprint):
+            return False
+        roomy = footprint.buffer(GAP)
+        if any(roomy.intersects(self.footprints[near]) for near in STRtree(self.footprints).query(roomy)):
+            return False
+        self.placed.append(item)
+        self.footprints.append(footprint)
+        return True
+
+    def behind(self, approach: Approach, number: int) -> None:
+        """What a car sees, and may hit, where the arm that the approach lacks would be."""
+        assert approach.type.missing is not None
+        junction = self.town.junctions[approach.junction]
+        backdrop = self.order[number % len(self.order)]
+        heading = approach.heading + TURN[approach.type.missing]
+        across = heading + math.pi / 2
+        start = self._beyond(junction.position, heading)
+        if backdrop == "open":
+            return
+        for offset in (0.0, -12.0, 12.0, -24.0, 24.0):
+            depth = start + {"wall": 1.5, "hedge": 1.2, "house": 6.5, "trees": 2.0, "fence": 1.0}[backdrop]
+            depth += self.draw.uniform(0.0, 1.5)
+            x = junction.position[0] + depth * math.cos(heading) + offset * math.cos(across)
+            y = junction.position[1] + depth * math.sin(heading) + offset * math.sin(across)
+            self._backdrop(backdrop, x, y, across)
+
+    def _backdrop(self, backdrop: str, x: float, y: float, yaw: float) -> None:
+        draw = self.draw
+        if backdrop == "wall":
+            self.put(SceneryKind.WALL, x, y, yaw, (11.4, 0.4, draw.uniform(1.6, 2.6)))
+        elif backdrop == "hedge":
+            self.put(SceneryKind.HEDGE, x, y, yaw, (11.4, 1.0, draw.uniform(1.0, 1.8)))
+        elif backdrop == "fence":
+            self.put(SceneryKind.FENCE, x, y, yaw, (11.4, 0.1, draw.uniform(0.9, 1.3)))
+        elif backdrop == "house":
+            self.put(SceneryKind.HOUSE, x, y, yaw, (draw.uniform(9.5, 11.4), 10.0, draw.uniform(5.5, 14.0)))
+        else:
+            for shift in (-4.0, 0.0, 4.0):
+                self._tree(x + shift * math.cos(yaw), y + shift * math.sin(yaw))
+
+    def _tree(self, x: float, y: float) -> None:
+        trunk = self.draw.uniform(0.3, 0.5)
+        self.put(SceneryKind.TREE, x, y, self.draw.uniform(0, math.pi), (trunk, trunk, self.draw.uniform(4.5, 8.5)),
+                 self.draw.uniform(1.4, 2.4))  # fmt: skip
+
+    def _beyond(self, position: tuple[float, float], heading: float) -> float:
+        """How far from a junction's middle road and sidewalk end in a direction, metres."""
+        reach = 1.0
+        while reach < 40 and self.free_of.intersects(
+            Point(position[0] + reach * math.cos(heading), position[1] + reach * math.sin(heading)),
+        ):
+            reach += 0.25
+        return reach
+
+    def along(self, centreline: Line, width: float) -> None:
+        """Houses, walls, hedges and trees on the right of a lane."""
+        draw = self.draw
+        position, travelled = 0, draw.uniform(2.0, 6.0)
+        steps = [math.dist(a, b) for a, b in pairwise(centreline)]
+        total = sum(steps)
+        while travelled < total - 2.0:
+            walked = 0.0
+            for position, step in enumerate(steps):  # noqa: B007 - the index is what is wanted
+                if walked + step >= travelled:
+                    break
+                walked += step
+            (x0, y0), (x1, y1) = centreline[position], centreline[position + 1]
+            yaw = math.atan2(y1 - y0, x1 - x0)
+            share = (travelled - walked) / steps[position]
+            x, y = x0 + share * (x1 - x0), y0 + share * (y1 - y0)
+            travelled += self._beside(x, y, yaw, width / 2 + 2.5 + MARGIN)
+
+    def _beside(self, x: float, y: float, yaw: float, kerb: float) -> float:
+        """Puts something on the right of a point of a lane; gives how far to go on."""
+        draw = self.draw
+
+        def right(distance: float) -> tuple[float, float]:
+            return x + distance * math.sin(yaw), y - distance * math.cos(yaw)
+
+        what = draw.random()
+        if what < 0.55:
+            length, depth = draw.uniform(8.0, 17.0), draw.uniform(8.0, 12.0)
+            garden = draw.choice((0.3, 1.5, 3.5))
+            if self.put(
+                SceneryKind.HOUSE, *right(kerb + garden + depth / 2), yaw, (length, depth, draw.uniform(4.5, 16.0))
+            ):
+                if garden > 3 and draw.random() < 0.6:
+                    kind, thick = draw.choice(
+                        ((SceneryKind.HEDGE, 0.8), (SceneryKind.FENCE, 0.1), (SceneryKind.WALL, 0.3))
+                    )
+                    self.put(kind, *right(kerb + 0.2 + thick / 2), yaw, (length, thick, draw.uniform(0.8, 1.5)))
+                return length / 2 + draw.uniform(5.0, 9.5)
+            return 3.0
+        if what < 0.75:
+            self._tree(*right(kerb + draw.uniform(0.6, 2.5)))
+            return draw.uniform(4.0, 8.0)
+        kind, thick, low, high = draw.choice(
+            ((SceneryKind.WALL, 0.4, 1.4, 2.4), (SceneryKind.HEDGE, 1.0, 0.9, 1.8), (SceneryKind.FENCE, 0.1, 0.9, 1.4)),
+        )
+        length = draw.uniform(5.0, 12.0)
+        self.put(kind, *right(kerb + 0.2 + thick / 2), yaw, (length, thick, draw.uniform(low, high)))
+        return length / 2 + draw.uniform(4.0, 8.0)

@@ -1,0 +1,93 @@
+"""Writes a recipe as SUMO's plain XML: nodes and edges."""
+
+import math
+import xml.etree.ElementTree as ET
+
+from wrongturn_networks.making.recipes import Point, Recipe, Street
+
+LANE_WIDTH = 4.0
+SIDEWALK_WIDTH = 2.5
+SPEED = 13.89
+"""50 km/h, as in CARLA's towns; only SUMO's own traffic looks at it."""
+ARC_STEP = math.radians(3)
+"""Between the points of a bend."""
+
+
+def nodes_xml(recipe: Recipe) -> str:
+    """The ``.nod.xml`` of a recipe."""
+    root = ET.Element("nodes")
+    radii = recipe.radii()
+    for name, (x, y) in recipe.nodes.items():
+        node = ET.SubElement(root, "node", id=name, x=f"{x:.2f}", y=f"{y:.2f}")
+        if name in radii:
+            node.set("type", "priority")
+            node.set("radius", f"{radii[name]:.2f}")
+    return _text(root)
+
+
+def edges_xml(recipe: Recipe) -> str:
+    """The ``.edg.xml`` of a recipe: each street both ways."""
+    root = ET.Element("edges")
+    for street in recipe.streets:
+        centreline = centreline_of(recipe, street)
+        for start, end, line in (
+            (street.start, street.end, centreline),
+            (street.end, street.start, centreline[::-1]),
+        ):
+            edge = ET.SubElement(
+                root,
+                "edge",
+                {
+                    "id": f"{start}-{end}",
+                    "from": start,
+                    "to": end,
+                    "numLanes": "1",
+                    "width": f"{LANE_WIDTH:.2f}",
+                    "sidewalkWidth": f"{SIDEWALK_WIDTH:.2f}",
+                    "speed": f"{SPEED:.2f}",
+                    "spreadType": "right",
+                },
+            )
+            if street.corners:
+                edge.set("shape", " ".join(f"{x:.2f},{y:.2f}" for x, y in line))
+    return _text(root)
+
+
+def centreline_of(recipe: Recipe, street: Street) -> list[Point]:
+    """The street's middle with its corners rounded, metres."""
+    points = [recipe.nodes[street.start], *street.corners, recipe.nodes[street.end]]
+    line = [points[0]]
+    for before, corner, after in zip(points, points[1:], points[2:], strict=False):
+        line += rounded(before, corner, after, recipe.bend_radius)
+    return [*line, points[-1]]
+
+
+def rounded(before: Point, corner: Point, after: Point, radius: float) -> list[Point]:
+    """The arc that rounds a right-angled corner, from where it leaves the one side to where it joins the other."""
+    into, out = _unit(before, corner), _unit(corner, after)
+    centre = (corner[0] - radius * into[0] + radius * out[0], corner[1] - radius * into[1] + radius * out[1])
+    turn = math.atan2(into[0] * out[1] - into[1] * out[0], into[0] * out[0] + into[1] * out[1])
+    steps = math.ceil(abs(turn) / ARC_STEP)
+    arc = []
+    for step in range(steps + 1):
+        angle = turn * step / steps
+        # From the centre towards the arc's begin, turned on by the angle.
+        x, y = -radius * out[0], -radius * out[1]
+        arc.append(
+            (
+                centre[0] + x * math.cos(angle) - y * math.sin(angle),
+                centre[1] + x * math.sin(angle) + y * math.cos(angle),
+            ),
+        )
+    return arc
+
+
+def _unit(start: Point, end: Point) -> Point:
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    length = math.sqrt(dx * dx + dy * dy)
+    return dx / length, dy / length
+
+
+def _text(root: ET.Element) -> str:
+    ET.indent(root, "    ")
+    return ET.tostring(root, "unicode") + "\n"

@@ -1,0 +1,58 @@
+"""Writes the suites by their recipes."""
+
+import hashlib
+import json
+import random
+from collections.abc import Callable
+from typing import Final
+
+from wrongturn_networks.loading import load_town
+from wrongturn_networks.starts import draw_trial
+from wrongturn_networks.suites import canonical
+from wrongturn_protocol import PAPER_TYPES, Command, FaultKind, Track, Trial
+
+PAPER_FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
+SCORED: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
+
+
+def _cells(per_cell: int, seed: int) -> list[Trial]:
+    """The paper's cells: so many approaches of each type, the same for both faults, their routes balanced."""
+    town = load_town("Town01")
+    draw = random.Random(seed)
+    chosen = {
+        kind: sorted(draw.sample([a.id for a in town.approaches.values() if a.type is kind], per_cell))
+        for kind in PAPER_TYPES
+    }
+    trials: list[Trial] = []
+    for fault in PAPER_FAULTS:
+        for kind in PAPER_TYPES:
+            exits: list[Command] = sorted(kind.exits)
+            first = draw.randrange(len(exits))
+            routes = [exits[(first + turn) % len(exits)] for turn in range(per_cell)]
+            draw.shuffle(routes)
+            for approach_id, route in zip(chosen[kind], routes, strict=True):
+                trial_seed = seed * 1000 + len(trials) + 1
+                trials.append(draw_trial(town, approach_id, fault, trial_seed, route=route))
+    return trials
+
+
+SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[], list[Trial]]]]] = {
+    "smoke@1": ("Six trials for a first try, one for each of the paper's cells", lambda: _cells(1, 2)),
+    "wrong-command@1": ("The paper's benchmark: 3 junction types x 2 faults x 10 approaches", lambda: _cells(10, 1)),
+}
+"""Title and trials of each suite."""
+
+
+def suite_text(suite_id: str) -> str:
+    """A suite's file."""
+    title, trials = SUITE_RECIPES[suite_id]
+    name, version = suite_id.split("@")
+    content = {
+        "name": name,
+        "version": int(version),
+        "title": title,
+        "tracks": [str(track) for track in SCORED],
+        "trials": [trial.model_dump(mode="json") for trial in trials()],
+    }
+    sha256 = hashlib.sha256(canonical(content)).hexdigest()
+    return json.dumps({"sha256": sha256, **content}, indent=1) + "\n"

@@ -1,0 +1,73 @@
+"""What stands beside the road: something to hit and to see."""
+
+import tomllib
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from shapely import Polygon, affinity, box
+
+from wrongturn_networks.errors import CorruptFileError
+
+
+class SceneryKind(StrEnum):
+    """What an object is."""
+
+    HOUSE = "house"
+    WALL = "wall"
+    HEDGE = "hedge"
+    TREE = "tree"
+    FENCE = "fence"
+
+
+@dataclass(frozen=True)
+class SceneryObject:
+    """An oriented box beside the road; of a tree the box is its trunk. Metres, radians, town frame."""
+
+    kind: SceneryKind
+    x: float
+    """Of its middle."""
+    y: float
+    yaw: float
+    """Of its long axis."""
+    length: float
+    width: float
+    height: float
+    solid: bool
+    """Whether driving into it is a collision."""
+    seed: int
+    """What its looks are drawn from."""
+    crown_radius: float = 0.0
+    """Of a tree; a car may pass below it."""
+
+    def footprint(self) -> Polygon:
+        """The ground that it stands on."""
+        upright = box(-self.length / 2, -self.width / 2, self.length / 2, self.width / 2)
+        return affinity.translate(affinity.rotate(upright, self.yaw, origin=(0, 0), use_radians=True), self.x, self.y)
+
+
+def read_scenery(path: Path) -> tuple[SceneryObject, ...]:
+    """Reads a town's ``scenery.toml``; a town without the file has none.
+
+    Raises:
+        CorruptFileError: the file is not what this version writes; names it and the remedy.
+    """
+    if not path.exists():
+        return ()
+    try:
+        rows = tomllib.loads(path.read_text("utf-8")).get("object", [])
+        return tuple(SceneryObject(**{**row, "kind": SceneryKind(row["kind"])}) for row in rows)
+    except (tomllib.TOMLDecodeError, TypeError, ValueError, KeyError) as error:
+        raise CorruptFileError(f"{path.name}: {error}; build it again: python -m wrongturn_networks.making") from error
+
+
+def scenery_toml(objects: tuple[SceneryObject, ...]) -> str:
+    """Scenery as the text of a ``scenery.toml``."""
+    lines = ["# Made by python -m wrongturn_networks.making; a change belongs in its recipe."]
+    for item in objects:
+        lines += ["", "[[object]]", f'kind = "{item.kind}"']
+        lines += [f"{name} = {getattr(item, name)}" for name in ("x", "y", "yaw", "length", "width", "height")]
+        lines += [f"solid = {str(item.solid).lower()}", f"seed = {item.seed}"]
+        if item.crown_radius:
+            lines.append(f"crown_radius = {item.crown_radius}")
+    return "\n".join(lines) + "\n"

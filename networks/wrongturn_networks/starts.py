@@ -1,0 +1,89 @@
+"""Where trials start and where their routes lead, drawn from the trial's own seed."""
+
+import math
+import random
+
+from wrongturn_networks.errors import ApproachTooShortError, FaultNotApplicableError, RouteNotAvailableError
+from wrongturn_networks.junctions import Approach
+from wrongturn_networks.town import Town
+from wrongturn_protocol import Command, Fault, FaultKind, Start, Trial, Weather, trial_id
+
+LANE_RESERVE = 3.0
+"""A start lies at least this far behind the lane's begin, metres, so never in the junction before."""
+ENGAGED = 15.0
+"""From here to the stop line a car is judged, metres."""
+SHORTEST = ENGAGED + 2.0
+"""A start nearer to the stop line than this leaves no room to brake before the car is engaged, metres."""
+
+
+def draw_start(lane_length: float, seed: int) -> Start:
+    """Where and how fast a car starts: near enough to see the junction, slow enough to stop before it is judged.
+
+    Args:
+        lane_length: of the approach, metres.
+        seed: of the trial.
+
+    Raises:
+        ApproachTooShortError: the lane has no room for a start.
+    """
+    draw = random.Random(seed)
+    distance = min(draw.uniform(22, 30), lane_length - LANE_RESERVE)
+    speed, lateral, yaw = draw.uniform(4, 9), draw.uniform(-0.4, 0.4), draw.uniform(-6, 6)
+    if distance < SHORTEST:
+        raise ApproachTooShortError(
+            f"approach: its lane is {lane_length:.1f} m long and a start needs {SHORTEST + LANE_RESERVE:.0f} m; "
+            "choose another approach",
+        )
+    return Start(
+        distance=round(distance, 3),
+        # At 8 m/s² a car stops within v²/16 metres: before it is 15 m from the stop line, with a metre to spare.
+        speed=round(min(speed, math.sqrt(16 * (distance - ENGAGED - 1))), 3),
+        lateral=round(lateral, 3),
+        yaw=round(math.radians(yaw), 5),
+    )
+
+
+def draw_route(approach: Approach, seed: int) -> Command:
+    """One of the approach's exits."""
+    # A stream apart from the start's, so that asking for a route does not move the start.
+    return random.Random(f"route {seed}").choice(list(approach.exits))
+
+
+def draw_trial(
+    town: Town,
+    approach_id: str,
+    fault: FaultKind | Fault,
+    seed: int,
+    *,
+    route: Command | None = None,
+    weather: Weather = Weather.CLEAR_NOON,
+) -> Trial:
+    """A trial at an approach by the suites' recipe.
+
+    Raises:
+        UnknownApproachError: the town has no such approach.
+        FaultNotApplicableError: the fault cannot be done there.
+        RouteNotAvailableError: the approach has no such exit.
+        ApproachTooShortError: its lane has no room for a start.
+    """
+    approach = town.approach(approach_id)
+    wanted = fault if isinstance(fault, Fault) else Fault(kind=fault)
+    if wanted.kind is FaultKind.INFEASIBLE and approach.type.missing is None:
+        raise FaultNotApplicableError(
+            f"fault: {wanted.kind} needs a direction that does not exist, and {town.name} {approach_id} has all three; "
+            "choose an approach of a T-junction",
+        )
+    if route is not None and route not in approach.exits:
+        names = ", ".join(command.name for command in approach.exits)
+        raise RouteNotAvailableError(f"route: {town.name} {approach_id} has no exit {route.name}; it has: {names}")
+    return Trial(
+        id=trial_id(town.name, approach_id, wanted.kind, seed),
+        town=town.name,
+        approach=approach_id,
+        junction_type=approach.type,
+        route=route if route is not None else draw_route(approach, seed),
+        start=draw_start(town.lanes[approach.lane].length, seed),
+        weather=weather,
+        fault=wanted,
+        seed=seed,
+    )

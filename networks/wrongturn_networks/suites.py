@@ -1,0 +1,125 @@
+"""Suites: versioned, immutable lists of trials."""
+
+import functools
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from wrongturn_networks.errors import CorruptFileError, UnknownSuiteError, UnknownTrialError
+from wrongturn_protocol import SuiteSummary, Track, Trial, TrialDetail, TrialList
+
+SUITES: Final = Path(__file__).parent / "suites"
+
+
+@dataclass(frozen=True, eq=False)
+class Suite:
+    """A versioned list of trials, held by its checksum."""
+
+    id: str
+    """Name and version, such as ``wrong-command@1``."""
+    name: str
+    version: int
+    title: str
+    sha256: str
+    """Of the canonical JSON of everything in it."""
+    tracks: tuple[Track, ...]
+    """Those in which it may be driven for a score."""
+    trials: tuple[Trial, ...]
+    """Without their twins."""
+
+    @cached_property
+    def episodes(self) -> tuple[Trial, ...]:
+        """What an evaluation drives: each trial and its twin."""
+        return tuple(episode for trial in self.trials for episode in (trial, trial.twin()))
+
+    @cached_property
+    def _by_id(self) -> Mapping[str, Trial]:
+        return MappingProxyType({trial.id: trial for trial in self.episodes})
+
+    def trial(self, trial_id: str) -> Trial:
+        """The trial or twin of this id.
+
+        Raises:
+            UnknownTrialError: there is none.
+        """
+        if trial_id not in self._by_id:
+            raise UnknownTrialError(trial_id, self._by_id)
+        return self._by_id[trial_id]
+
+    def summary(self) -> SuiteSummary:
+        """The suite as the service lists it."""
+        return SuiteSummary(
+            id=self.id,
+            title=self.title,
+            version=self.version,
+            sha256=self.sha256,
+            trials=len(self.trials),
+            twins=len(self.trials),
+            tracks=self.tracks,
+        )
+
+    def trial_list(self) -> TrialList:
+        """The trials as the service lists them, each with its twin's id."""
+        return TrialList(
+            trials=tuple(
+                TrialDetail.model_validate({**trial.model_dump(), "twin": trial.twin().id}) for trial in self.trials
+            ),
+        )
+
+
+def canonical(content: Mapping[str, Any]) -> bytes:
+    """What a suite's checksum is taken of: its content as sorted JSON without white space."""
+    return json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True).encode()
+
+
+def suite_ids() -> tuple[str, ...]:
+    """The suites that there are, sorted."""
+    return tuple(sorted(path.stem for path in SUITES.glob("*@*.json")))
+
+
+@functools.lru_cache(maxsize=64)
+def load_suite(suite_id: str) -> Suite:
+    """The suite of this name and version; read once for each process.
+
+    Raises:
+        UnknownSuiteError: there is none; names those that there are.
+        CorruptFileError: its file is not what its checksum says.
+    """
+    if not re.fullmatch(r"[a-z0-9-]+@[0-9]+", suite_id) or suite_id not in suite_ids():
+        raise UnknownSuiteError(suite_id, suite_ids())
+    return read_suite(SUITES / f"{suite_id}.json")
+
+
+def read_suite(path: Path) -> Suite:
+    """The suite in a file.
+
+    Raises:
+        CorruptFileError: the file was changed, or is none.
+    """
+    try:
+        content = json.loads(path.read_text("utf-8"))
+        sha256 = content.pop("sha256")
+        if hashlib.sha256(canonical(content)).hexdigest() != sha256:
+            raise CorruptFileError(
+                f"suite {path.stem}: the file was changed, and suites never change; "
+                "restore it, or give the changed one a new version",
+            )
+        return Suite(
+            id=path.stem,
+            name=content["name"],
+            version=content["version"],
+            title=content["title"],
+            sha256=sha256,
+            tracks=tuple(Track(track) for track in content["tracks"]),
+            trials=tuple(Trial.model_validate(trial) for trial in content["trials"]),
+        )
+    except (OSError, json.JSONDecodeError, KeyError, AttributeError, TypeError, ValidationError) as error:
+        raise CorruptFileError(f"suite {path.stem}: {error}; install wrongturn-networks again") from error

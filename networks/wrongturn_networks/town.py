@@ -1,0 +1,96 @@
+"""Towns: road networks with their junctions, roads and scenery."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from shapely import set_precision
+from shapely.geometry import mapping
+from shapely.geometry.base import BaseGeometry
+
+from wrongturn_networks.errors import UnknownApproachError
+from wrongturn_networks.junctions import Approach, Junction
+from wrongturn_networks.lanes import Lane
+from wrongturn_networks.scenery import SceneryObject
+from wrongturn_protocol import ApproachDetail, JunctionType, TownDetail, TownSummary
+
+
+@dataclass(frozen=True, eq=False)
+class Town:
+    """A road network and what stands beside it. Metres, x east, y north; headings in radians from east."""
+
+    name: str
+    directory: Path
+    net_file: Path
+    """SUMO's network."""
+    sha256: str
+    """Of the canonical network and the scenery."""
+    lanes: Mapping[str, Lane]
+    """Lanes for cars between junctions, by id."""
+    junctions: Mapping[str, Junction]
+    approaches: Mapping[str, Approach]
+    road: BaseGeometry
+    """Where a car may be."""
+    sidewalks: BaseGeometry
+    scenery: tuple[SceneryObject, ...]
+    bounds: tuple[float, float, float, float]
+    """x least, y least, x greatest, y greatest of road and sidewalks."""
+
+    def approach(self, approach_id: str) -> Approach:
+        """The approach of this name.
+
+        Raises:
+            UnknownApproachError: there is none; names those that there are.
+        """
+        if approach_id not in self.approaches:
+            raise UnknownApproachError(approach_id, self.approaches)
+        return self.approaches[approach_id]
+
+    def approach_of_lane(self, lane_id: str) -> Approach | None:
+        """The approach whose incoming lane it is; None where the lane ends at no junction."""
+        return self._by_lane.get(lane_id)
+
+    @cached_property
+    def _by_lane(self) -> dict[str, Approach]:
+        return {approach.lane: approach for approach in self.approaches.values()}
+
+    def summary(self) -> TownSummary:
+        """The town as the service lists it."""
+        counts = dict.fromkeys(JunctionType, 0)
+        for approach in self.approaches.values():
+            counts[approach.type] += 1
+        return TownSummary(
+            name=self.name,
+            sha256=self.sha256,
+            junctions=len(self.junctions),
+            approaches={kind: count for kind, count in counts.items() if count},
+        )
+
+    def detail(self) -> TownDetail:
+        """The town as the service describes it, enough to draw it."""
+        return TownDetail(
+            name=self.name,
+            sha256=self.sha256,
+            bounds=self.bounds,
+            approaches=tuple(
+                ApproachDetail(
+                    id=approach.id,
+                    junction=approach.junction,
+                    type=approach.type,
+                    exits=tuple(approach.exits),
+                    stop_line=approach.stop_line,
+                    heading=approach.heading,
+                    lane_length=self.lanes[approach.lane].length,
+                )
+                for approach in self.approaches.values()
+            ),
+            road=_geojson(self.road),
+            junctions={junction.id: _geojson(junction.area) for junction in self.junctions.values()},
+            lanes={lane.id: tuple((float(x), float(y)) for x, y in lane.centreline) for lane in self.lanes.values()},
+        )
+
+
+def _geojson(geometry: BaseGeometry) -> dict[str, Any]:
+    return dict(mapping(set_precision(geometry, 0.001)))
