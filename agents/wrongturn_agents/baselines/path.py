@@ -20,6 +20,10 @@ class Path:
     """(N, 2), metres."""
     distances: NDArray[np.float64]
     """(N,), metres along the path from the point that was given first, so negative on the extension behind it."""
+    stretches: NDArray[np.float64]
+    """(N - 1, 2), unit vectors from each point to the next."""
+    lengths: NDArray[np.float64]
+    """(N - 1,), metres from each point to the next."""
     bends: NDArray[np.float64]
     """(N,), absolute curvature at each point, 1/m."""
 
@@ -38,17 +42,18 @@ class Path:
         behind = kept[0] - _BEHIND * _unit(kept[1] - kept[0])
         beyond = kept[-1] + _BEYOND * _unit(kept[-1] - kept[-2])
         whole = np.concatenate(([behind], kept, [beyond]))
-        distances = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(whole, axis=0).T)))) - _BEHIND
-        return cls(whole, distances, _curvature(whole, distances))
+        vectors = np.diff(whole, axis=0)
+        lengths = np.hypot(vectors[:, 0], vectors[:, 1])
+        distances = np.concatenate(([0.0], np.cumsum(lengths))) - _BEHIND
+        return cls(whole, distances, vectors / lengths[:, None], lengths, _curvature(vectors, distances))
 
     def project(self, x: float, y: float) -> float:
         """Distance along the path of its point nearest to (x, y), metres."""
-        starts, vectors = self.points[:-1], np.diff(self.points, axis=0)
-        lengths = np.diff(self.distances)
-        offsets = np.array((x, y)) - starts
-        along = np.clip((offsets * vectors).sum(axis=1) / lengths, 0.0, lengths)
-        misses = offsets - vectors * (along / lengths)[:, None]
-        nearest = int(np.argmin((misses * misses).sum(axis=1)))
+        offset_x, offset_y = x - self.points[:-1, 0], y - self.points[:-1, 1]
+        way_x, way_y = self.stretches[:, 0], self.stretches[:, 1]
+        along = np.minimum(np.maximum(offset_x * way_x + offset_y * way_y, 0.0), self.lengths)
+        miss_x, miss_y = offset_x - along * way_x, offset_y - along * way_y
+        nearest = int((miss_x * miss_x + miss_y * miss_y).argmin())
         return float(self.distances[nearest] + along[nearest])
 
     def at(self, distance: float) -> tuple[float, float]:
@@ -76,8 +81,7 @@ def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     return vector / math.hypot(vector[0], vector[1])
 
 
-def _curvature(points: NDArray[np.float64], distances: NDArray[np.float64]) -> NDArray[np.float64]:
-    vectors = np.diff(points, axis=0)
+def _curvature(vectors: NDArray[np.float64], distances: NDArray[np.float64]) -> NDArray[np.float64]:
     headings = np.unwrap(np.arctan2(vectors[:, 1], vectors[:, 0]))
     middles = (distances[:-1] + distances[1:]) / 2.0
     turned = np.interp(distances + _HALF_WINDOW, middles, headings)
