@@ -26,7 +26,9 @@ BACKDROPS: Final = ("wall", "hedge", "house", "open", "trees", "fence")
 def place_scenery(town: Town, seed: int) -> tuple[SceneryObject, ...]:
     """Scenery for a town: the same for the same town and seed, none of it on road, sidewalk or another object."""
     placer = _Placer(town, seed)
-    for number, approach in enumerate(a for a in town.approaches.values() if a.type.missing is not None):
+    # The three approaches of a T-junction lack one and the same arm: one backdrop for each junction.
+    lacking = {a.junction: a for a in town.approaches.values() if a.type.missing is not None}
+    for number, approach in enumerate(lacking.values()):
         placer.behind(approach, number)
     for lane in town.lanes.values():
         placer.along(lane.centreline, lane.width)
