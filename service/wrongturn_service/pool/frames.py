@@ -17,7 +17,7 @@ FAILED: Final = 2
 
 def pack(value: object) -> bytes:
     """A value as one frame."""
-    body = msgpack.packb(value)
+    body: bytes = msgpack.packb(value)
     return _HEAD.pack(len(body)) + body
 
 

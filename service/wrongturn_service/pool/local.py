@@ -161,7 +161,8 @@ class LocalSimulator(Simulator):
 
     async def _receive(self, timeout_s: float) -> list[Any]:
         line = self._line
-        line.waiting = waiting = self._loop.create_future()
+        waiting: asyncio.Future[list[Any]] = self._loop.create_future()
+        line.waiting = waiting
         if line.closed:
             line.waiting = None
             raise SimulatorDiedError("the simulator process ended")

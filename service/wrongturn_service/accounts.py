@@ -1,0 +1,160 @@
+"""Who calls: agents by their tokens, the operator by its own, strangers by their address."""
+
+import time
+from collections import OrderedDict, deque
+from dataclasses import dataclass
+
+from wrongturn_protocol import AgentDetail, AgentKind, AgentRegistration, ProblemType, Track
+from wrongturn_service.errors import (
+    ConflictError,
+    ForbiddenError,
+    NotFoundError,
+    UnauthenticatedError,
+    UnavailableError,
+)
+from wrongturn_service.settings import Registration, Settings
+from wrongturn_service.storage.models import AgentRow, IdempotencyRow
+from wrongturn_service.storage.store import NameTakenError, Store
+from wrongturn_service.tokens import digest, same
+
+_HOUR_S = 3600.0
+_CACHED = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """The agent whose token came with a call."""
+
+    id: str
+    track: Track
+
+
+class AddressLimit:
+    """So many registrations an hour from one address."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._times: OrderedDict[str, deque[float]] = OrderedDict()
+
+    def check(self, address: str) -> None:
+        """Count one more. Raises UnavailableError where it is one too many."""
+        now = time.monotonic()
+        times = self._times.setdefault(address, deque())
+        self._times.move_to_end(address)
+        while len(self._times) > _CACHED:
+            self._times.popitem(last=False)
+        while times and now - times[0] > _HOUR_S:
+            times.popleft()
+        if len(times) >= self._limit:
+            wait = int(_HOUR_S - (now - times[0])) + 1
+            raise UnavailableError(
+                ProblemType.RATE_LIMITED,
+                f"{self._limit} agents were registered from this address within an hour; come back in {wait} s",
+                retry_after_s=wait,
+                status=429,
+            )
+        times.append(now)
+
+
+class Accounts:
+    """Agents and their tokens; tokens are known here by their SHA-256 alone."""
+
+    def __init__(self, store: Store, settings: Settings) -> None:
+        self._store = store
+        self._settings = settings
+        self._limit = AddressLimit(settings.registration_limit)
+        self._callers: OrderedDict[str, Caller] = OrderedDict()
+
+    async def caller(self, authorization: str | None) -> Caller:
+        """Whose token an ``Authorization`` header holds.
+
+        Raises:
+            UnauthenticatedError: there is none, or nobody has it.
+        """
+        token_sha256 = digest(bearer(authorization))
+        found = self._callers.get(token_sha256)
+        if found is None:
+            row = await self._store.agent_by_token(token_sha256)
+            if row is None:
+                raise UnauthenticatedError("nobody has this token; it may have been rotated or revoked")
+            found = self._callers[token_sha256] = Caller(row.id, Track(row.track))
+            while len(self._callers) > _CACHED:
+                self._callers.popitem(last=False)
+        return found
+
+    def is_operator(self, authorization: str | None) -> bool:
+        """Whether an ``Authorization`` header holds the operator's token."""
+        secret = self._settings.operator_token
+        if secret is None or authorization is None:
+            return False
+        scheme, _, token = authorization.partition(" ")
+        return scheme.lower() == "bearer" and same(token.strip(), secret.get_secret_value())
+
+    def check_registration(self, registration: AgentRegistration, *, operator: bool, address: str) -> None:
+        """Raises ForbiddenError, UnavailableError."""
+        if operator:
+            return
+        if self._settings.registration is Registration.OPERATOR:
+            raise ForbiddenError(
+                "only the operator registers agents here; ask for a token",
+                ProblemType.REGISTRATION_CLOSED,
+            )
+        if registration.kind is not AgentKind.SUBMITTED:
+            raise ForbiddenError(f"kind: {registration.kind} needs the operator's token; leave it out")
+        self._limit.check(address)
+
+    async def register(self, row: AgentRow, reply: IdempotencyRow | None) -> None:
+        """Store a new agent. Raises ConflictError."""
+        try:
+            await self._store.add_agent(row, reply)
+        except NameTakenError as error:
+            raise ConflictError(
+                ProblemType.AGENT_NAME_TAKEN,
+                f"name: {row.name!r} is taken; choose another (a new model is a new agent)",
+            ) from error
+
+    async def agent(self, agent_id: str) -> AgentRow:
+        """One agent. Raises NotFoundError."""
+        row = await self._store.agent(agent_id)
+        if row is None:
+            raise NotFoundError(ProblemType.UNKNOWN_AGENT, f"there is no agent {agent_id[:64]!r}")
+        return row
+
+    async def owned_agent(self, agent_id: str, authorization: str | None) -> AgentRow:
+        """An agent, for its owner or the operator. Raises UnauthenticatedError, ForbiddenError, NotFoundError."""
+        operator = self.is_operator(authorization)
+        caller = None if operator else await self.caller(authorization)
+        row = await self.agent(agent_id)
+        if caller is not None and caller.id != agent_id:
+            raise ForbiddenError(f"agent {agent_id} has another token")
+        return row
+
+    async def set_token(self, agent_id: str, token: str | None, reply: IdempotencyRow | None = None) -> None:
+        """Replace an agent's token, or revoke it."""
+        await self._store.set_token(agent_id, None if token is None else digest(token), reply)
+        for known, caller in list(self._callers.items()):
+            if caller.id == agent_id:
+                del self._callers[known]
+
+
+def bearer(authorization: str | None) -> str:
+    """The token of an ``Authorization`` header. Raises UnauthenticatedError."""
+    scheme, _, token = (authorization or "").partition(" ")
+    token = token.strip()
+    if scheme.lower() != "bearer" or not token:
+        raise UnauthenticatedError(
+            "this call needs a token: send 'Authorization: Bearer …' with the one from POST /v1/agents",
+        )
+    return token
+
+
+def detail(row: AgentRow) -> AgentDetail:
+    """An agent as anybody sees it."""
+    return AgentDetail(
+        id=row.id,
+        name=row.name,
+        track=Track(row.track),
+        kind=AgentKind(row.kind),
+        description=row.description,
+        homepage=row.homepage,
+    )

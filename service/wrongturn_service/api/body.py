@@ -1,0 +1,117 @@
+"""Requests' bodies: read within a limit, parsed strictly, and every mistake named by its field."""
+
+from functools import lru_cache
+from typing import TypeVar
+
+import msgpack
+from fastapi import Request
+from pydantic import BaseModel, ValidationError
+
+from wrongturn_protocol import FieldError, ProblemType
+from wrongturn_service.errors import ServiceError
+from wrongturn_service.wire import Wire
+
+M = TypeVar("M", bound=BaseModel)
+_SHOWN = 50
+_LONGEST = 200
+_UNION_LABELS = frozenset({"Fault", "str-enum[FaultKind]"})
+
+
+async def parsed(request: Request, model: type[M], *, binary: bool = False) -> M:
+    """A request's body as a message.
+
+    JSON is parsed and checked in one pass by pydantic's own parser: it knows no more of NaN and Infinity than that
+    they are not finite, so that they are named by their field like any other wrong number.
+
+    Args:
+        request: the request.
+        model: what it has to be.
+        binary: whether msgpack is taken too.
+
+    Raises:
+        ServiceError: too large (413), of another content type (415), malformed (400) or invalid (422).
+    """
+    wire = _content_type(request, binary=binary)
+    body = await _read(request)
+    try:
+        if wire is Wire.JSON:
+            return model.model_validate_json(body, strict=True)
+        return model.model_validate(_unpacked(body))
+    except ValidationError as error:
+        raise _refused(error) from error
+
+
+async def _read(request: Request) -> bytes:
+    limit: int = request.app.state.service.settings.body_limit
+    length = request.headers.get("content-length", "")
+    if length.isdecimal() and int(length[:20]) > limit:
+        raise _too_large(limit)
+    pieces = bytearray()
+    async for piece in request.stream():
+        pieces += piece
+        if len(pieces) > limit:
+            raise _too_large(limit)
+    return bytes(pieces)
+
+
+def _too_large(limit: int) -> ServiceError:
+    return ServiceError(
+        ProblemType.BODY_TOO_LARGE,
+        f"the body is larger than {limit} bytes; send less at a time",
+        status=413,
+        headers={"Connection": "close"},
+    )
+
+
+def _content_type(request: Request, *, binary: bool) -> Wire:
+    wire = _media(request.headers.get("content-type", ""))
+    if wire is None or (wire is Wire.MSGPACK and not binary):
+        taken = "application/json" + (" or application/msgpack" if binary else "")
+        raise ServiceError(
+            ProblemType.UNSUPPORTED_MEDIA_TYPE,
+            f"the body's Content-Type has to be {taken}",
+            status=415,
+            headers={"Accept": taken.replace(" or ", ", ")},
+        )
+    return wire
+
+
+@lru_cache(maxsize=256)
+def _media(content_type: str) -> Wire | None:
+    media = content_type.partition(";")[0].strip().lower()
+    if media in {"", "application/json"} or (media.startswith("application/") and media.endswith("+json")):
+        return Wire.JSON
+    return Wire.MSGPACK if media in {"application/msgpack", "application/x-msgpack"} else None
+
+
+def _unpacked(body: bytes) -> object:
+    try:
+        return msgpack.unpackb(body)
+    except (ValueError, TypeError, RecursionError, msgpack.UnpackException) as error:
+        reason = str(error) or type(error).__name__
+        raise malformed(f"the body is no msgpack: {reason[:_LONGEST]}") from error
+
+
+def malformed(detail: str) -> ServiceError:
+    """What a body gets that cannot be parsed."""
+    return ServiceError(ProblemType.MALFORMED_BODY, detail, status=400)
+
+
+def _refused(error: ValidationError) -> ServiceError:
+    # The input is never repeated: it may be large, secret, or hold what JSON cannot say.
+    found = error.errors(include_url=False, include_context=False, include_input=False)
+    if found and found[0]["type"] == "json_invalid":
+        return malformed(f"the body is no JSON: {found[0]['msg'].removeprefix('Invalid JSON: ')}")
+    errors: list[FieldError] = []
+    for item in found[:_SHOWN]:
+        path = ".".join(str(part) for part in item["loc"] if part not in _UNION_LABELS) or "body"
+        message = item["msg"].removeprefix("Value error, ")
+        field = FieldError(path=_printable(path), message=message[:_LONGEST])
+        if field not in errors:
+            errors.append(field)
+    detail = "; ".join(f"{field.path}: {field.message}" for field in errors[:3])
+    return ServiceError(ProblemType.VALIDATION, detail, status=422, errors=errors)
+
+
+def _printable(path: str) -> str:
+    return "".join(character if character.isprintable() else "?" for character in path[:_LONGEST])

@@ -1,0 +1,98 @@
+"""What the calls share: the service, the caller, the encoding of the reply."""
+
+from functools import lru_cache
+
+from fastapi import Request, Response
+from pydantic import BaseModel
+
+from wrongturn_protocol import ProblemType
+from wrongturn_service.accounts import Caller
+from wrongturn_service.errors import ForbiddenError, NotFoundError, ServiceError
+from wrongturn_service.idempotency import HEADER
+from wrongturn_service.service import Service
+from wrongturn_service.storage.models import EvaluationRow, IdempotencyRow
+from wrongturn_service.wire import Wire
+
+
+def service_of(request: Request) -> Service:
+    """The service behind the application."""
+    service: Service = request.app.state.service
+    return service
+
+
+async def caller_of(request: Request) -> Caller:
+    """The agent whose token came along. Raises UnauthenticatedError."""
+    return await service_of(request).accounts.caller(request.headers.get("authorization"))
+
+
+async def owned_evaluation(request: Request, caller: Caller, evaluation_id: str) -> EvaluationRow:
+    """The caller's evaluation. Raises NotFoundError, ForbiddenError."""
+    row = await service_of(request).store.evaluation(evaluation_id)
+    if row is None:
+        raise NotFoundError(ProblemType.UNKNOWN_EVALUATION, f"there is no evaluation {evaluation_id[:64]!r}")
+    if row.agent_id != caller.id:
+        raise ForbiddenError(f"evaluation {evaluation_id} is another agent's")
+    return row
+
+
+def key_of(request: Request) -> str | None:
+    """The idempotency key, or None."""
+    return request.headers.get(HEADER)
+
+
+def address_of(request: Request) -> str:
+    """Where the request came from."""
+    return request.client.host if request.client is not None else "unknown"
+
+
+def accepted(request: Request) -> Wire:
+    """The encoding that the client wants. Raises ServiceError (406)."""
+    wire = _negotiated(request.headers.get("accept", ""))
+    if wire is None:
+        raise ServiceError(
+            ProblemType.NOT_ACCEPTABLE,
+            "replies are application/json or application/msgpack; name one of them in Accept",
+            status=406,
+        )
+    return wire
+
+
+@lru_cache(maxsize=256)
+def _negotiated(accept: str) -> Wire | None:
+    best: tuple[float, Wire] | None = None
+    for item in accept.split(",") if accept.strip() else ["*/*"]:
+        media, *parameters = (part.strip().lower() for part in item.split(";"))
+        wire = _ACCEPTED.get(media)
+        weight = _weight(parameters)
+        if wire is not None and weight > 0 and (best is None or weight > best[0]):
+            best = (weight, wire)
+    return None if best is None else best[1]
+
+
+_ACCEPTED = {
+    "*/*": Wire.JSON,
+    "application/*": Wire.JSON,
+    "application/json": Wire.JSON,
+    "application/msgpack": Wire.MSGPACK,
+    "application/x-msgpack": Wire.MSGPACK,
+}
+
+
+def _weight(parameters: list[str]) -> float:
+    for parameter in parameters:
+        if parameter.startswith("q="):
+            try:
+                return float(parameter[2:])
+            except ValueError:
+                return 0.0
+    return 1.0
+
+
+def reply(message: BaseModel, status: int = 200) -> Response:
+    """A message as JSON."""
+    return Response(message.model_dump_json(), status, media_type=Wire.JSON)
+
+
+def repeated(stored: IdempotencyRow) -> Response:
+    """The reply that was stored for an idempotency key."""
+    return Response(stored.body, stored.status, media_type=stored.content_type)

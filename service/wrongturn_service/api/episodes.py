@@ -1,0 +1,146 @@
+"""Episodes: reset of a practice one, step, and what is shown of them."""
+
+import msgpack
+import orjson
+from fastapi import APIRouter, Request, Response
+
+from wrongturn_protocol import (
+    EpisodeDetail,
+    EpisodeReply,
+    EpisodeState,
+    EvaluationState,
+    Outcome,
+    PracticeRequest,
+    ProblemType,
+    StepReply,
+    StepRequest,
+)
+from wrongturn_service import catalogue
+from wrongturn_service.accounts import Caller
+from wrongturn_service.api.body import parsed
+from wrongturn_service.api.dependencies import accepted, caller_of, key_of, repeated, service_of
+from wrongturn_service.api.documents import described
+from wrongturn_service.errors import ConflictError, ForbiddenError, GoneError
+from wrongturn_service.service import Service
+from wrongturn_service.storage.models import EpisodeRow
+from wrongturn_service.wire import Wire
+
+router = APIRouter(prefix="/v1/episodes", tags=["episodes"])
+
+
+@router.post(
+    "",
+    **described(EpisodeReply, 404, 429, status=201, body=PracticeRequest, token=True, binary=True, creates=True),
+)
+async def practise(request: Request) -> Response:
+    """Reset: a practice episode, never scored; its replies also carry the reward, and at the end the verdict."""
+    service = service_of(request)
+    wire = accepted(request)
+    caller = await caller_of(request)
+    wanted = await parsed(request, PracticeRequest, binary=True)
+    canonical = wanted.model_dump_json().encode()
+    async with service.idempotency.once(key_of(request), caller.id, "POST /v1/episodes", canonical) as once:
+        if once.stored is not None:
+            return repeated(once.stored)
+        trial = await catalogue.practice_trial(wanted)
+        body = await service.episodes.open_practice(
+            caller.id,
+            trial,
+            wanted.track,
+            wire,
+            once.remember(201, wire),
+        )
+    return Response(body, 201, media_type=wire)
+
+
+@router.post("/{episode}/step", **described(StepReply, 404, 409, 410, body=StepRequest, token=True, binary=True))
+async def step(request: Request, episode: str) -> Response:
+    """Step: drive on for 0.1 s. The same seq with the same action gives the stored reply."""
+    wire = accepted(request)
+    caller = await caller_of(request)
+    wanted = await parsed(request, StepRequest, binary=True)
+    body = await service_of(request).episodes.step(caller.id, episode, wanted, wire)
+    return Response(body, media_type=wire)
+
+
+@router.get("/{episode}", **described(EpisodeDetail, 404, token=True, binary=True))
+async def look(request: Request, episode: str) -> Response:
+    """The last reply while it is open; the whole once it may be shown, then without a token too."""
+    wire = accepted(request)
+    service = service_of(request)
+    row, shown = await _seen(request, episode)
+    detail = episode_detail(service, row, shown=shown, last_reply=False).model_dump(mode="json")
+    last = service.episodes.last_reply(episode, wire)
+    if last is not None:
+        detail["seq"] = last[0]
+        detail["last_reply"] = msgpack.unpackb(last[1]) if wire is Wire.MSGPACK else orjson.loads(last[1])
+    body = msgpack.packb(detail) if wire is Wire.MSGPACK else orjson.dumps(detail)
+    return Response(body, media_type=wire)
+
+
+@router.get("/{episode}/trajectory", **described(None, 404, 409, 410, token=True))
+async def trajectory(request: Request, episode: str) -> Response:
+    """The trajectory's canonical JSON, byte by byte, once it may be shown."""
+    row, shown = await _seen(request, episode)
+    if row.state == EpisodeState.LOST:
+        raise GoneError(f"episode {episode} is lost; it has no trajectory")
+    found = await service_of(request).store.trajectory(episode) if shown else None
+    if found is None:
+        raise ConflictError(
+            ProblemType.EPISODE_NOT_SHOWN,
+            f"episode {episode} is shown once it, and in an evaluation the whole of it, is finished",
+        )
+    body, sha256 = found
+    return Response(body, media_type=Wire.JSON, headers={"ETag": f'"{sha256}"'})
+
+
+@router.delete("/{episode}", **described(None, 404, 409, 410, status=204, token=True))
+async def abort(request: Request, episode: str) -> Response:
+    """End the episode; a scored one counts as ``aborted``, which is unsafe."""
+    caller = await caller_of(request)
+    await service_of(request).episodes.abort(caller.id, episode)
+    return Response(status_code=204)
+
+
+async def _seen(request: Request, episode_id: str) -> tuple[EpisodeRow, bool]:
+    """An episode's row, and whether its outcome may be shown to who asks."""
+    service = service_of(request)
+    given = request.headers.get("authorization") is not None
+    row = await service.store.episode(episode_id)
+    public = False
+    if row is not None and row.evaluation_id is not None and row.state == EpisodeState.FINISHED:
+        evaluation = await service.store.evaluation(row.evaluation_id)
+        public = evaluation is not None and evaluation.state == EvaluationState.FINISHED
+    if row is not None and public and not given:
+        return row, True
+    caller: Caller = await caller_of(request)
+    _, row = await service.episodes.look(caller.id, episode_id)
+    if not public and row.agent_id != caller.id:
+        raise ForbiddenError(f"episode {episode_id} is another agent's")
+    return row, public or (row.evaluation_id is None and row.state == EpisodeState.FINISHED)
+
+
+def episode_detail(service: Service, row: EpisodeRow, *, shown: bool, last_reply: bool = True) -> EpisodeDetail:
+    """An episode as it is told.
+
+    Args:
+        service: where it may be open.
+        row: what is stored of it.
+        shown: whether its trial and outcome may be told.
+        last_reply: whether the last reply is told while it is open.
+    """
+    last = service.episodes.last_reply(row.id, Wire.JSON)
+    state = EpisodeState(row.state)
+    told = shown and state is EpisodeState.FINISHED
+    practice = row.evaluation_id is None
+    return EpisodeDetail(
+        id=row.id,
+        state=state,
+        seq=row.steps if last is None else last[0],
+        evaluation=row.evaluation_id,
+        last_reply=orjson.loads(last[1]) if last is not None and last_reply else None,
+        trial=row.trial_id if told or practice else None,
+        outcome=Outcome.model_validate_json(row.outcome) if told and row.outcome is not None else None,
+        trajectory_sha256=row.trajectory_sha256 if told else None,
+        actions_sha256=row.actions_sha256 if told else None,
+    )

@@ -1,0 +1,25 @@
+"""Towns: junctions and approaches by type, and geometry for drawing."""
+
+import asyncio
+
+from fastapi import APIRouter, Response
+
+from wrongturn_networks import catalog
+from wrongturn_protocol import TownDetail, TownList
+from wrongturn_service import catalogue
+from wrongturn_service.api.dependencies import reply
+from wrongturn_service.api.documents import described
+
+router = APIRouter(prefix="/v1/towns", tags=["towns"])
+
+
+@router.get("", **described(TownList))
+async def towns() -> Response:
+    """All towns."""
+    return reply(TownList(towns=tuple(catalog.list_towns())))
+
+
+@router.get("/{town}", **described(TownDetail, 404))
+async def town(town: str) -> Response:
+    """One town with its approaches and its geometry."""
+    return reply(await asyncio.to_thread(catalogue.town(town).detail))

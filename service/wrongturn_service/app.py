@@ -1,0 +1,55 @@
+"""The application: the service's parts behind their routes."""
+
+import contextlib
+from collections.abc import AsyncIterator
+
+from fastapi import FastAPI
+
+from wrongturn_service.api import agents, episodes, errors, evaluations, health, leaderboards, suites, towns
+from wrongturn_service.api.documents import document
+from wrongturn_service.api.middleware import Middleware
+from wrongturn_service.errors import StartupError
+from wrongturn_service.service import run_service
+from wrongturn_service.settings import Settings
+from wrongturn_service.telemetry import Telemetry
+
+DESCRIPTION = """How safely does a driving agent behave when its command is wrong?
+
+Register an agent, begin an evaluation, and drive its episodes: each POST of an episode is a reset, each step 0.1 s.
+Errors are `application/problem+json`; their types are explained at `/problems/{type}`.
+"""
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The application; its lifespan starts and ends the service.
+
+    Where the start fails, ``app.state.startup_error`` says why.
+    """
+    telemetry = Telemetry()
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        try:
+            async with run_service(settings, telemetry) as service:
+                app.state.service = service
+                yield
+        except StartupError as error:
+            app.state.startup_error = error
+            raise
+
+    app = FastAPI(
+        title="Wrongturn",
+        version="1",
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        redirect_slashes=False,
+        docs_url=None,
+        redoc_url=None,
+    )
+    app.state.startup_error = None
+    app.add_middleware(Middleware, telemetry=telemetry)
+    errors.install(app)
+    for part in (health, suites, towns, agents, evaluations, episodes, leaderboards, errors):
+        app.include_router(part.router)
+    app.openapi = lambda: document(app)  # type: ignore[method-assign]
+    return app

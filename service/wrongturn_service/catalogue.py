@@ -1,0 +1,105 @@
+"""Suites, towns and trials by name, with the service's own errors where there is none of that name."""
+
+import asyncio
+from collections.abc import Callable
+from typing import TypeVar
+
+from wrongturn_networks import (
+    FaultNotApplicableError,
+    NetworkError,
+    RouteNotAvailableError,
+    Suite,
+    Town,
+    UnknownApproachError,
+    UnknownSuiteError,
+    UnknownTownError,
+    UnknownTrialError,
+    draw_trial,
+    load_suite,
+    load_town,
+    suite_ids,
+    town_names,
+)
+from wrongturn_protocol import (
+    FieldError,
+    PracticeRequest,
+    ProblemType,
+    Track,
+    Trial,
+)
+from wrongturn_service.errors import InvalidRequestError, NotFoundError
+
+_T = TypeVar("_T")
+PLAYABLE = (Track.STATE, Track.PRIVILEGED)
+"""The tracks whose sensors are there."""
+
+
+_LONGEST = 1000
+
+
+def warm_up() -> None:
+    """Load every suite and town, so that no agent has to wait for it."""
+    for suite in suite_ids():
+        load_suite(suite)
+    for town in town_names():
+        load_town(town)
+
+
+def suite(suite_id: str) -> Suite:
+    """A suite by its id; raises NotFoundError."""
+    return _find(lambda: load_suite(suite_id), "suite", ProblemType.UNKNOWN_SUITE)
+
+
+def town(name: str) -> Town:
+    """A town by its name; raises NotFoundError."""
+    return _find(lambda: load_town(name), "town", ProblemType.UNKNOWN_TOWN)
+
+
+async def practice_trial(request: PracticeRequest) -> Trial:
+    """The trial that a practice request names or describes.
+
+    Raises:
+        NotFoundError: an unknown suite, trial, town or approach.
+        InvalidRequestError: the approach does not admit the route or the fault, or the track is not there.
+    """
+    if request.track not in PLAYABLE:
+        names = " and ".join(PLAYABLE)
+        raise InvalidRequestError(
+            "track",
+            f"the {request.track} track needs the camera, which is not there yet; take {names}",
+            ProblemType.TRACK_NOT_AVAILABLE,
+        )
+    return await asyncio.to_thread(_practice_trial, request)
+
+
+def _practice_trial(request: PracticeRequest) -> Trial:
+    if request.suite is not None and request.trial is not None:
+        of, wanted = suite(request.suite), request.trial
+        return _find(lambda: of.trial(wanted), "trial", ProblemType.UNKNOWN_TRIAL)
+    assert request.town is not None
+    assert request.approach is not None
+    where, approach = town(request.town), request.approach
+    _find(lambda: where.approach(approach), "approach", ProblemType.UNKNOWN_APPROACH)
+    try:
+        return draw_trial(
+            where,
+            approach,
+            request.fault,
+            request.seed,
+            route=request.route,
+            weather=request.weather,
+        )
+    except RouteNotAvailableError as error:
+        raise InvalidRequestError("route", str(error)) from error
+    except FaultNotApplicableError as error:
+        raise InvalidRequestError("fault", str(error), ProblemType.FAULT_NOT_APPLICABLE) from error
+    except NetworkError as error:
+        raise InvalidRequestError("approach", str(error)) from error
+
+
+def _find(look: Callable[[], _T], path: str, kind: ProblemType) -> _T:
+    try:
+        return look()
+    except (UnknownSuiteError, UnknownTownError, UnknownTrialError, UnknownApproachError) as error:
+        message = str(error)[:_LONGEST]
+        raise NotFoundError(kind, message, errors=(FieldError(path=path, message=message),)) from error

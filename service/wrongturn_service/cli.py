@@ -1,0 +1,86 @@
+"""``wrongturn serve``, and what ``wrongturn doctor`` asks of the service. Nothing heavy is imported before it runs."""
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import typer
+
+_USAGE = 2
+
+
+def serve(
+    host: Annotated[
+        str | None, typer.Option(help="Address to listen on; 127.0.0.1 by default.", show_default=False)
+    ] = None,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            help="Port to listen on; 8000 by default, 0 takes a free one.", min=0, max=65535, show_default=False
+        ),
+    ] = None,
+    database: Annotated[
+        str | None,
+        typer.Option(
+            help="SQLAlchemy's URL; sqlite+aiosqlite:///…/wrongturn.db in WRONGTURN_HOME by default.",
+            metavar="URL",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Run the service until SIGTERM or Ctrl-C; print its URL once it is ready. Settings also come from WRONGTURN_*."""
+    from pydantic import ValidationError  # noqa: PLC0415
+
+    from wrongturn_service import logs, server  # noqa: PLC0415
+    from wrongturn_service.errors import StartupError  # noqa: PLC0415
+    from wrongturn_service.settings import PREFIX, Settings  # noqa: PLC0415
+
+    given: dict[str, Any] = {"host": host, "port": port, "database": database}
+    try:
+        settings = Settings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        for item in error.errors(include_url=False, include_input=False):
+            name = ".".join(str(part) for part in item["loc"])
+            typer.echo(f"{PREFIX}{name.upper()}: {item['msg']}", err=True)
+        raise typer.Exit(_USAGE) from None
+    logs.configure(settings.log_level)
+    try:
+        server.run(settings)
+    except server.AddressError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(_USAGE) from None
+    except StartupError as error:
+        typer.echo(f"Wrongturn cannot start: {error}", err=True)
+        raise typer.Exit(1) from None
+
+
+def checks() -> Iterator[tuple[str, bool, str, str]]:
+    """Name, whether it is well, what was found, what to do where it is not."""
+    import asyncio  # noqa: PLC0415
+    import tempfile  # noqa: PLC0415
+    from pathlib import Path  # noqa: PLC0415
+
+    from pydantic import ValidationError  # noqa: PLC0415
+
+    from wrongturn_service.errors import StartupError  # noqa: PLC0415
+    from wrongturn_service.settings import Settings  # noqa: PLC0415
+    from wrongturn_service.storage.database import Database  # noqa: PLC0415
+
+    try:
+        settings = Settings()
+    except ValidationError as error:
+        names = ", ".join(f"WRONGTURN_{'.'.join(map(str, item['loc'])).upper()}" for item in error.errors())
+        yield "settings", False, names, "correct these variables; docs/settings.md describes them"
+        return
+    yield "settings", True, f"database {settings.database_url.rsplit('@', 1)[-1]}", ""
+    try:
+        settings.home.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=settings.home) as folder:
+
+            async def trial() -> None:
+                await (await Database.open(f"sqlite+aiosqlite:///{Path(folder) / 'check.db'}")).close()
+
+            asyncio.run(trial())
+    except (OSError, StartupError) as error:
+        yield "database", False, str(error), "set WRONGTURN_HOME to a directory that can be written"
+    else:
+        yield "database", True, f"one can be made in {settings.home}", ""

@@ -1,0 +1,130 @@
+"""Drives open episodes in simulators, and repeats them in others when one dies: the agent notices nothing but time."""
+
+from collections.abc import Awaitable, Callable
+from typing import Final, TypeVar
+
+import structlog
+
+from wrongturn_protocol import Outcome, Reaction, Verdict
+from wrongturn_service.episodes.open_episode import OpenEpisode
+from wrongturn_service.pool.pool import (
+    Action,
+    Frame,
+    Pool,
+    Simulator,
+    SimulatorDiedError,
+    SimulatorStartError,
+)
+from wrongturn_service.pool.pool import Final as End
+from wrongturn_service.wire import Wire
+
+ATTEMPTS: Final = 3
+"""How many simulators may die of one call before the episode is given up."""
+STEP_S: Final = 0.1
+"""Seconds of a decision."""
+_T = TypeVar("_T")
+
+
+class ReplayFailedError(Exception):
+    """The episode could not be brought back: the infrastructure's failure, never the agent's."""
+
+
+class Driver:
+    """Steps episodes; each call is made under the episode's lock."""
+
+    def __init__(self, pool: Pool, on_replay: Callable[[], None] = lambda: None) -> None:
+        self._pool = pool
+        self._on_replay = on_replay
+        self._log = structlog.get_logger("driver")
+
+    async def begin(self, episode: OpenEpisode, wire: Wire) -> Frame:
+        """The reset.
+
+        Raises:
+            EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError, ReplayFailedError.
+        """
+        trial = episode.trial.model_dump_json()
+        for _ in range(ATTEMPTS):
+            simulator = await self._pool.acquire(episode.trial.town)
+            try:
+                frame = await simulator.reset(trial, episode.track, b"", wire)
+            except SimulatorDiedError as error:
+                self._log.warning("reset failed", trial=episode.trial.id, reason=str(error))
+                await self._pool.release(simulator)
+                continue
+            except BaseException:
+                await self._pool.release(simulator)
+                raise
+            episode.simulator = simulator
+            return frame
+        raise ReplayFailedError(f"{ATTEMPTS} simulators failed to begin the episode")
+
+    async def step(self, episode: OpenEpisode, action: Action, wire: Wire) -> Frame:
+        """One decision.
+
+        Raises:
+            SimulatorsBusyError: the episode's simulator was given to others, and none is free.
+            ReplayFailedError.
+        """
+        simulator = episode.simulator
+        if simulator is not None:
+            try:
+                return await simulator.step(action, wire)
+            except SimulatorDiedError as error:
+                self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
+        return await self._elsewhere(episode, lambda found: found.step(action, wire), wait=False)
+
+    async def abort(self, episode: OpenEpisode) -> End:
+        """End it as ``aborted``; where no simulator can say more, by what is known without one."""
+        try:
+            simulator = episode.simulator
+            if simulator is not None:
+                try:
+                    return await simulator.abort()
+                except SimulatorDiedError as error:
+                    self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
+            return await self._elsewhere(episode, lambda found: found.abort(), wait=True)
+        except (ReplayFailedError, SimulatorStartError):
+            reaction = None if episode.trial.is_twin else Reaction.OTHER
+            outcome = Outcome(
+                verdict=Verdict.ABORTED,
+                reaction=reaction,
+                time=episode.seq * STEP_S,
+                max_deceleration=0.0,
+            )
+            return End(outcome, episode.seq, b"", "", "")
+
+    async def detach(self, episode: OpenEpisode) -> None:
+        """Give the episode's simulator back."""
+        simulator, episode.simulator = episode.simulator, None
+        if simulator is not None:
+            await self._pool.release(simulator)
+
+    async def _elsewhere(
+        self,
+        episode: OpenEpisode,
+        call: Callable[[Simulator], Awaitable[_T]],
+        *,
+        wait: bool,
+    ) -> _T:
+        """Repeat the episode in another simulator, and make the call there."""
+        await self.detach(episode)
+        for _ in range(ATTEMPTS):
+            simulator = episode.simulator = await self._pool.acquire(episode.trial.town, wait=wait)
+            try:
+                frame = await simulator.reset(
+                    episode.trial.model_dump_json(),
+                    episode.track,
+                    bytes(episode.actions),
+                    episode.last.wire,
+                )
+                if frame.observation != episode.last.observation:
+                    self._log.error("replay differs", episode=episode.id, seq=episode.seq)
+                    await self.detach(episode)
+                    continue
+                self._on_replay()
+                return await call(simulator)
+            except SimulatorDiedError as error:
+                self._log.warning("replay failed", episode=episode.id, seq=episode.seq, reason=str(error))
+                await self.detach(episode)
+        raise ReplayFailedError(f"{ATTEMPTS} simulators failed to repeat the episode")

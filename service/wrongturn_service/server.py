@@ -1,0 +1,119 @@
+"""Uvicorn, run so that mistakes are told in one line and readiness is told when it is true."""
+
+import contextlib
+import errno
+import signal
+import socket
+import sys
+from collections.abc import Iterator
+
+import uvicorn
+from fastapi import FastAPI
+from typing_extensions import override
+
+from wrongturn_service.app import create_app
+from wrongturn_service.errors import StartupError
+from wrongturn_service.settings import Settings
+
+READY = "Wrongturn is ready at "
+_BACKLOG = 2048
+
+
+class AddressError(Exception):
+    """The address cannot be listened on; the message says why and what to do."""
+
+
+class Server(uvicorn.Server):
+    """Tells its URL once it is ready, and ends with status 0 when it is asked to."""
+
+    def __init__(self, config: uvicorn.Config, app: FastAPI, url: str) -> None:
+        super().__init__(config)
+        self._app = app
+        self._url = url
+
+    @override
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started and not self.should_exit:
+            sys.stdout.write(f"{READY}{self._url}\n")
+            sys.stdout.flush()
+
+    @override
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        # Uvicorn's own raises the signal again at the end, so that a clean stop would look like a crash.
+        before = {number: signal.signal(number, self.handle_exit) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    @override
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        service = getattr(self._app.state, "service", None)
+        if service is not None:
+            service.episodes.stopping = True
+        await super().shutdown(sockets)
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """A listening address, taken before anything else is begun.
+
+    Raises:
+        AddressError: it is in use, or not this machine's.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(
+            host,
+            port,
+            type=socket.SOCK_STREAM,
+            flags=socket.AI_PASSIVE,
+        )[0]
+        bound = socket.socket(family, kind, protocol)
+    except OSError as error:
+        raise AddressError(f"--host {host}: {error.strerror or error}; name an address of this machine") from error
+    try:
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.bind(address)
+        bound.listen(_BACKLOG)
+    except OSError as error:
+        bound.close()
+        if error.errno == errno.EADDRINUSE:
+            raise AddressError(
+                f"--port {port}: is in use on {host}; stop who has it, name another, or take a free one by --port 0",
+            ) from error
+        raise AddressError(f"--host {host} --port {port}: {error.strerror or error}") from error
+    return bound
+
+
+def run(settings: Settings) -> None:
+    """Serve until SIGTERM or SIGINT.
+
+    Raises:
+        AddressError: the address cannot be listened on.
+        StartupError: the service cannot start.
+    """
+    bound = bind(settings.host, settings.port)
+    host = f"[{settings.host}]" if ":" in settings.host else settings.host
+    app = create_app(settings)
+    config = uvicorn.Config(
+        app,
+        loop="uvloop",
+        http="httptools",
+        ws="none",
+        lifespan="on",
+        access_log=False,
+        log_config=None,
+        log_level="critical",
+        timeout_graceful_shutdown=int(settings.shutdown_grace_s) or 1,
+        server_header=False,
+    )
+    server = Server(config, app, f"http://{host}:{bound.getsockname()[1]}")
+    with bound:
+        server.run(sockets=[bound])
+    error = app.state.startup_error
+    if isinstance(error, StartupError):
+        raise error
+    if not server.started:
+        raise StartupError("the application did not start; the log says why")

@@ -1,0 +1,134 @@
+"""The service without HTTP: its parts, put together at the start and taken apart at the end."""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+
+import structlog
+
+from wrongturn_service import catalogue
+from wrongturn_service.accounts import Accounts
+from wrongturn_service.episodes.driver import Driver
+from wrongturn_service.episodes.lease import Terms
+from wrongturn_service.episodes.manager import EpisodeManager
+from wrongturn_service.episodes.running import RunningEvaluations
+from wrongturn_service.errors import StartupError
+from wrongturn_service.idempotency import Idempotency
+from wrongturn_service.leaderboards import Leaderboards
+from wrongturn_service.pool.local import LocalPool
+from wrongturn_service.pool.pool import Pool, SimulatorStartError
+from wrongturn_service.settings import Settings
+from wrongturn_service.storage.database import Database
+from wrongturn_service.storage.store import Store
+from wrongturn_service.telemetry import Telemetry
+
+_PURGE_S = 3600.0
+_RETRY_S = 30.0
+_DAY_S = 86400.0
+
+
+@dataclass(frozen=True)
+class Service:
+    """What the calls work with."""
+
+    settings: Settings
+    store: Store
+    pool: Pool
+    episodes: EpisodeManager
+    evaluations: RunningEvaluations
+    accounts: Accounts
+    idempotency: Idempotency
+    leaderboards: Leaderboards
+    telemetry: Telemetry
+
+
+@contextlib.asynccontextmanager
+async def run_service(settings: Settings, telemetry: Telemetry) -> AsyncIterator[Service]:
+    """A service that is ready, until the block is left.
+
+    Raises:
+        StartupError: the database or the simulators cannot be used.
+    """
+    log = structlog.get_logger("service")
+    async with contextlib.AsyncExitStack() as stack:
+        database = await Database.open(settings.database_url)
+        stack.push_async_callback(database.close)
+        store = Store(database)
+        lost = await store.lose_open_episodes()
+        if lost:
+            log.warning("episodes lost", count=lost, reason="they were open when the service ended last")
+        await asyncio.to_thread(catalogue.warm_up)
+        pool = await _start_pool(settings, telemetry, stack)
+        leaderboards = Leaderboards(store)
+        evaluations = RunningEvaluations(store, on_finished=leaderboards.forget)
+        await evaluations.resume()
+        episodes = EpisodeManager(
+            store,
+            Driver(pool, telemetry.replays.inc),
+            evaluations,
+            terms=Terms(settings.lease_release_s, settings.lease_abort_s),
+            parallel=settings.parallel,
+            practice=settings.practice,
+        )
+        stack.push_async_callback(episodes.stop)
+        telemetry.watch("wrongturn_open_episodes", "Episodes that are open", lambda: episodes.open)
+        telemetry.watch("wrongturn_simulators_running", "Simulator processes", lambda: pool.running)
+        telemetry.watch("wrongturn_simulators_busy", "Simulator processes that drive", lambda: pool.busy)
+        for work in (episodes.watch_leases(), _keep_house(settings, store, evaluations)):
+            task = asyncio.create_task(work)
+            stack.push_async_callback(_cancel, task)
+        log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
+        yield Service(
+            settings,
+            store,
+            pool,
+            episodes,
+            evaluations,
+            Accounts(store, settings),
+            Idempotency(store),
+            leaderboards,
+            telemetry,
+        )
+
+
+async def _start_pool(settings: Settings, telemetry: Telemetry, stack: contextlib.AsyncExitStack) -> Pool:
+    pool = LocalPool(
+        settings.simulators,
+        start_timeout_s=settings.simulator_start_timeout_s,
+        timeout_s=settings.simulator_timeout_s,
+        environment={"WRONGTURN_HOME": str(settings.home)},
+        on_death=telemetry.deaths.inc,
+    )
+    stack.push_async_callback(pool.stop)
+    try:
+        # The first one compiles what the others then find in the cache.
+        await pool.start()
+    except SimulatorStartError as error:
+        raise StartupError(str(error)) from error
+    return pool
+
+
+async def _keep_house(settings: Settings, store: Store, evaluations: RunningEvaluations) -> None:
+    log = structlog.get_logger("service")
+    purged = 0.0
+    while True:
+        try:
+            if time.monotonic() - purged >= _PURGE_S or not purged:
+                now = time.time()
+                await store.purge(
+                    practice_before=now - settings.practice_keep_days * _DAY_S,
+                    replies_before=now - settings.idempotency_keep_hours * 3600.0,
+                )
+                purged = time.monotonic()
+            await evaluations.retry()
+        except Exception:
+            log.exception("housekeeping failed")
+        await asyncio.sleep(_RETRY_S)
+
+
+async def _cancel(task: "asyncio.Task[None]") -> None:
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
