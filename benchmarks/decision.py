@@ -16,14 +16,15 @@ import time
 from pathlib import Path
 
 from wrongturn_networks import draw_trial, load_town
-from wrongturn_protocol import FaultKind, Track
+from wrongturn_protocol import FaultKind, Start, Track
 from wrongturn_sim.ego import SUB_STEPS, VEHICLE
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.simulator import EGO, KEEP_ROUTE, load_libsumo
 
 DECISIONS = 30
 """Of each round: three seconds, which end before any verdict falls."""
-ACTION = (0.01, 0.3, 0.0)
+ACTION = (0.0, 0.3, 0.0)
+START = Start(distance=25.0, speed=5.0, lateral=0.0, yaw=0.0)
 
 
 def drive(episode: Episode) -> float:
@@ -50,7 +51,8 @@ def bare(calls: list[tuple[str, str, int, float, float, float, int]]) -> float:
 def measure(town_name: str, rounds: int) -> dict[str, float]:
     """Microseconds a decision, both ways, and their ratio."""
     town = load_town(town_name)
-    episode = Episode(draw_trial(town, min(town.approaches), FaultKind.NONE, 1), Track.STATE)
+    trial = draw_trial(town, min(town.approaches), FaultKind.NONE, 1).model_copy(update={"start": START})
+    episode = Episode(trial, Track.STATE)
     drive(episode)
     calls = [
         (

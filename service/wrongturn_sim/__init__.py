@@ -14,7 +14,7 @@ from wrongturn_sim.home import set_cache
 set_cache()  # before numba is imported anywhere
 
 if TYPE_CHECKING:
-    from wrongturn_sim.ego import VEHICLE, EgoState, Vehicle
+    from wrongturn_sim.ego import VEHICLE, Vehicle
     from wrongturn_sim.episode import Episode, Step
     from wrongturn_sim.errors import (
         EpisodeAlreadyFinishedError,
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 _HOME = {
     "VEHICLE": "ego",
-    "EgoState": "ego",
     "Episode": "episode",
     "EpisodeAlreadyFinishedError": "errors",
     "EpisodeNotStartedError": "errors",
@@ -78,7 +77,6 @@ gymnasium.register(id="WrongturnSim-v0", entry_point="wrongturn_sim.gym_env:Wron
 
 __all__ = [
     "VEHICLE",
-    "EgoState",
     "Episode",
     "EpisodeAlreadyFinishedError",
     "EpisodeNotStartedError",

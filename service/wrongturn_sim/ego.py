@@ -7,7 +7,7 @@ arithmetic is scalar, in ``math`` alone and without fastmath, so that numba and 
 
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 from numba import njit
 
@@ -73,23 +73,13 @@ _MAX_SPEED: Final = VEHICLE.max_speed
 _TURN: Final = 2.0 * math.pi
 
 
-class EgoState(NamedTuple):
-    """Where the body's centre is and how the car moves."""
-
-    x: float
-    """Metres east."""
-    y: float
-    """Metres north."""
-    yaw: float
-    """Heading, radians counter-clockwise from east, in -pi..pi."""
-    v: float
-    """Speed along the axis, m/s."""
-    steering: float
-    """Applied, -1 full left to 1 full right."""
+State = tuple[float, float, float, float, float]
+"""Where the body's centre is and how the car moves: x, y (metres), yaw (radians, counter-clockwise from east, in
+-pi..pi), v (m/s, along the axis), steering (applied, -1 full left to 1 full right)."""
 
 
 @njit(cache=True)
-def advance(  # noqa: PLR0917
+def advance(
     x: float,
     y: float,
     yaw: float,
@@ -99,7 +89,7 @@ def advance(  # noqa: PLR0917
     throttle: float,
     brake: float,
     dt: float,
-) -> tuple[float, float, float, float, float]:
+) -> State:
     """The car's next state, ``dt`` seconds later.
 
     Args:

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple, SupportsFloat
 from wrongturn_networks import load_town
 from wrongturn_protocol import Command, Outcome, Track, Trial
 from wrongturn_protocol.observations import Observation
-from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, EgoState, advance
+from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, State, advance
 from wrongturn_sim.errors import (
     EpisodeAlreadyFinishedError,
     EpisodeNotStartedError,
@@ -22,6 +22,7 @@ from wrongturn_sim.simulator import Drive, Simulator
 from wrongturn_sim.trajectory import Row, Trajectory
 from wrongturn_sim.verdict import Judge, JudgeGeometry
 
+_row: Final = tuple.__new__  # a Row without the arguments' detour, which takes longer than the car's dynamics
 _FLOAT32: Final = struct.Struct("<3f")
 _PER_SECOND: Final = round(1 / SUB_STEP)
 _RANGES: Final = {"steer": (-1.0, 1.0), "throttle": (0.0, 1.0), "brake": (0.0, 1.0)}
@@ -106,7 +107,7 @@ class Episode:
         pose = start_pose(self.town, trial)
         edge = self.town.lanes[self._approach.lane].edge
         self._drive = self._simulator.begin(self.town.net_file, edge, *pose, seed=trial.seed)
-        self._ego = EgoState(*pose, trial.start.speed, 0.0)
+        self._state: State = (*pose, trial.start.speed, 0.0)
         self._navigator = Navigator(self.town, trial)
         self._fault = make_fault(trial)
         self._judge = Judge(self.geometry, trial)
@@ -114,7 +115,7 @@ class Episode:
         self.trajectory = Trajectory(trial, self.town.sha256)
         self.steps = self._sub_steps = 0
         self._guide()
-        row = Row(0.0, *self._ego, int(self._command), int(self._guidance.command), 0.0, 0.0, 0.0)
+        row = Row(0.0, *self._state, int(self._command), int(self._guidance.command), 0.0, 0.0, 0.0)
         self.trajectory.append(row)
         self.outcome = self._judge.observe(row)
         return self._observe()
@@ -148,7 +149,7 @@ class Episode:
             raise
         steer, throttle, brake = _FLOAT32.unpack(action)
 
-        state: tuple[float, float, float, float, float] = self._ego
+        state = self._state
         rows = self.trajectory.rows
         command = int(self._command)
         route_command = int(self._guidance.command)
@@ -156,21 +157,13 @@ class Episode:
             state = advance(*state, steer, throttle, brake, SUB_STEP)
             drive.move(state[0], state[1], state[2])
             self._sub_steps += 1
-            row = Row(
-                self._sub_steps / _PER_SECOND,
-                *state,
-                command,
-                route_command,
-                steer,
-                throttle,
-                brake,
-                drive.road_users(),
-            )
+            t = self._sub_steps / _PER_SECOND
+            row = _row(Row, (t, *state, command, route_command, steer, throttle, brake, drive.road_users()))
             rows.append(row)
             self.outcome = self._judge.observe(row)
             if self.outcome is not None:
                 break
-        self._ego = EgoState(*state)
+        self._state = state
         self._actions.append(action)
         self.steps += 1
         self._guide()
@@ -203,11 +196,11 @@ class Episode:
 
     def _guide(self) -> None:
         """Ask the route, and the fault, for the command of the coming 0.1 s."""
-        self._guidance: Guidance = self._navigator.update(self._ego.x, self._ego.y)
+        self._guidance: Guidance = self._navigator.update(self._state[0], self._state[1])
         self._command: Command = self._fault.deliver(self._sub_steps / _PER_SECOND, self._guidance)
 
     def _observe(self) -> Observation:
         if self._privileged:
             assert self._drive is not None
-            return observe_privileged(self._ego, self._command, self._navigator, self._drive.road_users())
-        return observe_state(self._ego, self._command)
+            return observe_privileged(self._state, self._command, self._navigator, self._drive.road_users())
+        return observe_state(self._state, self._command)

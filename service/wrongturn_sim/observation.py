@@ -7,7 +7,7 @@ import numpy as np
 
 from wrongturn_protocol import Command, Track
 from wrongturn_protocol.observations import ROAD_USERS, Observation
-from wrongturn_sim.ego import EgoState
+from wrongturn_sim.ego import State
 from wrongturn_sim.errors import TrackNotAvailableError
 from wrongturn_sim.route import Navigator
 from wrongturn_sim.trajectory import RoadUser
@@ -28,30 +28,29 @@ def check_track(track: Track) -> None:
         )
 
 
-def observe_state(ego: EgoState, command: Command) -> Observation:
+def observe_state(state: State, command: Command) -> Observation:
     """The keys of every track, as fresh arrays."""
-    return {
-        "speed": np.array((ego.v,), np.float32),
-        "steering": np.array((ego.steering,), np.float32),
-        "command": np.array((command,), np.int64),
-    }
+    # Filling an empty array is the quickest way to a fresh one.
+    speed, steering, named = np.empty(1, np.float32), np.empty(1, np.float32), np.empty(1, np.int64)
+    speed[0], steering[0], named[0] = state[3], state[4], command
+    return {"speed": speed, "steering": steering, "command": named}
 
 
 def observe_privileged(
-    ego: EgoState,
+    state: State,
     command: Command,
     navigator: Navigator,
     road_users: Sequence[RoadUser],
 ) -> Observation:
     """All keys of the privileged track, as fresh arrays: no route among them, nor the fault."""
-    observation = observe_state(ego, command)
+    observation = observe_state(state, command)
     exits, mask = navigator.exits()
     users = np.zeros((ROAD_USERS, 6), np.float32)
     count = min(len(road_users), ROAD_USERS)
     if count:
         users[:count] = road_users[:count]
     observation.update(
-        pose=np.array((ego.x, ego.y, ego.yaw), np.float64),
+        pose=np.array(state[:3], np.float64),
         lane=navigator.lane_ahead(),
         stop_line=np.array((navigator.stop_line,), np.float32),
         exits=exits,

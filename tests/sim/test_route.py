@@ -16,7 +16,8 @@ def passage(town, approach_id, direction):
     inner = Path(approach.exits[direction].path)
     whole = lane.then(inner).then(Path(town.lanes[approach.exits[direction].lane].centreline))
     stop, exit_line = lane.length, lane.length + inner.length
-    s = np.arange(max(0.0, stop - 25.0), exit_line + 9.0, 0.1)
+    # Not into the window of the next junction, where the streets are short.
+    s = np.arange(max(0.0, stop - 25.0), exit_line + min(9.0, whole.length - exit_line - 15.3), 0.1)
     x = np.interp(s, whole.along, whole.points[:, 0])
     y = np.interp(s, whole.along, whole.points[:, 1])
     return zip(s.tolist(), x.tolist(), y.tolist(), strict=True), stop, exit_line
