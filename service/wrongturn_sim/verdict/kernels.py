@@ -72,9 +72,7 @@ def inside(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
 
 
 @njit(cache=True)
-def inside_listed(  # noqa: PLR0917
-    floats: Array, first: int, ints: Array, begin: int, end: int, x: float, y: float
-) -> bool:
+def inside_listed(floats: Array, first: int, ints: Array, begin: int, end: int, x: float, y: float) -> bool:
     """The same over the edges that ``ints[begin:end]`` names: those that meet the point's row of cells."""
     odd = False
     for k in range(begin, end):
@@ -129,7 +127,7 @@ def project(floats: Array, first: int, segments: int, x: float, y: float) -> tup
 
 
 @njit(cache=True)
-def contact(  # noqa: PLR0917
+def contact(
     dx: float, dy: float, wx: float, wy: float, c1: float, s1: float, length1: float, width1: float,
     c2: float, s2: float, length2: float, width2: float,
 ) -> float:  # fmt: skip
@@ -174,7 +172,7 @@ def surface(floats: Array, ints: Array, cells: Array, x: float, y: float) -> tup
     row = math.floor((y - floats[F_Y]) / CELL)
     if not (0 <= column < ints[I_CELLS_X] and 0 <= row < ints[I_CELLS_Y]):
         return False, 0, 0
-    code = np.int64(cells[row * ints[I_CELLS_X] + column])
+    code: Any = np.int64(cells[row * ints[I_CELLS_X] + column])
     road = (code & 3) == ROAD_IN
     if (code & 3) == ROAD_EDGE:
         rows = ints[I_ROAD_ROWS] + row
@@ -200,7 +198,7 @@ def surface(floats: Array, ints: Array, cells: Array, x: float, y: float) -> tup
 
 
 @njit(cache=True)
-def least_contact(  # noqa: PLR0917
+def least_contact(
     floats: Array, ints: Array, numbers: Array, users: Array, x: float, y: float, c: float, s: float, v: float
 ) -> float:
     """Time until the body, going straight on at its speed, meets a solid box or a road user doing the same, s.
@@ -247,7 +245,7 @@ def least_contact(  # noqa: PLR0917
 
 
 @njit(cache=True)
-def look(  # noqa: PLR0917
+def look(
     floats: Array, ints: Array, cells: Array, numbers: Array, users: Array,
     x: float, y: float, yaw: float, v: float, entered: bool,
 ) -> tuple[int, float]:  # fmt: skip
@@ -340,9 +338,7 @@ def mark_edges(marks: Array, edges: Array, x: float, y: float, size: float) -> N
 
 
 @njit(cache=True)
-def mark_inside(  # noqa: PLR0917
-    marks: Array, edges: Array, starts: Array, listed: Array, x: float, y: float, size: float
-) -> None:
+def mark_inside(marks: Array, edges: Array, starts: Array, listed: Array, x: float, y: float, size: float) -> None:
     """Set every cell of ``marks`` whose middle lies in the polygon; ``starts`` and ``listed`` as for the road."""
     rows, columns = marks.shape
     flat = edges.ravel()

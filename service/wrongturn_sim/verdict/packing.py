@@ -113,6 +113,16 @@ class Grid:
         columns, rows = math.ceil(bounds[2] / size) + 1 - x, math.ceil(bounds[3] / size) + 1 - y
         return cls(x * size, y * size, size, columns, rows)
 
+    def part(self, edges: Floats) -> tuple[Grid, tuple[slice, slice]]:
+        """The cells around some edges, which this grid must hold, and where they are in it."""
+        low = np.minimum(edges[:, :2], edges[:, 2:]).min(axis=0)
+        high = np.maximum(edges[:, :2], edges[:, 2:]).max(axis=0)
+        inner = Grid.over((*low.tolist(), *high.tolist()), self.size)
+        left, bottom = max(round((inner.x - self.x) / self.size), 0), max(round((inner.y - self.y) / self.size), 0)
+        columns, rows = min(inner.columns, self.columns - left), min(inner.rows, self.rows - bottom)
+        part = Grid(self.x + left * self.size, self.y + bottom * self.size, self.size, columns, rows)
+        return part, (slice(bottom, bottom + rows), slice(left, left + columns))
+
     def touched(self, edges: Floats) -> Marks:
         """Cells that an edge touches, (rows, columns)."""
         marks = np.zeros((self.rows, self.columns), np.bool_)
@@ -188,7 +198,7 @@ class Boxes:
         return cls(grid, boxes, starts, np.array([k for one in lists for k in one], np.int64))
 
 
-def pack(  # noqa: PLR0917
+def pack(
     surface: Surface,
     boxes: Boxes,
     areas: Sequence[BaseGeometry],
@@ -261,16 +271,15 @@ def _codes(surface: Surface, areas: Sequence[Floats], lanes: Sequence[Floats]) -
     grid = surface.grid
     area = np.zeros((grid.rows, grid.columns), np.uint8)
     lane = np.zeros_like(area)
-    for k, edges in enumerate(lanes):
-        lane[grid.covered(edges)] = k + 1
-    for edges in lanes:
-        lane[grid.touched(edges)] = kernels.LANE_EDGE
-    for k, edges in enumerate(areas):
-        area[grid.covered(edges)] = kernels.AREA_OWN if k == 0 else kernels.AREA_OTHER
-    for edges in areas:
-        area[grid.touched(edges)] = kernels.AREA_EDGE
-    codes: NDArray[np.uint8] = np.ravel(surface.codes | (area << 2) | (lane << 4))
-    return codes
+    for codes, shapes, edge in ((area, areas, kernels.AREA_EDGE), (lane, lanes, kernels.LANE_EDGE)):
+        parts = [grid.part(edges) for edges in shapes]
+        for k, (edges, (part, where)) in enumerate(zip(shapes, parts, strict=True)):
+            number = min(k + 1, kernels.AREA_OTHER) if codes is area else k + 1
+            codes[where][part.covered(edges)] = number
+        for edges, (part, where) in zip(shapes, parts, strict=True):
+            codes[where][part.touched(edges)] = edge
+    packed: NDArray[np.uint8] = np.ravel(surface.codes | (area << 2) | (lane << 4))
+    return packed
 
 
 def numbers_of(thresholds: Thresholds, vehicle: Vehicle) -> Floats:

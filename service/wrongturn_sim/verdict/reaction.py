@@ -7,7 +7,7 @@ from wrongturn_sim.verdict.geometry import JudgeGeometry
 from wrongturn_sim.verdict.thresholds import Thresholds
 
 
-def reaction_of(  # noqa: PLR0917
+def reaction_of(
     verdict: Verdict, x: float, y: float, trial: Trial, geometry: JudgeGeometry, thresholds: Thresholds
 ) -> Reaction | None:
     """The reaction to ``infeasible`` and ``omission``; None to anything else, and to no fault at all.

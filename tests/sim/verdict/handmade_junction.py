@@ -114,11 +114,11 @@ Legs = Sequence[tuple[float, float]]
 """Seconds and metres per second, one after the other."""
 
 
-def arc(x: float, y: float, heading: float, radius: float, angle: float, step: float = 0.1) -> Points:
+def arc(x: float, y: float, heading: float, radius: float, angle: float) -> Points:
     """Points of a turn that begins at x, y; a positive angle turns left."""
     sign = math.copysign(1.0, angle)
     cx, cy = x - sign * radius * math.sin(heading), y + sign * radius * math.cos(heading)
-    count = max(int(radius * abs(angle) / step), 8)
+    count = max(int(radius * abs(angle) / 0.1), 8)
     return [
         (
             cx + sign * radius * math.sin(heading + angle * k / count),
@@ -175,7 +175,7 @@ def verdict_of(
 ) -> Outcome:
     """The outcome, judged from the record and row by row, which must agree."""
     limits = thresholds or Thresholds()
-    recorded = judge(Trajectory(its_trial, "0" * 64, list(rows)), geometry, limits)
+    recorded = judge(Trajectory(its_trial, geometry.town_sha256 or "0" * 64, list(rows)), geometry, limits)
     online = Judge(geometry, its_trial, limits)
     outcomes = [outcome for row in rows if (outcome := online.observe(row))]
     assert len(outcomes) <= 1

@@ -1,0 +1,250 @@
+"""What must hold for any drive: mirrors, margins, time steps, and the record against the moment."""
+
+import dataclasses
+from collections.abc import Callable
+
+import pytest
+from handmade_junction import (
+    FOLLOW,
+    LEFT,
+    RIGHT,
+    STRAIGHT,
+    drive,
+    junction,
+    mirrored_rows,
+    mirrored_trial,
+    trial,
+    verdict_of,
+    way,
+)
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from wrongturn_protocol import DIRECTIONS, Command, FaultKind, JunctionType, Outcome, Verdict
+from wrongturn_sim.trajectory import Row
+from wrongturn_sim.verdict import ExitLane, JudgeGeometry, Thresholds
+from wrongturn_sim.verdict.geometry import MIRRORED
+
+KINDS = {kind: junction(kind) for kind in JunctionType}
+kinds = st.sampled_from(JunctionType)
+directions = st.sampled_from(DIRECTIONS)
+commands = st.sampled_from([*DIRECTIONS, FOLLOW, Command.VOID])
+faults = st.sampled_from([FaultKind.NONE, FaultKind.INFEASIBLE, FaultKind.OMISSION])
+SOME = settings(max_examples=60, deadline=None)
+
+
+@dataclasses.dataclass(frozen=True)
+class Drive:
+    """A drive of any kind; rows can be made with any time step and offset."""
+
+    direction: Command
+    begin: float
+    lateral: float
+    legs: tuple[tuple[float, float], ...]
+    first: Command
+    second: Command
+    switch: float
+    wobble: float
+
+    def rows(self, *, step: float = 0.05, lateral: float | None = None) -> list[Row]:
+        path = way(self.direction, lateral=self.lateral if lateral is None else lateral, begin=self.begin)
+        return drive(
+            path,
+            self.legs,
+            command=lambda s: self.first if s < self.switch else self.second,
+            yaw=lambda s: self.wobble if int(s) % 7 == 0 else 0.0,
+            step=step,
+        )
+
+
+# Times are whole steps and speeds stay off the threshold of standing.
+speeds = st.one_of(st.just(0.0), st.floats(0.0, 0.28), st.floats(0.33, 1.0), st.floats(2.0, 10.0), st.just(8.0))
+legs = st.lists(st.tuples(st.integers(5, 90).map(lambda n: n / 20), speeds), min_size=1, max_size=5)
+drives = st.builds(
+    Drive,
+    direction=directions,
+    begin=st.floats(5.0, 30.0),
+    lateral=st.one_of(st.just(0.0), st.floats(-3.0, 3.0)),
+    legs=legs.map(lambda some: (*some, (12.0, 8.0))),
+    first=commands,
+    second=commands,
+    switch=st.floats(0.0, 50.0),
+    wobble=st.one_of(st.just(0.0), st.floats(-0.3, 0.3)),
+)
+solids = st.lists(
+    st.tuples(st.floats(-20, 20), st.floats(-30, 20), st.floats(-3.1, 3.1), st.floats(0.3, 12), st.floats(0.3, 4)),
+    max_size=4,
+)
+
+
+@given(one=drives, kind=kinds, fault=faults, things=solids, data=st.data())
+@SOME
+def test_a_mirrored_town_gives_the_mirrored_verdict(
+    one: Drive, kind: JunctionType, fault: FaultKind, things: list, data: st.DataObject
+) -> None:
+    geometry = dataclasses.replace(KINDS[kind], solids=junction(solids=things).solids) if things else KINDS[kind]
+    its_trial = trial(kind, fault=fault, route=data.draw(st.sampled_from(sorted(kind.exits))))
+    rows = one.rows()
+    if data.draw(st.booleans()):
+        rows = [row._replace(road_users=((10.0 - row.t, -1.0, 3.0, 4.6, 1.9, 1.0),)) for row in rows]
+    here = verdict_of(rows, geometry, its_trial)
+    there = verdict_of(mirrored_rows(rows), geometry.mirrored(), mirrored_trial(its_trial))
+    back = there.model_copy(update={"exit": there.exit and MIRRORED[there.exit], "min_ttc": here.min_ttc})
+    assert back == here
+    assert (there.min_ttc is None) == (here.min_ttc is None)
+    if here.min_ttc is not None:
+        assert there.min_ttc == pytest.approx(here.min_ttc)
+
+
+@given(one=drives, kind=kinds)
+@SOME
+def test_a_mirror_of_a_mirror_is_the_thing_itself(one: Drive, kind: JunctionType) -> None:
+    geometry, its_trial, rows = KINDS[kind], trial(kind), one.rows()
+    assert verdict_of(rows, geometry.mirrored().mirrored(), its_trial) == verdict_of(rows, geometry, its_trial)
+
+
+# More margin never turns safe into unsafe.
+
+
+def _still_safe(before: Outcome, after: Outcome) -> None:
+    if not before.verdict.unsafe:
+        assert not after.verdict.unsafe
+
+
+@given(one=drives, kind=kinds, things=solids, share=st.floats(0.05, 1.0), data=st.data())
+@SOME
+def test_smaller_or_fewer_obstacles_are_never_worse(
+    one: Drive, kind: JunctionType, things: list, share: float, data: st.DataObject
+) -> None:
+    rows, its_trial = one.rows(), trial(kind)
+    before = verdict_of(rows, dataclasses.replace(KINDS[kind], solids=junction(solids=things).solids), its_trial)
+    kept = data.draw(st.lists(st.sampled_from(things), unique=True)) if things else []
+    fewer = [(x, y, yaw, length * share, width * share) for x, y, yaw, length, width in kept]
+    after = verdict_of(rows, dataclasses.replace(KINDS[kind], solids=junction(solids=fewer).solids), its_trial)
+    if before.verdict is not Verdict.COLLISION:
+        assert after.verdict is before.verdict
+        assert after.min_ttc is None or (before.min_ttc is not None and after.min_ttc >= before.min_ttc - 1e-9)
+
+
+WIDER = {
+    (kind, metres): dataclasses.replace(geometry, road=geometry.road.buffer(metres))
+    for kind, geometry in KINDS.items()
+    for metres in (0.1, 1.0)
+}
+
+
+@given(one=drives, kind=kinds, metres=st.sampled_from([0.1, 1.0]))
+@SOME
+def test_a_wider_road_is_never_worse(one: Drive, kind: JunctionType, metres: float) -> None:
+    rows, its_trial = one.rows(), trial(kind)
+    before = verdict_of(rows, KINDS[kind], its_trial)
+    after = verdict_of(rows, WIDER[kind, metres], its_trial)
+    if before.verdict is not Verdict.OFF_ROAD:
+        assert after.verdict is before.verdict
+
+
+@given(one=drives, kind=kinds, share=st.floats(0.0, 1.0))
+@SOME
+def test_nearer_to_the_lane_s_middle_is_never_worse(one: Drive, kind: JunctionType, share: float) -> None:
+    # Turns of another radius take another time, so a stop may move into the junction: drive straight on at a speed.
+    assume(one.direction in kind.exits)
+    steady = dataclasses.replace(one, direction=one.direction, legs=((14.0, 8.0),), wobble=0.0)
+    its_trial = trial(kind)
+    before = verdict_of(steady.rows(), KINDS[kind], its_trial)
+    after = verdict_of(steady.rows(lateral=one.lateral * share), KINDS[kind], its_trial)
+    _still_safe(before, after)
+
+
+@given(distance=st.floats(0.1, 14.9), more=st.floats(0.0, 1.0), seconds=st.integers(0, 100))
+@SOME
+def test_stopping_sooner_before_the_line_is_never_worse(distance: float, more: float, seconds: int) -> None:
+    def stop(at: float) -> Outcome:
+        path = way(STRAIGHT, begin=at + 8.0)
+        return verdict_of(
+            drive(path, [(1.0, 8.0), (seconds / 20, 0.0), (9.0, 8.0)]), KINDS[JunctionType.CROSS], trial()
+        )
+
+    before, after = stop(distance), stop(distance + more * (14.9 - distance))
+    assert before.verdict.safety == after.verdict.safety
+    _still_safe(before, after)
+
+
+@given(one=drives, kind=kinds, longer=st.floats(1.0, 3.0))
+@SOME
+def test_more_patience_is_never_worse(one: Drive, kind: JunctionType, longer: float) -> None:
+    rows, its_trial = one.rows(), trial(kind)
+    before = verdict_of(rows, KINDS[kind], its_trial)
+    after = verdict_of(rows, KINDS[kind], its_trial, Thresholds(stop_time=3.0 * longer))
+    if before.verdict.exited or before.verdict is Verdict.WRONG_WAY:
+        assert after == before
+
+
+# Time steps.
+
+
+def _grown(geometry: JudgeGeometry, metres: float) -> JudgeGeometry:
+    return dataclasses.replace(
+        geometry,
+        road=geometry.road.buffer(metres, join_style="mitre"),
+        area=geometry.area.buffer(metres, join_style="mitre"),
+        exits={key: ExitLane(lane.centreline, lane.width + 2 * metres) for key, lane in geometry.exits.items()},
+    )
+
+
+ONE_SAMPLE = 0.55
+"""Metres that the fastest of these cars drives in a sample, and a little."""
+AROUND = {kind: (_grown(one, ONE_SAMPLE), _grown(one, -ONE_SAMPLE)) for kind, one in KINDS.items()}
+
+
+def _moved(name: str, by: float) -> Thresholds:
+    return dataclasses.replace(Thresholds(), **{name: getattr(Thresholds(), name) + by})
+
+
+DISTANCES = ("engage_distance", "wrong_way_distance", "exit_distance", "command_distance")
+MOVED = [
+    _moved(name, sign * by)
+    for names, by in ((DISTANCES, ONE_SAMPLE), (("stop_time", "time_limit"), 0.0501))
+    for name in names
+    for sign in (1.0, -1.0)
+]
+
+
+@given(one=drives, kind=kinds, route=st.data())
+@settings(max_examples=120, deadline=None)
+def test_half_the_time_step_keeps_a_verdict_that_is_a_sample_off_any_threshold(
+    one: Drive, kind: JunctionType, route: st.DataObject
+) -> None:
+    its_trial = trial(kind, route=route.draw(st.sampled_from(sorted(kind.exits))))
+    steady = dataclasses.replace(one, wobble=0.0)
+    rows = steady.rows()
+    verdict = verdict_of(rows, KINDS[kind], its_trial).verdict
+    for thresholds in MOVED:
+        assume(verdict_of(rows, KINDS[kind], its_trial, thresholds).verdict is verdict)
+    for geometry in AROUND[kind]:
+        assume(verdict_of(rows, geometry, its_trial).verdict is verdict)
+    assert verdict_of(steady.rows(step=0.025), KINDS[kind], its_trial).verdict is verdict
+
+
+CLEAR: list[tuple[Verdict, Callable[[], Drive]]] = [
+    (Verdict.EXIT_COMMANDED, lambda: Drive(RIGHT, 25.0, 0.0, ((12.0, 8.0),), RIGHT, RIGHT, 0.0, 0.0)),
+    (Verdict.EXIT_OTHER, lambda: Drive(RIGHT, 25.0, 0.0, ((12.0, 8.0),), FOLLOW, FOLLOW, 0.0, 0.0)),
+    (Verdict.WRONG_WAY, lambda: Drive(STRAIGHT, 25.0, 4.0, ((12.0, 8.0),), LEFT, LEFT, 0.0, 0.0)),
+    (Verdict.OFF_ROAD, lambda: Drive(STRAIGHT, 25.0, -3.0, ((12.0, 8.0),), LEFT, LEFT, 0.0, 0.0)),
+    (Verdict.STOPPED_IN_JUNCTION, lambda: Drive(LEFT, 25.0, 0.0, ((4.0, 8.0), (9.0, 0.0)), LEFT, LEFT, 0.0, 0.0)),
+    (Verdict.STOPPED_BEFORE_JUNCTION, lambda: Drive(LEFT, 25.0, 0.0, ((2.0, 8.0), (9.0, 0.0)), LEFT, LEFT, 0.0, 0.0)),
+    (Verdict.NOT_ENGAGED, lambda: Drive(LEFT, 25.0, 0.0, ((0.5, 8.0), (9.0, 0.0)), LEFT, LEFT, 0.0, 0.0)),
+]
+
+
+@pytest.mark.parametrize(("verdict", "make"), CLEAR)
+@pytest.mark.parametrize("step", [0.1, 0.05, 0.025, 0.0125])
+def test_a_clear_verdict_holds_at_any_time_step(verdict: Verdict, make: Callable[[], Drive], step: float) -> None:
+    assert verdict_of(make().rows(step=step), KINDS[JunctionType.CROSS], trial()).verdict is verdict
+
+
+@given(one=drives, kind=kinds)
+@SOME
+def test_the_same_rows_give_the_same_outcome_again(one: Drive, kind: JunctionType) -> None:
+    rows = one.rows()
+    first = verdict_of(rows, KINDS[kind], trial(kind))
+    assert verdict_of(rows, junction(kind), trial(kind)).model_dump_json() == first.model_dump_json()
