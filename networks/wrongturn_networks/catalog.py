@@ -23,7 +23,7 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
     for what, listed in (("suites", list_suites), ("towns", list_towns)):
         try:
             found = listed()
-        except NetworkError as error:
+        except (NetworkError, OSError) as error:
             yield what, False, str(error), "install wrongturn-networks again"
         else:
             yield what, bool(found), f"{len(found)} found, checksums right", "install wrongturn-networks again"

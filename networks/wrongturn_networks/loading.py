@@ -15,8 +15,8 @@ from wrongturn_networks import drivable
 from wrongturn_networks.errors import CorruptFileError, UnknownTownError
 from wrongturn_networks.junctions import Approach, Exit, Junction, arm_of, direction_of
 from wrongturn_networks.lanes import Lane, Line, heading_at_end, heading_at_start
-from wrongturn_networks.netfile import Net, read_net
-from wrongturn_networks.scenery import read_scenery
+from wrongturn_networks.netfile import Net, read_net, sha256_of
+from wrongturn_networks.scenery import read_scenery, sha256_of_scenery
 from wrongturn_networks.town import Town
 from wrongturn_protocol import DIRECTIONS, JunctionType
 
@@ -28,7 +28,6 @@ def town_names() -> tuple[str, ...]:
     return tuple(sorted(folder.name for folder in TOWNS.iterdir() if (folder / "manifest.json").is_file()))
 
 
-@functools.lru_cache(maxsize=16)
 def load_town(name: str) -> Town:
     """The town of this name; read once for each process.
 
@@ -36,8 +35,15 @@ def load_town(name: str) -> Town:
         UnknownTownError: there is none; names those that there are.
         CorruptFileError: its files are broken.
     """
-    if not re.fullmatch(r"[A-Za-z0-9_]+", name) or name not in town_names():
-        raise UnknownTownError(name, town_names())
+    # A name comes from strangers and becomes a path: only one that is listed does.
+    known = town_names()
+    if name not in known:
+        raise UnknownTownError(name, known)
+    return _shipped(name)
+
+
+@functools.lru_cache(maxsize=16)
+def _shipped(name: str) -> Town:
     return read_town(TOWNS / name)
 
 
@@ -50,10 +56,15 @@ def read_town(directory: Path) -> Town:
     name = directory.name
     try:
         manifest = json.loads((directory / "manifest.json").read_text("utf-8"))
-        net = read_net(directory / f"{name}.net.xml")
+        net_file, scenery_file = directory / f"{name}.net.xml", directory / "scenery.toml"
+        _check(net_file.name, sha256_of(net_file), manifest["net_sha256"])
+        _check(scenery_file.name, sha256_of_scenery(scenery_file), manifest["scenery_sha256"])
+        net = read_net(net_file)
         radii = {junction: float(radius) for junction, radius in manifest["radii"].items()}
         sha256 = hashlib.sha256(f"{manifest['net_sha256']} {manifest['scenery_sha256']}".encode()).hexdigest()
-    except (OSError, ValueError, KeyError, SyntaxError) as error:
+    except CorruptFileError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, SyntaxError) as error:
         raise CorruptFileError(f"town {name}: {error}; install wrongturn-networks again") from error
     lanes = _lanes(net, radii)
     approaches = _approaches(net, lanes)
@@ -73,16 +84,25 @@ def read_town(directory: Path) -> Town:
     return Town(
         name=name,
         directory=directory,
-        net_file=directory / f"{name}.net.xml",
+        net_file=net_file,
         sha256=sha256,
         lanes=MappingProxyType(lanes),
         junctions=MappingProxyType(junctions),
         approaches=MappingProxyType(approaches),
         road=road,
         sidewalks=sidewalks,
-        scenery=read_scenery(directory / "scenery.toml"),
+        scenery=read_scenery(scenery_file),
         bounds=union(road, sidewalks).bounds,
     )
+
+
+def _check(file: str, found: str, wanted: str) -> None:
+    # What a town's checksum promises must be what is driven in.
+    if found != wanted:
+        raise CorruptFileError(
+            f"town: {file} is not what its manifest says; install wrongturn-networks again, "
+            "or build the town again: python -m wrongturn_networks.making towns",
+        )
 
 
 def _lanes(net: Net, radii: dict[str, float]) -> dict[str, Lane]:

@@ -1,5 +1,6 @@
 """What stands beside the road: something to hit and to see."""
 
+import hashlib
 import tomllib
 from dataclasses import dataclass
 from enum import StrEnum
@@ -57,8 +58,13 @@ def read_scenery(path: Path) -> tuple[SceneryObject, ...]:
     try:
         rows = tomllib.loads(path.read_text("utf-8")).get("object", [])
         return tuple(SceneryObject(**{**row, "kind": SceneryKind(row["kind"])}) for row in rows)
-    except (tomllib.TOMLDecodeError, TypeError, ValueError, KeyError) as error:
+    except (OSError, AttributeError, TypeError, ValueError, KeyError) as error:
         raise CorruptFileError(f"{path.name}: {error}; build it again: python -m wrongturn_networks.making") from error
+
+
+def sha256_of_scenery(path: Path) -> str:
+    """Checksum of a ``scenery.toml``; of nothing where there is none."""
+    return hashlib.sha256(path.read_bytes() if path.exists() else b"").hexdigest()
 
 
 def scenery_toml(objects: tuple[SceneryObject, ...]) -> str:

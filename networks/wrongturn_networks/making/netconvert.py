@@ -1,6 +1,5 @@
 """Builds a town's folder with SUMO's netconvert and writes its manifest."""
 
-import hashlib
 import json
 import subprocess
 import tempfile
@@ -13,7 +12,7 @@ from wrongturn_networks.making import plain_xml
 from wrongturn_networks.making.placing import place_scenery
 from wrongturn_networks.making.recipes import Recipe
 from wrongturn_networks.netfile import sha256_of
-from wrongturn_networks.scenery import scenery_toml
+from wrongturn_networks.scenery import scenery_toml, sha256_of_scenery
 
 OPTIONS: Final = (
     "--no-turnarounds",
@@ -68,7 +67,6 @@ def build(recipe: Recipe, folder: Path) -> None:
 
 
 def _write_manifest(recipe: Recipe, folder: Path) -> None:
-    scenery = folder / "scenery.toml"
     version = subprocess.run([netconvert(), "--version"], capture_output=True, text=True, check=True).stdout
     manifest = {
         "town": recipe.name,
@@ -77,6 +75,6 @@ def _write_manifest(recipe: Recipe, folder: Path) -> None:
         "seed": recipe.seed,
         "radii": recipe.radii(),
         "net_sha256": sha256_of(folder / f"{recipe.name}.net.xml"),
-        "scenery_sha256": hashlib.sha256(scenery.read_bytes() if scenery.exists() else b"").hexdigest(),
+        "scenery_sha256": sha256_of_scenery(folder / "scenery.toml"),
     }
     (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", "utf-8")

@@ -110,7 +110,7 @@ TOWN02: Final = Recipe(
         Street("J2", "J3"),
         Street("J4", "J5"),
     ),
-    seed=2,
+    seed=9,  # leaves every approach long enough to start on
 )
 
 JUNCTIONS: Final = Recipe(
