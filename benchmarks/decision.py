@@ -2,8 +2,9 @@
 
 A decision is ``Episode.step`` in the track ``state``, ego alone, unwrapped: two sub-steps of 0.05 s with their
 judgement, the recorded rows, the route's command, the reward and a fresh observation. The bare calls are two
-``vehicle.moveToXY`` and two ``simulationStep`` to the same places. Both run by turns in one process, so that a busy
-machine slows both; the ratio of the medians is the figure.
+``vehicle.moveToXY`` and two ``simulationStep`` to the same places. Both run by turns in one process and
+are timed by the processor time of their thread, so that a busy machine slows both alike; the figure is the median of
+the rounds' ratios.
 
     python benchmarks/decision.py [--rounds 60] [--town junctions] [--json FILE]
 """
@@ -31,21 +32,21 @@ def drive(episode: Episode) -> float:
     """Seconds that a decision takes through the episode."""
     episode.reset()
     step = episode.step
-    begin = time.perf_counter()
+    begin = time.thread_time()
     for _ in range(DECISIONS):
         step(*ACTION)
-    return (time.perf_counter() - begin) / DECISIONS
+    return (time.thread_time() - begin) / DECISIONS
 
 
 def bare(calls: list[tuple[str, str, int, float, float, float, int]]) -> float:
     """Seconds that the bare calls of a decision take."""
     sumo = load_libsumo()
     move, step = sumo.vehicle.moveToXY, sumo.simulationStep
-    begin = time.perf_counter()
+    begin = time.thread_time()
     for call in calls:
         move(*call)
         step()
-    return (time.perf_counter() - begin) / (len(calls) / SUB_STEPS)
+    return (time.thread_time() - begin) / (len(calls) / SUB_STEPS)
 
 
 def measure(town_name: str, rounds: int) -> dict[str, float]:

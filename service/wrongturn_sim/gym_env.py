@@ -6,12 +6,12 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_networks import draw_trial, load_suite, load_town
+from wrongturn_networks import NetworkError, draw_trial, load_suite, load_town
 from wrongturn_protocol import Fault, FaultKind, Track, Trial, Weather
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.errors import EpisodeNotStartedError, InvalidActionError
-from wrongturn_sim.faults import FaultNotApplicableError
+from wrongturn_sim.faults import FaultNotApplicableError, make_fault
 from wrongturn_sim.observation import check_track
 from wrongturn_sim.simulator import Simulator
 
@@ -73,11 +73,11 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._trial = None if trial is None else self._find(trial)
         self._approaches: tuple[str, ...] = ()
         if self._town is not None:
-            ids = self._town.approaches if approach is None else (self._town.approach(approach).id,)
-            self._approaches = tuple(name for name in sorted(ids) if self._admits(name))
+            names = sorted(self._town.approaches) if approach is None else [approach]
+            self._approaches = tuple(name for name in names if self._admits(name, among=len(names)))
             if not self._approaches:
                 raise FaultNotApplicableError(
-                    f"fault: {self._fault.kind} suits no such approach of {town}; take another fault or approach",
+                    f"fault: {self._fault.kind} suits no approach of {town}; take another fault or another town",
                 )
         self._simulator = Simulator()
         self.episode: Episode | None = None
@@ -129,9 +129,19 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             raise ValueError(f"trial: the id {trial!r} needs an environment that was made with its suite")
         return self._suite.trial(trial)
 
-    def _admits(self, approach: str) -> bool:
+    def _admits(self, approach: str, *, among: int) -> bool:
+        """Whether trials of the fault can be drawn at an approach; the reason why not, where it is the only one."""
+        try:
+            make_fault(self._draw(approach, 0))
+        except NetworkError:
+            if among == 1:
+                raise
+            return False
+        return True
+
+    def _draw(self, approach: str, seed: int) -> Trial:
         assert self._town is not None
-        return self._fault.kind is not FaultKind.INFEASIBLE or self._town.approach(approach).type.missing is not None
+        return draw_trial(self._town, approach, self._fault, seed, weather=self._weather)
 
     def _next(self) -> Trial:
         if self._trial is not None:
@@ -139,7 +149,5 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self._suite is not None:
             episodes = self._suite.episodes
             return episodes[int(self.np_random.integers(len(episodes)))]
-        assert self._town is not None
         approach = self._approaches[int(self.np_random.integers(len(self._approaches)))]
-        seed = int(self.np_random.integers(_SEEDS))
-        return draw_trial(self._town, approach, self._fault, seed, weather=self._weather)
+        return self._draw(approach, int(self.np_random.integers(_SEEDS)))

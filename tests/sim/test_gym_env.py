@@ -107,3 +107,15 @@ def test_infeasible_at_a_crossing_is_refused():
     crossing = next(name for name, arm in town.approaches.items() if arm.type.missing is None)
     with pytest.raises(FaultNotApplicableError, match="infeasible"):
         gymnasium.make(ID, town="junctions", approach=crossing, fault="infeasible")
+
+
+def test_trials_are_drawn_at_approaches_that_are_long_enough():
+    env = gymnasium.make(ID, town="Town02", fault="infeasible")
+    assert len({env.reset(seed=k)[1]["trial"].split(".")[1] for k in range(60)}) > 12
+
+
+def test_a_fault_that_is_not_there_yet_is_refused_when_the_environment_is_made():
+    with pytest.raises(FaultNotApplicableError, match=r"flicker"):
+        gymnasium.make(ID, town="junctions", fault="flicker")
+    with pytest.raises(FaultNotApplicableError, match=r"none, infeasible, omission"):
+        gymnasium.make(ID, town="junctions", approach="J1-S", fault="flicker")

@@ -26,9 +26,12 @@ def passage(town, approach_id, direction):
 @pytest.mark.parametrize("town_name", ["junctions", "Town01", "Town02"])
 def test_the_command_is_named_in_the_nominal_window_on_every_approach(town_name, make_trial):
     town = load_town(town_name)
+    any_trial = make_trial(town=town_name)
     for approach in town.approaches.values():
         for route in approach.exits:
-            trial = make_trial(approach.id, town=town_name, route=route)
+            trial = any_trial.model_copy(
+                update={"approach": approach.id, "junction_type": approach.type, "route": route},
+            )
             for taken in approach.exits:
                 navigator = Navigator(town, trial)
                 points, stop, exit_line = passage(town, approach.id, taken)
