@@ -5,7 +5,6 @@ libsumo holds one simulation to a process: a second ``start()`` silently kills t
 step instead of driving in a stranger's town.
 """
 
-import importlib
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -58,7 +57,9 @@ def load_libsumo() -> ModuleType:
     """
     if _Process.sumo is None:
         try:
-            _Process.sumo = importlib.import_module("libsumo")
+            import libsumo  # noqa: PLC0415  only what drives needs it
+
+            _Process.sumo = libsumo
         except ImportError as error:
             raise SimulatorUnavailableError(
                 f"libsumo cannot be loaded ({error}); install the Debian packages {' '.join(DEBIAN_PACKAGES)} "

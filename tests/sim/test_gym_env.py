@@ -119,3 +119,18 @@ def test_a_fault_that_is_not_there_yet_is_refused_when_the_environment_is_made()
         gymnasium.make(ID, town="junctions", fault="flicker")
     with pytest.raises(FaultNotApplicableError, match=r"none, infeasible, omission"):
         gymnasium.make(ID, town="junctions", approach="J1-S", fault="flicker")
+
+
+def test_vector_environments_are_the_remedy_that_the_displaced_are_told_of():
+    envs = gymnasium.vector.AsyncVectorEnv(
+        [lambda: gymnasium.make(ID, town="junctions", track="privileged")] * 2,
+        context="spawn",
+    )
+    try:
+        first, _ = envs.reset(seed=[1, 1])
+        for _ in range(10):
+            seen, *_ = envs.step(np.stack([COAST, COAST]))
+        assert (seen["pose"][0] == seen["pose"][1]).all()
+        assert (seen["pose"] != first["pose"]).any()
+    finally:
+        envs.close()

@@ -1,4 +1,4 @@
-import importlib
+import builtins
 import math
 from pathlib import Path
 
@@ -80,10 +80,14 @@ def test_a_net_that_is_none_is_refused_and_the_next_one_loads(tmp_path, make_tri
 
 
 def test_missing_system_libraries_are_named(monkeypatch):
+    imports = builtins.__import__
+
     def fail(name, *rest):
-        raise ImportError("libXext.so.6: cannot open shared object file: No such file or directory")
+        if name == "libsumo":
+            raise ImportError("libXext.so.6: cannot open shared object file: No such file or directory")
+        return imports(name, *rest)
 
     monkeypatch.setattr(bridge._Process, "sumo", None)
-    monkeypatch.setattr(importlib, "import_module", fail)
+    monkeypatch.setattr(builtins, "__import__", fail)
     with pytest.raises(SimulatorUnavailableError, match=r"libXext.*libx11-6 libxext6 libxrender1 libgl1 libatomic1"):
         bridge.load_libsumo()
