@@ -9,6 +9,7 @@ from wrongturn_service.api import agents, episodes, errors, evaluations, health,
 from wrongturn_service.api.documents import document
 from wrongturn_service.api.middleware import Middleware
 from wrongturn_service.errors import StartupError
+from wrongturn_service.pool.pool import Pool
 from wrongturn_service.service import run_service
 from wrongturn_service.settings import Settings
 from wrongturn_service.telemetry import Telemetry
@@ -20,17 +21,21 @@ Errors are `application/problem+json`; their types are explained at `/problems/{
 """
 
 
-def create_app(settings: Settings) -> FastAPI:
+def create_app(settings: Settings, *, pool: Pool | None = None) -> FastAPI:
     """The application; its lifespan starts and ends the service.
 
     Where the start fails, ``app.state.startup_error`` says why.
+
+    Args:
+        settings: see there.
+        pool: the simulators; processes of this machine where None.
     """
     telemetry = Telemetry()
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         try:
-            async with run_service(settings, telemetry) as service:
+            async with run_service(settings, telemetry, pool) as service:
                 app.state.service = service
                 yield
         except StartupError as error:

@@ -45,8 +45,17 @@ class Service:
 
 
 @contextlib.asynccontextmanager
-async def run_service(settings: Settings, telemetry: Telemetry) -> AsyncIterator[Service]:
+async def run_service(
+    settings: Settings,
+    telemetry: Telemetry,
+    pool: Pool | None = None,
+) -> AsyncIterator[Service]:
     """A service that is ready, until the block is left.
+
+    Args:
+        settings: see there.
+        telemetry: what is told to Prometheus.
+        pool: the simulators; processes of this machine where None.
 
     Raises:
         StartupError: the database or the simulators cannot be used.
@@ -60,7 +69,7 @@ async def run_service(settings: Settings, telemetry: Telemetry) -> AsyncIterator
         if lost:
             log.warning("episodes lost", count=lost, reason="they were open when the service ended last")
         await asyncio.to_thread(catalogue.warm_up)
-        pool = await _start_pool(settings, telemetry, stack)
+        pool = await _start_pool(pool or _local_pool(settings, telemetry), stack)
         leaderboards = Leaderboards(store)
         evaluations = RunningEvaluations(store, on_finished=leaderboards.forget)
         await evaluations.resume()
@@ -93,14 +102,17 @@ async def run_service(settings: Settings, telemetry: Telemetry) -> AsyncIterator
         )
 
 
-async def _start_pool(settings: Settings, telemetry: Telemetry, stack: contextlib.AsyncExitStack) -> Pool:
-    pool = LocalPool(
+def _local_pool(settings: Settings, telemetry: Telemetry) -> Pool:
+    return LocalPool(
         settings.simulators,
         start_timeout_s=settings.simulator_start_timeout_s,
         timeout_s=settings.simulator_timeout_s,
         environment={"WRONGTURN_HOME": str(settings.home)},
         on_death=telemetry.deaths.inc,
     )
+
+
+async def _start_pool(pool: Pool, stack: contextlib.AsyncExitStack) -> Pool:
     stack.push_async_callback(pool.stop)
     try:
         # The first one compiles what the others then find in the cache.

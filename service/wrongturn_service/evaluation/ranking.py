@@ -54,7 +54,10 @@ def why_not(suite: SuiteLike, row: RankingInput) -> str | None:
     if absent > allowed:
         limit = f"at most {allowed}" if allowed else "none"
         reasons.append(f"did not engage the junction in {absent} of {trials} trials, {limit} may be so")
-    return "Not ranked: " + "; ".join(reasons) + "." if reasons else None
+    if not reasons:
+        return None
+    sentence = "; ".join(reasons) + "."
+    return sentence[0].upper() + sentence[1:]
 
 
 def rank(suite: SuiteLike, rows: Sequence[RankingInput]) -> list[LeaderboardEntry]:

@@ -1,0 +1,41 @@
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+# The helpers beside these tests are imported by their plain names.
+sys.path.insert(0, str(Path(__file__).parent))
+
+from service_harness import Agent, RunningService
+
+OPERATOR = "the-operators-own-token"
+
+
+@pytest.fixture(scope="session")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
+    """A service that tests share; whoever breaks one starts one of their own."""
+    running = RunningService(
+        tmp_path_factory.mktemp("service") / "wrongturn.db",
+        operator_token=OPERATOR,
+        registration_limit=1000,
+        simulators=6,
+    )
+    if not running.ready:
+        running.kill()
+        pytest.fail(f"the service did not start: {running.stderr}")
+    yield running
+    assert running.stop() == 0, running.stderr
+    assert '"level": "error"' not in running.stderr, running.stderr
+
+
+@pytest.fixture
+def agent(service: RunningService) -> Iterator[Agent]:
+    with service.agent() as agent:
+        yield agent
+
+
+@pytest.fixture
+def other(service: RunningService) -> Iterator[Agent]:
+    with service.agent() as agent:
+        yield agent

@@ -1,0 +1,165 @@
+"""A real service in a process of its own, and an agent that talks to it by plain HTTP."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+READY = "Wrongturn is ready at "
+COAST = {"steer": 0.0, "throttle": 0.0, "brake": 0.0}
+GAS = {"steer": 0.0, "throttle": 0.8, "brake": 0.0}
+
+
+class RunningService:
+    """One ``wrongturn serve`` on a free loopback port."""
+
+    def __init__(self, database: Path, *options: str, **settings: object) -> None:
+        self.database = database
+        environment = {name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_")}
+        if "WRONGTURN_HOME" in os.environ:
+            environment["WRONGTURN_HOME"] = os.environ["WRONGTURN_HOME"]
+        environment |= {f"WRONGTURN_{name.upper()}": str(value) for name, value in settings.items()}
+        url = f"sqlite+aiosqlite:///{database}"
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "wrongturn_service", "--port", "0", "--database", url, *options],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
+        self._said: list[str] = []
+        assert self.process.stdout is not None
+        assert self.process.stderr is not None
+        self._reader = threading.Thread(target=self._read, args=(self.process.stderr,), daemon=True)
+        self._reader.start()
+        line = self.process.stdout.readline()
+        self.url = line.removeprefix(READY).strip() if line.startswith(READY) else ""
+        self.ready = bool(self.url)
+
+    def _read(self, stream: Any) -> None:
+        for line in stream:
+            self._said.append(line)
+
+    @property
+    def stderr(self) -> str:
+        if self.process.poll() is not None:
+            self._reader.join(5)
+        return "".join(self._said)
+
+    def simulators(self) -> list[int]:
+        """Process ids of its simulators."""
+        children = Path(f"/proc/{self.process.pid}/task").glob("*/children")
+        return sorted({int(pid) for path in children for pid in path.read_text().split()})
+
+    def stop(self) -> int:
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+        return self._end()
+
+    def kill(self) -> None:
+        self.process.kill()
+        self._end()
+
+    def _end(self) -> int:
+        try:
+            status = self.process.wait(20)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            status = self.process.wait()
+        self._reader.join(5)
+        assert self.process.stdout is not None
+        assert self.process.stderr is not None
+        self.process.stdout.close()
+        self.process.stderr.close()
+        return status
+
+    @contextlib.contextmanager
+    def agent(self, track: str = "privileged", **fields: object) -> Iterator["Agent"]:
+        with httpx.Client(base_url=self.url, timeout=60) as http:
+            body = {"name": f"agent {uuid.uuid4().hex[:12]}", "track": track, **fields}
+            registered = expect(http.post("/v1/agents", json=body), 201)
+        with Agent(self.url, registered) as agent:
+            yield agent
+
+
+class Agent:
+    """One registered agent."""
+
+    def __init__(self, url: str, registered: dict[str, Any]) -> None:
+        self.id: str = registered["id"]
+        self.name: str = registered["name"]
+        self.token: str = registered["token"]
+        self._open: list[str] = []
+        self.http = httpx.Client(base_url=url, timeout=60, headers={"Authorization": f"Bearer {self.token}"})
+
+    def __enter__(self) -> "Agent":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for episode in self._open:
+            # Its simulator is for the next test.
+            self.http.delete(f"/v1/episodes/{episode}")
+        self.http.close()
+
+    def practise(self, **fields: object) -> dict[str, Any]:
+        body = {"town": "Town01", "approach": "J3-S", "seed": 3, **fields}
+        if "suite" in fields:
+            del body["town"], body["approach"], body["seed"]
+        episode = expect(self.http.post("/v1/episodes", json=body), 201)
+        self._open.append(episode["id"])
+        return episode
+
+    def step(self, episode: str, seq: int, action: dict[str, float] = GAS) -> httpx.Response:
+        return self.http.post(f"/v1/episodes/{episode}/step", json={"seq": seq, "action": action})
+
+    def evaluate(self, suite: str = "smoke@1") -> dict[str, Any]:
+        return expect(self.http.post("/v1/evaluations", json={"suite": suite}), 201)
+
+    def reset(self, evaluation: str, **headers: str) -> httpx.Response:
+        return self.http.post(f"/v1/evaluations/{evaluation}/episodes", headers=headers)
+
+    def drive(self, episode: str, action: dict[str, float] = GAS, begin: int = 1) -> tuple[int, dict[str, Any]]:
+        """Step until the end; the number of the last step and its reply."""
+        seq = begin
+        while True:
+            reply = expect(self.step(episode, seq, action), 200)
+            if reply["terminated"] or reply["truncated"]:
+                return seq, reply
+            seq += 1
+
+    def trajectory(self, episode: str) -> bytes:
+        response = self.http.get(f"/v1/episodes/{episode}/trajectory")
+        assert response.status_code == 200, response.text
+        return response.content
+
+
+def expect(response: httpx.Response, status: int) -> dict[str, Any]:
+    """The body of a good reply."""
+    assert response.status_code == status, f"{response.status_code}: {response.text[:500]}"
+    body = response.json()
+    assert isinstance(body, dict)
+    return body
+
+
+def problem(response: httpx.Response, status: int, kind: str, path: str | None = None) -> dict[str, Any]:
+    """The body of a refusal, which has to be a problem of this type."""
+    assert response.status_code == status, f"{response.status_code}: {response.text[:500]}"
+    assert response.headers["content-type"] == "application/problem+json"
+    body = response.json()
+    assert isinstance(body, dict)
+    assert body["type"] == f"/problems/{kind}", body
+    assert body["status"] == status
+    assert body["title"]
+    assert body["detail"]
+    if path is not None:
+        assert path in [error["path"] for error in body["errors"]], body
+    return body

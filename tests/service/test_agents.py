@@ -1,0 +1,114 @@
+"""Registration, tokens, and that a request that is sent again does nothing again."""
+
+import uuid
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
+import pytest
+from service_harness import Agent, RunningService, expect, problem
+
+OPERATOR = {"Authorization": "Bearer the-operators-own-token"}
+
+
+@pytest.fixture
+def http(service: RunningService):
+    with httpx.Client(base_url=service.url, timeout=60) as http:
+        yield http
+
+
+def name() -> str:
+    return f"agent {uuid.uuid4().hex[:10]}"
+
+
+def test_an_agent_is_registered_and_listed(http: httpx.Client) -> None:
+    body = {"name": name(), "track": "camera", "description": "tries", "homepage": "https://example.org/x"}
+    agent = expect(http.post("/v1/agents", json=body), 201)
+    token = agent.pop("token")
+    assert token.startswith("wt_")
+    assert agent == {**body, "id": agent["id"], "kind": "submitted"}
+    assert expect(http.get(f"/v1/agents/{agent['id']}"), 200) == agent
+    assert agent in expect(http.get("/v1/agents"), 200)["agents"]
+    assert token not in http.get("/v1/agents").text
+
+
+def test_a_name_is_taken_once(http: httpx.Client) -> None:
+    taken = name()
+    expect(http.post("/v1/agents", json={"name": taken, "track": "camera"}), 201)
+    problem(http.post("/v1/agents", json={"name": taken, "track": "camera"}), 409, "agent-name-taken")
+    problem(http.post("/v1/agents", json={"name": taken.upper(), "track": "camera"}), 409, "agent-name-taken")
+
+
+@pytest.mark.parametrize(
+    ("body", "path"),
+    [
+        ({"track": "camera"}, "name"),
+        ({"name": "", "track": "camera"}, "name"),
+        ({"name": "x" * 65, "track": "camera"}, "name"),
+        ({"name": "<script>", "track": "camera"}, "name"),
+        ({"name": "x", "track": "radar"}, "track"),
+        ({"name": "x", "track": "camera", "homepage": "javascript:alert(1)"}, "homepage"),
+        ({"name": "x", "track": "camera", "description": "x" * 2001}, "description"),
+        ({"name": "x", "track": "camera", "kind": "winner"}, "kind"),
+    ],
+)
+def test_a_registration_that_is_none(http: httpx.Client, body: dict[str, str], path: str) -> None:
+    problem(http.post("/v1/agents", json=body), 422, "validation", path)
+
+
+def test_other_kinds_need_the_operator(http: httpx.Client) -> None:
+    body = {"name": name(), "track": "privileged", "kind": "baseline"}
+    problem(http.post("/v1/agents", json=body), 403, "forbidden")
+    problem(http.post("/v1/agents", json=body, headers={"Authorization": "Bearer guess"}), 403, "forbidden")
+    assert expect(http.post("/v1/agents", json=body, headers=OPERATOR), 201)["kind"] == "baseline"
+
+
+def test_a_token_is_rotated_and_revoked(service: RunningService, agent: Agent, other: Agent) -> None:
+    url = f"/v1/agents/{agent.id}/token"
+    agent.evaluate()
+    problem(other.http.post(url), 403, "forbidden")
+    key = {"Idempotency-Key": str(uuid.uuid4())}
+    rotated = expect(agent.http.post(url, headers=key), 201)
+    # The reply may have been lost: the repeat comes with the old token, which opens nothing else any more.
+    assert expect(agent.http.post(url, headers=key), 201) == rotated
+    problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@1"}), 401, "unauthenticated")
+    with Agent(service.url, rotated) as renewed:
+        renewed.evaluate()
+        assert renewed.http.delete(url).status_code == 204
+        problem(renewed.http.post("/v1/evaluations", json={"suite": "smoke@1"}), 401, "unauthenticated")
+        problem(renewed.http.delete(url), 401, "unauthenticated")
+    with httpx.Client(base_url=service.url) as operator:
+        fresh = expect(operator.post(url, headers=OPERATOR), 201)
+        assert operator.delete(url, headers=OPERATOR).status_code == 204
+    with Agent(service.url, fresh) as revoked:
+        problem(revoked.http.post("/v1/evaluations", json={"suite": "smoke@1"}), 401, "unauthenticated")
+
+
+def test_a_registration_again_by_its_key(service: RunningService, http: httpx.Client) -> None:
+    key = {"Idempotency-Key": str(uuid.uuid4())}
+    body = {"name": name(), "track": "camera"}
+    with ThreadPoolExecutor(4) as threads:
+        replies = list(threads.map(lambda _: expect(http.post("/v1/agents", json=body, headers=key), 201), range(4)))
+    assert all(reply == replies[0] for reply in replies)
+    told = problem(http.post("/v1/agents", json={**body, "name": name()}, headers=key), 422, "idempotency-key-reused")
+    assert told["errors"][0]["path"] == "Idempotency-Key"
+    # Nothing on the disk tells the token.
+    for path in service.database.parent.glob("wrongturn.db*"):
+        assert replies[0]["token"].encode() not in path.read_bytes()
+
+
+def test_keys_belong_to_their_owners(agent: Agent, other: Agent) -> None:
+    key = {"Idempotency-Key": "the same word"}
+    one = expect(agent.http.post("/v1/evaluations", json={"suite": "smoke@1"}, headers=key), 201)
+    again = expect(agent.http.post("/v1/evaluations", json={"suite": "smoke@1"}, headers=key), 201)
+    another = expect(other.http.post("/v1/evaluations", json={"suite": "smoke@1"}, headers=key), 201)
+    assert one == again
+    assert one["id"] != another["id"]
+    response = agent.http.post("/v1/evaluations", json={"suite": "wrong-command@1"}, headers=key)
+    problem(response, 422, "idempotency-key-reused")
+
+
+@pytest.mark.parametrize("key", ["", "x" * 256, "\xe9", "a\tb"])
+def test_a_key_that_is_none(agent: Agent, key: str) -> None:
+    headers = {"Idempotency-Key": key.encode("latin-1")}
+    response = agent.http.post("/v1/evaluations", json={"suite": "smoke@1"}, headers=headers)
+    problem(response, 422, "validation", "Idempotency-Key")

@@ -1,0 +1,302 @@
+"""Each mistake of a caller gets its named problem and status, and nothing recorded is lost by it."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import msgpack
+import pytest
+from service_harness import GAS, Agent, RunningService, expect, problem
+
+STEP = {"seq": 1, "action": GAS}
+
+
+@pytest.fixture(scope="module")
+def agent(service: RunningService) -> Iterator[Agent]:
+    """One for all, since nobody gets anywhere here."""
+    with service.agent() as agent:
+        yield agent
+
+
+@pytest.fixture(scope="module")
+def started(agent: Agent) -> str:
+    return str(agent.practise()["id"])
+
+
+@pytest.fixture
+def episode(agent: Agent, started: str) -> Iterator[str]:
+    """An episode before its first step, and still so after the test: whatever was refused was not done."""
+    yield started
+    assert expect(agent.http.get(f"/v1/episodes/{started}"), 200)["seq"] == 0
+
+
+def raw_step(agent: Agent, episode: str, body: str | bytes, content_type: str = "application/json") -> httpx.Response:
+    content = body.encode() if isinstance(body, str) else body
+    return agent.http.post(f"/v1/episodes/{episode}/step", content=content, headers={"Content-Type": content_type})
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "kind"),
+    [
+        ("GET", "/v1/suites/nope@1", "unknown-suite"),
+        ("GET", "/v1/suites/nope@1/trials", "unknown-suite"),
+        ("GET", "/v1/suites/%00", "unknown-suite"),
+        ("GET", "/v1/suites/..%2F..%2Fetc", "unknown-route"),
+        ("GET", "/v1/towns/Town99", "unknown-town"),
+        ("GET", "/v1/agents/nobody", "unknown-agent"),
+        ("GET", "/v1/leaderboards/nope@1", "unknown-suite"),
+        ("GET", "/v1/evaluations/none", "unknown-evaluation"),
+        ("DELETE", "/v1/evaluations/none", "unknown-evaluation"),
+        ("POST", "/v1/evaluations/none/episodes", "unknown-evaluation"),
+        ("GET", "/v1/evaluations/none/episodes?state=open", "unknown-evaluation"),
+        ("GET", "/v1/episodes/none", "unknown-episode"),
+        ("GET", "/v1/episodes/none/trajectory", "unknown-episode"),
+        ("DELETE", "/v1/episodes/none", "unknown-episode"),
+        ("POST", "/v1/agents/nobody/token", "forbidden"),
+        ("GET", "/problems/none", "unknown-route"),
+        ("GET", "/nowhere", "unknown-route"),
+        ("GET", "/v1/suites/", "unknown-route"),
+    ],
+)
+def test_what_is_unknown_is_named(agent: Agent, method: str, path: str, kind: str) -> None:
+    status = 403 if kind == "forbidden" else 404
+    if path == "/v1/agents/nobody/token":
+        # The operator may look for any agent.
+        kind, status = "unknown-agent", 404
+        response = agent.http.post(path, headers={"Authorization": "Bearer the-operators-own-token"})
+    else:
+        response = agent.http.request(method, path)
+    problem(response, status, kind)
+
+
+def test_a_step_of_an_unknown_episode(agent: Agent) -> None:
+    problem(agent.step("ep_none", 1), 404, "unknown-episode")
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "kind", "path"),
+    [
+        ({"suite": "nope@1", "trial": "x"}, 404, "unknown-suite", "suite"),
+        ({"suite": "smoke@1", "trial": "nope"}, 404, "unknown-trial", "trial"),
+        ({"town": "Town99", "approach": "J3-S"}, 404, "unknown-town", "town"),
+        ({"town": "Town01", "approach": "J99-N"}, 404, "unknown-approach", "approach"),
+        ({"town": "Town01", "approach": "J3-S", "fault": "nope"}, 422, "validation", "fault"),
+        ({"town": "Town01", "approach": "J3-S", "fault": "flicker"}, 422, "fault-not-applicable", "fault"),
+        ({"town": "Town01", "approach": "J3-S", "fault": {"kind": "late", "onset": 1}}, 422, "fault-not-applicable", None),
+        ({"town": "Town01", "approach": "J3-S", "track": "camera"}, 422, "track-not-available", "track"),
+        ({"town": "Town01", "approach": "J3-S", "track": "nope"}, 422, "validation", "track"),
+        ({"town": "Town01", "approach": "J3-S", "seed": -1}, 422, "validation", "seed"),
+        ({"town": "Town01", "approach": "J3-S", "seed": 2**63}, 422, "validation", "seed"),
+        ({"town": "Town01", "approach": "J3-S", "seed": 1.5}, 422, "validation", "seed"),
+        ({"town": "Town01", "approach": "J3-S", "route": 4}, 422, "validation", "route"),
+        ({"town": "Town01", "approach": "J3-S", "weather": "Snow"}, 422, "validation", "weather"),
+        ({"town": "Town01"}, 422, "validation", "body"),
+        ({"suite": "smoke@1"}, 422, "validation", "body"),
+        ({}, 422, "validation", "body"),
+        ({"town": "Town01", "approach": "J3-S", "extra": 1}, 422, "validation", "extra"),
+        ({"town": "x" * 100_000, "approach": "J3-S"}, 404, "unknown-town", "town"),
+    ],
+)
+def test_a_practice_episode_that_cannot_be(
+    agent: Agent, body: dict[str, Any], status: int, kind: str, path: str | None
+) -> None:
+    told = problem(agent.http.post("/v1/episodes", json=body), status, kind, path)
+    assert len(json.dumps(told)) < 5000
+
+
+def test_a_route_that_the_approach_lacks(agent: Agent) -> None:
+    refused = []
+    for route in (1, 2, 3):
+        response = agent.http.post("/v1/episodes", json={"town": "Town01", "approach": "J3-S", "route": route})
+        if response.status_code != 201:
+            refused.append(problem(response, 422, "validation", "route"))
+        else:
+            agent.http.delete(f"/v1/episodes/{response.json()['id']}")
+    assert len(refused) == 1
+
+
+@pytest.mark.parametrize("suite", ["nope@1", "smoke@99", "smoke", ""])
+def test_an_evaluation_of_an_unknown_suite(agent: Agent, suite: str) -> None:
+    problem(agent.http.post("/v1/evaluations", json={"suite": suite}), 404, "unknown-suite", "suite")
+
+
+@pytest.mark.parametrize("track", ["state", "camera"])
+def test_an_evaluation_in_a_track_that_is_not_there(service: RunningService, track: str) -> None:
+    with service.agent(track=track) as agent:
+        problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@1"}), 422, "track-not-available", "suite")
+
+
+@pytest.mark.parametrize("field", ["steer", "throttle", "brake"])
+@pytest.mark.parametrize("value", ["NaN", "Infinity", "-Infinity", "1e999", "1.0001", "-1.0001", "null", '"0"', "true", "[]"])
+def test_an_action_that_is_none(agent: Agent, episode: str, field: str, value: str) -> None:
+    action = {**{name: "0" for name in GAS}, field: value}
+    text = ", ".join(f'"{name}": {number}' for name, number in action.items())
+    response = raw_step(agent, episode, f'{{"seq": 1, "action": {{{text}}}}}')
+    problem(response, 422, "validation", f"action.{field}")
+    assert not any(word in response.text for word in ("NaN", "Infinity", "1e999"))
+
+
+def test_an_action_without_a_field_and_one_with_too_many(agent: Agent, episode: str) -> None:
+    url = f"/v1/episodes/{episode}/step"
+    body: dict[str, Any] = {"seq": 1, "action": {"steer": 0, "throttle": 0}}
+    problem(agent.http.post(url, json=body), 422, "validation", "action.brake")
+    body = {"seq": 1, "action": {**GAS, "gear": 1}}
+    problem(agent.http.post(url, json=body), 422, "validation", "action.gear")
+    problem(agent.http.post(url, json={"action": GAS}), 422, "validation", "seq")
+    problem(agent.http.post(url, json={"seq": 1}), 422, "validation", "action")
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), "0", None, 2])
+def test_the_same_in_msgpack(agent: Agent, episode: str, value: object) -> None:
+    body = msgpack.packb({"seq": 1, "action": {**GAS, "steer": value}})
+    problem(raw_step(agent, episode, body, "application/msgpack"), 422, "validation", "action.steer")
+
+
+@pytest.mark.parametrize("seq", [0, -1, "1", 1.5, True, None])
+def test_a_sequence_number_that_is_none(agent: Agent, episode: str, seq: object) -> None:
+    response = agent.http.post(f"/v1/episodes/{episode}/step", json={"seq": seq, "action": GAS})
+    problem(response, 422, "validation", "seq")
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"{",
+        b"nonsense",
+        b'{"seq": 1, "action": }',
+        b'{"seq": 1} {"seq": 2}',
+        b"\xff\xfe",
+        b'{"seq": "\xe9"}',
+        b"[" * 100_000,
+        b'{"a":' * 50_000,
+        b'{"seq": ' + b"9" * 100_000 + b"}",
+    ],
+    ids=["empty", "cut off", "word", "no value", "two", "no utf-8", "latin-1", "deep list", "deep object", "huge number"],
+)
+def test_a_body_that_is_no_json(agent: Agent, episode: str, body: bytes) -> None:
+    problem(raw_step(agent, episode, body), 400, "malformed-body")
+    problem(agent.http.post("/v1/episodes", content=body), 400, "malformed-body")
+    problem(agent.http.post("/v1/evaluations", content=body), 400, "malformed-body")
+    problem(agent.http.post("/v1/agents", content=body), 400, "malformed-body")
+
+
+@pytest.mark.parametrize("body", [b"", b"\xc1", b"\x81\xa3seq", b"\x91" * 5000, b"\x81\x90\x01"])
+def test_a_body_that_is_no_msgpack(agent: Agent, episode: str, body: bytes) -> None:
+    problem(raw_step(agent, episode, body, "application/msgpack"), 400, "malformed-body")
+
+
+@pytest.mark.parametrize("body", ["NaN", "Infinity", "-Infinity", "[]", "3", '"word"', "null", '{"seq": NaN, "action": NaN}'])
+def test_json_that_is_no_message(agent: Agent, episode: str, body: str) -> None:
+    response = raw_step(agent, episode, body)
+    problem(response, 422, "validation")
+    assert "NaN" not in response.text
+
+
+def test_nan_in_any_body(agent: Agent) -> None:
+    for path, body, field in (
+        ("/v1/agents", '{"name": NaN, "track": "privileged"}', "name"),
+        ("/v1/evaluations", '{"suite": NaN}', "suite"),
+        ("/v1/episodes", '{"town": "Town01", "approach": "J3-S", "seed": NaN}', "seed"),
+        ("/v1/episodes", '{"town": "Town01", "approach": "J3-S", "fault": {"kind": "late", "onset": NaN}}', "fault.onset"),
+    ):
+        problem(agent.http.post(path, content=body.encode()), 422, "validation", field)
+
+
+def test_huge_numbers(agent: Agent, episode: str) -> None:
+    problem(raw_step(agent, episode, json.dumps({"seq": 10**400, "action": GAS})), 409, "sequence-gap")
+    problem(raw_step(agent, episode, json.dumps({"seq": 2**64, "action": GAS})), 409, "sequence-gap")
+
+
+def test_another_content_type(agent: Agent, episode: str) -> None:
+    problem(raw_step(agent, episode, json.dumps(STEP), "text/plain"), 415, "unsupported-media-type")
+    response = agent.http.post("/v1/evaluations", data={"suite": "smoke@1"})
+    problem(response, 415, "unsupported-media-type")
+    # msgpack is for episodes alone.
+    response = agent.http.post("/v1/evaluations", content=b"\x80", headers={"Content-Type": "application/msgpack"})
+    problem(response, 415, "unsupported-media-type")
+
+
+def test_an_encoding_that_is_not_spoken(agent: Agent, episode: str) -> None:
+    response = agent.http.get(f"/v1/episodes/{episode}", headers={"Accept": "image/png"})
+    problem(response, 406, "not-acceptable")
+
+
+def test_a_body_that_is_too_large(agent: Agent, episode: str) -> None:
+    large = b" " * (4 * 1024 * 1024 + 1)
+    problem(raw_step(agent, episode, large), 413, "body-too-large")
+
+    def pieces() -> Any:
+        for _ in range(5):
+            yield b" " * 1024 * 1024
+
+    response = agent.http.post(f"/v1/episodes/{episode}/step", content=pieces(), headers={"Content-Type": "application/json"})
+    problem(response, 413, "body-too-large")
+
+
+def test_another_method(agent: Agent) -> None:
+    response = agent.http.put("/v1/suites")
+    problem(response, 405, "method-not-allowed")
+    assert response.headers["allow"] == "GET"
+
+
+TOKEN_CALLS = [
+    ("POST", "/v1/evaluations"),
+    ("GET", "/v1/evaluations/{evaluation}"),
+    ("DELETE", "/v1/evaluations/{evaluation}"),
+    ("POST", "/v1/evaluations/{evaluation}/episodes"),
+    ("GET", "/v1/evaluations/{evaluation}/episodes?state=open"),
+    ("PUT", "/v1/evaluations/{evaluation}/results"),
+    ("POST", "/v1/episodes"),
+    ("POST", "/v1/episodes/{episode}/step"),
+    ("GET", "/v1/episodes/{episode}"),
+    ("GET", "/v1/episodes/{episode}/trajectory"),
+    ("DELETE", "/v1/episodes/{episode}"),
+    ("POST", "/v1/agents/{agent}/token"),
+    ("DELETE", "/v1/agents/{agent}/token"),
+]
+BODIES = {
+    "/v1/evaluations": {"suite": "smoke@1"},
+    "/v1/evaluations/{evaluation}/results": {"episodes": []},
+    "/v1/episodes": {"town": "Town01", "approach": "J3-S"},
+    "/v1/episodes/{episode}/step": STEP,
+}
+
+
+@pytest.fixture(scope="module")
+def owned(service: RunningService) -> Any:
+    """Things of an agent whom no test disturbs."""
+    with service.agent() as owner:
+        evaluation = owner.evaluate()["id"]
+        episode = expect(owner.reset(evaluation), 201)["id"]
+        yield {"agent": owner.id, "evaluation": evaluation, "episode": episode}
+        # Still open and as it was.
+        assert expect(owner.http.get(f"/v1/episodes/{episode}"), 200)["state"] == "open"
+
+
+@pytest.mark.parametrize(("method", "path"), TOKEN_CALLS)
+@pytest.mark.parametrize("header", [None, "", "Bearer", "Bearer nope", "Basic abc", "Bearer \xe9"])
+def test_a_call_without_a_good_token(
+    service: RunningService, owned: dict[str, str], method: str, path: str, header: str | None
+) -> None:
+    headers = {} if header is None else {"Authorization": header.encode("latin-1")}
+    with httpx.Client(base_url=service.url) as http:
+        response = http.request(method, path.format(**owned), headers=headers, json=BODIES.get(path))
+    problem(response, 401, "unauthenticated")
+    assert response.headers["www-authenticate"].startswith("Bearer")
+
+
+@pytest.mark.parametrize(("method", "path"), [call for call in TOKEN_CALLS if "{" in call[1]])
+def test_a_call_with_anothers_token(agent: Agent, owned: dict[str, str], method: str, path: str) -> None:
+    response = agent.http.request(method, path.format(**owned), json=BODIES.get(path))
+    problem(response, 403, "forbidden")
+
+
+def test_every_problem_is_explained(agent: Agent) -> None:
+    from wrongturn_protocol import ProblemType
+
+    for kind in ProblemType:
+        response = agent.http.get(f"/problems/{kind}")
+        assert response.status_code == 200
+        assert len(response.text) > 30

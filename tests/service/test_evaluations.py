@@ -1,0 +1,196 @@
+"""An evaluation from its first reset to the leaderboard, as its agent and as a stranger sees it."""
+
+import hashlib
+import json
+import struct
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import httpx
+import pytest
+from service_harness import COAST, GAS, Agent, RunningService, expect, problem
+
+from wrongturn_protocol import Leaderboard, Metrics
+
+
+@pytest.fixture(scope="module")
+def finished(service: RunningService) -> Iterator[dict[str, Any]]:
+    """An evaluation whose every episode was driven, and what was seen on the way."""
+    with service.agent(description="drives on", homepage="https://example.org") as agent:
+        evaluation = agent.evaluate()
+        episodes: dict[str, int] = {}
+        order = []
+        while (response := agent.reset(evaluation["id"])).status_code == 201:
+            reset = response.json()
+            assert set(reset) == {"id", "seq", "observation", "lease_expires_in_s", "town"}
+            steps, last = agent.drive(reset["id"])
+            assert set(last) == {"seq", "observation", "terminated", "truncated"}
+            episodes[reset["id"]] = steps
+            order.append(reset["id"])
+        problem(response, 409, "evaluation-finished")
+        yield {"agent": agent, "evaluation": evaluation, "episodes": episodes, "order": order}
+
+
+def test_what_a_new_evaluation_says(service: RunningService, agent: Agent) -> None:
+    evaluation = agent.evaluate("wrong-command@1")
+    assert evaluation == {
+        "id": evaluation["id"],
+        "suite": "wrong-command@1",
+        "agent": agent.id,
+        "state": "running",
+        "trials": 120,
+        "finished": 0,
+        "max_parallel": 6,
+        "metrics": None,
+    }
+    assert expect(agent.http.get(f"/v1/evaluations/{evaluation['id']}"), 200) == evaluation
+
+
+def test_each_trial_and_each_twin_was_driven_once(finished: dict[str, Any]) -> None:
+    agent: Agent = finished["agent"]
+    detail = expect(agent.http.get(f"/v1/evaluations/{finished['evaluation']['id']}"), 200)
+    assert (detail["state"], detail["trials"], detail["finished"]) == ("finished", 12, 12)
+    metrics = Metrics.model_validate_json(json.dumps(detail["metrics"]))
+    assert metrics.unsafe.trials == 6
+    shown = expect(agent.http.get(f"/v1/evaluations/{finished['evaluation']['id']}/episodes"), 200)["episodes"]
+    trials = expect(agent.http.get("/v1/suites/smoke@1/trials"), 200)["trials"]
+    expected = {trial["id"] for trial in trials} | {trial["twin"] for trial in trials}
+    assert {episode["trial"] for episode in shown} == expected
+    assert {episode["id"]: episode["seq"] for episode in shown} == finished["episodes"]
+
+
+def test_finished_episodes_are_shown_to_everybody(service: RunningService, finished: dict[str, Any], agent: Agent) -> None:
+    episode = finished["order"][0]
+    with httpx.Client(base_url=service.url) as stranger:
+        shown = expect(stranger.get(f"/v1/episodes/{episode}"), 200)
+        trajectory = stranger.get(f"/v1/episodes/{episode}/trajectory")
+    assert shown["outcome"]["verdict"]
+    assert shown["trial"].startswith("Town01.")
+    assert hashlib.sha256(trajectory.content).hexdigest() == shown["trajectory_sha256"]
+    assert expect(agent.http.get(f"/v1/episodes/{episode}"), 200) == shown
+
+
+def test_the_workers_record(finished: dict[str, Any]) -> None:
+    agent: Agent = finished["agent"]
+    url = f"/v1/evaluations/{finished['evaluation']['id']}/results"
+    record = [
+        {
+            "episode": episode,
+            "steps": steps,
+            "actions_sha256": hashlib.sha256(struct.pack("<3f", *GAS.values()) * steps).hexdigest(),
+            "latency_ms": 1.5,
+        }
+        for episode, steps in finished["episodes"].items()
+    ]
+    for _ in range(2):
+        body = {"episodes": record, "versions": {"worker": "1.0"}}
+        assert expect(agent.http.put(url, json=body), 200)["state"] == "finished"
+    for field, value, path in (
+        ("steps", 1, "episodes.2.steps"),
+        ("actions_sha256", "0" * 64, "episodes.2.actions_sha256"),
+        ("episode", "ep_none", "episodes.2.episode"),
+    ):
+        wrong = [{**item, field: value} if index == 2 else item for index, item in enumerate(record)]
+        problem(agent.http.put(url, json={"episodes": wrong}), 409, "results-mismatch", path)
+    problem(agent.http.put(url, json={"episodes": [{**record[0], "latency_ms": -1}]}), 422, "validation")
+
+
+def test_the_leaderboard(service: RunningService, finished: dict[str, Any]) -> None:
+    with httpx.Client(base_url=service.url) as stranger:
+        found = stranger.get("/v1/leaderboards/smoke@1")
+        board = Leaderboard.model_validate_json(found.text)
+        summaries = expect(stranger.get("/v1/leaderboards"), 200)["leaderboards"]
+    entry = next(entry for entry in board.entries if entry.evaluation == finished["evaluation"]["id"])
+    assert entry.agent.name == finished["agent"].name
+    assert entry.agent.description == "drives on"
+    assert entry.entry == "remote"
+    assert board.updated is not None
+    assert {summary["suite"]: summary["entries"] for summary in summaries}["smoke@1"] == len(board.entries)
+
+
+def test_a_leaderboard_without_entries(service: RunningService) -> None:
+    with httpx.Client(base_url=service.url) as stranger:
+        board = Leaderboard.model_validate_json(stranger.get("/v1/leaderboards/wrong-command@1").text)
+    assert board.entries == ()
+    assert board.updated is None
+
+
+def test_only_the_first_finished_evaluation_counts(service: RunningService, finished: dict[str, Any]) -> None:
+    agent: Agent = finished["agent"]
+    second = agent.evaluate()["id"]
+    while (response := agent.reset(second)).status_code == 201:
+        assert agent.http.delete(f"/v1/episodes/{response.json()['id']}").status_code == 204
+    problem(response, 409, "evaluation-finished")
+    detail = expect(agent.http.get(f"/v1/evaluations/{second}"), 200)
+    assert detail["state"] == "finished"
+    assert detail["metrics"]["unsafe"]["count"] == 6
+    board = Leaderboard.model_validate_json(agent.http.get("/v1/leaderboards/smoke@1").text)
+    assert [entry.evaluation for entry in board.entries if entry.agent.id == agent.id] == [finished["evaluation"]["id"]]
+
+
+def test_nothing_is_told_before_the_end(service: RunningService, agent: Agent, other: Agent) -> None:
+    evaluation = agent.evaluate()["id"]
+    reset = expect(agent.reset(evaluation), 201)
+    assert "trial" not in reset
+    agent.drive(reset["id"])
+    shown = expect(agent.http.get(f"/v1/episodes/{reset['id']}"), 200)
+    assert shown["state"] == "finished"
+    assert [shown[name] for name in ("trial", "outcome", "trajectory_sha256", "actions_sha256")] == [None] * 4
+    problem(agent.http.get(f"/v1/episodes/{reset['id']}/trajectory"), 409, "episode-not-shown")
+    problem(other.http.get(f"/v1/episodes/{reset['id']}"), 403, "forbidden")
+    listed = expect(agent.http.get(f"/v1/evaluations/{evaluation}/episodes"), 200)["episodes"]
+    assert listed[0]["trial"] is None
+    assert expect(agent.http.get(f"/v1/evaluations/{evaluation}"), 200)["metrics"] is None
+
+
+def test_the_way_back_after_a_crash(agent: Agent) -> None:
+    evaluation = agent.evaluate()["id"]
+    reset = expect(agent.reset(evaluation), 201)
+    last = expect(agent.step(reset["id"], 1, COAST), 200)
+    found = expect(agent.http.get(f"/v1/evaluations/{evaluation}/episodes?state=open"), 200)["episodes"]
+    assert [(item["id"], item["seq"], item["last_reply"]) for item in found] == [(reset["id"], 1, last)]
+    assert expect(agent.step(reset["id"], 2, COAST), 200)["seq"] == 2
+    expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)
+    problem(agent.http.get(f"/v1/evaluations/{evaluation}/episodes?state=nope"), 422, "validation", "query.state")
+
+
+def test_a_cancelled_evaluation(agent: Agent) -> None:
+    evaluation = agent.evaluate()["id"]
+    episode = expect(agent.reset(evaluation), 201)["id"]
+    for _ in range(2):
+        assert expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)["state"] == "cancelled"
+    problem(agent.step(episode, 1), 409, "evaluation-cancelled")
+    problem(agent.reset(evaluation), 409, "evaluation-cancelled")
+    problem(agent.http.delete(f"/v1/episodes/{episode}"), 409, "evaluation-cancelled")
+
+
+def test_a_finished_evaluation_cannot_be_cancelled(finished: dict[str, Any]) -> None:
+    agent: Agent = finished["agent"]
+    problem(agent.http.delete(f"/v1/evaluations/{finished['evaluation']['id']}"), 409, "evaluation-finished")
+
+
+def test_so_many_at_a_time_and_never_a_trial_with_its_twin(agent: Agent) -> None:
+    evaluation = agent.evaluate()["id"]
+    with ThreadPoolExecutor(8) as threads:
+        responses = list(threads.map(lambda _: agent.reset(evaluation), range(8)))
+    opened = [response.json()["id"] for response in responses if response.status_code == 201]
+    refused = [response for response in responses if response.status_code != 201]
+    assert len(opened) <= 6
+    for response in refused:
+        problem(response, 409 if response.status_code == 409 else 503, response.json()["type"].removeprefix("/problems/"))
+        assert response.json()["type"] in {"/problems/no-trial-available", "/problems/simulators-busy"}
+        assert int(response.headers["retry-after"]) >= 1
+    assert len(set(opened)) == len(opened)
+    expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)
+
+
+def test_a_reset_again_by_its_key(agent: Agent) -> None:
+    evaluation = agent.evaluate()["id"]
+    key = {"Idempotency-Key": "one-and-only"}
+    first = agent.reset(evaluation, **key)
+    again = agent.reset(evaluation, **key)
+    assert (first.status_code, again.status_code) == (201, 201)
+    assert first.content == again.content
+    assert len(expect(agent.http.get(f"/v1/evaluations/{evaluation}/episodes"), 200)["episodes"]) == 1
+    expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)
