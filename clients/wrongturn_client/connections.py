@@ -61,6 +61,9 @@ class PlainConnections:
         try:
             connection.request(method, self._base + path, content, headers)
             response = connection.getresponse()
+            if response.length is None and not response.chunked:
+                # It ends where the connection does, and so cannot be told from one that broke off among its headers.
+                raise http.client.IncompleteRead(b"")
             body = response.read()
         except (OSError, http.client.HTTPException) as error:
             connection.close()

@@ -1,5 +1,6 @@
 """A service of one's own for as long as a ``with`` block lasts."""
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -97,17 +98,17 @@ class LocalService:
             thread.start()
             self._readers.append(thread)
         try:
-            self._ready.wait(self._start_timeout)
+            in_time = self._ready.wait(self._start_timeout)
         except BaseException:
             self.stop()
             raise
         if not self.url:
-            status = self._process.poll()
+            ended = in_time and self._ended()
             self.stop()
             what = (
-                f"was not ready within {self._start_timeout:.0f} s"
-                if status is None
-                else f"ended with status {self._process.returncode} before it was ready"
+                f"ended with status {self._process.returncode} before it was ready"
+                if ended
+                else f"was not ready within {self._start_timeout:.0f} s"
             )
             tail = "".join(f"\n  {line}" for line in self._tail)
             raise LocalServiceError(
@@ -140,6 +141,13 @@ class LocalService:
         for stream in (self._process.stdout, self._process.stderr):
             if stream is not None:
                 stream.close()
+
+    def _ended(self) -> bool:
+        """Whether a process that has closed its stdout ends by itself."""
+        assert self._process is not None
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(self._stop_timeout)
+        return self._process.returncode is not None
 
     def _read_stdout(self, stream: IO[str]) -> None:
         for line in stream:

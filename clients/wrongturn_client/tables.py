@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Leaderboard, Metrics, UnsafeCount
+from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Leaderboard, Metrics
 
 WIDTH: Final = 132
 """Columns that a leaderboard wants; used where the output is no terminal."""
@@ -25,19 +25,20 @@ def console(*, stderr: bool = False) -> Console:
 def leaderboard_table(leaderboard: Leaderboard) -> Table:
     """The ranking on a suite: for each agent a row with wrong commands and a row with the command to follow the lane.
 
-    The columns of junction types give unsafe episodes of all; ``unsafe`` has Wilson's 95 % interval.
+    The columns of junction types give unsafe episodes of all. ``unsafe`` is their sum with its rate, and Wilson's 95%
+    interval below; ``strict`` counts wrong ways too; ``twins done`` are the same trials without fault that were
+    completed; ``=`` behind a rank says that it is shared.
     """
     types = _types(leaderboard.entries)
-    table = Table(box=box.SIMPLE_HEAD, title=f"{leaderboard.suite}: unsafe episodes", title_justify="left")
+    table = _table(f"{leaderboard.suite}: unsafe episodes")
     table.add_column("rank", justify="right", no_wrap=True)
-    table.add_column("agent", overflow="fold")
-    table.add_column("track")
+    table.add_column("agent", overflow="fold", min_width=8)
     _result_columns(table, types)
     for entry in leaderboard.entries:
         rank = "-" if entry.rank is None else f"{entry.rank}{'=' if entry.tied_with else ''}"
         rows = _result_rows(entry, types)
         for number, row in enumerate(rows):
-            head = (rank, entry.agent.name, entry.agent.track.value) if number == 0 else ("", "", "")
+            head = [(rank, entry.agent.name), ("", entry.agent.track.value)][number] if number < 2 else ("", "")
             table.add_row(*map(Text, head), *row, end_section=number == len(rows) - 1)
     notes = [
         f"{entry.agent.name} is not ranked: {entry.why_not or 'not eligible'}"
@@ -48,7 +49,6 @@ def leaderboard_table(leaderboard: Leaderboard) -> Table:
         notes.append("No evaluation on this suite has been finished yet.")
     if notes:
         table.caption = Text("\n".join(notes))
-        table.caption_justify = "left"
     return table
 
 
@@ -60,17 +60,30 @@ def evaluation_table(name: str, metrics: Metrics) -> Table:
         metrics: of its finished evaluation.
     """
     types = _types([metrics])
-    table = Table(box=box.SIMPLE_HEAD, title=Text(f"{name}: unsafe episodes"), title_justify="left")
+    table = _table(f"{name}: unsafe episodes")
     _result_columns(table, types)
     for row in _result_rows(metrics, types):
         table.add_row(*row)
     excess = metrics.excess_unsafe_rate
+    low, high = excess.ci95
     table.caption = Text(
-        f"Excess unsafe rate over the same trials without fault: {_percent(excess.value)} "
-        f"[{_percent(excess.ci95[0])}, {_percent(excess.ci95[1])}], p = {excess.p:.3g}",
+        f"Over the same trials without fault the unsafe rate is higher by\n"
+        f"{100 * excess.value:.0f} points, 95% CI [{100 * low:.0f}, {100 * high:.0f}], p = {excess.p:.2g}.",
     )
-    table.caption_justify = "left"
     return table
+
+
+def _table(title: str) -> Table:
+    return Table(
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+        title=Text(title, style="bold"),
+        title_justify="left",
+        caption_justify="left",
+        caption_style="",
+    )
 
 
 def _types(results: Iterable[Metrics]) -> tuple[JunctionType, ...]:
@@ -80,36 +93,30 @@ def _types(results: Iterable[Metrics]) -> tuple[JunctionType, ...]:
 
 
 def _result_columns(table: Table, types: Sequence[JunctionType]) -> None:
-    table.add_column("command", no_wrap=True)
+    table.add_column("command")
     for kind in types:
-        table.add_column(kind.value, justify="right", no_wrap=True)
-    table.add_column("unsafe (95 % CI)", justify="right")
+        table.add_column(kind.value, justify="right", overflow="fold", min_width=max(map(len, kind.value.split("_"))))
+    table.add_column("unsafe\n95% CI", justify="right", no_wrap=True)
     table.add_column("strict", justify="right", no_wrap=True)
-    table.add_column("twins completed", justify="right")
+    table.add_column("twins\ndone", justify="right", no_wrap=True)
 
 
 def _result_rows(metrics: Metrics, types: Sequence[JunctionType]) -> list[tuple[Text, ...]]:
-    """A row for each fault; the totals stand in the first."""
+    """A row for each fault; the totals stand in the first, the interval in the second."""
     present = {fault for cells in metrics.table.values() for fault in cells}
     faults = [fault for fault in FaultKind if fault in present or fault in _ROWS]
-    totals = (
-        Text(_unsafe(metrics.unsafe)),
-        Text(f"{metrics.unsafe_strict.count}/{metrics.unsafe_strict.trials}"),
-        Text(f"{metrics.twins.completed}/{metrics.twins.trials}"),
-    )
+    low, high = metrics.unsafe.ci95
+    totals = {
+        0: (
+            f"{metrics.unsafe.count}/{metrics.unsafe.trials} {100 * metrics.unsafe.rate:.0f}%",
+            f"{metrics.unsafe_strict.count}/{metrics.unsafe_strict.trials}",
+            f"{metrics.twins.completed}/{metrics.twins.trials}",
+        ),
+        1: (f"[{100 * low:.0f}, {100 * high:.0f}]%", "", ""),
+    }
     rows = []
     for number, fault in enumerate(faults):
         cells = [metrics.table.get(kind, {}).get(fault) for kind in types]
-        texts = (Text(f"{cell.unsafe}/{cell.trials}" if cell is not None else "-") for cell in cells)
-        end = totals if number == 0 else (Text(), Text(), Text())
-        rows.append((Text(f"with {_ROWS.get(fault, fault.value)}"), *texts, *end))
+        texts = [f"{cell.unsafe}/{cell.trials}" if cell is not None else "-" for cell in cells]
+        rows.append(tuple(map(Text, (_ROWS.get(fault, fault.value), *texts, *totals.get(number, ("", "", ""))))))
     return rows
-
-
-def _unsafe(count: UnsafeCount) -> str:
-    low, high = count.ci95
-    return f"{count.count}/{count.trials} = {_percent(count.rate)} [{_percent(low)}, {_percent(high)}]"
-
-
-def _percent(rate: float) -> str:
-    return f"{100 * rate:.0f} %"

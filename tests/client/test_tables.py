@@ -1,0 +1,90 @@
+"""The paper's layout."""
+
+import io
+from typing import Any
+
+import pytest
+from rich.console import Console
+from rich.table import Table
+
+from wrongturn_client.tables import evaluation_table, leaderboard_table
+from wrongturn_protocol import Leaderboard, Metrics
+
+CELL = {"infeasible": {"unsafe": 7, "trials": 10}, "omission": {"unsafe": 1, "trials": 10}}
+COUNT = {"count": 12, "trials": 60, "rate": 0.2, "ci95": [0.118, 0.318]}
+METRICS: dict[str, Any] = {
+    "unsafe": COUNT,
+    "unsafe_strict": {**COUNT, "count": 15},
+    "twins": {"unsafe": 0, "completed": 58, "trials": 60},
+    "excess_unsafe_rate": {"value": 0.2, "ci95": [0.1, 0.3], "p": 0.0005},
+    "table": {"STRAIGHT_LEFT": CELL, "STRAIGHT_RIGHT": CELL, "LEFT_RIGHT": CELL},
+    "reactions": {},
+    "verdicts": {},
+}
+
+
+def _entry(name: str, rank: int | None, **more: Any) -> dict[str, Any]:
+    agent = {"id": name, "name": name, "track": "privileged", "kind": "baseline"}
+    entry = {"rank": rank, "tied_with": [], "eligible": rank is not None, "why_not": None, "agent": agent}
+    return {**METRICS, **entry, "entry": "remote", "evaluation": "e", **more}
+
+
+def _leaderboard(*entries: dict[str, Any]) -> Leaderboard:
+    board = {"suite": "wrong-command@1", "sha256": "0" * 64, "updated": None, "entries": entries}
+    return Leaderboard.model_validate(board)
+
+
+def _shown(table: Table, width: int = 120) -> str:
+    output = io.StringIO()
+    Console(width=width, file=output, color_system=None).print(table)
+    return "\n".join(line.rstrip() for line in output.getvalue().splitlines())
+
+
+def _words(line: str) -> list[str]:
+    return [word.strip() for word in line.split("  ") if word.strip()]
+
+
+def test_leaderboard_has_a_row_for_each_fault_of_each_agent() -> None:
+    board = _leaderboard(_entry("careful", 1, tied_with=["other"]), _entry("parked", None, why_not="not engaged"))
+    lines = _shown(leaderboard_table(board)).splitlines()
+    heads = next(line for line in lines if "STRAIGHT_LEFT" in line)
+    assert heads.index("STRAIGHT_LEFT") < heads.index("STRAIGHT_RIGHT") < heads.rindex("LEFT_RIGHT")
+    row = lines.index(next(line for line in lines if "careful" in line))
+    assert _words(lines[row]) == [
+        *("1=", "careful", "wrong command", "7/10", "7/10", "7/10", "12/60 20%", "15/60", "58/60")
+    ]
+    assert _words(lines[row + 1]) == ["privileged", "follow lane", "1/10", "1/10", "1/10", "[12, 32]%"]
+    assert any(line.split()[:2] == ["-", "parked"] for line in lines)
+    assert "parked is not ranked: not engaged" in "\n".join(lines)
+
+
+def test_nothing_is_lost_on_a_narrow_terminal() -> None:
+    shown = _shown(leaderboard_table(_leaderboard(_entry("an agent with a rather long name", 1))), width=80)
+    assert "7/10" in shown
+    assert "58/60" in shown
+
+
+def test_an_empty_leaderboard_says_so() -> None:
+    assert "No evaluation on this suite has been finished" in _shown(leaderboard_table(_leaderboard()))
+
+
+def test_an_agents_name_is_no_markup() -> None:
+    board = _leaderboard(_entry("[red]me[", 1), _entry("b", None, why_not="[bold]"))
+    shown = _shown(leaderboard_table(board))
+    assert "[red]me[" in shown
+    assert "b is not ranked: [bold]" in shown
+
+
+@pytest.mark.parametrize(
+    ("change", "seen"),
+    [
+        ({}, ["wrong command", "follow lane", "12/60 20%", "[12, 32]%", "58/60", "p = 0.0005"]),
+        ({"table": {"CROSS": {"stuck": {"unsafe": 1, "trials": 2}}}}, ["CROSS", "stuck", "1/2"]),
+        ({"table": {}}, ["wrong command", "-"]),
+    ],
+)
+def test_an_evaluation_has_the_same_layout(change: dict[str, Any], seen: list[str]) -> None:
+    shown = _shown(evaluation_table("me [x]", Metrics.model_validate({**METRICS, **change})))
+    assert "me [x]: unsafe episodes" in shown
+    for words in seen:
+        assert words in shown
