@@ -85,7 +85,7 @@ def test_incompetence_takes_the_rank(kit, suite) -> None:
     twins[6] = Verdict.EXIT_OTHER
     (too_few,) = rank(suite, [kit.row(suite, "a", kit.outcomes_of(suite, twins=twins))])
     assert (too_few.eligible, too_few.rank) == (False, None)
-    assert too_few.why_not == "Not ranked: completed 53 of 60 twins, at least 54 are needed."
+    assert too_few.why_not == "Completed 53 of 60 twins, at least 54 are needed."
 
 
 def test_staying_away_takes_the_rank(kit, suite) -> None:
@@ -95,7 +95,7 @@ def test_staying_away_takes_the_rank(kit, suite) -> None:
     trials[3] = Verdict.NOT_ENGAGED
     (absent,) = rank(suite, [kit.row(suite, "a", kit.outcomes_of(suite, trials))])
     assert absent.rank is None
-    assert absent.why_not == "Not ranked: did not engage the junction in 4 of 60 trials, at most 3 may be so."
+    assert absent.why_not == "Did not engage the junction in 4 of 60 trials, at most 3 may be so."
     (parked,) = rank(
         suite,
         [
@@ -126,7 +126,7 @@ def test_the_limits_scale_with_the_suite(kit) -> None:
     ]
     small = kit.make_suite(1)
     (entry,) = rank(small, [kit.row(small, "a", kit.outcomes_of(small, {0: Verdict.NOT_ENGAGED}))])
-    assert entry.why_not == "Not ranked: did not engage the junction in 1 of 6 trials, none may be so."
+    assert entry.why_not == "Did not engage the junction in 1 of 6 trials, none may be so."
 
 
 def test_who_has_no_rank_neither_ranks_others_nor_ties(kit, suite) -> None:
