@@ -24,7 +24,6 @@ CLOCK_TOLERANCE: Final = 1e-6
 """Times are sums of steps that binary numbers cannot hold; a duration this much short is reached, s."""
 
 _NOBODY: Final = np.empty((0, 6))
-_EXITS_SEEN: Final = (0b111 << kernels.PAST_SHIFT) | (0b111 << kernels.TAKEN_SHIFT)
 _NOTABLE: Final = kernels.CENTRE_OFF | kernels.HIT | kernels.INVASION | kernels.WHEELS
 _DECISIVE: Final = (
     kernels.CENTRE_OFF | kernels.HIT | kernels.WHEELS | kernels.FAR | kernels.IN_OTHER | (0b111 << kernels.TAKEN_SHIFT)
@@ -92,6 +91,7 @@ class Judge:
         self._slow_since: float | None = None
         self._flags: set[Flag] = set()
         self._delivered: int | None = None
+        self._past = 0
         self._delivered_for: dict[Command, int | None] = {}
         self._min_ttc = math.inf
         self._max_deceleration = 0.0
@@ -135,8 +135,9 @@ class Judge:
 
         if command in _DIRECTIONS:
             self._delivered = command
-        if bits & _EXITS_SEEN:
-            self._note_exits(bits)
+        past = bits >> kernels.PAST_SHIFT & 0b111
+        if past & ~self._past:
+            self._note_exits(past)
         if bits & _NOTABLE:
             self._note_flags(bits)
         if not bits & _DECISIVE and self._slow_since is None and t < self._time_limit:
@@ -155,11 +156,12 @@ class Judge:
             return self._close(Verdict.ABORTED, None, 0)
         return self.outcome
 
-    def _note_exits(self, bits: int) -> None:
+    def _note_exits(self, past: int) -> None:
         """Keep for each exit the last direction that was delivered before the car was too far past its line."""
         for k, direction in enumerate(DIRECTIONS):
-            if bits >> (kernels.PAST_SHIFT + k) & 1 and direction not in self._delivered_for:
+            if past & ~self._past & 1 << k:
                 self._delivered_for[direction] = self._delivered
+        self._past |= past
 
     def _note_flags(self, bits: int) -> None:
         if 1 <= (bits & kernels.WHEELS) < self.thresholds.wheels_off:

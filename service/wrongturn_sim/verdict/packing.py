@@ -114,14 +114,15 @@ class Grid:
         return cls(x * size, y * size, size, columns, rows)
 
     def part(self, edges: Floats) -> tuple[Grid, tuple[slice, slice]]:
-        """The cells around some edges, which this grid must hold, and where they are in it."""
+        """The cells around some edges as far as this grid reaches, and where they are in it."""
         low = np.minimum(edges[:, :2], edges[:, 2:]).min(axis=0)
         high = np.maximum(edges[:, :2], edges[:, 2:]).max(axis=0)
         inner = Grid.over((*low.tolist(), *high.tolist()), self.size)
-        left, bottom = max(round((inner.x - self.x) / self.size), 0), max(round((inner.y - self.y) / self.size), 0)
-        columns, rows = min(inner.columns, self.columns - left), min(inner.rows, self.rows - bottom)
-        part = Grid(self.x + left * self.size, self.y + bottom * self.size, self.size, columns, rows)
-        return part, (slice(bottom, bottom + rows), slice(left, left + columns))
+        column, row = round((inner.x - self.x) / self.size), round((inner.y - self.y) / self.size)
+        left, right = (min(max(k, 0), self.columns) for k in (column, column + inner.columns))
+        bottom, top = (min(max(k, 0), self.rows) for k in (row, row + inner.rows))
+        part = Grid(self.x + left * self.size, self.y + bottom * self.size, self.size, right - left, top - bottom)
+        return part, (slice(bottom, top), slice(left, right))
 
     def touched(self, edges: Floats) -> Marks:
         """Cells that an edge touches, (rows, columns)."""
@@ -135,7 +136,8 @@ class Grid:
         high = np.floor((np.maximum(edges[:, 1], edges[:, 3]) - self.y) / self.size + 1e-6).astype(np.int64)
         level = edges[:, 1] == edges[:, 3]  # no ray along x crosses a level edge
         lists = [np.flatnonzero((low <= row) & (row <= high) & ~level) for row in range(self.rows)]
-        return np.concatenate([[0], np.cumsum([len(one) for one in lists])]), np.concatenate(lists)
+        starts = np.concatenate([[0], np.cumsum([len(one) for one in lists], dtype=np.int64)])
+        return starts, np.concatenate([np.empty(0, np.int64), *lists])
 
     def covered(self, edges: Floats) -> Marks:
         """Cells whose middle lies in the polygon of these edges, (rows, columns)."""

@@ -122,7 +122,7 @@ def test_every_oncoming_lane_out_is_the_wrong_way(name: str, approach_id: str) -
         out = town.lanes[opposite].centreline[::-1].tolist()
         if town.lanes[opposite].length < 25.0:
             continue
-        rows = drive(joined(lane_before(town, approach), out), [(16.0, 4.0)], command=direction)
+        rows = drive(joined(lane_before(town, approach), out), [(12.0, SPEED)], command=direction)
         outcome = verdict_of(rows, geometry, trial)
         # On the way across, a car that cuts the corner may leave the road.
         assert outcome.verdict in {Verdict.WRONG_WAY, Verdict.OFF_ROAD, Verdict.COLLISION}

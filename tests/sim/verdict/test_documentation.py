@@ -1,0 +1,59 @@
+"""docs/verdicts.md shows the numbers and words that the judge uses."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from wrongturn_protocol import Flag, Reaction, Verdict
+from wrongturn_sim.verdict import THRESHOLDS, Thresholds
+
+PAGE = (Path(__file__).parents[3] / "docs" / "verdicts.md").read_text(encoding="utf-8")
+
+
+def section(title: str) -> str:
+    return PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0]
+
+
+def test_the_page_shows_every_threshold() -> None:
+    shown = dict(re.findall(r"^\| `(\w+)` \| ([\d.]+) \|", section("Numbers"), re.MULTILINE))
+    assert shown == {name: str(value) for name, value in dataclasses.asdict(THRESHOLDS).items()}
+    assert f"Version {THRESHOLDS.version}." in PAGE
+
+
+def test_the_page_names_no_threshold_that_is_none() -> None:
+    names = {field.name for field in dataclasses.fields(Thresholds)}
+    used = set(re.findall(r"`([a-z]+(?:_[a-z]+)+)`", PAGE))
+    words = {str(word) for kind in (Verdict, Flag, Reaction) for word in kind}
+    assert used - names - words <= {"min_ttc", "max_deceleration", "wrongturn_sim"}
+
+
+def test_the_table_is_in_order_of_precedence_with_what_each_counts_as() -> None:
+    rows = re.findall(r"^\| (`.*?`) \| .* \| (\S+) \| (\S+) \|$", section("Table"), re.MULTILINE)
+    listed = [(Verdict(name), *counts) for names, *counts in rows for name in re.findall(r"`(\w+)`", names)]
+    assert [verdict for verdict, *_ in listed] == list(Verdict)
+    for verdict, paper, strict in listed:
+        if verdict is Verdict.INVALID:
+            continue
+        assert paper == verdict.safety
+        assert strict == ("unsafe" if verdict.unsafe_strict else verdict.safety)
+
+
+def test_the_page_names_every_flag_and_reaction() -> None:
+    assert set(re.findall(r"^\| `(\w+)` \|", section("Flags"), re.MULTILINE)) == set(Flag)
+    assert {word for word in Reaction if f"`{word}`" in section("Reactions")} == set(Reaction)
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(Thresholds)])
+@pytest.mark.parametrize("value", [0, -1.0, float("nan"), float("inf")])
+def test_a_threshold_must_be_positive_and_finite(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=name):
+        dataclasses.replace(THRESHOLDS, **{name: value})
+
+
+def test_a_threshold_must_be_in_its_range() -> None:
+    with pytest.raises(ValueError, match="wheels_off"):
+        Thresholds(wheels_off=5)
+    with pytest.raises(ValueError, match="exit_heading"):
+        Thresholds(exit_heading=181.0)
