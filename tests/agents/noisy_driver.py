@@ -16,10 +16,11 @@ from wrongturn_agents.baselines.obeys_blindly import made_up_path
 from wrongturn_protocol import DIRECTIONS, Action, Command
 from wrongturn_protocol.observations import Observation
 
-_OBEDIENCE = 1.5  # pull of the command, where an exit that is there weighs 1 and one that is not -1
-_HABIT = 0.5  # pull of straight on
+_OBEDIENCE = 2.2  # pull of the command, where an exit that is there weighs 1 and one that is not -1
+_HABIT = 0.8  # pull of straight on
+_FOLLOWING = 0.7  # more of it where the command is to follow the lane
 _DOUBT = 0.2  # score below which it rather stops
-_NOISE = 0.6  # standard deviation of what it sees
+_NOISE = 0.8  # standard deviation of what it sees
 _MEMORY = 0.93  # of the noise from one step to the next
 _TREMBLE = 0.06  # standard deviation of the steering
 
@@ -50,10 +51,11 @@ class NoisyDriver(Driver):
         return action.model_copy(update={"steer": min(max(action.steer + self._tremor, -1.0), 1.0)})
 
     def choose(self, view: View) -> Command | None:
+        habit = _HABIT + (_FOLLOWING if view.command is Command.LANE_FOLLOW else 0.0)
         scores = {
             direction: (1.0 if direction in view.exits else -1.0)
             + (_OBEDIENCE if direction is view.command else 0.0)
-            + (_HABIT if direction is Command.STRAIGHT else 0.0)
+            + (habit if direction is Command.STRAIGHT else 0.0)
             + self._noise[direction]
             for direction in DIRECTIONS
         }

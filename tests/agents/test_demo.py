@@ -1,0 +1,63 @@
+"""The demo, narrowed down."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+import wrongturn_agents.demo as demo_module
+
+
+def demo(folder, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "wrongturn_agents.demo", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+    )
+
+
+def test_it_ranks_in_a_fresh_database(tmp_path):
+    (tmp_path / "demo").mkdir()
+    for left in ("wrongturn.db", "wrongturn.db-wal", "leaderboard.json"):
+        (tmp_path / "demo" / left).write_text("left by another demo")
+    done = demo(tmp_path, "--agents", "parked,careful", "--suite", "smoke@1")
+    assert done.returncode == 0, done.stderr
+    assert "wrongturn serve" in done.stdout
+    assert "demo/leaderboard.json" in done.stdout
+    leaderboard = json.loads((tmp_path / "demo" / "leaderboard.json").read_text())
+    assert leaderboard["suite"] == "smoke@1"
+    assert {entry["agent"]["name"] for entry in leaderboard["entries"]} == {"parked", "careful"}
+    assert {entry["agent"]["kind"] for entry in leaderboard["entries"]} == {"baseline"}
+
+
+def test_a_worker_that_fails_is_told_with_its_last_words(tmp_path):
+    worker = demo_module.Worker("careful", "http://127.0.0.1:9", "smoke@1", "operator", tmp_path)
+    assert demo_module._run_all([worker]) == [worker]
+    assert "no Wrongturn service answers at http://127.0.0.1:9" in worker.tail[-1]
+
+
+def test_two_demos_do_not_share_a_folder(tmp_path):
+    with demo_module._folder(tmp_path / "demo"):
+        second = demo(tmp_path, "--agents", "parked", "--suite", "smoke@1")
+    assert second.returncode == 1
+    assert "another demo is running there" in second.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--agents", "careful,nobody"], "--agents: agent: there is no agent called 'nobody'; known are parked"),
+        (["--agents", ","], "--agents: names none"),
+        (["--agents", "careful,careful"], "names one twice"),
+        (["--suite", "nothing@1"], "--suite: there is no suite 'nothing@1'; known are"),
+    ],
+)
+def test_mistakes_are_told_before_anything_starts(tmp_path, arguments, says):
+    done = demo(tmp_path, *arguments)
+    assert done.returncode == 1
+    assert says in done.stderr
+    assert not (tmp_path / "demo").exists()

@@ -1,0 +1,233 @@
+"""The worker against a real service, on the smallest suite."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
+from wrongturn_agents import cli, resolve
+from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError
+from wrongturn_agents.run_file import RunFile
+from wrongturn_agents.worker import RunRequest, begin, drive
+from wrongturn_client import Client, LocalService, NotFoundError
+from wrongturn_protocol import AgentKind, EvaluationState, Track
+
+SUITE = "smoke@1"
+OPERATOR = "operator-token-of-the-tests-0123456789"
+OWN = """
+from wrongturn_agents.baselines import Careful
+
+class Fails(Careful):
+    name = "fails"
+    kind = "submitted"
+
+    def act(self, observation):
+        raise ValueError("no idea")
+
+class Blind(Careful):
+    name = "blind"
+    track = "state"
+
+class Sees(Careful):
+    name = "sees"
+    track = "camera"
+
+class Slow(Careful):
+    name = "slow"
+
+    def act(self, observation):
+        import time
+        time.sleep(0.01)
+        return super().act(observation)
+"""
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory):
+    database = f"sqlite+aiosqlite:///{tmp_path_factory.mktemp('service') / 'wrongturn.db'}"
+    with LocalService(database=database, environment={"WRONGTURN_OPERATOR_TOKEN": OPERATOR}) as service:
+        yield service.url
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch) -> Path:
+    for name in ("WRONGTURN_URL", "WRONGTURN_TOKEN", "WRONGTURN_OPERATOR_TOKEN"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path / "home"))
+    (tmp_path / "own_agents.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "home"
+
+
+def program(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "wrongturn_client", "run", *arguments]
+
+
+def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        program(*arguments), capture_output=True, text=True, timeout=120, env={**os.environ, **environment}, check=False
+    )
+
+
+def started(url: str, agent: str = "careful", **extra) -> RunFile:
+    return begin(RunRequest(agent=agent, suite=SUITE, url=url, **extra), resolve(agent), url, OPERATOR)
+
+
+def no_progress(finished: int, total: int) -> None: ...
+
+
+def test_a_run_at_the_command_line(url, tmp_path):
+    written = tmp_path / "careful.json"
+    done = run("careful", "--suite", SUITE, "--url", url, "--name", "by hand", "--json", str(written))
+    assert done.returncode == 0, done.stderr
+    assert "by hand on smoke@1" in done.stderr
+    assert "12 of 12 episodes" in done.stderr
+    assert "STRAIGHT_LEFT" in done.stdout
+    assert "0/6" in done.stdout
+    evaluation = json.loads(written.read_text())
+    assert evaluation["state"] == "finished"
+    assert evaluation["metrics"]["unsafe"]["count"] == 0
+    assert evaluation["metrics"]["twins"]["completed"] == 6
+
+
+def test_names_that_are_taken_are_numbered(url):
+    first, second = started(url, "always-stops"), started(url, "always-stops")
+    assert (first.name, second.name) == ("always-stops", "always-stops-2")
+
+
+def test_a_given_name_that_is_taken_is_refused(url):
+    started(url, name="mine")
+    with pytest.raises(RunError, match=r"--name: 'mine' is taken at .*; choose another"):
+        started(url, name="mine")
+
+
+def test_only_the_operator_makes_baselines(url):
+    with_token = started(url, "parked", name="parked by the operator")
+    request = RunRequest(agent="parked", suite=SUITE, url=url, name="parked by anybody")
+    without = begin(request, resolve("parked"), url, None)
+    with Client(url) as client:
+        kinds = {agent.name: agent.kind for agent in client.agents()}
+    assert kinds[with_token.name] is AgentKind.BASELINE
+    assert kinds[without.name] is AgentKind.SUBMITTED
+
+
+def test_an_unknown_suite_registers_nobody(url):
+    with pytest.raises(NotFoundError, match="no-such-suite@1"):
+        begin(RunRequest("careful", "no-such-suite@1", url, name="unlucky"), resolve("careful"), url, OPERATOR)
+    with Client(url) as client:
+        assert "unlucky" not in {agent.name for agent in client.agents()}
+
+
+def test_a_track_that_the_suite_lacks(url):
+    source = resolve("own_agents:Blind")
+    with pytest.raises(RunError, match=r"is driven in the tracks .*, and blind wants state"):
+        begin(RunRequest("own_agents:Blind", SUITE, url), source, url, OPERATOR)
+
+
+def test_an_interrupted_run_goes_on(url):
+    run_file = started(url)
+    source = resolve("careful")
+    seen = []
+
+    def interrupting(finished: int, total: int) -> None:
+        seen.append(finished)
+        if finished == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        drive(run_file, source, url, interrupting)
+    evaluation = drive(RunFile.load(run_file.evaluation), source, url, lambda finished, _: seen.append(finished))
+    assert evaluation.state is EvaluationState.FINISHED
+    assert seen[:4] == [0, 1, 2, 2]
+    assert seen[-1] == 12
+
+
+def test_ctrl_c_says_how_to_go_on(url):
+    process = subprocess.Popen(
+        program("own_agents:Slow", "--suite", SUITE, "--url", url, "--progress", "json"),
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+    )
+    with process, process.stderr:
+        for line in process.stderr:
+            if '"finished": 1' in line:
+                break
+        time.sleep(0.2)
+        process.send_signal(signal.SIGINT)
+        rest = process.stderr.read()
+    assert process.returncode == 130
+    assert "Traceback" not in rest
+    command = rest.partition("wrongturn run ")[2].split()
+    assert command[0] == "--resume"
+    done = run(*command)
+    assert done.returncode == 0, done.stderr
+    assert "12 of 12 episodes" in done.stderr
+
+
+def test_an_agent_that_fails_is_told_from_the_service(url):
+    with pytest.raises(AgentFailedError, match=r"agent: fails.act raised ValueError: no idea"):
+        drive(started(url, "own_agents:Fails"), resolve("own_agents:Fails"), url, no_progress)
+    done = run("own_agents:Fails", "--suite", SUITE, "--url", url)
+    assert done.returncode == 1
+    assert 'raise ValueError("no idea")' in done.stderr
+    assert "To go on with it: wrongturn run --resume" in done.stderr
+    assert done.stderr.rstrip().splitlines()[-1] == "wrongturn: agent: fails.act raised ValueError: no idea"
+
+
+def test_a_token_of_ones_own_stands_for_its_agent(url):
+    with Client(url) as client:
+        registered = client.register("registered before", Track.PRIVILEGED)
+    done = run("careful", "--suite", SUITE, "--url", url, WRONGTURN_TOKEN=registered.token)
+    assert done.returncode == 0, done.stderr
+    with Client(url) as client:
+        assert "registered before" in {entry.agent.name for entry in client.leaderboard(SUITE).entries}
+
+
+def test_a_token_of_another_track_is_refused(url):
+    with Client(url) as client:
+        registered = client.register("of another track", Track.PRIVILEGED)
+    request = RunRequest("own_agents:Sees", SUITE, url, token=registered.token)
+    with pytest.raises(RunError, match=r"WRONGTURN_TOKEN: it is the token of of another track.*sees wants camera"):
+        begin(request, resolve("own_agents:Sees"), url, None)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"agent": "nobody"}, "there is no agent called 'nobody'; known are parked"),
+        ({"agent": None}, "AGENT: name one"),
+        ({"agent": "careful", "json_file": Path("no/such/x.json")}, "--json: no/such/x.json cannot be written"),
+        ({"agent": "careful", "json_file": Path()}, "--json: . cannot be written"),
+        ({"resume": "ev-none"}, "--resume: no run 'ev-none'"),
+    ],
+)
+def test_mistakes_are_told_before_anything_starts(arguments, says):
+    with pytest.raises(AgentsError) as caught:
+        cli.run(**arguments)
+    assert says in str(caught.value)
+
+
+def test_a_mistake_is_one_line():
+    done = run("careful", "--url", "http://127.0.0.1:9", "--suite", SUITE)
+    assert done.returncode == 1
+    assert done.stderr.startswith("wrongturn: no Wrongturn service answers at http://127.0.0.1:9")
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_another_agent_cannot_go_on_with_a_run(url):
+    run_file = started(url)
+    with pytest.raises(RunError, match=r"AGENT: that run is of careful, not of parked"):
+        cli.run("parked", resume=run_file.evaluation)
+
+
+def test_without_a_url_a_service_is_started():
+    done = run("parked", "--suite", SUITE, NUMBA_CACHE_DIR=os.environ.get("NUMBA_CACHE_DIR", ""))
+    assert done.returncode == 0, done.stderr
+    assert "12 of 12 episodes" in done.stderr
