@@ -1,0 +1,73 @@
+"""Building towns again gives what is committed, and a town that was tampered with is found out."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from wrongturn_networks import CorruptFileError, Town, load_town, read_town, town_names
+from wrongturn_networks.loading import TOWNS
+from wrongturn_networks.making.recipes import RECIPES
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", town_names())
+def test_a_town_built_again_is_the_same_bytes(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("sumo", reason="needs netconvert")
+    from wrongturn_networks.making.netconvert import build
+
+    build(RECIPES[name], tmp_path / name)
+    made = {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()}
+    assert made == {path.name: path.read_bytes() for path in (TOWNS / name).iterdir()}
+
+
+def test_every_town_has_a_recipe() -> None:
+    assert set(RECIPES) == set(town_names())
+
+
+def test_nothing_of_the_machine_is_in_the_files(town: Town) -> None:
+    for path in town.directory.iterdir():
+        text = path.read_text("utf-8")
+        assert "/tmp/" not in text
+        assert "<!--" not in text
+
+
+@pytest.fixture
+def copied(tmp_path: Path) -> Path:
+    """A town's folder that may be spoilt."""
+    return Path(shutil.copytree(TOWNS / "junctions", tmp_path / "junctions"))
+
+
+def test_a_copy_is_the_same_town(copied: Path) -> None:
+    assert read_town(copied).sha256 == load_town("junctions").sha256
+
+
+@pytest.mark.parametrize("file", ["junctions.net.xml", "scenery.toml", "manifest.json"])
+def test_a_file_that_is_missing(copied: Path, file: str) -> None:
+    (copied / file).unlink()
+    with pytest.raises(CorruptFileError, match=r"junctions|scenery"):
+        read_town(copied)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [("junctions.net.xml", 'width="4.00"', 'width="5.00"'), ("scenery.toml", "solid = true", "solid = false")],
+)
+def test_a_file_that_was_changed(copied: Path, file: str, old: str, new: str) -> None:
+    path = copied / file
+    path.write_text(path.read_text("utf-8").replace(old, new), "utf-8")
+    with pytest.raises(CorruptFileError, match="not what its manifest says"):
+        read_town(copied)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "null"])
+def test_a_manifest_that_is_none(copied: Path, text: str) -> None:
+    (copied / "manifest.json").write_text(text, "utf-8")
+    with pytest.raises(CorruptFileError, match="junctions"):
+        read_town(copied)
+
+
+def test_a_net_that_is_no_xml(copied: Path) -> None:
+    (copied / "junctions.net.xml").write_text("<net", "utf-8")
+    with pytest.raises(CorruptFileError, match="junctions"):
+        read_town(copied)

@@ -1,0 +1,163 @@
+"""Suites: what is in them, and that they stay as they are."""
+
+import json
+import shutil
+from collections import Counter
+from itertools import product
+from pathlib import Path
+
+import pytest
+
+from wrongturn_networks import (
+    CorruptFileError,
+    Suite,
+    UnknownSuiteError,
+    UnknownTrialError,
+    draw_trial,
+    load_suite,
+    load_town,
+    read_suite,
+    suite_ids,
+)
+from wrongturn_networks.catalog import list_suites
+from wrongturn_networks.making.writing_suites import suite_text
+from wrongturn_networks.suites import SUITES
+from wrongturn_protocol import PAPER_TYPES, FaultKind, Track, Traffic, Weather, trial_id
+
+PINNED = {
+    "smoke@1": "dbc30ea90e4c8eb2f473a22cd9e7b4ff35b09ec566f623d054ba4467d4b952bc",
+    "wrong-command@1": "cd8f5ca30c1275c7bb784b7ae67f88a05b682293e786a50f6e381f8a7d1a0001",
+}
+"""Whoever has to change one of these gives the suite a new version instead."""
+TOWN_PINNED = {"Town01": "b2d09dfbb02da00ad9de76f7f7d12a5aa1ccc373e9011a8dc5a08529b4b2152c"}
+"""A town below a suite is part of what the suite measures: changed streets or houses mean a new version too."""
+FAULTS = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
+
+
+@pytest.fixture(params=suite_ids())
+def suite(request: pytest.FixtureRequest) -> Suite:
+    """Each shipped suite in turn."""
+    return load_suite(request.param)
+
+
+def test_suites_have_not_changed() -> None:
+    assert {name: load_suite(name).sha256 for name in suite_ids()} == PINNED
+
+
+def test_the_suites_town_has_not_changed() -> None:
+    towns = {trial.town for name in suite_ids() for trial in load_suite(name).trials}
+    assert {town: load_town(town).sha256 for town in towns} == TOWN_PINNED
+
+
+def test_a_suite_is_what_its_recipe_gives(suite: Suite) -> None:
+    assert (SUITES / f"{suite.id}.json").read_text("utf-8") == suite_text(suite.id)
+
+
+def test_every_trial_is_what_its_seed_gives(suite: Suite) -> None:
+    for trial in suite.trials:
+        drawn = draw_trial(load_town(trial.town), trial.approach, trial.fault, trial.seed, route=trial.route)
+        assert trial == drawn
+        assert trial.id == trial_id(trial.town, trial.approach, trial.fault.kind, trial.seed)
+
+
+def test_the_papers_sixty() -> None:
+    suite = load_suite("wrong-command@1")
+    assert (suite.name, suite.version, len(suite.trials), len(suite.episodes)) == ("wrong-command", 1, 60, 120)
+    assert suite.tracks == (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
+    for junction_type in PAPER_TYPES:
+        chosen = []
+        for fault in FAULTS:
+            cell = [t for t in suite.trials if (t.junction_type, t.fault.kind) == (junction_type, fault)]
+            assert sorted(Counter(trial.route for trial in cell).values()) == [5, 5]
+            chosen.append({trial.approach for trial in cell})
+            assert len(chosen[-1]) == 10
+        assert chosen[0] == chosen[1]
+    assert len({trial.seed for trial in suite.trials}) == 60
+    assert len({trial.start for trial in suite.trials}) == 60
+
+
+def test_six_for_a_first_try() -> None:
+    trials = load_suite("smoke@1").trials
+    assert sorted((t.junction_type, t.fault.kind) for t in trials) == sorted(product(PAPER_TYPES, FAULTS))
+
+
+def test_conditions_are_the_papers(suite: Suite) -> None:
+    for trial in suite.trials:
+        assert (trial.town, trial.weather, trial.traffic) == ("Town01", Weather.CLEAR_NOON, Traffic())
+        assert trial.junction_type is load_town(trial.town).approach(trial.approach).type
+
+
+def test_every_trial_has_a_twin_of_its_own(suite: Suite) -> None:
+    assert len({episode.id for episode in suite.episodes}) == 2 * len(suite.trials)
+    for trial in suite.trials:
+        twin = suite.trial(trial.twin().id)
+        assert twin.is_twin
+        assert (twin.start, twin.route, twin.seed, twin.approach) == (
+            trial.start,
+            trial.route,
+            trial.seed,
+            trial.approach,
+        )
+        assert suite.trial(trial.id) is trial
+
+
+def test_what_the_service_shows(suite: Suite) -> None:
+    summary = suite.summary()
+    assert summary in list_suites()
+    assert (summary.trials, summary.twins) == (len(suite.trials), len(suite.trials))
+    shown = suite.trial_list().trials
+    assert [(trial.id, trial.twin) for trial in shown] == [(trial.id, trial.twin().id) for trial in suite.trials]
+
+
+@pytest.mark.parametrize("name", ["", "smoke", "smoke@2", "smoke@1.json", "../suites/smoke@1", "smoke@1\n", "*@*"])
+def test_an_unknown_suite_names_the_known(name: str) -> None:
+    with pytest.raises(UnknownSuiteError, match=r"^suite: .*smoke@1, wrong-command@1"):
+        load_suite(name)
+
+
+@pytest.mark.parametrize("name", [None, 1, []])
+def test_a_suite_that_is_not_even_a_name(name: object) -> None:
+    with pytest.raises(UnknownSuiteError):
+        load_suite(name)  # type: ignore[arg-type]
+
+
+def test_an_unknown_trial(suite: Suite) -> None:
+    with pytest.raises(UnknownTrialError, match=r"^trial: 'Town01\.J1-E\.stuck\.s1'"):
+        suite.trial("Town01.J1-E.stuck.s1")
+
+
+def test_a_suite_cannot_be_changed(suite: Suite) -> None:
+    with pytest.raises(AttributeError):
+        suite.trials = ()  # type: ignore[misc]
+    with pytest.raises(ValueError, match="frozen"):
+        suite.trials[0].seed = 1
+
+
+def test_a_changed_file_is_found_out(tmp_path: Path) -> None:
+    path = tmp_path / "smoke@1.json"
+    content = json.loads((SUITES / path.name).read_text("utf-8"))
+    content["trials"][0]["start"]["speed"] += 0.001
+    path.write_text(json.dumps(content), "utf-8")
+    with pytest.raises(CorruptFileError, match="was changed"):
+        read_suite(path)
+
+
+def test_white_space_is_no_change(tmp_path: Path) -> None:
+    path = tmp_path / "smoke@1.json"
+    path.write_text(json.dumps(json.loads((SUITES / path.name).read_text("utf-8"))), "utf-8")
+    assert read_suite(path).trials == load_suite("smoke@1").trials
+
+
+def test_a_suite_by_another_name_is_found_out(tmp_path: Path) -> None:
+    path = tmp_path / "smoke@2.json"
+    shutil.copy(SUITES / "smoke@1.json", path)
+    with pytest.raises(CorruptFileError, match="smoke@1"):
+        read_suite(path)
+
+
+@pytest.mark.parametrize("text", [b"", b"[]", b"{}", b"null", b"\xff\xfe", b'{"sha256": 3}'])
+def test_a_file_that_is_no_suite(text: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "smoke@1.json"
+    path.write_bytes(text)
+    with pytest.raises(CorruptFileError, match="smoke@1"):
+        read_suite(path)
