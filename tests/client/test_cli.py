@@ -1,0 +1,245 @@
+"""The program as a new user would try it."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import typer
+from client_fake_service import FakeService
+from typer.testing import CliRunner
+
+from wrongturn_client import Client, cli, doctor, listings, plugins
+from wrongturn_protocol import SuiteSummary
+
+SUITE = SuiteSummary(id="mine@1", title="Mine", version=1, sha256="1" * 64, trials=3, twins=3, tracks=("privileged",))
+runner = CliRunner()
+
+
+def local_suites() -> list[SuiteSummary]:
+    return [SUITE]
+
+
+def greet(name: str = "you", fail: bool = False) -> None:
+    """Greet somebody.
+
+    At length.
+    """
+    if fail:
+        raise plugins.PluginError("nobody there")
+    typer.echo(f"Hello {name}")
+
+
+def good_check() -> Iterator[tuple[str, bool, str, str]]:
+    yield "weather", True, "sunny", ""
+
+
+def bad_check() -> Iterator[tuple[str, bool, str, str]]:
+    yield "brakes", False, "worn", "get new ones"
+
+
+def broken_check() -> Iterator[tuple[str, bool, str, str]]:
+    raise RuntimeError("oops")
+    yield
+
+
+@pytest.fixture
+def points(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], str]:
+    """Entry points by group and name."""
+    table: dict[tuple[str, str], str] = {}
+    sys.modules["client_cli_plugin"] = sys.modules[__name__]
+
+    def found(group: str) -> dict[str, metadata.EntryPoint]:
+        points = {name: metadata.EntryPoint(name, value, within) for (within, name), value in table.items()}
+        return {name: point for name, point in points.items() if point.group == group}
+
+    monkeypatch.setattr(plugins, "entry_points", found)
+    monkeypatch.setattr(listings, "entry_points", found)
+    return table
+
+
+@pytest.fixture
+def served(monkeypatch: pytest.MonkeyPatch) -> FakeService:
+    service = FakeService()
+
+    def client(url: str | None = None, **options: Any) -> Client:
+        return Client(url, transport=service.transport, **options)
+
+    for module in ("client", "listings", "doctor"):
+        monkeypatch.setattr(f"wrongturn_client.{module}.Client", client)
+    return service
+
+
+def _program(*args: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "wrongturn_client", *args],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env={**os.environ, "COLUMNS": "100", **environment},
+    )
+
+
+def test_help_lists_the_commands_and_is_quick() -> None:
+    times = []
+    for _ in range(3):
+        begin = time.perf_counter()
+        done = _program("--help")
+        times.append(time.perf_counter() - begin)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    for command in ("agents", "suites", "towns", "leaderboard", "doctor"):
+        assert f" {command} " in done.stdout
+    assert min(times) < 2.0, "generous, for busy machines; alone it takes 0.3 s"
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; sys.argv = ['wrongturn', '--help']\n"
+        "from wrongturn_client.cli import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'gymnasium', 'httpx', 'pydantic', 'torch', 'libsumo', 'fastapi', 'wrongturn_agents', "
+        "'wrongturn_service', 'wrongturn_networks', 'wrongturn_sim'}\n"
+        "print(sorted(heavy & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stderr.strip() == "[]"
+
+
+def test_version() -> None:
+    assert runner.invoke(cli.app, ["--version"]).output == f"wrongturn {metadata.version('wrongturn-client')}\n"
+
+
+def test_an_unknown_command_is_a_usage_error() -> None:
+    done = _program("nonsense")
+    assert done.returncode == 2
+    assert "No such command" in done.stderr
+    assert done.stdout == ""
+
+
+def test_another_parts_command_is_listed_and_runs(points: dict[tuple[str, str], str]) -> None:
+    points["wrongturn.commands", "greet"] = "client_cli_plugin:greet"
+    result = runner.invoke(cli.app, ["greet", "--name", "Ada"])
+    assert (result.exit_code, result.output) == (0, "Hello Ada\n")
+    shown = runner.invoke(cli.app, ["greet", "--help"]).output
+    assert "At length." in shown
+    assert "wrongturn greet" in shown or "greet [OPTIONS]" in shown
+    assert runner.invoke(cli.app, ["greet", "--bogus"]).exit_code == 2
+
+
+def test_the_help_line_is_read_without_importing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "wt_lazy_plugin"
+    package.mkdir()
+    (package / "__init__.py").write_text("raise SystemExit('imported')")
+    (package / "cli.py").write_text('def go() -> None:\n    """Go far.\n\n    And back.\n    """\n')
+    (package / "tree.py").write_text('import typer\napp = typer.Typer(help="Many things.")\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    for value, line in (
+        ("wt_lazy_plugin.cli:go", "Go far."),
+        ("wt_lazy_plugin.tree:app", "Many things."),
+        ("wt_lazy_plugin.gone:go", ""),
+        ("wt_nowhere.cli:go", ""),
+    ):
+        assert plugins.summary(metadata.EntryPoint("x", value, "wrongturn.commands")) == line
+
+
+def test_a_broken_command_is_listed_and_names_itself(points: dict[tuple[str, str], str]) -> None:
+    points["wrongturn.commands", "broken"] = "wt_nowhere.cli:go"
+    assert "broken" in runner.invoke(cli.app, ["--help"]).output
+    result = runner.invoke(cli.app, ["broken"])
+    assert isinstance(result.exception, plugins.PluginError)
+    assert "'broken'" in str(result.exception)
+    assert "No module named 'wt_nowhere'" in str(result.exception)
+
+
+def test_expected_errors_are_one_line(
+    points: dict[tuple[str, str], str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    points["wrongturn.commands", "greet"] = "client_cli_plugin:greet"
+    monkeypatch.setattr(sys, "argv", ["wrongturn", "greet", "--fail"])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    assert caught.value.code == 1
+    assert capsys.readouterr().err == "wrongturn: nobody there\n"
+
+
+@pytest.mark.parametrize("command", [["suites"], ["agents"], ["towns"], ["leaderboard"], ["leaderboard", "--json"]])
+def test_a_service_that_is_not_there_is_one_line(command: list[str]) -> None:
+    done = _program(*command, "--url", "http://127.0.0.1:9")
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr.startswith("wrongturn: no Wrongturn service answers at http://127.0.0.1:9 ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_local_suites_as_table_and_json(points: dict[tuple[str, str], str]) -> None:
+    points["wrongturn.listings", "suites"] = "client_cli_plugin:local_suites"
+    assert "mine@1" in runner.invoke(cli.app, ["suites"]).output
+    (item,) = json.loads(runner.invoke(cli.app, ["suites", "--json"]).stdout)
+    assert SuiteSummary.model_validate(item) == SUITE
+
+
+def test_without_local_suites_it_says_what_to_do(points: dict[tuple[str, str], str]) -> None:
+    result = runner.invoke(cli.app, ["suites"])
+    assert "install wrongturn-networks, or name a service by --url" in str(result.exception)
+
+
+@pytest.mark.parametrize("by", ["option", "environment"])
+def test_the_services_lists(by: str, served: FakeService) -> None:
+    args, environment = (["--url", "http://fake"], {}) if by == "option" else ([], {"WRONGTURN_URL": "http://fake"})
+    result = runner.invoke(cli.app, ["suites", "--json", *args], env=environment)
+    assert [suite["id"] for suite in json.loads(result.stdout)] == ["smoke@1"]
+    assert "me" in runner.invoke(cli.app, ["agents", *args], env=environment).output
+
+
+def test_an_unknown_suite_is_told(served: FakeService) -> None:
+    result = runner.invoke(cli.app, ["leaderboard", "nothing@1", "--url", "http://fake"])
+    assert "no /v1/leaderboards/nothing@1" in str(result.exception)
+
+
+def test_doctor_tells_what_is_wrong_and_what_to_do(
+    points: dict[tuple[str, str], str], served: FakeService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path / "home"))
+    points["wrongturn.checks", "good"] = "client_cli_plugin:good_check"
+    result = runner.invoke(cli.app, ["doctor", "--url", "http://fake"])
+    assert result.exit_code == 0, result.output
+    assert "All is well." in result.output
+    assert "http://fake is ready" in result.output
+    points["wrongturn.checks", "bad"] = "client_cli_plugin:bad_check"
+    points["wrongturn.checks", "broken"] = "client_cli_plugin:broken_check"
+    points["wrongturn.commands", "gone"] = "wt_nowhere.cli:go"
+    result = runner.invoke(cli.app, ["doctor"])
+    assert result.exit_code == 1
+    for words in ("weather", "To do: get new ones", "RuntimeError: oops", "command gone", "3 of"):
+        assert words in result.output
+
+
+def test_doctor_finds_a_home_that_cannot_be_written(
+    points: dict[tuple[str, str], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path / "file"))
+    (check,) = (check for check in doctor.diagnose(None) if check.name == "WRONGTURN_HOME")
+    assert not check.ok
+    assert "set WRONGTURN_HOME" in check.remedy
+
+
+def test_doctor_finds_an_old_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "sys", SimpleNamespace(version_info=(3, 10)))
+    assert not next(doctor.diagnose(None)).ok
+
+
+def test_a_reader_that_leaves_is_no_traceback() -> None:
+    script = f"{sys.executable} -m wrongturn_client --help | true"
+    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=60, check=False)
+    assert "Traceback" not in done.stderr
