@@ -22,6 +22,7 @@ def test_gymnasiums_checker(track):
     env.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("track", ["state", "privileged"])
 def test_stable_baselines_checker_and_a_hundred_steps_of_ppo(track):
     sb3 = pytest.importorskip("stable_baselines3")
@@ -121,6 +122,7 @@ def test_a_fault_that_is_not_there_yet_is_refused_when_the_environment_is_made()
         gymnasium.make(ID, town="junctions", approach="J1-S", fault="flicker")
 
 
+@pytest.mark.slow
 def test_vector_environments_are_the_remedy_that_the_displaced_are_told_of():
     envs = gymnasium.vector.AsyncVectorEnv(
         [lambda: gymnasium.make(ID, town="junctions", track="privileged")] * 2,
