@@ -1,0 +1,42 @@
+"""What README and its sisters say is there, is there."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    targets = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text("utf-8"))
+    missing = [target for target in targets if "://" not in target and not (page.parent / target).exists()]
+    assert not missing
+
+
+def test_its_two_commands_can_be_run() -> None:
+    first_block = (ROOT / "README.md").read_text("utf-8").split("```")[1]
+    commands = [line.split()[0] for line in first_block.strip().splitlines()]
+    assert commands == ["script/demo", "script/test"]
+    for command in commands:
+        assert (ROOT / command).stat().st_mode & 0o111
+        subprocess.run(["bash", "-n", ROOT / command], check=True)
+
+
+@pytest.mark.system
+def test_each_command_it_shows_has_help() -> None:
+    blocks = "\n".join((ROOT / "README.md").read_text("utf-8").split("```")[1::2])
+    commands = set(re.findall(r"\bwrongturn ([a-z]+)", blocks))
+    assert {"run", "serve", "leaderboard", "doctor"} <= commands
+    for command in commands:
+        shown = subprocess.run(
+            [sys.executable, "-m", "wrongturn_client", command, "--help"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert "Usage" in shown.stdout
