@@ -76,8 +76,9 @@ class ApiError(WrongturnError):
     """The service refused a call."""
 
     def __init__(self, problem: "Problem", retry_after: float | None = None) -> None:
-        fields = "; ".join(f"{error.path}: {error.message}" for error in problem.errors)
-        super().__init__(f"{problem.detail or problem.title} ({fields})" if fields else problem.detail or problem.title)
+        said = problem.detail or problem.title
+        fields = "; ".join(f"{error.path}: {error.message}" for error in problem.errors if error.message not in said)
+        super().__init__(f"{said} ({fields})" if fields else said)
         self.problem = problem
         """What the service sent."""
         self.retry_after = retry_after

@@ -67,8 +67,8 @@ def evaluation_table(name: str, metrics: Metrics) -> Table:
     excess = metrics.excess_unsafe_rate
     low, high = excess.ci95
     table.caption = Text(
-        f"Over the same trials without fault the unsafe rate is higher by\n"
-        f"{100 * excess.value:.0f} points, 95% CI [{100 * low:.0f}, {100 * high:.0f}], p = {excess.p:.2g}.",
+        f"unsafe rate less that of the twins: {100 * excess.value:+.0f} points, "
+        f"95% CI [{100 * low:+.0f}, {100 * high:+.0f}], p = {excess.p:.2g}",
     )
     return table
 
