@@ -1,9 +1,12 @@
 import importlib.util
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+from wrongturn_client import LocalService
 
 _PATH = Path(__file__).with_name("fake_service.py")
 
@@ -26,3 +29,10 @@ _load()
 def _plain_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("WRONGTURN_URL", "WRONGTURN_TOKEN", "WRONGTURN_OPERATOR_TOKEN"):
         monkeypatch.delenv(name, raising=False)
+
+
+@pytest.fixture(scope="session")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
+    database = tmp_path_factory.mktemp("service") / "wrongturn.db"
+    with LocalService(database=f"sqlite+aiosqlite:///{database}") as service:
+        yield service

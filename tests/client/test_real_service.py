@@ -3,7 +3,6 @@
 import os
 import signal
 import warnings
-from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -44,13 +43,6 @@ class Parked:
         if self.decisions == self.at:
             self.do()
         return BRAKE
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
-    database = tmp_path_factory.mktemp("service") / "wrongturn.db"
-    with LocalService(database=f"sqlite+aiosqlite:///{database}") as service:
-        yield service
 
 
 def _token(url: str, name: str, track: Track = Track.PRIVILEGED) -> str:
