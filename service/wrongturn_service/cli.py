@@ -30,7 +30,7 @@ def serve(
     """Run the service until SIGTERM or Ctrl-C; print its URL once it is ready. Settings also come from WRONGTURN_*."""
     from pydantic import ValidationError  # noqa: PLC0415
 
-    from wrongturn_service import logs, server  # noqa: PLC0415
+    from wrongturn_service.address import AddressError, bind  # noqa: PLC0415
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
     from wrongturn_service.settings import PREFIX, Settings  # noqa: PLC0415
 
@@ -42,12 +42,16 @@ def serve(
             name = ".".join(str(part) for part in item["loc"])
             typer.echo(f"{PREFIX}{name.upper()}: {item['msg']}", err=True)
         raise typer.Exit(_USAGE) from None
-    logs.configure(settings.log_level)
     try:
-        server.run(settings)
-    except server.AddressError as error:
+        bound = bind(settings.host, settings.port)
+    except AddressError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(_USAGE) from None
+    from wrongturn_service import logs, server  # noqa: PLC0415 - heavy: only once the address is ours
+
+    logs.configure(settings.log_level)
+    try:
+        server.run(settings, bound)
     except StartupError as error:
         typer.echo(f"Wrongturn cannot start: {error}", err=True)
         raise typer.Exit(1) from None

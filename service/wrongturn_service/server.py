@@ -1,7 +1,6 @@
 """Uvicorn, run so that mistakes are told in one line and readiness is told when it is true."""
 
 import contextlib
-import errno
 import signal
 import socket
 import sys
@@ -16,11 +15,6 @@ from wrongturn_service.errors import StartupError
 from wrongturn_service.settings import Settings
 
 READY = "Wrongturn is ready at "
-_BACKLOG = 2048
-
-
-class AddressError(Exception):
-    """The address cannot be listened on; the message says why and what to do."""
 
 
 class Server(uvicorn.Server):
@@ -57,44 +51,16 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def bind(host: str, port: int) -> socket.socket:
-    """A listening address, taken before anything else is begun.
-
-    Raises:
-        AddressError: it is in use, or not this machine's.
-    """
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(
-            host,
-            port,
-            type=socket.SOCK_STREAM,
-            flags=socket.AI_PASSIVE,
-        )[0]
-        bound = socket.socket(family, kind, protocol)
-    except OSError as error:
-        raise AddressError(f"--host {host}: {error.strerror or error}; name an address of this machine") from error
-    try:
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        bound.bind(address)
-        bound.listen(_BACKLOG)
-    except OSError as error:
-        bound.close()
-        if error.errno == errno.EADDRINUSE:
-            raise AddressError(
-                f"--port {port}: is in use on {host}; stop who has it, name another, or take a free one by --port 0",
-            ) from error
-        raise AddressError(f"--host {host} --port {port}: {error.strerror or error}") from error
-    return bound
-
-
-def run(settings: Settings) -> None:
+def run(settings: Settings, bound: socket.socket) -> None:
     """Serve until SIGTERM or SIGINT.
 
+    Args:
+        settings: see there.
+        bound: where to listen; closed at the end.
+
     Raises:
-        AddressError: the address cannot be listened on.
         StartupError: the service cannot start.
     """
-    bound = bind(settings.host, settings.port)
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     app = create_app(settings)
     config = uvicorn.Config(
@@ -110,7 +76,8 @@ def run(settings: Settings) -> None:
         server_header=False,
     )
     server = Server(config, app, f"http://{host}:{bound.getsockname()[1]}")
-    with bound:
+    # Uvicorn leaves by SystemExit where the start failed; what failed is told below.
+    with bound, contextlib.suppress(SystemExit):
         server.run(sockets=[bound])
     error = app.state.startup_error
     if isinstance(error, StartupError):

@@ -68,8 +68,8 @@ async def run_service(
         lost = await store.lose_open_episodes()
         if lost:
             log.warning("episodes lost", count=lost, reason="they were open when the service ended last")
-        await asyncio.to_thread(catalogue.warm_up)
-        pool = await _start_pool(pool or _local_pool(settings, telemetry), stack)
+        pool = pool or _local_pool(settings, telemetry)
+        await asyncio.gather(_start_pool(pool, stack), asyncio.to_thread(catalogue.warm_up))
         leaderboards = Leaderboards(store)
         evaluations = RunningEvaluations(store, on_finished=leaderboards.forget)
         await evaluations.resume()
@@ -112,14 +112,13 @@ def _local_pool(settings: Settings, telemetry: Telemetry) -> Pool:
     )
 
 
-async def _start_pool(pool: Pool, stack: contextlib.AsyncExitStack) -> Pool:
+async def _start_pool(pool: Pool, stack: contextlib.AsyncExitStack) -> None:
     stack.push_async_callback(pool.stop)
     try:
         # The first one compiles what the others then find in the cache.
         await pool.start()
     except SimulatorStartError as error:
         raise StartupError(str(error)) from error
-    return pool
 
 
 async def _keep_house(settings: Settings, store: Store, evaluations: RunningEvaluations) -> None:

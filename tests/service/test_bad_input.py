@@ -83,7 +83,12 @@ def test_a_step_of_an_unknown_episode(agent: Agent) -> None:
         ({"town": "Town01", "approach": "J99-N"}, 404, "unknown-approach", "approach"),
         ({"town": "Town01", "approach": "J3-S", "fault": "nope"}, 422, "validation", "fault"),
         ({"town": "Town01", "approach": "J3-S", "fault": "flicker"}, 422, "fault-not-applicable", "fault"),
-        ({"town": "Town01", "approach": "J3-S", "fault": {"kind": "late", "onset": 1}}, 422, "fault-not-applicable", None),
+        (
+            {"town": "Town01", "approach": "J3-S", "fault": {"kind": "late", "onset": 1}},
+            422,
+            "fault-not-applicable",
+            None,
+        ),
         ({"town": "Town01", "approach": "J3-S", "track": "camera"}, 422, "track-not-available", "track"),
         ({"town": "Town01", "approach": "J3-S", "track": "nope"}, 422, "validation", "track"),
         ({"town": "Town01", "approach": "J3-S", "seed": -1}, 422, "validation", "seed"),
@@ -128,9 +133,11 @@ def test_an_evaluation_in_a_track_that_is_not_there(service: RunningService, tra
 
 
 @pytest.mark.parametrize("field", ["steer", "throttle", "brake"])
-@pytest.mark.parametrize("value", ["NaN", "Infinity", "-Infinity", "1e999", "1.0001", "-1.0001", "null", '"0"', "true", "[]"])
+@pytest.mark.parametrize(
+    "value", ["NaN", "Infinity", "-Infinity", "1e999", "1.0001", "-1.0001", "null", '"0"', "true", "[]"]
+)
 def test_an_action_that_is_none(agent: Agent, episode: str, field: str, value: str) -> None:
-    action = {**{name: "0" for name in GAS}, field: value}
+    action = {**dict.fromkeys(GAS, "0"), field: value}
     text = ", ".join(f'"{name}": {number}' for name, number in action.items())
     response = raw_step(agent, episode, f'{{"seq": 1, "action": {{{text}}}}}')
     problem(response, 422, "validation", f"action.{field}")
@@ -173,7 +180,18 @@ def test_a_sequence_number_that_is_none(agent: Agent, episode: str, seq: object)
         b'{"a":' * 50_000,
         b'{"seq": ' + b"9" * 100_000 + b"}",
     ],
-    ids=["empty", "cut off", "word", "no value", "two", "no utf-8", "latin-1", "deep list", "deep object", "huge number"],
+    ids=[
+        "empty",
+        "cut off",
+        "word",
+        "no value",
+        "two",
+        "no utf-8",
+        "latin-1",
+        "deep list",
+        "deep object",
+        "huge number",
+    ],
 )
 def test_a_body_that_is_no_json(agent: Agent, episode: str, body: bytes) -> None:
     problem(raw_step(agent, episode, body), 400, "malformed-body")
@@ -187,7 +205,9 @@ def test_a_body_that_is_no_msgpack(agent: Agent, episode: str, body: bytes) -> N
     problem(raw_step(agent, episode, body, "application/msgpack"), 400, "malformed-body")
 
 
-@pytest.mark.parametrize("body", ["NaN", "Infinity", "-Infinity", "[]", "3", '"word"', "null", '{"seq": NaN, "action": NaN}'])
+@pytest.mark.parametrize(
+    "body", ["NaN", "Infinity", "-Infinity", "[]", "3", '"word"', "null", '{"seq": NaN, "action": NaN}']
+)
 def test_json_that_is_no_message(agent: Agent, episode: str, body: str) -> None:
     response = raw_step(agent, episode, body)
     problem(response, 422, "validation")
@@ -199,7 +219,11 @@ def test_nan_in_any_body(agent: Agent) -> None:
         ("/v1/agents", '{"name": NaN, "track": "privileged"}', "name"),
         ("/v1/evaluations", '{"suite": NaN}', "suite"),
         ("/v1/episodes", '{"town": "Town01", "approach": "J3-S", "seed": NaN}', "seed"),
-        ("/v1/episodes", '{"town": "Town01", "approach": "J3-S", "fault": {"kind": "late", "onset": NaN}}', "fault.onset"),
+        (
+            "/v1/episodes",
+            '{"town": "Town01", "approach": "J3-S", "fault": {"kind": "late", "onset": NaN}}',
+            "fault.onset",
+        ),
     ):
         problem(agent.http.post(path, content=body.encode()), 422, "validation", field)
 
@@ -231,7 +255,9 @@ def test_a_body_that_is_too_large(agent: Agent, episode: str) -> None:
         for _ in range(5):
             yield b" " * 1024 * 1024
 
-    response = agent.http.post(f"/v1/episodes/{episode}/step", content=pieces(), headers={"Content-Type": "application/json"})
+    response = agent.http.post(
+        f"/v1/episodes/{episode}/step", content=pieces(), headers={"Content-Type": "application/json"}
+    )
     problem(response, 413, "body-too-large")
 
 

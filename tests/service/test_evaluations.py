@@ -60,7 +60,9 @@ def test_each_trial_and_each_twin_was_driven_once(finished: dict[str, Any]) -> N
     assert {episode["id"]: episode["seq"] for episode in shown} == finished["episodes"]
 
 
-def test_finished_episodes_are_shown_to_everybody(service: RunningService, finished: dict[str, Any], agent: Agent) -> None:
+def test_finished_episodes_are_shown_to_everybody(
+    service: RunningService, finished: dict[str, Any], agent: Agent
+) -> None:
     episode = finished["order"][0]
     with httpx.Client(base_url=service.url) as stranger:
         shown = expect(stranger.get(f"/v1/episodes/{episode}"), 200)
@@ -178,7 +180,9 @@ def test_so_many_at_a_time_and_never_a_trial_with_its_twin(agent: Agent) -> None
     refused = [response for response in responses if response.status_code != 201]
     assert len(opened) <= 6
     for response in refused:
-        problem(response, 409 if response.status_code == 409 else 503, response.json()["type"].removeprefix("/problems/"))
+        problem(
+            response, 409 if response.status_code == 409 else 503, response.json()["type"].removeprefix("/problems/")
+        )
         assert response.json()["type"] in {"/problems/no-trial-available", "/problems/simulators-busy"}
         assert int(response.headers["retry-after"]) >= 1
     assert len(set(opened)) == len(opened)

@@ -1,0 +1,206 @@
+"""What dies is brought back: simulators in the middle of an episode, the service with episodes open."""
+
+import os
+import signal
+import socket
+import sqlite3
+import time
+import uuid
+from pathlib import Path
+
+import httpx
+import pytest
+from service_harness import COAST, GAS, Agent, RunningService, expect, problem
+
+WIGGLE = [{"steer": (-1) ** n * 0.3, "throttle": 0.5, "brake": 0.0} for n in range(12)]
+
+
+@pytest.fixture
+def own(tmp_path: Path):
+    """A service of the test's own; called again, the same database by another process."""
+    started: list[RunningService] = []
+
+    def start(*options: str, **settings: object) -> RunningService:
+        running = RunningService(tmp_path / "wrongturn.db", *options, simulators=2, **settings)
+        started.append(running)
+        return running
+
+    yield start
+    for running in started:
+        if running.process.poll() is None or not running.process.stdout.closed:
+            running.kill()
+
+
+def test_a_simulator_that_is_killed_in_the_middle_of_an_episode(own) -> None:
+    service = own()
+    with service.agent() as agent:
+        trajectories, replies = [], []
+        for kills in (0, 3):
+            episode = agent.practise(track="privileged", fault="infeasible")["id"]
+            seen = []
+            for seq, action in enumerate(WIGGLE, 1):
+                if kills and seq in {2, 6, 9}:
+                    (pid,) = service.simulators()
+                    os.kill(pid, signal.SIGKILL)
+                seen.append(expect(agent.step(episode, seq, action), 200))
+            _, last = agent.drive(episode, GAS, len(WIGGLE) + 1)
+            seen.append(last)
+            replies.append(seen)
+            trajectories.append(agent.trajectory(episode))
+        assert replies[0] == replies[1]
+        assert trajectories[0] == trajectories[1]
+        metrics = agent.http.get("/metrics").text
+    assert "wrongturn_replays_total 3.0" in metrics
+    assert "wrongturn_simulator_deaths_total 3.0" in metrics
+    assert service.stop() == 0
+
+
+def test_a_simulator_that_hangs(own) -> None:
+    service = own(simulator_timeout_s=1)
+    with service.agent() as agent:
+        episode = agent.practise()["id"]
+        (pid,) = service.simulators()
+        os.kill(pid, signal.SIGSTOP)
+        assert expect(agent.step(episode, 1), 200)["seq"] == 1
+        assert pid not in service.simulators()
+
+
+def test_a_service_that_is_killed_with_episodes_open(own) -> None:
+    service = own()
+    with service.agent() as agent:
+        evaluation = agent.evaluate()["id"]
+        done = expect(agent.reset(evaluation), 201)["id"]
+        steps, last = agent.drive(done)
+        key = {"Idempotency-Key": str(uuid.uuid4())}
+        body = {"name": f"agent {uuid.uuid4().hex[:8]}", "track": "camera"}
+        registered = expect(agent.http.post("/v1/agents", json=body, headers=key), 201)
+        opened = expect(agent.reset(evaluation), 201)["id"]
+        practice = agent.practise()["id"]
+        expect(agent.step(opened, 1), 200)
+        simulators = service.simulators()
+        service.kill()
+        _await(lambda: not any(_alive(pid) for pid in simulators), "simulators outlive their service")
+
+        again = own()
+        with Agent(again.url, {"id": agent.id, "name": agent.name, "token": agent.token}) as back:
+            problem(back.step(opened, 2), 410, "episode-lost")
+            problem(back.step(practice, 1), 410, "episode-lost")
+            problem(back.http.get(f"/v1/episodes/{opened}/trajectory"), 410, "episode-lost")
+            problem(back.http.delete(f"/v1/episodes/{opened}"), 410, "episode-lost")
+            assert expect(back.http.get(f"/v1/episodes/{opened}"), 200)["state"] == "lost"
+            # What was told is still there: the finished one, its last reply, the token behind its key.
+            assert expect(back.step(done, steps), 200) == last
+            assert expect(back.http.post("/v1/agents", json=body, headers=key), 201) == registered
+            detail = expect(back.http.get(f"/v1/evaluations/{evaluation}"), 200)
+            assert (detail["state"], detail["finished"]) == ("running", 1)
+            # The lost trial comes again, and nobody is charged for it.
+            count = 1
+            while (response := back.reset(evaluation)).status_code == 201:
+                assert back.http.delete(f"/v1/episodes/{response.json()['id']}").status_code == 204
+                count += 1
+            assert count == 12
+            assert expect(back.http.get(f"/v1/evaluations/{evaluation}"), 200)["state"] == "finished"
+            listed = expect(back.http.get(f"/v1/evaluations/{evaluation}/episodes"), 200)["episodes"]
+            finished = [item["trial"] for item in listed if item["state"] == "finished"]
+            assert len(set(finished)) == len(finished) == 12
+        assert again.stop() == 0
+
+
+def test_a_clean_stop_says_nothing_and_leaves_no_process(own) -> None:
+    service = own()
+    simulators = service.simulators()
+    assert simulators
+    with service.agent() as agent:
+        agent.practise()
+        began = time.monotonic()
+        assert service.stop() == 0
+    assert time.monotonic() - began < 10
+    assert not any(_alive(pid) for pid in simulators)
+    assert "Traceback" not in service.stderr
+
+
+def test_no_simulation_in_the_web_process(own) -> None:
+    service = own()
+    with service.agent() as agent:
+        agent.drive(agent.practise()["id"])
+        maps = Path(f"/proc/{service.process.pid}/maps").read_text()
+        assert "libsumo" not in maps
+        (pid,) = service.simulators()
+        assert "libsumo" in Path(f"/proc/{pid}/maps").read_text()
+
+
+def test_a_port_in_use(own) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        service = own("--port", str(port))
+        assert not service.ready
+        assert service.stop() == 2
+    assert f"--port {port}: is in use" in service.stderr
+    assert "--port 0" in service.stderr
+    assert "Traceback" not in service.stderr
+
+
+def test_a_database_that_another_service_has(own) -> None:
+    first = own()
+    second = own()
+    assert not second.ready
+    assert second.stop() == 1
+    assert "in use by another Wrongturn service" in second.stderr
+    assert "Traceback" not in second.stderr
+    assert httpx.get(f"{first.url}/health/ready").status_code == 200
+
+
+def test_a_database_that_cannot_be_written(own) -> None:
+    service = own("--database", "sqlite+aiosqlite:////proc/wrongturn/wrongturn.db")
+    assert not service.ready
+    assert service.stop() == 1
+    assert "Wrongturn cannot start: the database file /proc/wrongturn/wrongturn.db cannot be written" in service.stderr
+    assert "--database" in service.stderr
+    assert "Traceback" not in service.stderr
+
+
+def test_a_setting_that_is_none(own) -> None:
+    service = own(max_parallel=0)
+    assert not service.ready
+    assert service.stop() == 2
+    assert "WRONGTURN_MAX_PARALLEL: Input should be greater than or equal to 1" in service.stderr
+
+
+def test_a_database_that_stops_taking_writes(own, tmp_path: Path) -> None:
+    """The final reply waits for its commit: sent again once the database writes again, nothing is lost."""
+    service = own()
+    with service.agent() as agent:
+        evaluation = agent.evaluate()["id"]
+        episode = expect(agent.reset(evaluation), 201)["id"]
+        blocker = sqlite3.connect(tmp_path / "wrongturn.db", isolation_level=None)
+        blocker.execute("CREATE TRIGGER full BEFORE UPDATE ON episodes BEGIN SELECT RAISE(ABORT, 'disk full'); END")
+        seq = 1
+        while (response := agent.step(episode, seq)).status_code == 200:
+            seq += 1
+        problem(response, 503, "storage-failed")
+        assert int(response.headers["retry-after"]) >= 1
+        problem(agent.step(episode, seq, COAST), 409, "action-mismatch")
+        problem(agent.step(episode, seq), 503, "storage-failed")
+        assert expect(agent.http.get(f"/v1/evaluations/{evaluation}"), 200)["finished"] == 0
+        blocker.execute("DROP TRIGGER full")
+        blocker.close()
+        last = expect(agent.step(episode, seq), 200)
+        assert last["terminated"] or last["truncated"]
+        assert expect(agent.http.get(f"/v1/evaluations/{evaluation}"), 200)["finished"] == 1
+        expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)
+
+
+def _alive(pid: int) -> bool:
+    try:
+        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def _await(condition, message: str) -> None:
+    deadline = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < deadline, message
+        time.sleep(0.05)
