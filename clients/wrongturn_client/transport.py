@@ -27,8 +27,6 @@ _SHORTEST_PAUSE: Final = 0.1
 """Seconds before the first repetition; doubles with each."""
 _LONGEST_GROWN_PAUSE: Final = 5.0
 """Seconds; pauses grow no longer than this."""
-_LONGEST_PAUSE: Final = 30.0
-"""Seconds; a longer ``Retry-After`` is not waited for in one go."""
 _FIRST_CONTACT: Final = 2.0
 """Seconds of patience with a URL at which nobody has answered yet: it may well be mistyped."""
 
@@ -138,7 +136,7 @@ class Transport:
             except (ConnectionBrokeError, ServiceBusyError) as error:
                 asked = getattr(error, "retry_after", None)
                 # Jitter, lest workers that lost the same service come back as one.
-                pause = growing * random.uniform(0.75, 1.25) if asked is None else min(asked, _LONGEST_PAUSE)
+                pause = growing * random.uniform(0.75, 1.25) if asked is None else asked
                 growing = min(growing * 2, _LONGEST_GROWN_PAUSE)
                 patience = self.patience if self._answered else min(self.patience, _FIRST_CONTACT)
                 if time.monotonic() - begin + pause > patience:

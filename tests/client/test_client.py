@@ -158,6 +158,15 @@ def test_retry_after_is_honoured(monkeypatch: pytest.MonkeyPatch) -> None:
     assert pauses == [3.0, 7.0]
 
 
+def test_a_longer_pause_than_the_patience_is_not_waited_for() -> None:
+    service = FakeService()
+    service.inject = lambda _: problem(ProblemType.RATE_LIMITED, 429, headers={"retry-after": "3600"})
+    with Client("http://fake", transport=service.transport) as client, pytest.raises(ServiceBusyError) as caught:
+        client.suites()
+    assert caught.value.retry_after == 3600
+    assert len(service.requests) == 1
+
+
 def test_other_problems_are_not_repeated() -> None:
     for status in (400, 401, 404, 405, 409, 410, 413, 422, 500):
         service = FakeService()
