@@ -10,7 +10,7 @@ def test_a_noisy_driver_lands_between():
     assert len(cells) == 6
     between = {cell: count for cell, count in cells.items() if 0 < count < 10}
     assert len(between) >= 3, cells
-    assert completed(driven) >= 45
+    assert completed(driven) >= 54  # it would be ranked
 
 
 def test_its_seed_decides():

@@ -43,7 +43,7 @@ class Slow(Careful):
 
     def act(self, observation):
         import time
-        time.sleep(0.01)
+        time.sleep(0.002)
         return super().act(observation)
 """
 
