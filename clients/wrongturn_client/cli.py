@@ -118,9 +118,17 @@ def _terminated(_signal: int, _frame: object) -> None:
     sys.exit(128 + signal.SIGTERM)
 
 
+def _keep_retries_quiet() -> None:
+    """Retries are told by structlog where that is installed, and its default is stdout: the place of ``--json``."""
+    from stamina import instrumentation  # noqa: PLC0415 - keeps the module's import quick
+
+    instrumentation.set_on_retry_hooks(())
+
+
 def main() -> None:
     """Run the program; errors that users can meet are one line on stderr and status 1."""
     signal.signal(signal.SIGTERM, _terminated)
+    _keep_retries_quiet()
     try:
         app(prog_name="wrongturn")
     except BrokenPipeError:

@@ -1,7 +1,6 @@
 """From a call to its answer: headers, retries, msgpack or JSON, and problems turned into errors."""
 
 import json
-import random
 import time
 from dataclasses import dataclass
 from typing import Any, Final
@@ -9,6 +8,7 @@ from urllib.parse import SplitResult, quote, urlsplit
 
 import httpx
 import msgpack
+import stamina
 from pydantic import ValidationError
 
 from wrongturn_client.connections import Answer, ConnectionBrokeError, connect
@@ -27,6 +27,8 @@ _SHORTEST_PAUSE: Final = 0.1
 """Seconds before the first repetition; doubles with each."""
 _LONGEST_GROWN_PAUSE: Final = 5.0
 """Seconds; pauses grow no longer than this."""
+_JITTER: Final = 0.1
+"""Seconds, drawn on top of a pause, lest workers that lost the same service come back as one."""
 _FIRST_CONTACT: Final = 2.0
 """Seconds of patience with a URL at which nobody has answered yet: it may well be mistyped."""
 
@@ -129,21 +131,33 @@ class Transport:
     def send(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Reply:
         """Send prepared bytes until they are answered; raises as :meth:`call`."""
         begin = time.monotonic()
-        growing = _SHORTEST_PAUSE
-        while True:
-            try:
-                return self._once(method, path, headers, content)
-            except (ConnectionBrokeError, ServiceBusyError) as error:
-                asked = getattr(error, "retry_after", None)
-                # Jitter, lest workers that lost the same service come back as one.
-                pause = growing * random.uniform(0.75, 1.25) if asked is None else asked
-                growing = min(growing * 2, _LONGEST_GROWN_PAUSE)
-                patience = self.patience if self._answered else min(self.patience, _FIRST_CONTACT)
-                if time.monotonic() - begin + pause > patience:
-                    if isinstance(error, ServiceBusyError):
-                        raise
-                    raise ServiceUnreachableError(self.url, str(error)) from error.__cause__
-            time.sleep(pause)
+        longest = min(_LONGEST_GROWN_PAUSE, (self.patience if self._answered else _FIRST_CONTACT) / 4)
+
+        def again(error: Exception) -> bool | float:
+            """Whether to send it again; a number is the pause that the service asked for, seconds."""
+            if not isinstance(error, ConnectionBrokeError | ServiceBusyError):
+                return False
+            patience = self.patience if self._answered else min(self.patience, _FIRST_CONTACT)
+            left = patience - (time.monotonic() - begin)
+            asked = getattr(error, "retry_after", None)
+            if asked is None:
+                return left > longest + _JITTER
+            return float(asked) if asked <= left else False
+
+        try:
+            for attempt in stamina.retry_context(
+                on=again,
+                attempts=None,
+                timeout=None,
+                wait_initial=min(_SHORTEST_PAUSE, longest),
+                wait_max=longest,
+                wait_jitter=_JITTER,
+            ):
+                with attempt:
+                    return self._once(method, path, headers, content)
+        except ConnectionBrokeError as error:
+            raise ServiceUnreachableError(self.url, str(error)) from error.__cause__
+        raise AssertionError("stamina ends with a result or an error")
 
     def _once(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Reply:
         answer = self._connections.exchange(method, path, self._headers | headers, content)
