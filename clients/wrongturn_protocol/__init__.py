@@ -47,6 +47,7 @@ from wrongturn_protocol.results import (
     TwinCount,
     UnsafeCount,
 )
+from wrongturn_protocol.segmentation import SegmentationClass
 from wrongturn_protocol.vocabulary import (
     DIRECTIONS,
     PAPER_TYPES,
@@ -107,6 +108,7 @@ __all__ = [
     "RegisteredAgent",
     "ResultsRequest",
     "Safety",
+    "SegmentationClass",
     "Start",
     "StepReply",
     "StepRequest",
