@@ -52,7 +52,7 @@ def create_app(settings: Settings, *, pool: Pool | None = None) -> FastAPI:
         redoc_url=None,
     )
     app.state.startup_error = None
-    app.add_middleware(Middleware, telemetry=telemetry)
+    app.add_middleware(Middleware, telemetry=telemetry, step=episodes.step)
     errors.install(app)
     for part in (health, suites, towns, agents, evaluations, episodes, leaderboards, errors):
         app.include_router(part.router)

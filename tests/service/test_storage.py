@@ -91,6 +91,13 @@ def test_the_promises_of_a_commit(tmp_path: Path) -> None:
     assert asyncio.run(story()) == ["wal", full, 1]
 
 
+async def half(database: Database) -> None:
+    async with database.write() as session:
+        session.add(agent_row("two"))
+        await session.flush()
+        session.add(TrajectoryRow(episode_id="none", sha256="", size=0, data=b""))
+
+
 def test_a_transaction_is_whole_or_not_at_all(tmp_path: Path) -> None:
     async def story() -> None:
         database = await Database.open(url(tmp_path / "a.db"))
@@ -99,10 +106,7 @@ def test_a_transaction_is_whole_or_not_at_all(tmp_path: Path) -> None:
         with pytest.raises(NameTakenError):
             await store.add_agent(agent_row(), None)
         with pytest.raises(IntegrityError):
-            async with database.write() as session:
-                session.add(agent_row("two"))
-                await session.flush()
-                session.add(TrajectoryRow(episode_id="none", sha256="", size=0, data=b""))
+            await half(database)
         assert [row.id for row in await store.agents()] == ["ag_one"]
         await database.close()
 

@@ -1,19 +1,35 @@
-"""Around every request: its time, and the last resort for exceptions that nobody expected."""
+"""Around every request: its time, the short way of a step, and the last resort for exceptions nobody expected."""
 
 import time
+from collections.abc import Awaitable, Callable
 
+from fastapi import Request, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wrongturn_service.api.errors import as_service_error, problem_response
 from wrongturn_service.telemetry import Telemetry
 
+_PREFIX = "/v1/episodes/"
+_SUFFIX = "/step"
+_STEP_ROUTE = f"{_PREFIX}{{episode}}{_SUFFIX}"
+
 
 class Middleware:
-    """Plain ASGI: a step costs no more for it than two clock readings."""
+    """Plain ASGI: it costs a step no more than two clock readings, and spares it the routing.
 
-    def __init__(self, app: ASGIApp, telemetry: Telemetry) -> None:
+    Of all requests nearly all are steps, and matching one against every route took longer than the rest of its
+    handling; so they go straight to the function that their route names too.
+    """
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        telemetry: Telemetry,
+        step: Callable[[Request, str], Awaitable[Response]],
+    ) -> None:
         self._app = app
         self._telemetry = telemetry
+        self._step = step
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
@@ -21,6 +37,15 @@ class Middleware:
             await self._app(scope, receive, send)
             return
         began = time.perf_counter()
+        episode = _stepped_episode(scope)
+        if episode is not None:
+            try:
+                response = await self._step(Request(scope, receive), episode)
+            except Exception as error:
+                response = problem_response(as_service_error(error))
+            await response(scope, receive, send)
+            self._telemetry.answered("POST", _STEP_ROUTE, response.status_code, time.perf_counter() - began)
+            return
         status = 0
 
         async def watched(message: Message) -> None:
@@ -39,3 +64,11 @@ class Middleware:
             # The route's pattern, never the path: ids would make a series each.
             route = getattr(scope.get("route"), "path", "unknown")
             self._telemetry.answered(scope["method"], route, status, time.perf_counter() - began)
+
+
+def _stepped_episode(scope: Scope) -> str | None:
+    path: str = scope["path"]
+    if scope["method"] != "POST" or not path.startswith(_PREFIX) or not path.endswith(_SUFFIX):
+        return None
+    episode = path[len(_PREFIX) : -len(_SUFFIX)]
+    return episode if episode and "/" not in episode else None

@@ -1,0 +1,27 @@
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+# The helper of the service's tests is imported by its plain name.
+sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
+
+from service_harness import RunningService
+
+
+@pytest.fixture(scope="session")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
+    """A service that tests share."""
+    running = RunningService(
+        tmp_path_factory.mktemp("contract") / "wrongturn.db",
+        registration_limit=100_000,
+        simulators=2,
+        lease_release_s=0.5,
+    )
+    if not running.ready:
+        running.kill()
+        pytest.fail(f"the service did not start: {running.stderr}")
+    yield running
+    assert running.stop() == 0, running.stderr
+    assert '"level": "error"' not in running.stderr, running.stderr

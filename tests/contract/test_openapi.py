@@ -1,0 +1,151 @@
+"""The OpenAPI document names every call of the interface, and holds against requests made from it."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, given, settings
+from schemathesis import GenerationMode
+from schemathesis.checks import not_a_server_error
+from service_harness import RunningService
+
+from wrongturn_protocol import ProblemType
+
+INTERFACE = {
+    "GET /health/live",
+    "GET /health/ready",
+    "GET /metrics",
+    "GET /v1/suites",
+    "GET /v1/suites/{suite}",
+    "GET /v1/suites/{suite}/trials",
+    "GET /v1/towns",
+    "GET /v1/towns/{town}",
+    "POST /v1/agents",
+    "GET /v1/agents",
+    "GET /v1/agents/{agent}",
+    "POST /v1/agents/{agent}/token",
+    "DELETE /v1/agents/{agent}/token",
+    "POST /v1/evaluations",
+    "GET /v1/evaluations/{evaluation}",
+    "DELETE /v1/evaluations/{evaluation}",
+    "POST /v1/evaluations/{evaluation}/episodes",
+    "GET /v1/evaluations/{evaluation}/episodes",
+    "PUT /v1/evaluations/{evaluation}/results",
+    "POST /v1/episodes",
+    "POST /v1/episodes/{episode}/step",
+    "GET /v1/episodes/{episode}",
+    "GET /v1/episodes/{episode}/trajectory",
+    "DELETE /v1/episodes/{episode}",
+    "GET /v1/leaderboards",
+    "GET /v1/leaderboards/{suite}",
+    "GET /problems/{kind}",
+}
+PUBLIC = {
+    "POST /v1/agents",
+    "GET /v1/agents",
+    "GET /v1/agents/{agent}",
+    "GET /v1/suites",
+    "GET /v1/suites/{suite}",
+    "GET /v1/suites/{suite}/trials",
+    "GET /v1/towns",
+    "GET /v1/towns/{town}",
+    "GET /v1/leaderboards",
+    "GET /v1/leaderboards/{suite}",
+}
+
+
+@pytest.fixture(scope="module")
+def document(service: RunningService) -> dict[str, Any]:
+    found = httpx.get(f"{service.url}/openapi.json").json()
+    assert isinstance(found, dict)
+    return found
+
+
+def operations(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {
+        f"{method.upper()} {path}": operation
+        for path, methods in document["paths"].items()
+        for method, operation in methods.items()
+    }
+
+
+def test_every_call_of_the_interface_is_there(document: dict[str, Any]) -> None:
+    assert set(operations(document)) == INTERFACE
+
+
+def test_problems_bodies_and_the_token_are_documented(document: dict[str, Any]) -> None:
+    for name, operation in operations(document).items():
+        assert operation["description"], name
+        if "/v1/" not in name:
+            continue
+        refusals = [status for status in operation["responses"] if status >= "400"]
+        for status in refusals:
+            content = operation["responses"][status]["content"]
+            assert content == {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}, name
+        assert ("security" in operation) == (name not in PUBLIC), name
+        if name not in PUBLIC:
+            assert {"401", "403"} <= set(refusals), name
+    with_body = {name for name, operation in operations(document).items() if "requestBody" in operation}
+    assert with_body == {
+        "POST /v1/agents",
+        "POST /v1/evaluations",
+        "PUT /v1/evaluations/{evaluation}/results",
+        "POST /v1/episodes",
+        "POST /v1/episodes/{episode}/step",
+    }
+
+
+def test_every_reference_leads_somewhere(document: dict[str, Any]) -> None:
+    schemas = document["components"]["schemas"]
+
+    def walk(value: Any) -> None:
+        if isinstance(value, dict):
+            reference = value.get("$ref")
+            if isinstance(reference, str):
+                assert reference.removeprefix("#/components/schemas/") in schemas
+            for item in value.values():
+                walk(item)
+        elif isinstance(value, list):
+            for item in value:
+                walk(item)
+
+    walk(document)
+
+
+KINDS = {f"/problems/{kind}" for kind in ProblemType} - {"/problems/internal"}
+
+
+@pytest.fixture(scope="module")
+def token(service: RunningService) -> Iterator[str]:
+    with service.agent() as agent:
+        agent.evaluate()
+        yield agent.token
+
+
+@pytest.mark.parametrize("name", sorted(INTERFACE))
+def test_no_request_breaks_the_service(
+    service: RunningService, document: dict[str, Any], token: str, name: str
+) -> None:
+    method, _, path = name.partition(" ")
+    operation = schemathesis.openapi.from_dict(document)[path][method]
+
+    @settings(max_examples=20, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+    @given(case=operation.as_strategy(generation_mode=GenerationMode.NEGATIVE) | operation.as_strategy())
+    def check(case: schemathesis.Case) -> None:
+        if path.endswith("/token"):
+            # Nobody takes the token away from the other cases.
+            case.path_parameters["agent"] = "not-this-one"
+        response = case.call(base_url=service.url, headers={"Authorization": f"Bearer {token}"})
+        if response.status_code == 503:
+            assert response.json()["type"] == "/problems/simulators-busy"
+            return
+        case.validate_response(response, checks=[not_a_server_error])
+        if response.status_code >= 400:
+            assert response.headers["content-type"] == ["application/problem+json"]
+            told = response.json()
+            assert told["type"] in KINDS
+            assert told["status"] == response.status_code
+
+    check()

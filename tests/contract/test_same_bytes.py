@@ -1,0 +1,91 @@
+"""The same trial and actions give the same bytes: in process, in another process, over HTTP in both encodings."""
+
+import hashlib
+import math
+import subprocess
+import sys
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+from service_harness import RunningService, expect
+
+from wrongturn_networks import load_suite
+from wrongturn_protocol import Action, Outcome, Track, Trial
+from wrongturn_protocol.observations import Observation, decode
+from wrongturn_sim import Episode
+
+SUITE = "wrong-command@1"
+TRIALS = load_suite(SUITE).episodes[3::11][:10]
+assert len(TRIALS) == 10
+
+
+def action_of(trial: Trial, step: int) -> Action:
+    """A swerving drive, another for each trial."""
+    phase = step / 7 + trial.seed
+    return Action(steer=0.35 * math.sin(phase), throttle=0.5 + 0.4 * math.cos(phase / 3), brake=0.0)
+
+
+def in_process(trial: Trial) -> tuple[list[Observation], bytes, str]:
+    episode = Episode(trial, Track.PRIVILEGED)
+    seen = [_copy(episode.reset())]
+    while episode.outcome is None:
+        action = action_of(trial, episode.steps)
+        seen.append(_copy(episode.step(action.steer, action.throttle, action.brake).observation))
+    return seen, episode.trajectory.to_json(), episode.outcome.model_dump_json()
+
+
+def _copy(observation: Observation) -> Observation:
+    return {name: array.copy() for name, array in observation.items()}
+
+
+def digest_of(trial: Trial) -> str:
+    seen, trajectory, outcome = in_process(trial)
+    parts = [observation[name].tobytes() for observation in seen for name in sorted(observation)]
+    return hashlib.sha256(b"".join([*parts, trajectory, outcome.encode()])).hexdigest()
+
+
+def test_in_two_processes() -> None:
+    here = [digest_of(trial) for trial in TRIALS]
+    command = "import sys, runpy; names = runpy.run_path(sys.argv[1]); "
+    # In the other order, so that what was driven before would show.
+    command += "print('\\n'.join(reversed([names['digest_of'](trial) for trial in reversed(names['TRIALS'])])))"
+    path = [str(folder) for folder in sys.path if folder]
+    there = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path[:0] = {path!r}; {command}", __file__],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert there.stdout.split() == here
+    assert len(set(here)) == len(here)
+
+
+@pytest.mark.parametrize("trial", TRIALS, ids=[trial.id for trial in TRIALS])
+def test_in_process_and_over_http(service: RunningService, trial: Trial) -> None:
+    observations, trajectory, outcome = in_process(trial)
+    media = ("application/json", "application/msgpack")[TRIALS.index(trial) % 2]
+    with service.agent() as agent:
+
+        def call(path: str, body: dict[str, Any], status: int) -> dict[str, Any]:
+            headers = {"Content-Type": "application/msgpack", "Accept": media}
+            response = agent.http.post(path, content=msgpack.packb(body), headers=headers)
+            assert response.status_code == status, response.text
+            return response.json() if media.endswith("json") else msgpack.unpackb(response.content)
+
+        reply = call("/v1/episodes", {"suite": SUITE, "trial": trial.id, "track": "privileged"}, 201)
+        episode = reply["id"]
+        for step, expected in enumerate(observations):
+            if step:
+                action = action_of(trial, step - 1).model_dump()
+                reply = call(f"/v1/episodes/{episode}/step", {"seq": step, "action": action}, 200)
+            got = decode(reply["observation"], Track.PRIVILEGED)
+            for name, array in expected.items():
+                assert np.array_equal(got[name], array), (step, name)
+        assert reply["terminated"] or reply["truncated"]
+        assert agent.trajectory(episode) == trajectory
+        shown = expect(agent.http.get(f"/v1/episodes/{episode}"), 200)
+        assert reply["verdict"] == shown["outcome"]["verdict"]
+        assert Outcome.model_validate_json(outcome) == Outcome.model_validate(shown["outcome"], strict=False)

@@ -1,0 +1,134 @@
+"""Simulators that only count, so that failures and clocks can be played without SUMO."""
+
+import asyncio
+import hashlib
+import struct
+
+import orjson
+from typing_extensions import override
+
+from wrongturn_protocol import Outcome, Track, Verdict
+from wrongturn_service.pool.pool import (
+    Action,
+    EpisodeRefusedError,
+    Final,
+    Frame,
+    Pool,
+    Simulator,
+    SimulatorDiedError,
+    SimulatorsBusyError,
+)
+from wrongturn_service.wire import Wire
+
+
+class FakeSimulator(Simulator):
+    """Its observation is the number of actions, and after ten of them it is over."""
+
+    def __init__(self, pool: "FakePool") -> None:
+        self._pool = pool
+        self.is_dead = False
+        self.actions = b""
+
+    @property
+    @override
+    def dead(self) -> bool:
+        return self.is_dead
+
+    @override
+    async def reset(self, trial: str, track: Track, actions: bytes, wire: Wire) -> Frame:
+        if self._pool.refuse:
+            raise EpisodeRefusedError("FaultNotApplicableError", "fault: not here")
+        if actions:
+            self._pool.replays += 1
+        self._fail(self._pool.deaths_at_reset)
+        self.actions = actions
+        return self._frame()
+
+    @override
+    async def step(self, action: Action, wire: Wire) -> Frame:
+        await asyncio.sleep(0)
+        self._fail(self._pool.deaths_at_step)
+        self.actions += struct.pack("<3f", *action)
+        return self._frame()
+
+    @override
+    async def abort(self) -> Final:
+        self._fail(self._pool.deaths_at_abort)
+        return self._final(Verdict.ABORTED)
+
+    def _fail(self, deaths: list[None]) -> None:
+        if self.is_dead or deaths:
+            if deaths:
+                deaths.pop()
+            self.is_dead = True
+            raise SimulatorDiedError("played")
+
+    def _frame(self) -> Frame:
+        steps = len(self.actions) // 12
+        observation = orjson.dumps({"speed": float(steps) + self._pool.drift, "steering": 0.0, "command": 4})
+        over = steps == 10
+        return Frame(observation, 1.0, over, False, self._final(Verdict.EXIT_COMMANDED) if over else None)
+
+    def _final(self, verdict: Verdict) -> Final:
+        steps = len(self.actions) // 12
+        trajectory = orjson.dumps({"steps": steps})
+        return Final(
+            Outcome(verdict=verdict, time=steps / 10, max_deceleration=0.0),
+            steps,
+            trajectory,
+            hashlib.sha256(trajectory).hexdigest(),
+            hashlib.sha256(self.actions).hexdigest(),
+        )
+
+
+class FakePool(Pool):
+    """Fails as often as it is told to."""
+
+    def __init__(self, slots: int = 4) -> None:
+        self._slots = slots
+        self.taken: set[Simulator] = set()
+        self.most = 0
+        self.replays = 0
+        self.refuse = False
+        self.drift = 0.0
+        self.deaths_at_reset: list[None] = []
+        self.deaths_at_step: list[None] = []
+        self.deaths_at_abort: list[None] = []
+
+    @override
+    async def start(self) -> None:
+        pass
+
+    @override
+    async def stop(self) -> None:
+        pass
+
+    @override
+    async def acquire(self, town: str, *, wait: bool = False) -> Simulator:
+        while len(self.taken) >= self._slots:
+            if not wait:
+                raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
+            await asyncio.sleep(0.01)
+        simulator = FakeSimulator(self)
+        self.taken.add(simulator)
+        self.most = max(self.most, len(self.taken))
+        return simulator
+
+    @override
+    async def release(self, simulator: Simulator) -> None:
+        self.taken.discard(simulator)
+
+    @property
+    @override
+    def slots(self) -> int:
+        return self._slots
+
+    @property
+    @override
+    def running(self) -> int:
+        return len(self.taken)
+
+    @property
+    @override
+    def busy(self) -> int:
+        return len(self.taken)

@@ -1,0 +1,67 @@
+"""Which trial comes next."""
+
+import pytest
+
+from wrongturn_networks import load_suite
+from wrongturn_protocol import twin_id
+from wrongturn_service.episodes.lease import Lease, Standing, Terms
+from wrongturn_service.episodes.schedule import Schedule, shuffled
+
+
+def test_the_order_is_the_secrets_alone() -> None:
+    trials = load_suite("wrong-command@1").episodes
+    one = [trial.id for trial in shuffled(trials, "one")]
+    assert one == [trial.id for trial in shuffled(reversed(trials), "one")]
+    assert one != [trial.id for trial in shuffled(trials, "two")]
+    assert sorted(one) == sorted(trial.id for trial in trials)
+
+
+def test_no_trial_is_open_beside_its_twin() -> None:
+    schedule = Schedule(load_suite("smoke@1").episodes, "secret")
+    opened = []
+    while (trial := schedule.take()) is not None:
+        opened.append(trial)
+    assert len({twin_id(trial) for trial in opened}) == len(opened) == schedule.open
+    schedule.finish(opened[0])
+    following = schedule.take()
+    assert following is not None
+    assert twin_id(following) == twin_id(opened[0])
+    assert following.id != opened[0].id
+
+
+def test_what_came_to_nothing_comes_again_and_what_is_finished_does_not() -> None:
+    trials = load_suite("smoke@1").episodes
+    finished = {trial.id for trial in trials[:10]}
+    schedule = Schedule(trials, "secret", finished)
+    first = schedule.take()
+    assert first is not None
+    assert first.id not in finished
+    schedule.put_back(first)
+    assert schedule.take() == first
+    schedule.finish(first)
+    schedule.put_back(first)
+    last = schedule.take()
+    assert last is not None
+    assert last != first
+    assert not schedule.finished
+    schedule.finish(last)
+    assert schedule.finished
+
+
+@pytest.mark.parametrize(
+    ("silence", "standing"),
+    [
+        (0, Standing.HELD),
+        (9.9, Standing.HELD),
+        (10, Standing.RELEASE),
+        (599, Standing.RELEASE),
+        (600, Standing.EXPIRED),
+    ],
+)
+def test_how_long_an_agent_may_be_silent(silence: float, standing: Standing) -> None:
+    now = [100.0]
+    lease = Lease(Terms(10, 600), lambda: now[0])
+    now[0] += silence
+    assert lease.standing is standing
+    lease.renew()
+    assert lease.standing is Standing.HELD

@@ -1,0 +1,58 @@
+"""Each setting is documented, and read from where the documentation says."""
+
+import re
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from wrongturn_service.settings import PREFIX, Registration, Settings
+
+DOCUMENT = Path(__file__).parents[2] / "docs/settings.md"
+
+
+@pytest.fixture(autouse=True)
+def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in Settings.model_fields:
+        monkeypatch.delenv(PREFIX + name.upper(), raising=False)
+
+
+def test_each_setting_is_documented_and_nothing_else() -> None:
+    documented = re.findall(rf"^\| `{PREFIX}(\w+)` \|", DOCUMENT.read_text(), re.MULTILINE)
+    assert sorted(documented) == sorted(name.upper() for name in Settings.model_fields)
+
+
+def test_documented_defaults_are_the_real_ones() -> None:
+    rows = re.findall(rf"^\| `{PREFIX}(\w+)` \| `([^`…]+)` \|", DOCUMENT.read_text(), re.MULTILINE)
+    assert len(rows) > 10
+    for name, default in rows:
+        real = Settings.model_fields[name.lower()].default
+        assert str(real) == default or float(real) == float(default), name
+
+
+def test_the_environment_is_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("WRONGTURN_PORT", "0")
+    monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
+    monkeypatch.setenv("WRONGTURN_REGISTRATION", "operator")
+    monkeypatch.setenv("WRONGTURN_SIMULATORS", "3")
+    monkeypatch.setenv("WRONGTURN_DATABASE", "")
+    settings = Settings()
+    assert settings.port == 0
+    assert settings.database_url == f"sqlite+aiosqlite:///{tmp_path}/wrongturn.db"
+    assert settings.registration is Registration.OPERATOR
+    assert (settings.parallel, settings.practice) == (3, 6)
+    assert Settings(port=81).port == 81
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("PORT", "70000"), ("PORT", "x"), ("LEASE_ABORT_S", "nan"), ("SIMULATORS", "0"), ("LOG_LEVEL", "loud")],
+)
+def test_a_value_that_cannot_be(monkeypatch: pytest.MonkeyPatch, name: str, value: str) -> None:
+    monkeypatch.setenv(PREFIX + name, value)
+    with pytest.raises(ValidationError, match=name.lower()):
+        Settings()
+
+
+def test_the_operators_token_is_not_shown() -> None:
+    assert "abc" not in repr(Settings(operator_token="abc"))  # type: ignore[arg-type]
