@@ -15,6 +15,8 @@ from wrongturn_service.errors import StartupError
 from wrongturn_service.settings import Settings
 
 READY = "Wrongturn is ready at "
+_KEEP_ALIVE_S = 75
+"""Seconds between two requests of a connection: an agent may think for a while between two steps."""
 
 
 class Server(uvicorn.Server):
@@ -74,6 +76,7 @@ def run(settings: Settings, bound: socket.socket) -> None:
         log_level="critical",
         timeout_graceful_shutdown=int(settings.shutdown_grace_s) or 1,
         server_header=False,
+        timeout_keep_alive=_KEEP_ALIVE_S,
     )
     server = Server(config, app, f"http://{host}:{bound.getsockname()[1]}")
     # Uvicorn leaves by SystemExit where the start failed; what failed is told below.

@@ -5,6 +5,7 @@ from fastapi import APIRouter, FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from wrongturn_protocol import FieldError, ProblemType
 from wrongturn_service.api.dependencies import reply
@@ -100,6 +101,8 @@ def as_service_error(error: Exception) -> ServiceError:
             return ServiceError(ProblemType.VALIDATION, detail, status=422, errors=fields)
         case HTTPException():
             return _http_error(error)
+        case ClientDisconnect():
+            return ServiceError(ProblemType.MALFORMED_BODY, "the client left before the body's end", status=400)
         case _:
             _log.error("internal error", exc_info=error)
             return ServiceError(ProblemType.INTERNAL, "the service made a mistake; the operator's log has the details")

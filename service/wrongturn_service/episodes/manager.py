@@ -7,7 +7,6 @@ import zlib
 from collections import Counter
 from collections.abc import Callable
 
-import orjson
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -24,14 +23,15 @@ from wrongturn_service.episodes import refusals
 from wrongturn_service.episodes.driver import Driver, ReplayFailedError
 from wrongturn_service.episodes.lease import Lease, Standing, Terms
 from wrongturn_service.episodes.open_episode import ACTION, OpenEpisode, as_float32
+from wrongturn_service.episodes.replies import step_reply_of, stored_reply
 from wrongturn_service.episodes.running import RunningEvaluations, cancelled
 from wrongturn_service.episodes.running import finished as evaluation_finished
 from wrongturn_service.errors import ConflictError, GoneError, UnavailableError
-from wrongturn_service.pool.pool import Action, Frame
+from wrongturn_service.pool.pool import Action
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.tokens import new_id
-from wrongturn_service.wire import Reply, Wire, reset_reply, step_reply
+from wrongturn_service.wire import Reply, Wire, reset_reply
 
 Remember = Callable[[bytes], IdempotencyRow] | None
 """Makes of a reply what is stored for its idempotency key; None where the request had no key."""
@@ -108,10 +108,15 @@ class EpisodeManager:
                 headers={"Retry-After": "1"},
             )
         try:
-            return await self._begin(evaluation.agent_id, evaluation.id, trial, track, wire, remember)
+            body = await self._begin(evaluation.agent_id, evaluation.id, trial, track, wire, remember)
         except BaseException:
             schedule.put_back(trial)
             raise
+        if self._evaluations.known(evaluation.id) is not schedule:
+            # It was cancelled meanwhile, before this episode was there to be ended with it.
+            await self.cancel(evaluation.id)
+            raise cancelled(evaluation.id)
+        return body
 
     async def open_practice(self, agent: str, trial: Trial, track: Track, wire: Wire, remember: Remember) -> bytes:
         """The reset of a practice episode: the reply's body.
@@ -225,7 +230,7 @@ class EpisodeManager:
                 f"episode {episode.id}: {error}, so it counts as invalid and its trial runs again; ask for the next",
             ) from error
         episode.actions += ACTION.pack(*action)
-        episode.last = _step_reply(episode, frame, wire)
+        episode.last = step_reply_of(episode, frame, wire)
         episode.end = frame.final
         if frame.final is not None:
             await self._driver.detach(episode)
@@ -238,7 +243,7 @@ class EpisodeManager:
         if seq == row.steps and row.last_action is not None and row.last_reply is not None:
             steer, throttle, brake = ACTION.unpack(row.last_action)
             refusals.check_same(episode_id, seq, action, (steer, throttle, brake))
-            return _unpack_reply(row, zlib.decompress(row.last_reply)).render(wire)
+            return stored_reply(row, zlib.decompress(row.last_reply)).render(wire)
         raise refusals.episode_finished(episode_id)
 
     # Other calls of the owner
@@ -400,30 +405,3 @@ class EpisodeManager:
     def _check_stopping(self) -> None:
         if self.stopping:
             raise UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping", retry_after_s=5)
-
-
-def _step_reply(episode: OpenEpisode, frame: Frame, wire: Wire) -> Reply:
-    return step_reply(
-        episode.seq + 1,
-        frame.observation,
-        wire,
-        episode.track,
-        terminated=frame.terminated,
-        truncated=frame.truncated,
-        reward=frame.reward if episode.practice else None,
-        verdict=frame.final.outcome.verdict if episode.practice and frame.final is not None else None,
-    )
-
-
-def _unpack_reply(row: EpisodeRow, body: bytes) -> Reply:
-    message = orjson.loads(body)
-    return step_reply(
-        message["seq"],
-        orjson.dumps(message["observation"]),
-        Wire.JSON,
-        Track(row.track),
-        terminated=message["terminated"],
-        truncated=message["truncated"],
-        reward=message.get("reward"),
-        verdict=Verdict(message["verdict"]) if "verdict" in message else None,
-    )

@@ -1,0 +1,164 @@
+"""Processes that start late, never, or end in between: with programs of a few lines in the simulators' place."""
+
+import asyncio
+import sys
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import pytest
+
+from wrongturn_protocol import Track
+from wrongturn_service.pool import frames
+from wrongturn_service.pool.local import LocalPool
+from wrongturn_service.pool.pool import (
+    EpisodeRefusedError,
+    SimulatorDiedError,
+    SimulatorsBusyError,
+    SimulatorStartError,
+)
+from wrongturn_service.wire import Wire
+
+PROGRAM = """
+import os, socket, sys, time
+from wrongturn_service.pool import frames
+connection = socket.socket(fileno=int(sys.argv[1]))
+connection.sendall(frames.pack([frames.OK]))
+while True:
+    try:
+        operation, *rest = frames.receive(connection)
+    except EOFError:
+        break
+    if operation == "reset":
+        answer = [frames.REFUSED, "FaultNotApplicableError", "not here"] if rest[0] == "bad" else \
+            [frames.OK, rest[0].encode(), 0.0, False, False, None]
+    elif rest[0] == 0.25:
+        os._exit(3)
+    elif rest[0] == 0.5:
+        time.sleep(60)
+    elif rest[0] == 0.75:
+        answer = [frames.FAILED, "ValueError", "broken"]
+    else:
+        print("noise of a library")
+        answer = [frames.OK, b"x" * 200_000, 0.0, False, False, None]
+    connection.sendall(frames.pack(answer))
+"""
+
+
+def run(
+    story: Callable[[LocalPool], Awaitable[None]], program: str = PROGRAM, slots: int = 1, start: float = 30
+) -> None:
+    async def play() -> None:
+        pool = LocalPool(slots, start_timeout_s=start, timeout_s=0.5, command=(sys.executable, "-c", program))
+        try:
+            await story(pool)
+        finally:
+            await pool.stop()
+
+    asyncio.run(play())
+
+
+def test_one_that_ends_at_once_or_is_never_ready() -> None:
+    async def story(pool: LocalPool) -> None:
+        with pytest.raises(SimulatorStartError, match="did not get ready"):
+            await pool.start()
+        assert pool.running == 0
+
+    run(story, "import sys; sys.exit(7)")
+    run(story, "import time; time.sleep(60)", start=0.3)
+
+
+def test_a_program_that_is_not_there() -> None:
+    async def play() -> None:
+        pool = LocalPool(1, start_timeout_s=1, timeout_s=1, command=("/no/such/program",))
+        with pytest.raises(SimulatorStartError, match="could be started"):
+            await pool.acquire("Town01")
+        assert pool.running == 0
+
+    asyncio.run(play())
+
+
+@pytest.mark.parametrize(("steer", "message"), [(0.25, "ended"), (0.5, "within 0.5 s"), (0.75, "ValueError: broken")])
+def test_one_that_dies_hangs_or_breaks(steer: float, message: str) -> None:
+    async def story(pool: LocalPool) -> None:
+        first = await pool.acquire("Town01")
+        await first.reset("trial", Track.STATE, b"", Wire.JSON)
+        with pytest.raises(SimulatorDiedError, match=message):
+            await first.step((steer, 0.0, 0.0), Wire.JSON)
+        assert first.dead
+        with pytest.raises(SimulatorDiedError):
+            await first.step((0.0, 0.0, 0.0), Wire.JSON)
+        await pool.release(first)
+        assert (pool.running, pool.busy) == (0, 0)
+        second = await pool.acquire("Town01")
+        assert not second.dead
+        await pool.release(second)
+
+    run(story)
+
+
+def test_one_that_refuses_goes_on() -> None:
+    async def story(pool: LocalPool) -> None:
+        simulator = await pool.acquire("Town01")
+        with pytest.raises(EpisodeRefusedError, match="not here"):
+            await simulator.reset("bad", Track.STATE, b"", Wire.JSON)
+        frame = await simulator.reset("good", Track.STATE, b"", Wire.JSON)
+        assert frame.observation == b"good"
+        assert len((await simulator.step((0.0, 0.0, 0.0), Wire.JSON)).observation) == 200_000
+
+    run(story)
+
+
+def test_a_call_that_is_given_up_does_not_leave_its_reply_to_the_next() -> None:
+    async def story(pool: LocalPool) -> None:
+        simulator = await pool.acquire("Town01")
+        call = asyncio.create_task(simulator.step((0.0, 0.0, 0.0), Wire.JSON))
+        await asyncio.sleep(0)
+        call.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await call
+        assert simulator.dead
+
+    run(story)
+
+
+def test_slots_waiting_and_what_is_warm() -> None:
+    async def story(pool: LocalPool) -> None:
+        one, two = await asyncio.gather(pool.acquire("Town01"), pool.acquire("Town02"))
+        assert (pool.running, pool.busy) == (2, 2)
+        with pytest.raises(SimulatorsBusyError, match="all 2"):
+            await pool.acquire("Town01")
+        waiting = asyncio.create_task(pool.acquire("Town01", wait=True))
+        await asyncio.sleep(0.01)
+        assert not waiting.done()
+        await pool.release(two)
+        assert await waiting is two
+        await pool.release(one)
+        await pool.release(two)
+        two.town = "Town02"
+        assert await pool.acquire("Town01") is one
+        assert await pool.acquire("Town02") is two
+        assert pool.running == 2
+
+    run(story, slots=2)
+
+
+def test_no_process_outlives_the_pool() -> None:
+    pids: list[int] = []
+
+    async def story(pool: LocalPool) -> None:
+        pids.extend([(await pool.acquire("Town01")).process.pid for _ in range(2)])
+
+    began = time.monotonic()
+    run(story, slots=2)
+    assert time.monotonic() - began < 20
+    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+
+
+def test_frames_in_any_pieces() -> None:
+    values = [[1, b"x" * 70_000], {"a": None}, "end"]
+    stream = b"".join(frames.pack(value) for value in values)
+    for size in (1, 3, 4, 5, 1000, len(stream)):
+        splitter = frames.Splitter()
+        got = [value for at in range(0, len(stream), size) for value in splitter.feed(stream[at : at + size])]
+        assert got == values
