@@ -162,3 +162,20 @@ def test_frames_in_any_pieces() -> None:
         splitter = frames.Splitter()
         got = [value for at in range(0, len(stream), size) for value in splitter.feed(stream[at : at + size])]
         assert got == values
+
+
+def test_many_that_died_idle_are_found_by_many_at_once() -> None:
+    async def story(pool: LocalPool) -> None:
+        idle = await asyncio.gather(*(pool.acquire("Town01") for _ in range(3)))
+        for simulator in idle:
+            await pool.release(simulator)
+        for simulator in idle:
+            simulator.process.kill()
+            await asyncio.to_thread(simulator.process.wait)
+        await asyncio.sleep(0.05)
+        assert all(simulator.dead for simulator in idle)
+        fresh = await asyncio.gather(*(pool.acquire("Town01") for _ in range(3)))
+        assert not {*fresh} & {*idle}
+        assert (pool.running, pool.busy) == (3, 3)
+
+    run(story, slots=3)

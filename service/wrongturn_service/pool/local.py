@@ -247,16 +247,18 @@ class LocalPool(Pool):
     @override
     async def acquire(self, town: str, *, wait: bool = False) -> LocalSimulator:
         while True:
-            for dead in [simulator for simulator in self._idle if simulator.dead]:
-                self._idle.remove(dead)
-                await self._bury(dead)
-            simulator = self._take(town)
-            if simulator is None and self.running < self._slots:
-                simulator = await self._start()
-            if simulator is not None:
-                simulator.town = town
-                self._busy.add(simulator)
-                return simulator
+            # All leave the list before anything is awaited: whoever else looks meanwhile must not find them again.
+            dead = [simulator for simulator in self._idle if simulator.dead]
+            self._idle = [simulator for simulator in self._idle if not simulator.dead]
+            for simulator in dead:
+                await self._bury(simulator)
+            found = self._take(town)
+            if found is None and self.running < self._slots:
+                found = await self._start()
+            if found is not None:
+                found.town = town
+                self._busy.add(found)
+                return found
             if not wait:
                 raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
             waiter: asyncio.Future[None] = asyncio.get_running_loop().create_future()
