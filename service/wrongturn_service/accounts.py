@@ -64,6 +64,7 @@ class Accounts:
         self._settings = settings
         self._limit = AddressLimit(settings.registration_limit)
         self._callers: OrderedDict[str, Caller] = OrderedDict()
+        self._changes = 0
 
     async def caller(self, authorization: str | None) -> Caller:
         """Whose token an ``Authorization`` header holds.
@@ -74,10 +75,14 @@ class Accounts:
         token_sha256 = digest(bearer(authorization))
         found = self._callers.get(token_sha256)
         if found is None:
+            changes = self._changes
             row = await self._store.agent_by_token(token_sha256)
             if row is None:
                 raise UnauthenticatedError("nobody has this token; it may have been rotated or revoked")
-            found = self._callers[token_sha256] = Caller(row.id, Track(row.track))
+            found = Caller(row.id, Track(row.track))
+            # What was read while a token was changed may be the old one: good for this call, not to be remembered.
+            if changes == self._changes:
+                self._callers[token_sha256] = found
             while len(self._callers) > _CACHED:
                 self._callers.popitem(last=False)
         return found
@@ -132,6 +137,7 @@ class Accounts:
     async def set_token(self, agent_id: str, token: str | None, reply: IdempotencyRow | None = None) -> None:
         """Replace an agent's token, or revoke it."""
         await self._store.set_token(agent_id, None if token is None else digest(token), reply)
+        self._changes += 1
         for known, caller in list(self._callers.items()):
             if caller.id == agent_id:
                 del self._callers[known]

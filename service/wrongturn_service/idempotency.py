@@ -6,6 +6,7 @@ import hashlib
 import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
+from weakref import WeakValueDictionary
 
 from wrongturn_protocol import FieldError, ProblemType
 from wrongturn_service.errors import InvalidRequestError, ServiceError
@@ -70,7 +71,9 @@ class Idempotency:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._locks: dict[tuple[str, str], asyncio.Lock] = {}
+        # Each lives as long as a request holds it or waits for it. Its own locked() would not do to tell when that is:
+        # it is false while the lock passes from one to the next.
+        self._locks: WeakValueDictionary[tuple[str, str], asyncio.Lock] = WeakValueDictionary()
 
     @contextlib.asynccontextmanager
     async def once(self, key: str | None, scope: str, call: str, body: bytes) -> AsyncIterator[Once]:
@@ -95,20 +98,17 @@ class Idempotency:
                 HEADER, f"has to be 1 to {_LONGEST} printable ASCII characters; use a random UUID"
             )
         name = (scope, key)
-        lock = self._locks.setdefault(name, asyncio.Lock())
-        try:
-            async with lock:
-                stored = await self._store.reply(scope, digest(key))
-                if stored is not None and stored.request_sha256 != fingerprint:
-                    message = "was used for another request before; take a new key for each request"
-                    raise ServiceError(
-                        ProblemType.IDEMPOTENCY_KEY_REUSED,
-                        f"{HEADER}: {message}",
-                        status=422,
-                        errors=[FieldError(path=HEADER, message=message)],
-                    )
-                yield Once(stored, key, scope, fingerprint)
-        finally:
-            # Others that wait hold the same lock; who comes later finds the stored row.
-            if not lock.locked():
-                self._locks.pop(name, None)
+        lock = self._locks.get(name)
+        if lock is None:
+            lock = self._locks[name] = asyncio.Lock()
+        async with lock:
+            stored = await self._store.reply(scope, digest(key))
+            if stored is not None and stored.request_sha256 != fingerprint:
+                message = "was used for another request before; take a new key for each request"
+                raise ServiceError(
+                    ProblemType.IDEMPOTENCY_KEY_REUSED,
+                    f"{HEADER}: {message}",
+                    status=422,
+                    errors=[FieldError(path=HEADER, message=message)],
+                )
+            yield Once(stored, key, scope, fingerprint)

@@ -22,10 +22,10 @@ def check_same(episode_id: str, seq: int, action: Action, last: Action | None) -
 
 def gap(episode_id: str, seq: int, last: int) -> ConflictError:
     """What a step out of sequence gets."""
+    again = f", or {last} with the same action to have that reply again" if last else ""
     return ConflictError(
         ProblemType.SEQUENCE_GAP,
-        f"episode {episode_id}: seq is {seq}, the last reply's was {last}; send {last + 1}, or {last} with the same "
-        "action to have that reply again",
+        f"episode {episode_id}: seq is {seq}, the last reply's was {last}; send {last + 1}{again}",
     )
 
 
