@@ -44,7 +44,8 @@ LANE_EDGE = 15
 # The numbers of one judge: thresholds and body.
 N_ENGAGE, N_WRONG_WAY, N_EXIT, N_EXIT_COS, N_COMMAND, N_TTC = 0, 1, 2, 3, 4, 5
 N_FRONT_AXLE, N_REAR_AXLE, N_WHEEL_SIDE, N_HALF_LENGTH, N_HALF_WIDTH, N_RADIUS = 6, 7, 8, 9, 10, 11
-NUMBERS = 12
+N_STOP_SPEED, N_STOP_TIME, N_TIME_LIMIT, N_WHEELS_OFF = 12, 13, 14, 15
+NUMBERS = 16
 
 # What the kernel saw, packed into one integer.
 WHEELS = 0b111

@@ -24,6 +24,8 @@ from wrongturn_sim.verdict.thresholds import Thresholds
 Floats = NDArray[np.float64]
 Marks = NDArray[np.bool_]
 
+CLOCK_TOLERANCE = 1e-6
+"""Times are sums of steps that binary numbers cannot hold; a duration this much short is reached, s."""
 REACH = 3.0
 """No body is longer than twice this from its centre to a corner, m; what the boxes' grid is made for."""
 
@@ -302,5 +304,9 @@ def numbers_of(thresholds: Thresholds, vehicle: Vehicle) -> Floats:
     numbers[kernels.N_HALF_LENGTH] = vehicle.half_length
     numbers[kernels.N_HALF_WIDTH] = vehicle.half_width
     numbers[kernels.N_RADIUS] = radius
+    numbers[kernels.N_STOP_SPEED] = thresholds.stop_speed
+    numbers[kernels.N_STOP_TIME] = thresholds.stop_time - CLOCK_TOLERANCE
+    numbers[kernels.N_TIME_LIMIT] = thresholds.time_limit - CLOCK_TOLERANCE
+    numbers[kernels.N_WHEELS_OFF] = thresholds.wheels_off
     numbers.setflags(write=False)
     return numbers
