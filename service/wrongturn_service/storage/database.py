@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import fcntl
 import os
+import sqlite3
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any, Self
@@ -45,10 +46,12 @@ class Database:
         shown = parsed.render_as_string(hide_password=True)
         engine = None
         try:
+            if lock is not None:
+                _probe(parsed)
             engine = _engine(parsed)
             async with engine.begin() as connection:
                 await connection.run_sync(_migrate)
-        except (SQLAlchemyError, OSError, ModuleNotFoundError) as error:
+        except (SQLAlchemyError, sqlite3.Error, OSError, ModuleNotFoundError) as error:
             await _close(engine, lock)
             reason = str(getattr(error, "orig", None) or error).splitlines()[0]
             raise StartupError(
@@ -122,6 +125,15 @@ def _lock_file(url: URL) -> int:
             "or name another file by --database",
         ) from error
     return handle
+
+
+def _probe(url: URL) -> None:
+    """Raise sqlite3's error where the file is no database of ours to open.
+
+    The asynchronous driver's thread outlives a first connection that fails, and with it the event loop.
+    """
+    with contextlib.closing(sqlite3.connect(url.database or "")) as connection:
+        connection.execute("PRAGMA schema_version")
 
 
 def _engine(url: URL) -> AsyncEngine:
