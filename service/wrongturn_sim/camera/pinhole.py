@@ -1,0 +1,148 @@
+"""The camera's place and optics."""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_sim.camera.errors import CameraError
+
+LARGEST_SIDE = 2048
+"""Pixels."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera on the car, by OpenCV's conventions; the defaults are the benchmark's.
+
+    Pixel (column u, row v) looks along the ray through its middle: ``(u - cx) / focal`` to the right and
+    ``(v - cy) / focal`` downwards for each metre ahead. Columns count from the left, rows from above, both from 0.
+    There is no roll and no distortion.
+
+    Raises:
+        CameraError: a parameter is not finite or out of its range; names it and the range.
+    """
+
+    width: int = 192
+    """Columns, pixels."""
+    height: int = 64
+    """Rows, pixels."""
+    focal: float = 107.4
+    """Focal length, pixels, of both directions."""
+    cx: float = 96.0
+    """Column of the optical axis."""
+    cy: float = 26.0
+    """Row of the optical axis: of the horizon, where pitch is 0."""
+    forward: float = 0.7
+    """Metres ahead of the middle of the car's body."""
+    left: float = 0.0
+    """Metres to the left of it."""
+    up: float = 1.6
+    """Metres above the ground."""
+    pitch: float = 0.0
+    """Radians; positive looks down."""
+    yaw: float = 0.0
+    """Radians; positive looks to the left."""
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            side = getattr(self, name)
+            if isinstance(side, bool) or not isinstance(side, int | np.integer) or not 1 <= side <= LARGEST_SIDE:
+                raise CameraError(f"camera: {name} is {side!r}; give a whole number of pixels, 1 to {LARGEST_SIDE}")
+        for name, least, most in (
+            ("focal", 1.0, 1e5),
+            ("cx", -1e5, 1e5),
+            ("cy", -1e5, 1e5),
+            ("forward", -20.0, 20.0),
+            ("left", -20.0, 20.0),
+            ("up", 0.05, 100.0),
+            ("pitch", -1.5, 1.5),
+            ("yaw", -2 * math.pi, 2 * math.pi),
+        ):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
+                raise CameraError(f"camera: {name} is {value!r}; give a number from {least:g} to {most:g}")
+            if not least <= value <= most:
+                raise CameraError(f"camera: {name} is {value!r}; give a finite number from {least:g} to {most:g}")
+
+    @classmethod
+    def of_fov(
+        cls,
+        fov_degrees: float,
+        width: int = 192,
+        height: int = 64,
+        *,
+        forward: float = 0.7,
+        left: float = 0.0,
+        up: float = 1.6,
+        pitch: float = 0.0,
+        yaw: float = 0.0,
+    ) -> Self:
+        """A camera with this horizontal field of view, its axis through the middle of the picture.
+
+        Raises:
+            CameraError: a parameter is out of its range, of ``fov_degrees`` 1 to 170.
+        """
+        if isinstance(fov_degrees, bool) or not isinstance(fov_degrees, int | float | np.floating):
+            raise CameraError(f"camera: fov_degrees is {fov_degrees!r}; give a number from 1 to 170")
+        if not 1.0 <= fov_degrees <= 170.0:
+            raise CameraError(f"camera: fov_degrees is {fov_degrees!r}; give a number from 1 to 170")
+        # The sides are checked before they are computed with.
+        cls(width=width, height=height)
+        return cls(
+            width=width,
+            height=height,
+            focal=width / 2 / math.tan(math.radians(fov_degrees) / 2),
+            cx=width / 2,
+            cy=height / 2,
+            forward=forward,
+            left=left,
+            up=up,
+            pitch=pitch,
+            yaw=yaw,
+        )
+
+    def project(self, points: NDArray[np.float64], x: float, y: float, yaw: float) -> NDArray[np.float64]:
+        """Where points of the town are seen from a car at (x, y, yaw).
+
+        Args:
+            points: (N, 3), metres, town frame, z upwards from the ground.
+            x: of the middle of the car's body, metres.
+            y: likewise.
+            yaw: of the car, radians.
+
+        Returns:
+            (N, 2): column and row; NaN for points that are not in front of the camera.
+        """
+        points = np.asarray(points, np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise CameraError(f"project: points have the shape {points.shape}; give (N, 3)")
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        eye = (x + self.forward * cos - self.left * sin, y + self.forward * sin + self.left * cos, self.up)
+        look, tilt = yaw + self.yaw, self.pitch
+        ahead = (math.cos(tilt) * math.cos(look), math.cos(tilt) * math.sin(look), -math.sin(tilt))
+        right = (math.sin(look), -math.cos(look), 0.0)
+        down = (-math.sin(tilt) * math.cos(look), -math.sin(tilt) * math.sin(look), -math.cos(tilt))
+        z, u, v = ((points - eye) @ np.array(axis) for axis in (ahead, right, down))
+        depth = np.where(z > 1e-9, z, np.nan)
+        return np.stack([self.cx + self.focal * u / depth, self.cy + self.focal * v / depth], axis=1)
+
+    def packed(self) -> NDArray[np.float64]:
+        """What the renderer takes."""
+        tilt = self.pitch
+        return np.array(
+            [
+                self.focal,
+                self.cx,
+                self.cy,
+                self.forward,
+                self.left,
+                self.up,
+                math.cos(tilt),
+                math.sin(tilt),
+                self.yaw,
+                1.0 if tilt == 0.0 else 0.0,
+            ]
+        )

@@ -1,0 +1,264 @@
+"""Pictures of a world, one or many at a time."""
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_protocol import Weather
+from wrongturn_sim.camera.errors import CameraError
+from wrongturn_sim.camera.noise import clouds
+from wrongturn_sim.camera.pinhole import Camera
+from wrongturn_sim.camera.raycast import HITS, WORK, frames_into
+from wrongturn_sim.camera.solids import COLUMNS, shop_colours
+from wrongturn_sim.camera.weathers import SIZE, look_of
+from wrongturn_sim.camera.world import World
+
+Image = NDArray[np.uint8]
+Numbers = NDArray[np.float64]
+
+OTHER = 8
+"""Columns of a road user: x, y, yaw, length, width, height, kind (0 vehicle, 1 pedestrian), colour."""
+
+_NOBODY = np.zeros((0, OTHER))
+_NOBODY.flags.writeable = False
+
+
+class _Scratch:
+    """What the kernels write on while they paint; one for each thread."""
+
+    def __init__(self, world: World, camera: Camera, others: int) -> None:
+        items = len(world.scenery) + others
+        self.others = others
+        self.work = np.zeros((WORK, max(camera.height, HITS)))
+        self.place = np.zeros((max(items, 1), 2))
+        self.counts = np.zeros(camera.width, np.int64)
+        self.lists = np.zeros((camera.width, max(items, 1)), np.int32)
+        self.users = np.zeros((others, COLUMNS))
+
+    def paint(
+        self,
+        world: World,
+        camera: Numbers,
+        looks: Numbers,
+        poses: Numbers,
+        seeds: Any,
+        ticks: Any,
+        others: Numbers,
+        begins: Any,
+        rgb: Image,
+        segmentation: Image,
+    ) -> None:
+        frames_into(
+            poses,
+            seeds,
+            ticks,
+            others,
+            begins,
+            looks,
+            camera,
+            world.ground,
+            world.frame,
+            world.scenery,
+            _shops(),
+            clouds(),
+            self.work,
+            self.place,
+            self.counts,
+            self.lists,
+            self.users,
+            rgb,
+            segmentation,
+        )
+
+
+@cache
+def _shops() -> Numbers:
+    return shop_colours()
+
+
+class Renderer:
+    """A camera in a world under one weather. Not for several threads at once: it keeps what it paints with.
+
+    Args:
+        world: see :meth:`World.of`.
+        camera: its place and optics.
+        weather: by CARLA's preset names.
+        seed: of what is drawn anew for each picture (rain); the trial's.
+
+    Raises:
+        UnknownWeatherError: no such weather.
+        CameraError: the seed is no whole number.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        camera: Camera | None = None,
+        weather: Weather | str = Weather.CLEAR_NOON,
+        seed: int = 0,
+    ) -> None:
+        self.world = world
+        self.camera = camera or Camera()
+        self._look = look_of(weather)[None]
+        self._packed = self.camera.packed()
+        self._seeds = np.array([_folded(seed)], np.int64)
+        self._pose = np.zeros((1, 3))
+        self._ticks = np.zeros(1, np.int64)
+        self._begins = np.zeros(2, np.int64)
+        self._scratch = _Scratch(world, self.camera, 0)
+
+    def render(
+        self, x: float, y: float, yaw: float, tick: int = 0, others: Numbers | None = None
+    ) -> tuple[Image, Image]:
+        """What is seen from a car at (x, y, yaw): RGB (height, width, 3) and segmentation (height, width), fresh.
+
+        Args:
+            x: of the middle of the car's body, metres, town frame.
+            y: likewise.
+            yaw: radians, counter-clockwise from east.
+            tick: number of the decision; rain falls anew with it.
+            others: (N, 8) other road users: x, y, yaw, length, width, height, kind (0 vehicle, 1 pedestrian), colour.
+
+        Raises:
+            CameraError: a number is not finite or an array has another shape.
+        """
+        shape = self.camera.height, self.camera.width
+        rgb, segmentation = np.empty((*shape, 3), np.uint8), np.empty(shape, np.uint8)
+        self.render_into(x, y, yaw, tick, others, rgb, segmentation)
+        return rgb, segmentation
+
+    def render_into(
+        self, x: float, y: float, yaw: float, tick: int, others: Numbers | None, rgb: Image, segmentation: Image
+    ) -> None:
+        """As :meth:`render`, into given arrays."""
+        if others is None or len(others) == 0:
+            others = _NOBODY
+        else:
+            others = _checked_others(others)
+            if len(others) > self._scratch.others:
+                self._scratch = _Scratch(self.world, self.camera, 2 * len(others))
+        self._pose[0] = x, y, yaw
+        _finite("pose", self._pose)
+        _check_images(self.camera, 1, rgb[None], segmentation[None])
+        self._ticks[0] = tick
+        self._begins[1] = len(others)
+        self._scratch.paint(
+            self.world,
+            self._packed,
+            self._look,
+            self._pose,
+            self._seeds,
+            self._ticks,
+            others,
+            self._begins,
+            rgb[None],
+            segmentation[None],
+        )
+
+
+def render_batch(
+    world: World,
+    camera: Camera,
+    looks: Numbers,
+    seeds: NDArray[np.integer[Any]],
+    poses: Numbers,
+    ticks: NDArray[np.integer[Any]],
+    rgb: Image,
+    segmentation: Image,
+    threads: int = 1,
+) -> None:
+    """Pictures of many cars that do not see each other, byte for byte as :meth:`Renderer.render` makes them.
+
+    Args:
+        world: of all of them.
+        camera: of all of them.
+        looks: (N, k) rows of :func:`look_of`.
+        seeds: (N,) whole numbers.
+        poses: (N, 3): x, y, yaw.
+        ticks: (N,) whole numbers.
+        rgb: (N, height, width, 3) uint8, written.
+        segmentation: (N, height, width) uint8, written.
+        threads: how many share the work; the bytes do not hang on it.
+
+    Raises:
+        CameraError: an array has another shape or type, or a number is not finite.
+    """
+    number = len(poses)
+    poses = np.ascontiguousarray(poses, np.float64)
+    looks = np.ascontiguousarray(looks, np.float64)
+    if poses.shape != (number, 3):
+        raise CameraError(f"poses have the shape {poses.shape}; give (N, 3): x, y, yaw")
+    if looks.shape != (number, SIZE):
+        raise CameraError(f"looks have the shape {looks.shape}; give ({number}, {SIZE}): a row of look_of for each")
+    if threads < 1:
+        raise CameraError(f"threads is {threads}; give 1 or more")
+    _finite("poses", poses)
+    _check_images(camera, number, rgb, segmentation)
+    folded = np.array([_folded(int(seed)) for seed in seeds], np.int64)
+    counted = np.ascontiguousarray(ticks, np.int64)
+    if len(folded) != number or counted.shape != (number,):
+        raise CameraError(f"seeds and ticks: give {number} of each, as many as poses")
+    begins = np.zeros(number + 1, np.int64)
+    packed = camera.packed()
+
+    def paint(part: slice) -> None:
+        scratch = _scratch_of(world, camera) if threads == 1 else _Scratch(world, camera, 0)
+        scratch.paint(
+            world,
+            packed,
+            looks[part],
+            poses[part],
+            folded[part],
+            counted[part],
+            _NOBODY,
+            begins,
+            rgb[part],
+            segmentation[part],
+        )
+
+    if threads == 1 or number < 2:
+        paint(slice(0, number))
+        return
+    # The same compiled function in every thread: a second one, compiled for threads, might round otherwise.
+    edges = np.linspace(0, number, min(threads, number) + 1).astype(int)
+    with ThreadPoolExecutor(min(threads, number)) as pool:
+        list(pool.map(paint, (slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))))
+
+
+def _scratch_of(world: World, camera: Camera) -> _Scratch:
+    return _Scratch(world, camera, 0)
+
+
+def _folded(seed: int) -> int:
+    """A seed of any size as one that the kernels can add to."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
+        raise CameraError(f"seed is {seed!r}; give a whole number")
+    return int(seed) & 0x3FFFFFFF
+
+
+def _finite(name: str, numbers: Numbers) -> None:
+    # Farther than this, whole numbers of cells no longer fit.
+    if not (np.abs(numbers) < 1e7).all():
+        raise CameraError(f"{name}: {numbers.tolist()}; give finite numbers, below 1e7 in size")
+
+
+def _checked_others(others: Numbers) -> Numbers:
+    others = np.ascontiguousarray(others, np.float64)
+    if others.ndim != 2 or others.shape[1] != OTHER:
+        raise CameraError(f"others have the shape {others.shape}; give (N, {OTHER})")
+    _finite("others", others)
+    if (others[:, 3:6] <= 0).any():
+        raise CameraError("others: length, width and height must be above 0")
+    return others
+
+
+def _check_images(camera: Camera, number: int, rgb: Image, segmentation: Image) -> None:
+    wanted = number, camera.height, camera.width
+    for name, image, shape in (("rgb", rgb, (*wanted, 3)), ("segmentation", segmentation, wanted)):
+        if image.dtype != np.uint8 or image.shape != shape or not image.flags.c_contiguous or not image.flags.writeable:
+            raise CameraError(
+                f"{name}: {image.dtype} of the shape {image.shape}; give a writable, contiguous uint8 array of {shape}"
+            )

@@ -1,0 +1,104 @@
+"""Scenery as rows of numbers, with the looks that each object's seed gives it."""
+
+import math
+import random
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_networks import SceneryKind, SceneryObject
+
+HOUSE, WALL, HEDGE, TREE, FENCE, CAR, WALKER = range(7)
+KINDS: Final = {
+    SceneryKind.HOUSE: HOUSE,
+    SceneryKind.WALL: WALL,
+    SceneryKind.HEDGE: HEDGE,
+    SceneryKind.TREE: TREE,
+    SceneryKind.FENCE: FENCE,
+}
+
+# Columns of a row.
+X, Y, COS, SIN, HALF_X, HALF_Y, HEIGHT, KIND, RISE = range(9)
+R, G, B, R2, G2, B2, SEED, STOREY, BAY_X, BAY_Y, STYLE, RADIUS, MIDDLE, HALF_Z, BOUND = range(9, 24)
+WIDE, TALL, SHOP = range(24, 27)
+COLUMNS: Final = 27
+
+_FACADES: Final = (
+    (158, 88, 70),
+    (206, 184, 142),
+    (224, 212, 186),
+    (192, 122, 88),
+    (156, 154, 150),
+    (158, 176, 190),
+    (206, 164, 92),
+    (164, 174, 142),
+    (228, 226, 220),
+    (136, 106, 86),
+    (208, 164, 152),
+    (126, 66, 56),
+    (188, 178, 164),
+)
+_ROOFS: Final = ((150, 78, 58), (86, 90, 98), (108, 84, 66), (122, 58, 48), (70, 72, 76))
+_TRIMS: Final = ((236, 232, 222), (214, 206, 190), (92, 74, 60), (74, 84, 78))
+_SHOPS: Final = ((150, 44, 42), (38, 78, 120), (40, 98, 72), (196, 150, 52), (70, 60, 88))
+BRICK_STYLE: Final = 1.0
+
+
+def crown_of(item: SceneryObject) -> tuple[float, float, float]:
+    """A tree's crown: its radius, the height of its middle, half its height; metres."""
+    half = max(min(item.height * 0.36, item.crown_radius * 1.35), item.crown_radius * 0.6)
+    return item.crown_radius, item.height - half, half
+
+
+def _row(item: SceneryObject) -> NDArray[np.float64]:
+    row = np.zeros(COLUMNS)
+    # Not numpy's generator: a thousand of these are made where one is.
+    draw = random.Random(item.seed)
+    row[[X, Y, COS, SIN]] = item.x, item.y, math.cos(item.yaw), math.sin(item.yaw)
+    row[[HALF_X, HALF_Y, HEIGHT, KIND]] = item.length / 2, item.width / 2, item.height, KINDS[item.kind]
+    row[SEED] = item.seed & 0xFFFF
+    row[BOUND] = math.hypot(item.length, item.width) / 2
+    shade = draw.uniform(0.9, 1.06)
+    if item.kind is SceneryKind.HOUSE:
+        pitched = item.height < 12.0 and draw.random() < 0.75
+        rise = min(item.width * draw.uniform(0.24, 0.4), item.height * 0.36) if pitched else 0.0
+        eaves = item.height - rise
+        storeys = max(1, round(eaves / draw.uniform(2.8, 3.3)))
+        bay = draw.uniform(2.2, 3.4)
+        row[HEIGHT], row[RISE], row[STOREY] = eaves, rise, eaves / storeys
+        row[BAY_X] = item.length / max(1, round(item.length / bay))
+        row[BAY_Y] = item.width / max(1, round(item.width / bay))
+        row[[R, G, B]] = np.array(draw.choice(_FACADES)) * shade
+        row[STYLE] = float(draw.randrange(3))
+        if row[R] - row[G] > 40:
+            row[STYLE] = BRICK_STYLE
+        row[[R2, G2, B2]] = draw.choice(_ROOFS if pitched else _TRIMS[:2])
+        row[WIDE], row[TALL] = draw.uniform(0.36, 0.56), draw.uniform(0.42, 0.56)
+        row[SHOP] = float(draw.randrange(1, 1 + len(_SHOPS))) if storeys > 1 and draw.random() < 0.3 else 0.0
+    elif item.kind is SceneryKind.WALL:
+        row[[R, G, B]] = (
+            np.array(draw.choice(((190, 168, 118), (168, 104, 82), (170, 166, 158), (204, 188, 150)))) * shade
+        )
+    elif item.kind is SceneryKind.HEDGE:
+        row[[R, G, B]] = np.array(draw.choice(((54, 88, 40), (66, 98, 44), (48, 78, 46)))) * shade
+    elif item.kind is SceneryKind.FENCE:
+        row[[R, G, B]] = np.array(draw.choice(((226, 222, 212), (126, 92, 62), (92, 84, 74)))) * shade
+    else:
+        row[RADIUS], row[MIDDLE], row[HALF_Z] = crown_of(item)
+        row[BOUND] = max(row[RADIUS], row[BOUND])
+        row[[R, G, B]] = np.array(draw.choice(((70, 106, 44), (88, 116, 46), (58, 92, 50), (104, 112, 44)))) * shade
+        row[[R2, G2, B2]] = np.array((98, 78, 58)) * shade
+    return row
+
+
+def rows_of(scenery: Iterable[SceneryObject]) -> NDArray[np.float64]:
+    """(N, COLUMNS) for the renderer."""
+    rows = [_row(item) for item in scenery]
+    return np.array(rows) if rows else np.zeros((0, COLUMNS))
+
+
+def shop_colours() -> NDArray[np.float64]:
+    """(N, 3), 0 to 255."""
+    return np.array(_SHOPS, np.float64)

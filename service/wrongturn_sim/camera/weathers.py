@@ -1,0 +1,210 @@
+"""How each weather looks: sun, sky, haze, wetness and rain."""
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_protocol import Weather
+from wrongturn_sim.camera.errors import UnknownWeatherError
+
+Colour = tuple[float, float, float]
+
+NOON: Final = (math.radians(58.0), math.radians(-118.0))
+"""The sun's elevation and bearing (counter-clockwise from east), radians."""
+SUNSET: Final = (math.radians(13.0), math.radians(158.0))
+SUNS: Final = (NOON, SUNSET)
+"""Each has its shadows in the ground's raster."""
+
+
+@dataclass(frozen=True)
+class WeatherLook:
+    """What the light and the air do. Colours are shares of full white for red, green, blue."""
+
+    sun: tuple[float, float]
+    """One of ``SUNS``."""
+    sunlight: Colour
+    """Of the sun itself, on a surface that faces it."""
+    skylight: Colour
+    """From everywhere, in the shade too."""
+    zenith: Colour
+    horizon: Colour
+    haze: Colour
+    """What far things fade to."""
+    view: float
+    """Metres at which a thing has half its contrast."""
+    wetness: float = 0.0
+    """How much the ground mirrors, 0 to 1."""
+    clouds: float = 0.3
+    """Cover of the sky, 0 to 1."""
+    cloud: Colour = (1.0, 1.0, 1.0)
+    rain: float = 0.0
+    """Streaks for each column of the picture."""
+    streak: float = 5.0
+    """Their length, pixels."""
+    glow: float = 0.0
+    """Of the sky around the sun."""
+    lamps: float = 0.0
+    """Share of windows that are lit."""
+
+
+LOOKS: Final[Mapping[Weather, WeatherLook]] = MappingProxyType(
+    {
+        Weather.CLEAR_NOON: WeatherLook(
+            sun=NOON,
+            sunlight=(0.80, 0.76, 0.68),
+            skylight=(0.46, 0.50, 0.56),
+            zenith=(0.20, 0.42, 0.78),
+            horizon=(0.70, 0.82, 0.94),
+            haze=(0.72, 0.80, 0.88),
+            view=260.0,
+            clouds=0.36,
+        ),
+        Weather.WET_NOON: WeatherLook(
+            sun=NOON,
+            sunlight=(0.66, 0.64, 0.60),
+            skylight=(0.46, 0.49, 0.54),
+            zenith=(0.34, 0.48, 0.70),
+            horizon=(0.80, 0.86, 0.91),
+            haze=(0.76, 0.82, 0.87),
+            view=200.0,
+            wetness=0.75,
+            clouds=0.58,
+            cloud=(0.93, 0.94, 0.96),
+        ),
+        Weather.HARD_RAIN_NOON: WeatherLook(
+            sun=NOON,
+            sunlight=(0.05, 0.05, 0.05),
+            skylight=(0.46, 0.49, 0.52),
+            zenith=(0.40, 0.43, 0.47),
+            horizon=(0.56, 0.59, 0.62),
+            haze=(0.54, 0.57, 0.60),
+            view=62.0,
+            wetness=1.0,
+            clouds=0.95,
+            cloud=(0.47, 0.49, 0.52),
+            rain=1.0,
+            streak=9.0,
+        ),
+        Weather.CLEAR_SUNSET: WeatherLook(
+            sun=SUNSET,
+            sunlight=(1.00, 0.58, 0.26),
+            skylight=(0.40, 0.36, 0.42),
+            zenith=(0.26, 0.32, 0.56),
+            horizon=(0.98, 0.66, 0.42),
+            haze=(0.86, 0.62, 0.46),
+            view=190.0,
+            clouds=0.42,
+            cloud=(1.0, 0.62, 0.46),
+            glow=1.0,
+            lamps=0.16,
+        ),
+        Weather.WET_CLOUDY_NOON: WeatherLook(
+            sun=NOON,
+            sunlight=(0.10, 0.10, 0.10),
+            skylight=(0.62, 0.64, 0.66),
+            zenith=(0.60, 0.64, 0.68),
+            horizon=(0.78, 0.80, 0.82),
+            haze=(0.74, 0.76, 0.78),
+            view=150.0,
+            wetness=0.9,
+            clouds=0.9,
+            cloud=(0.72, 0.74, 0.76),
+        ),
+        Weather.SOFT_RAIN_SUNSET: WeatherLook(
+            sun=SUNSET,
+            sunlight=(0.22, 0.12, 0.06),
+            skylight=(0.36, 0.31, 0.33),
+            zenith=(0.36, 0.33, 0.40),
+            horizon=(0.76, 0.54, 0.44),
+            haze=(0.60, 0.45, 0.41),
+            view=95.0,
+            wetness=0.95,
+            clouds=0.8,
+            cloud=(0.52, 0.41, 0.42),
+            rain=0.45,
+            streak=5.0,
+            glow=0.45,
+            lamps=0.30,
+        ),
+    }
+)
+
+# What the packed form begins with; 256 ground colours follow.
+HEAD: Final = 32
+SIZE: Final = HEAD + 3 * 256
+
+_TONES = np.arange(16) / 15.0
+
+
+def ground_albedo() -> NDArray[np.float64]:
+    """(4, 16, 3): colour of each kind of ground (vegetation, road, marking, sidewalk) in each tone, 0 to 255."""
+    albedo = np.empty((4, 16, 3))
+    albedo[0] = np.array([50.0, 78.0, 28.0]) + _TONES[:, None] * np.array([98.0, 78.0, 44.0])
+    albedo[1] = np.array([46.0, 47.0, 50.0]) + _TONES[:, None] * np.array([84.0, 83.0, 80.0])
+    white = np.array([176.0, 176.0, 172.0]) + (_TONES[:8, None] * 2) * np.array([60.0, 60.0, 58.0])
+    yellow = np.array([170.0, 146.0, 66.0]) + (_TONES[:8, None] * 2) * np.array([62.0, 52.0, 18.0])
+    albedo[2] = np.concatenate([white, yellow])
+    albedo[3] = np.array([82.0, 78.0, 72.0]) + _TONES[:, None] * np.array([112.0, 108.0, 102.0])
+    return albedo
+
+
+def _ground(look: WeatherLook) -> NDArray[np.float64]:
+    """(256, 3): what each code of the ground's raster looks like under this light."""
+    albedo = ground_albedo()
+    wet = 1.0 - look.wetness * np.array([0.10, 0.42, 0.22, 0.34])
+    shadow = 6 + SUNS.index(look.sun)
+    colours = np.empty((256, 3))
+    for code in range(256):
+        direct = 0.0 if code >> shadow & 1 else math.sin(look.sun[0]) ** 0.5
+        light = np.array(look.skylight) + direct * np.array(look.sunlight)
+        kind = code >> 4 & 3
+        colours[code] = albedo[kind, code & 15] * wet[kind] * light
+    return colours
+
+
+@functools.lru_cache(maxsize=32)
+def _packed(weather: Weather) -> NDArray[np.float64]:
+    look = LOOKS[weather]
+    elevation, bearing = look.sun
+    head = [
+        math.cos(elevation) * math.cos(bearing),
+        math.cos(elevation) * math.sin(bearing),
+        math.sin(elevation),
+        *look.sunlight,
+        *look.skylight,
+        *(255 * part for part in look.zenith),
+        *(255 * part for part in look.horizon),
+        *(255 * part for part in look.haze),
+        1.0 / look.view,
+        look.wetness,
+        look.clouds,
+        *(255 * part for part in look.cloud),
+        look.rain,
+        look.streak,
+        look.glow,
+        look.lamps,
+        float(1 << (6 + SUNS.index(look.sun))),
+    ]
+    packed = np.zeros(SIZE)
+    packed[: len(head)] = head
+    packed[HEAD:] = _ground(look).ravel()
+    packed.flags.writeable = False
+    return packed
+
+
+def look_of(weather: Weather | str) -> NDArray[np.float64]:
+    """A weather as the renderer takes it: (SIZE,), read-only.
+
+    Raises:
+        UnknownWeatherError: there is none of this name; names those that there are.
+    """
+    try:
+        return _packed(Weather(weather))
+    except ValueError:
+        raise UnknownWeatherError(f"weather: {weather!r} is unknown; give one of {', '.join(Weather)}") from None

@@ -1,0 +1,87 @@
+"""A town as the renderer needs it, made once and kept on disk."""
+
+import contextlib
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_networks import Town
+from wrongturn_sim.camera.ground import CELL, bake
+from wrongturn_sim.camera.solids import rows_of
+from wrongturn_sim.home import home
+
+FORMAT: Final = 1
+"""Part of the cached file's name: a change of how the ground is made counts it up."""
+
+_KNOWN: dict[str, "World"] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """Ground and scenery of a town; its arrays are read-only."""
+
+    name: str
+    sha256: str
+    ground: NDArray[np.uint8]
+    """(rows, columns), south to north and west to east; see :mod:`~wrongturn_sim.camera.ground`."""
+    frame: NDArray[np.float64]
+    """(3,): x and y of the first cell's corner, metres, and cells for each metre."""
+    scenery: NDArray[np.float64]
+    """(N, COLUMNS); see :mod:`~wrongturn_sim.camera.solids`."""
+
+    @classmethod
+    def of(cls, town: Town) -> "World":
+        """A town's world: from this process, from the disk, or made."""
+        known = _KNOWN.get(town.sha256)
+        if known is None:
+            known = _KNOWN[town.sha256] = cls._loaded(town)
+        return known
+
+    @classmethod
+    def _loaded(cls, town: Town) -> "World":
+        file = home() / "camera" / f"{town.sha256}-{FORMAT}.npz"
+        kept = _read(file)
+        if kept is None:
+            made, raster = bake(town)
+            kept = (np.array([made.x, made.y, 1.0 / CELL]), raster)
+            _write(file, *kept)
+        frame, ground = kept
+        scenery = rows_of(town.scenery)
+        for array in (frame, ground, scenery):
+            array.flags.writeable = False
+        return cls(town.name, town.sha256, ground, frame, scenery)
+
+
+def _read(file: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
+    """What was kept; None where there is nothing of use."""
+    try:
+        with np.load(file, allow_pickle=False) as kept:
+            frame, ground, checksum = kept["frame"], kept["ground"], int(kept["checksum"])
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        return None
+    fits = frame.dtype == np.float64 and frame.shape == (3,) and ground.dtype == np.uint8 and ground.ndim == 2
+    return (frame, ground) if fits and checksum == _checksum(ground) else None
+
+
+def _checksum(ground: NDArray[np.uint8]) -> int:
+    return int(np.bitwise_xor.reduce(ground, axis=None)) << 40 | int(ground.sum(dtype=np.int64))
+
+
+def _write(file: Path, frame: NDArray[np.float64], ground: NDArray[np.uint8]) -> None:
+    """Keeps it; a disk that does not take it is no failure, for it can be made again."""
+    with contextlib.suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=file.parent, suffix=".npz")
+        try:
+            with os.fdopen(handle, "wb") as opened:
+                np.savez(opened, frame=frame, ground=ground, checksum=_checksum(ground))
+            Path(name).replace(file)
+        except OSError:
+            Path(name).unlink(missing_ok=True)
+            raise
