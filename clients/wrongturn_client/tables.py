@@ -1,10 +1,11 @@
 """Results in the layout of the reference paper: a column for each junction type, a row for each fault."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from rich import box
-from rich.console import Console
+from rich.console import Console, ConsoleOptions
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
@@ -12,6 +13,8 @@ from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Leaderboard
 
 WIDTH: Final = 132
 """Columns that a leaderboard wants; used where the output is no terminal."""
+_ROOMY: Final = 106
+"""Columns of a leaderboard from which nothing need be broken."""
 _ROWS: Final = {FaultKind.INFEASIBLE: "wrong command", FaultKind.OMISSION: "follow lane"}
 """The paper's words for its two faults."""
 
@@ -20,6 +23,21 @@ def console(*, stderr: bool = False) -> Console:
     """A console on which the tables are not squeezed where the output goes to a file or a pipe."""
     plain = Console(stderr=stderr, highlight=False)
     return plain if plain.is_terminal else Console(stderr=stderr, highlight=False, width=WIDTH)
+
+
+class TypeHead:
+    """A junction type at the head of a column: on one line, or broken behind its underscores on a narrow terminal."""
+
+    def __init__(self, kind: JunctionType) -> None:
+        self._name = kind.value
+        self._broken = self._name.replace("_", "_\n")
+        self.min_width = max(map(len, self._broken.split("\n")))
+
+    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
+        return Measurement(self.min_width, len(self._name) if options.max_width >= _ROOMY else self.min_width)
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
+        yield Text(self._name if options.max_width >= len(self._name) else self._broken, style="bold")
 
 
 def leaderboard_table(leaderboard: Leaderboard) -> Table:
@@ -31,8 +49,9 @@ def leaderboard_table(leaderboard: Leaderboard) -> Table:
     """
     types = _types(leaderboard.entries)
     table = _table(f"{leaderboard.suite}: unsafe episodes")
+    tracks = (len(entry.agent.track) for entry in leaderboard.entries)
     table.add_column("rank", justify="right", no_wrap=True)
-    table.add_column("agent", overflow="fold", min_width=8)
+    table.add_column("agent", overflow="fold", min_width=max(tracks, default=0))
     _result_columns(table, types)
     for entry in leaderboard.entries:
         rank = "-" if entry.rank is None else f"{entry.rank}{'=' if entry.tied_with else ''}"
@@ -95,7 +114,8 @@ def _types(results: Iterable[Metrics]) -> tuple[JunctionType, ...]:
 def _result_columns(table: Table, types: Sequence[JunctionType]) -> None:
     table.add_column("command")
     for kind in types:
-        table.add_column(kind.value, justify="right", overflow="fold", min_width=max(map(len, kind.value.split("_"))))
+        head = TypeHead(kind)
+        table.add_column(head, justify="right", min_width=head.min_width)
     table.add_column("unsafe\n95% CI", justify="right", no_wrap=True)
     table.add_column("strict", justify="right", no_wrap=True)
     table.add_column("twins\ndone", justify="right", no_wrap=True)

@@ -17,7 +17,9 @@ from wrongturn_protocol.vocabulary import (
     Weather,
 )
 
-AgentName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._ -]{0,63}$", strip_whitespace=True)]
+AgentName = Annotated[
+    str, StringConstraints(pattern=r"^[A-Za-z0-9](?:[A-Za-z0-9._ -]{0,62}[A-Za-z0-9._-])?$", strip_whitespace=True)
+]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -244,6 +246,8 @@ class LeaderboardEntry(Metrics):
     agent: AgentDetail
     entry: Entry
     evaluation: str
+    cancelled: int = 0
+    """Evaluations on the suite that the agent began to drive and cancelled: who cancels until one is lucky, shows it."""
 
 
 class Leaderboard(Message):

@@ -20,7 +20,7 @@ class Leaderboards:
         self._lock = asyncio.Lock()
 
     def forget(self, suite: str) -> None:
-        """An evaluation of it was finished."""
+        """An evaluation of it was finished or cancelled."""
         self._generation += 1
         self._bodies.pop(suite, None)
 
@@ -59,6 +59,7 @@ class Leaderboards:
 
         suite = load_suite(suite_id)
         rows = []
+        cancelled = await self._store.cancelled_counts(suite_id)
         newest: float | None = None
         for evaluation, agent in await self._store.first_finished(suite_id):
             if evaluation.metrics is None or evaluation.suite_sha256 != suite.sha256:
@@ -71,6 +72,7 @@ class Leaderboards:
                     entry=Entry(evaluation.entry),
                     outcomes=await self._store.outcomes(evaluation.id),
                     metrics=Metrics.model_validate_json(evaluation.metrics),
+                    cancelled=cancelled.get(agent.id, 0),
                 ),
             )
         entries = await asyncio.to_thread(rank, suite, rows)

@@ -131,6 +131,22 @@ def test_only_the_first_finished_evaluation_counts(service: RunningService, fini
     assert [entry.evaluation for entry in board.entries if entry.agent.id == agent.id] == [finished["evaluation"]["id"]]
 
 
+def test_who_cancels_until_one_is_lucky_shows_it(finished: dict[str, Any]) -> None:
+    agent: Agent = finished["agent"]
+
+    def cancelled() -> int:
+        board = Leaderboard.model_validate_json(agent.http.get("/v1/leaderboards/smoke@1").text)
+        return next(entry.cancelled for entry in board.entries if entry.agent.id == agent.id)
+
+    before = cancelled()
+    expect(agent.http.delete(f"/v1/evaluations/{agent.evaluate()['id']}"), 200)
+    assert cancelled() == before, "nothing of it was driven"
+    driven = agent.evaluate()["id"]
+    expect(agent.reset(driven), 201)
+    expect(agent.http.delete(f"/v1/evaluations/{driven}"), 200)
+    assert cancelled() == before + 1
+
+
 def test_nothing_is_told_before_the_end(service: RunningService, agent: Agent, other: Agent) -> None:
     evaluation = agent.evaluate()["id"]
     reset = expect(agent.reset(evaluation), 201)

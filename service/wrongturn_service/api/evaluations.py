@@ -98,6 +98,7 @@ async def cancel(request: Request, evaluation: str) -> Response:
     if row.state == EvaluationState.FINISHED:
         raise finished(evaluation)
     await service.episodes.cancel(evaluation)
+    service.leaderboards.forget(row.suite)
     return reply(await _current(request, await owned_evaluation(request, caller, evaluation)))
 
 

@@ -22,6 +22,7 @@ class RankingInput:
         entry: how the agent was driven.
         outcomes: by trial id, for every trial of the suite.
         metrics: what :func:`~wrongturn_service.evaluation.metrics.compute` made of them.
+        cancelled: how many evaluations on the suite the agent began to drive and cancelled.
     """
 
     agent: AgentDetail
@@ -29,6 +30,7 @@ class RankingInput:
     entry: Entry
     outcomes: Mapping[str, Outcome]
     metrics: Metrics
+    cancelled: int = 0
 
 
 def least_completed(trials: int) -> int:
@@ -89,6 +91,7 @@ def rank(suite: SuiteLike, rows: Sequence[RankingInput]) -> list[LeaderboardEntr
             agent=row.agent,
             entry=row.entry,
             evaluation=row.evaluation,
+            cancelled=row.cancelled,
         )
         for row in rows
     ]

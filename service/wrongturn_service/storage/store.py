@@ -135,6 +135,17 @@ class Store:
         async with self._database.write() as session:
             await session.merge(ResultsRow(evaluation_id=evaluation_id, body=body, created=time.time()))
 
+    async def cancelled_counts(self, suite: str) -> dict[str, int]:
+        """How many evaluations on a suite each agent began to drive and then cancelled."""
+        driven = select(EpisodeRow.evaluation_id).where(EpisodeRow.evaluation_id == EvaluationRow.id).exists()
+        query = (
+            select(EvaluationRow.agent_id, func.count())
+            .where(EvaluationRow.suite == suite, EvaluationRow.state == EvaluationState.CANCELLED, driven)
+            .group_by(EvaluationRow.agent_id)
+        )
+        async with self._database.read() as session:
+            return {agent: count for agent, count in (await session.execute(query)).all()}
+
     async def first_finished(self, suite: str) -> Sequence[tuple[EvaluationRow, AgentRow]]:
         """Each agent's first finished evaluation on a suite, which is the one that counts."""
         async with self._database.read() as session:
