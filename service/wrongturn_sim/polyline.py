@@ -22,12 +22,14 @@ def measure(points: Points) -> Points:
 
 
 @njit(cache=True)
-def project(points: Points, along: Points, x: float, y: float) -> tuple[float, float, float]:
+def project(points: Points, along: Points, first: int, end: int, x: float, y: float) -> tuple[float, float, float]:
     """The nearest place of a line to a point.
 
     Args:
-        points: (N, 2), N at least 2, metres.
-        along: (N,), as :func:`measure` gives.
+        points: (N, 2), metres, of one line or of many after one another.
+        along: (N,), as :func:`measure` gives for each line.
+        first: where the line begins.
+        end: behind its last point; it has at least two.
         x: of the point, metres.
         y: of the point, metres.
 
@@ -40,7 +42,7 @@ def project(points: Points, along: Points, x: float, y: float) -> tuple[float, f
     side = 0.0
     ex = 1.0
     ey = 0.0
-    for i in range(points.shape[0] - 1):
+    for i in range(first, end - 1):
         ax = points[i, 0]
         ay = points[i, 1]
         ux = points[i + 1, 0] - ax
@@ -69,17 +71,19 @@ def project(points: Points, along: Points, x: float, y: float) -> tuple[float, f
 
 
 @njit(cache=True)
-def fill(points: Points, along: Points, begin: float, out: NDArray[np.float32]) -> None:
+def fill(points: Points, along: Points, first: int, end: int, begin: float, out: NDArray[np.float32]) -> None:
     """Points of a line 1 m apart from ``begin`` on; past its end, the last one again and again.
 
     Args:
-        points: (N, 2), metres.
-        along: (N,), as :func:`measure` gives.
+        points: (N, 2), metres, of one line or of many after one another.
+        along: (N,), as :func:`measure` gives for each line.
+        first: where the line begins.
+        end: behind its last point.
         begin: metres along the line.
         out: (M, 2), written.
     """
-    last = points.shape[0] - 1
-    i = 0
+    last = end - 1
+    i = first
     for row in range(out.shape[0]):
         s = begin + row
         while i < last and along[i + 1] < s:
@@ -117,7 +121,7 @@ class Path:
 
     def project(self, x: float, y: float) -> Projection:
         """The nearest place of the path."""
-        return Projection(*project(self.points, self.along, x, y))
+        return Projection(*project(self.points, self.along, 0, len(self.points), x, y))
 
     def then(self, other: "Path") -> "Path":
         """This path and another one after it."""
@@ -126,5 +130,5 @@ class Path:
     def sample(self, begin: float, count: int) -> NDArray[np.float32]:
         """Points 1 m apart from ``begin`` on, (count, 2); past the end, the last one again."""
         out = np.empty((count, 2), np.float32)
-        fill(self.points, self.along, begin, out)
+        fill(self.points, self.along, 0, len(self.points), begin, out)
         return out

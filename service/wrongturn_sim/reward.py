@@ -3,6 +3,8 @@
 import math
 from typing import Final
 
+from numba import njit
+
 from wrongturn_protocol import Command
 from wrongturn_sim.route import Guidance
 
@@ -15,15 +17,31 @@ _TURN: Final = 2.0 * math.pi
 _DEGREES: Final = 180.0 / math.pi
 
 
-def reward(v: float, yaw: float, guidance: Guidance) -> float:
-    """How well the car drives at this instant.
+@njit(cache=True)
+def score(v: float, yaw: float, turning: bool, lateral: float, heading: float) -> float:
+    """The formula itself.
 
     Args:
         v: m/s; the formula's is in km/h.
         yaw: of the car, radians.
+        turning: whether this is within a junction's window.
+        lateral: of the car beside its path, metres.
+        heading: of that path, radians.
+    """
+    target = TURNING if turning else CRUISING
+    angle = abs(yaw - heading) % _TURN
+    angle = min(angle, _TURN - angle) * _DEGREES
+    return (target - abs(target - v * _KMH)) + 10.0 * (1.0 - abs(lateral)) + 0.1 * (15.0 - angle)
+
+
+def reward(v: float, yaw: float, guidance: Guidance) -> float:
+    """How well the car drives at this instant.
+
+    Args:
+        v: m/s.
+        yaw: of the car, radians.
         guidance: of the route, for the window, the distance d from its path (m) and the angle a to it (degrees).
     """
-    target = CRUISING if guidance.command is Command.LANE_FOLLOW else TURNING
-    angle = abs(yaw - guidance.heading) % _TURN
-    angle = min(angle, _TURN - angle) * _DEGREES
-    return (target - abs(target - v * _KMH)) + 10.0 * (1.0 - abs(guidance.lateral)) + 0.1 * (15.0 - angle)
+    turning = guidance.command is not Command.LANE_FOLLOW
+    value: float = score(v, yaw, turning, guidance.lateral, guidance.heading)
+    return value

@@ -7,109 +7,18 @@ trial's seed. It is planned anew after any exit, from the lane that the car is i
 
 import math
 import random
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_networks import Approach, Lane, Town
-from wrongturn_protocol import DIRECTIONS, Command, Trial
+from wrongturn_networks import Approach, Town
+from wrongturn_protocol import Command, Trial
 from wrongturn_protocol.observations import PATH_POINTS
-from wrongturn_sim.polyline import Path, project
+from wrongturn_sim import guide
+from wrongturn_sim.roads import Roads, roads_of
 
-WINDOW_BEFORE: Final = 15.0
-"""The command is named from so far before the stop line on, metres along the lane."""
-WINDOW_AFTER: Final = 5.0
-"""And until so far past the exit line."""
-SIGHT: Final = 60.0
-"""Stop lines and exits are shown within this distance, metres."""
-_GATE_DEPTH: Final = 30.0
-"""An exit was taken by a car that is in its lane within so far of the exit line, metres."""
-_AT_END: Final = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class Gate:
-    """One exit of a junction as the planner sees it."""
-
-    direction: Command
-    lane: str
-    x: float
-    y: float
-    """Where its lane begins, metres."""
-    ux: float
-    uy: float
-    """Along its lane there."""
-    half_width: float
-    """Of its lane, metres."""
-    path: Path
-    """From the stop line on, through the junction and along its lane."""
-
-    def taken(self, x: float, y: float) -> bool:
-        """Whether the point lies in the exit's lane, shortly past the exit line."""
-        dx = x - self.x
-        dy = y - self.y
-        return 0.0 <= dx * self.ux + dy * self.uy <= _GATE_DEPTH and (
-            -self.half_width <= self.ux * dy - self.uy * dx <= self.half_width
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Leg:
-    """A lane, and the junction at its end."""
-
-    lane: Path
-    approach: Approach | None
-    """None where the lane leads into no junction."""
-    gates: tuple[Gate, ...]
-    exits: NDArray[np.float32]
-    """(3, 60, 2): what an observation shows of the exits; zeros for those that are not there."""
-    exits_mask: NDArray[np.int8]
-    """(3,)"""
-
-    def gate(self, direction: Command) -> Gate:
-        """The exit of that direction; KeyError where there is none."""
-        for gate in self.gates:
-            if gate.direction is direction:
-                return gate
-        raise KeyError(direction)
-
-
-def _gate(direction: Command, inner: Path, lane: Lane) -> Gate:
-    outer = Path(lane.centreline)
-    (x, y), (x2, y2) = outer.points[0], outer.points[1]
-    ux, uy = float(x2 - x), float(y2 - y)
-    length = math.sqrt(ux * ux + uy * uy)
-    return Gate(
-        direction,
-        lane.id,
-        float(x),
-        float(y),
-        ux / length,
-        uy / length,
-        lane.width / 2,
-        inner.then(outer),
-    )
-
-
-@lru_cache(maxsize=1024)
-def leg_of(town: Town, lane_id: str) -> Leg:
-    """The leg that a lane of the town makes."""
-    approach = town.approach_of_lane(lane_id)
-    gates: tuple[Gate, ...] = ()
-    if approach is not None:
-        gates = tuple(
-            _gate(exit_.direction, Path(exit_.path), town.lanes[exit_.lane]) for exit_ in approach.exits.values()
-        )
-    exits = np.zeros((len(DIRECTIONS), PATH_POINTS, 2), np.float32)
-    mask = np.zeros(len(DIRECTIONS), np.int8)
-    for gate in gates:
-        row = DIRECTIONS.index(gate.direction)
-        exits[row] = gate.path.sample(0.0, PATH_POINTS)
-        mask[row] = 1
-    return Leg(Path(town.lanes[lane_id].centreline), approach, gates, exits, mask)
+_COMMANDS: Final = {int(command): command for command in Command}
 
 
 class Pose(NamedTuple):
@@ -122,7 +31,8 @@ class Pose(NamedTuple):
 
 def start_pose(town: Town, trial: Trial) -> Pose:
     """Where a trial begins: before the stop line, beside the lane's centre line and turned as the trial says."""
-    lane = leg_of(town, town.approach(trial.approach).lane).lane
+    roads = roads_of(town)
+    lane = roads.lanes[roads.legs[town.approach(trial.approach).lane]]
     s = max(0.0, lane.length - trial.start.distance)
     i = min(max(int(np.searchsorted(lane.along, s, side="right")) - 1, 0), len(lane.along) - 2)
     (ax, ay), (bx, by) = lane.points[i].tolist(), lane.points[i + 1].tolist()
@@ -153,83 +63,54 @@ class Guidance(NamedTuple):
     """Of the route's path there, radians."""
 
 
+def guidance_of(roads: Roads, command: int, leg: int, travelled: float, lateral: float, heading: float) -> Guidance:
+    """What ``guide.update`` returned, with the words' own names."""
+    return Guidance(_COMMANDS[command], roads.approaches[leg] if leg >= 0 else None, travelled, lateral, heading)
+
+
+def set_out(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64]) -> NDArray[np.uint32]:
+    """Put an ego's progress (``guide.PROGRESS_INTS``) to the begin of a trial; returns its route's draws."""
+    leg = roads.legs[town.approach(trial.approach).lane]
+    progress[:] = 0
+    progress[guide.P_LEG] = leg
+    progress[guide.P_GATE] = roads.gate_of(leg, trial.route)
+    progress[guide.P_AFTER] = -1
+    return guide.draws(random.Random(f"route {trial.seed}"))  # of its own: no other draw shifts the route
+
+
 class Navigator:
     """Follows the car along its route, decision by decision."""
 
-    __slots__ = ("_after", "_beyond", "_direction", "_inside", "_leg", "_random", "_s", "_town")
+    __slots__ = ("_places", "_progress", "_roads", "_tables", "_words")
 
     def __init__(self, town: Town, trial: Trial) -> None:
-        self._town = town
-        self._random = random.Random(f"route {trial.seed}")  # of its own: no other draw shifts the route
-        self._leg = leg_of(town, town.approach(trial.approach).lane)
-        self._direction: Command | None = trial.route
-        self._beyond: Path | None = self._leg.gate(trial.route).path
-        self._inside = False
-        self._s = 0.0
-        # Whose window still holds past its exit line: approach, command, and metres travelled at the exit line.
-        self._after: tuple[Approach, Command, float] | None = None
+        self._roads = roads_of(town)
+        self._tables = self._roads.tables
+        self._progress = np.empty(guide.PROGRESS_INTS, np.int64)
+        self._places = np.zeros(guide.PROGRESS_FLOATS)
+        self._words = set_out(self._roads, town, trial, self._progress)
 
     def update(self, x: float, y: float) -> Guidance:
         """Take in where the body's centre is now."""
-        leg = self._leg
-        if self._inside:
-            for gate in leg.gates:
-                if gate.taken(x, y):
-                    self._leave(gate)
-                    leg = self._leg
-                    break
-            else:
-                return self._within(leg, x, y)
-        lane = leg.lane
-        s, lateral, heading = project(lane.points, lane.along, x, y)
-        self._s = s
-        if self._after is not None:
-            if s <= WINDOW_AFTER:
-                approach, command, travelled = self._after
-                return Guidance(command, approach, travelled + s, lateral, heading)
-            self._after = None
-        if self._direction is None:
-            return Guidance(Command.LANE_FOLLOW, None, math.inf, lateral, heading)
-        left = lane.length - s
-        if left <= _AT_END:
-            self._inside = True
-            return self._within(leg, x, y)
-        command = self._direction if left <= WINDOW_BEFORE else Command.LANE_FOLLOW
-        return Guidance(command, leg.approach, WINDOW_BEFORE - left, lateral, heading)
-
-    def _within(self, leg: Leg, x: float, y: float) -> Guidance:
-        assert self._beyond is not None
-        assert self._direction is not None
-        s, lateral, heading = project(self._beyond.points, self._beyond.along, x, y)
-        self._s = s
-        return Guidance(self._direction, leg.approach, WINDOW_BEFORE + s, lateral, heading)
-
-    def _leave(self, gate: Gate) -> None:
-        """Plan anew from the lane of an exit that was taken, the route's or not."""
-        assert self._leg.approach is not None
-        assert self._direction is not None
-        inner = gate.path.length - leg_of(self._town, gate.lane).lane.length
-        self._after = (self._leg.approach, self._direction, WINDOW_BEFORE + inner)
-        self._leg = leg_of(self._town, gate.lane)
-        self._inside = False
-        self._direction = self._beyond = None
-        if self._leg.gates:
-            onward = self._random.choice(self._leg.gates)
-            self._direction, self._beyond = onward.direction, onward.path
+        found = guide.update(*self._tables, self._words, self._progress, self._places, x, y)
+        return guidance_of(self._roads, *found)
 
     @property
     def stop_line(self) -> float:
         """Metres along the lane to the stop line ahead; -1 within the junction and where none lies within 60 m."""
-        left = self._leg.lane.length - self._s
-        return -1.0 if self._inside or self._leg.approach is None or left > SIGHT else left
+        left: float = guide.stop_line(self._roads.ints, self._roads.floats, self._progress, self._places)
+        return left
 
     def lane_ahead(self) -> NDArray[np.float32]:
         """(60, 2): the lane's centre line ahead, as an observation shows it."""
-        lane = self._leg.lane
-        return lane.sample(lane.length if self._inside else self._s, PATH_POINTS)
+        out = np.empty((PATH_POINTS, 2), np.float32)
+        guide.lane_ahead(*self._tables, self._progress, self._places, out)
+        return out
 
     def exits(self) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
         """(3, 60, 2) and (3,): the junction's exits and which there are, as an observation shows them."""
-        if self._inside or self.stop_line >= 0.0:
-            return self._leg.exits.copy(), self._leg.exits_mask.copy()
-        return np.zeros_like(self._leg.exits), np.zeros_like(self._leg.exits_mask)
+        leg = int(self._progress[guide.P_LEG])
+        shown, mask = self._roads.exits[leg], self._roads.exits_mask[leg]
+        if self._progress[guide.P_INSIDE] or self.stop_line >= 0.0:
+            return shown.copy(), mask.copy()
+        return np.zeros_like(shown), np.zeros_like(mask)

@@ -1,0 +1,164 @@
+"""The navigator's progress, compiled: what one place of the car makes of its way along the route.
+
+A town's lanes and exits are runs of numbers (:class:`~wrongturn_sim.roads.Roads`), and so is an ego's progress;
+:class:`~wrongturn_sim.route.Navigator` keeps one, an environment of many egos keeps a row of them for each.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from wrongturn_sim.polyline import fill, project
+
+Array = np.ndarray[Any, Any]
+
+WINDOW_BEFORE = 15.0
+"""The command is named from so far before the stop line on, metres along the lane."""
+WINDOW_AFTER = 5.0
+"""And until so far past the exit line."""
+SIGHT = 60.0
+"""Stop lines and exits are shown within this distance, metres."""
+GATE_DEPTH = 30.0
+"""An exit was taken by a car that is in its lane within so far of the exit line, metres."""
+LANE_FOLLOW = 4
+"""The command outside windows."""
+_AT_END = 1e-6
+
+# A leg's ints: where its lane's points are, its approach (1: the lane leads into a junction), the direction that the
+# approach lacks (0: none), and its exits; for each exit direction, leg, and where its path's points are.
+L_FIRST, L_END, L_APPROACH, L_MISSING, L_GATES, L_GATE = 0, 1, 2, 3, 4, 5
+GATE_INTS = 4
+G_DIRECTION, G_LEG, G_FIRST, G_END = 0, 1, 2, 3
+LEG_INTS = L_GATE + 3 * GATE_INTS
+# And its floats: the lane's length; for each exit where its lane begins, the unit vector along it there, half its
+# width, and the length of the path to the exit line.
+F_LENGTH, F_GATE = 0, 1
+GATE_FLOATS = 6
+G_X, G_Y, G_UX, G_UY, G_HALF_WIDTH, G_INNER = 0, 1, 2, 3, 4, 5
+LEG_FLOATS = F_GATE + 3 * GATE_FLOATS
+
+# An ego's progress: the leg; which of its exits the route takes (-1: there is none); whether the car is in the
+# junction; the leg whose window still holds past its exit line (-1: none) and that window's command; draws made.
+P_LEG, P_GATE, P_INSIDE, P_AFTER, P_AFTER_COMMAND, P_DRAWN = 0, 1, 2, 3, 4, 5
+PROGRESS_INTS = 6
+# Metres along the lane, or along the route's path in the junction; metres travelled in that window at its exit line.
+P_S, P_AFTER_TRAVELLED = 0, 1
+PROGRESS_FLOATS = 2
+
+DRAWS = 64
+"""Random words of an ego's route; an exit takes two or fewer on average, and they go round."""
+
+
+@njit(cache=True)
+def taken(floats: Array, leg: int, k: int, x: float, y: float) -> bool:
+    """Whether a point lies in the lane of a leg's exit, shortly past the exit line."""
+    gate = F_GATE + GATE_FLOATS * k
+    dx = x - floats[leg, gate + G_X]
+    dy = y - floats[leg, gate + G_Y]
+    ux = floats[leg, gate + G_UX]
+    uy = floats[leg, gate + G_UY]
+    half = floats[leg, gate + G_HALF_WIDTH]
+    within: bool = 0.0 <= dx * ux + dy * uy <= GATE_DEPTH and -half <= ux * dy - uy * dx <= half
+    return within
+
+
+@njit(cache=True)
+def choose(words: Array, progress: Array, count: int) -> Any:
+    """One of so many exits, at most three, as ``random.choice`` draws: a word's highest bits, until they are one."""
+    shift = 31 if count == 1 else 30
+    for _ in range(DRAWS):
+        pick = words[progress[P_DRAWN] % DRAWS] >> shift
+        progress[P_DRAWN] += 1
+        if pick < count:
+            return np.int64(pick)
+    return 0
+
+
+@njit(cache=True)
+def leave(ints: Array, floats: Array, words: Array, progress: Array, places: Array, k: int) -> None:
+    """Plan anew from the lane of an exit that was taken, the route's or not."""
+    leg = progress[P_LEG]
+    progress[P_AFTER] = leg
+    progress[P_AFTER_COMMAND] = ints[leg, L_GATE + GATE_INTS * progress[P_GATE] + G_DIRECTION]
+    places[P_AFTER_TRAVELLED] = WINDOW_BEFORE + floats[leg, F_GATE + GATE_FLOATS * k + G_INNER]
+    leg = ints[leg, L_GATE + GATE_INTS * k + G_LEG]
+    progress[P_LEG] = leg
+    progress[P_INSIDE] = 0
+    progress[P_GATE] = choose(words, progress, ints[leg, L_GATES]) if ints[leg, L_GATES] > 0 else -1
+
+
+@njit(cache=True)
+def update(
+    points: Array, along: Array, ints: Array, floats: Array, words: Array, progress: Array, places: Array,
+    x: float, y: float,
+) -> tuple[int, int, float, float, float]:  # fmt: skip
+    """Take in where the body's centre is now.
+
+    Args:
+        points: (N, 2) of all lines of the town.
+        along: (N,), their distances.
+        ints: (legs, LEG_INTS).
+        floats: (legs, LEG_FLOATS).
+        words: (DRAWS,) uint32 of the ego's route.
+        progress: (PROGRESS_INTS,), changed.
+        places: (PROGRESS_FLOATS,), changed.
+        x: metres.
+        y: metres.
+
+    Returns:
+        The route's command; the leg whose approach the window belongs to or, outside a window, is ahead (-1: none);
+        metres travelled from the window's begin on; beside the path, metres; heading of the path, radians.
+    """
+    leg = progress[P_LEG]
+    if progress[P_INSIDE]:
+        for k in range(ints[leg, L_GATES]):
+            if taken(floats, leg, k, x, y):
+                leave(ints, floats, words, progress, places, k)
+                leg = progress[P_LEG]
+                break
+    if not progress[P_INSIDE]:
+        s, lateral, heading = project(points, along, ints[leg, L_FIRST], ints[leg, L_END], x, y)
+        places[P_S] = s
+        if progress[P_AFTER] >= 0:
+            if s <= WINDOW_AFTER:
+                travelled = places[P_AFTER_TRAVELLED] + s
+                return progress[P_AFTER_COMMAND], progress[P_AFTER], travelled, lateral, heading
+            progress[P_AFTER] = -1
+        if progress[P_GATE] < 0:
+            return LANE_FOLLOW, -1, math.inf, lateral, heading
+        left = floats[leg, F_LENGTH] - s
+        if left > _AT_END:
+            command = LANE_FOLLOW
+            if left <= WINDOW_BEFORE:
+                command = ints[leg, L_GATE + GATE_INTS * progress[P_GATE] + G_DIRECTION]
+            return command, leg, WINDOW_BEFORE - left, lateral, heading
+        progress[P_INSIDE] = 1
+    gate = L_GATE + GATE_INTS * progress[P_GATE]
+    s, lateral, heading = project(points, along, ints[leg, gate + G_FIRST], ints[leg, gate + G_END], x, y)
+    places[P_S] = s
+    return ints[leg, gate + G_DIRECTION], leg, WINDOW_BEFORE + s, lateral, heading
+
+
+@njit(cache=True)
+def stop_line(ints: Array, floats: Array, progress: Array, places: Array) -> float:
+    """Metres along the lane to the stop line ahead; -1 within the junction and where none lies within 60 m."""
+    leg = progress[P_LEG]
+    left = floats[leg, F_LENGTH] - places[P_S]
+    return -1.0 if progress[P_INSIDE] or not ints[leg, L_APPROACH] or left > SIGHT else left
+
+
+@njit(cache=True)
+def lane_ahead(
+    points: Array, along: Array, ints: Array, floats: Array, progress: Array, places: Array, out: Array
+) -> None:
+    """The lane's centre line ahead into ``out`` (n, 2), 1 m apart: from the car on, or the end within the junction."""
+    leg = progress[P_LEG]
+    begin = floats[leg, F_LENGTH] if progress[P_INSIDE] else places[P_S]
+    fill(points, along, ints[leg, L_FIRST], ints[leg, L_END], begin, out)
+
+
+def draws(random: Any) -> Array:
+    """The words of an ego's route, of a ``random.Random`` of its own."""
+    return np.frombuffer(random.getrandbits(32 * DRAWS).to_bytes(4 * DRAWS, "little"), "<u4").copy()

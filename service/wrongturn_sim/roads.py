@@ -1,0 +1,108 @@
+"""A town's lanes and exits as the runs of numbers that ``guide.py`` reads."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_networks import Approach, Town
+from wrongturn_protocol import DIRECTIONS, Command
+from wrongturn_protocol.observations import PATH_POINTS
+from wrongturn_sim import guide
+from wrongturn_sim.polyline import Path, Points
+
+
+@dataclass(frozen=True, eq=False)
+class Roads:
+    """All lanes for cars of a town, each a *leg* with the junction at its end; read-only."""
+
+    points: Points
+    """(N, 2), metres: of every lane, and of every exit's path from the stop line through the junction and along its
+    lane."""
+    along: Points
+    """(N,): distances along each line, metres."""
+    ints: NDArray[np.int64]
+    """(legs, LEG_INTS)"""
+    floats: NDArray[np.float64]
+    """(legs, LEG_FLOATS)"""
+    exits: NDArray[np.float32]
+    """(legs, 3, 60, 2): what an observation shows of the exits; zeros for those that are not there."""
+    exits_mask: NDArray[np.int8]
+    """(legs, 3)"""
+    legs: Mapping[str, int]
+    """The row of each lane, by its id."""
+    lanes: tuple[Path, ...]
+    """Centre lines, by row."""
+    approaches: tuple[Approach | None, ...]
+    """By row; None where the lane leads into no junction."""
+
+    def gate_of(self, leg: int, direction: Command) -> int:
+        """Which of a leg's exits has a direction; KeyError where none has."""
+        approach = self.approaches[leg]
+        for k, known in enumerate(approach.exits if approach is not None else ()):
+            if known is direction:
+                return k
+        raise KeyError(direction)
+
+    @property
+    def tables(self) -> tuple[Points, Points, NDArray[np.int64], NDArray[np.float64]]:
+        """What ``guide.update`` takes first."""
+        return self.points, self.along, self.ints, self.floats
+
+
+@lru_cache(maxsize=16)
+def roads_of(town: Town) -> Roads:
+    """The roads of a town; made once."""
+    legs = {name: row for row, name in enumerate(town.lanes)}
+    lanes = tuple(Path(lane.centreline) for lane in town.lanes.values())
+    approaches = tuple(town.approach_of_lane(name) for name in town.lanes)
+    lines: list[Path] = []
+    begins = [0]
+
+    def put(path: Path) -> tuple[int, int]:
+        lines.append(path)
+        begins.append(begins[-1] + len(path.points))
+        return begins[-2], begins[-1]
+
+    ints = np.zeros((len(legs), guide.LEG_INTS), np.int64)
+    floats = np.zeros((len(legs), guide.LEG_FLOATS))
+    exits = np.zeros((len(legs), len(DIRECTIONS), PATH_POINTS, 2), np.float32)
+    mask = np.zeros((len(legs), len(DIRECTIONS)), np.int8)
+    for leg, (lane, approach) in enumerate(zip(lanes, approaches, strict=True)):
+        ints[leg, guide.L_FIRST : guide.L_END + 1] = put(lane)
+        floats[leg, guide.F_LENGTH] = lane.length
+        if approach is None:
+            continue
+        ints[leg, guide.L_APPROACH] = 1
+        ints[leg, guide.L_MISSING] = approach.type.missing or 0
+        ints[leg, guide.L_GATES] = len(approach.exits)
+        for k, exit_ in enumerate(approach.exits.values()):
+            onward = legs[exit_.lane]
+            path = Path(exit_.path).then(lanes[onward])
+            at = guide.L_GATE + guide.GATE_INTS * k
+            ints[leg, at : at + guide.GATE_INTS] = int(exit_.direction), onward, *put(path)
+            (x, y), (x2, y2) = lanes[onward].points[:2].tolist()
+            ux, uy = x2 - x, y2 - y
+            length = math.sqrt(ux * ux + uy * uy)
+            half_width = town.lanes[exit_.lane].width / 2
+            at = guide.F_GATE + guide.GATE_FLOATS * k
+            floats[leg, at : at + guide.GATE_FLOATS] = (
+                x,
+                y,
+                ux / length,
+                uy / length,
+                half_width,
+                path.length - lanes[onward].length,
+            )
+            row = DIRECTIONS.index(exit_.direction)
+            exits[leg, row] = path.sample(0.0, PATH_POINTS)
+            mask[leg, row] = 1
+    points = np.concatenate([line.points for line in lines])
+    along = np.concatenate([line.along for line in lines])
+    for array in (points, along, ints, floats, exits, mask):
+        array.setflags(write=False)
+    return Roads(points, along, ints, floats, exits, mask, MappingProxyType(legs), lanes, approaches)
