@@ -26,7 +26,7 @@ if TYPE_CHECKING:
         SimulatorInUseError,
         SimulatorUnavailableError,
         TrackNotAvailableError,
-        TrafficNotAvailableError,
+        TrafficTooDenseError,
         TrajectoryError,
     )
     from wrongturn_sim.faults import FaultNotApplicableError, available_faults
@@ -53,7 +53,7 @@ _HOME = {
     "SimulatorUnavailableError": "errors",
     "Step": "episode",
     "TrackNotAvailableError": "errors",
-    "TrafficNotAvailableError": "errors",
+    "TrafficTooDenseError": "errors",
     "Trajectory": "trajectory",
     "TrajectoryError": "errors",
     "Vehicle": "ego",
@@ -93,7 +93,7 @@ __all__ = [
     "SimulatorUnavailableError",
     "Step",
     "TrackNotAvailableError",
-    "TrafficNotAvailableError",
+    "TrafficTooDenseError",
     "Trajectory",
     "TrajectoryError",
     "Vehicle",

@@ -12,13 +12,13 @@ from wrongturn_sim.errors import (
     EpisodeAlreadyFinishedError,
     EpisodeNotStartedError,
     InvalidActionError,
-    TrafficNotAvailableError,
 )
 from wrongturn_sim.faults import CommandFault, make_fault
 from wrongturn_sim.observation import check_track, observe_privileged, observe_state
 from wrongturn_sim.reward import reward
 from wrongturn_sim.route import Guidance, Navigator, start_pose
 from wrongturn_sim.simulator import Drive, Simulator
+from wrongturn_sim.traffic import plan_traffic
 from wrongturn_sim.trajectory import Row, Trajectory
 from wrongturn_sim.verdict import Judge, JudgeGeometry
 
@@ -73,21 +73,18 @@ class Episode:
     Raises:
         FaultNotApplicableError: this version or the approach does not admit the fault.
         TrackNotAvailableError: the track needs the camera.
-        TrafficNotAvailableError: the trial has other road users.
+        TrafficTooDenseError: the town has no room for so many other road users.
     """
 
     def __init__(self, trial: Trial, track: Track, *, simulator: Simulator | None = None) -> None:
         check_track(track)
-        if trial.traffic.vehicles or trial.traffic.pedestrians:
-            raise TrafficNotAvailableError(
-                "traffic: other road users are not there yet; take 0 vehicles and pedestrians"
-            )
         self.trial = trial
         self.track = track
         self.town = load_town(trial.town)
         self.geometry = JudgeGeometry.of(self.town, trial)
         self._approach = self.town.approach(trial.approach)
         self._fault: CommandFault = make_fault(trial)
+        self._traffic = plan_traffic(self.town, trial, start_pose(self.town, trial))
         self._simulator = simulator or Simulator()
         self._privileged = track is Track.PRIVILEGED
         self._drive: Drive | None = None
@@ -106,7 +103,7 @@ class Episode:
         trial = self.trial
         pose = start_pose(self.town, trial)
         edge = self.town.lanes[self._approach.lane].edge
-        self._drive = self._simulator.begin(self.town.net_file, edge, *pose, seed=trial.seed)
+        self._drive = self._simulator.begin(self.town.net_file, edge, *pose, seed=trial.seed, traffic=self._traffic)
         self._state: State = (*pose, trial.start.speed, 0.0)
         self._navigator = Navigator(self.town, trial)
         self._fault = make_fault(trial)
@@ -115,7 +112,8 @@ class Episode:
         self.trajectory = Trajectory(trial, self.town.sha256)
         self.steps = self._sub_steps = 0
         self._guide()
-        row = Row(0.0, *self._state, int(self._command), int(self._guidance.command), 0.0, 0.0, 0.0)
+        users = self._drive.road_users()
+        row = Row(0.0, *self._state, int(self._command), int(self._guidance.command), 0.0, 0.0, 0.0, users)
         self.trajectory.append(row)
         self.outcome = self._judge.observe(row)
         return self._observe()

@@ -7,7 +7,7 @@
     ├── EpisodeNotStartedError               a step before the first reset
     ├── EpisodeAlreadyFinishedError          a step after the end
     ├── TrackNotAvailableError (ValueError)  the track's sensors are not there
-    ├── TrafficNotAvailableError (ValueError) the trial has other road users
+    ├── TrafficTooDenseError (ValueError)    the trial has more road users than its town has room for
     ├── TrajectoryError (ValueError)         bytes that are no trajectory
     └── SimulatorError
         ├── SimulatorUnavailableError        libsumo cannot be loaded
@@ -38,8 +38,8 @@ class TrackNotAvailableError(SimError, ValueError):
     """The track's sensors are not there."""
 
 
-class TrafficNotAvailableError(SimError, ValueError):
-    """The trial has other road users, which this version cannot carry."""
+class TrafficTooDenseError(SimError, ValueError):
+    """The trial has more road users than its town has room for; the message names the field and the room."""
 
 
 class TrajectoryError(SimError, ValueError):

@@ -11,12 +11,17 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_sim.crowd import OTHERS, Crowd
 from wrongturn_sim.ego import SUB_STEP, VEHICLE
 from wrongturn_sim.errors import (
     SimulatorFailedError,
     SimulatorInUseError,
     SimulatorUnavailableError,
 )
+from wrongturn_sim.traffic import TrafficPlan
 from wrongturn_sim.trajectory import RoadUser
 
 EGO: Final = "ego"
@@ -39,6 +44,9 @@ _OPTIONS: Final = (
 )
 _HALF_LENGTH: Final = VEHICLE.half_length
 _DEGREES: Final = 180.0 / math.pi
+_SETTLING: Final = 10
+_NOBODY: Final = np.empty((0, OTHERS))
+_NOBODY.setflags(write=False)
 
 
 class _Process:
@@ -46,6 +54,7 @@ class _Process:
 
     sumo: ModuleType | None = None
     net: Path | None = None
+    """Which net is loaded, while nobody but an ego has driven in it."""
     holder: object = None
 
 
@@ -129,15 +138,58 @@ class Drive:
             raise SimulatorFailedError(f"SUMO refused a sub-step: {error}; reset the environment") from error
 
     def road_users(self) -> tuple[RoadUser, ...]:
-        """The others near the car, nearest first; none, since there is no traffic yet."""
+        """The others within 80 m of the car, nearest first."""
         return ()
+
+    def others(self) -> NDArray[np.float64]:
+        """The same for pictures, float64 (n, 8): x, y, yaw, length, width, height, kind, colour.
+
+        Kind is 0 for a vehicle and 1 for a pedestrian; a colour is a number that stays with its bearer.
+        """
+        return _NOBODY
+
+
+class _CrowdedDrive(Drive):
+    """A drive with traffic."""
+
+    __slots__ = ("_crowd",)
+
+    def __init__(self, move: Callable[..., Any], step: Callable[..., Any], crowd: Crowd) -> None:
+        super().__init__(move, step)
+        self._crowd = crowd
+
+    def move(self, x: float, y: float, yaw: float) -> None:
+        super().move(x, y, yaw)
+        try:
+            self._crowd.look(x, y)
+        except Exception as error:
+            _Process.holder = None
+            raise SimulatorFailedError(f"SUMO does not tell its traffic: {error}; reset the environment") from error
+
+    def road_users(self) -> tuple[RoadUser, ...]:
+        return self._crowd.road_users()
+
+    def others(self) -> NDArray[np.float64]:
+        return self._crowd.others()
 
 
 class Simulator:
     """SUMO as an episode sees it: begin a drive in a town's net, the only one of this process from then on."""
 
-    def begin(self, net: Path, edge: str, x: float, y: float, yaw: float, *, seed: int) -> Drive:
+    def begin(
+        self,
+        net: Path,
+        edge: str,
+        x: float,
+        y: float,
+        yaw: float,
+        *,
+        seed: int,
+        traffic: TrafficPlan | None = None,
+    ) -> Drive:
         """Take the process's simulation, with the net loaded, and put a new car into it.
+
+        With traffic the net is loaded freshly and not kept, since SUMO's drivers depend on all that was drawn before.
 
         Args:
             net: the town's ``.net.xml``; it is kept loaded between episodes.
@@ -146,11 +198,14 @@ class Simulator:
             y: of the body's centre, metres.
             yaw: radians, counter-clockwise from east.
             seed: SUMO's own, used when the net is loaded.
+            traffic: who else there is.
 
         Raises:
             SimulatorUnavailableError: libsumo cannot be loaded.
             SimulatorFailedError: SUMO cannot load the net, or does not know the edge.
         """
+        if traffic is not None:
+            _Process.net = None
         sumo = _start(net, seed % 2**31)
         drive = Drive(sumo.vehicle.moveToXY, sumo.simulationStep)
         _Process.holder = drive
@@ -166,4 +221,24 @@ class Simulator:
             _Process.net = _Process.holder = None
             raise SimulatorFailedError(f"SUMO cannot place the car on edge {edge}: {error}") from error
         drive.move(x, y, yaw)
+        if traffic is not None:
+            return self._populate(sumo, traffic, x, y, yaw)
+        return drive
+
+    @staticmethod
+    def _populate(sumo: ModuleType, traffic: TrafficPlan, x: float, y: float, yaw: float) -> Drive:
+        """Let the others in, now that they see where the car is."""
+        _Process.net = None
+        crowd = Crowd(sumo, traffic)
+        try:
+            crowd.enter()
+        except Exception as error:
+            _Process.holder = None
+            raise SimulatorFailedError(f"SUMO cannot place the traffic: {error}") from error
+        drive = _CrowdedDrive(sumo.vehicle.moveToXY, sumo.simulationStep, crowd)
+        _Process.holder = drive
+        for _ in range(_SETTLING):
+            drive.move(x, y, yaw)
+            if not crowd.missing():
+                break
         return drive

@@ -6,13 +6,12 @@ import sys
 import numpy as np
 import pytest
 
-from wrongturn_protocol import Track, Traffic, Trial
+from wrongturn_protocol import Track
 from wrongturn_sim import (
     Episode,
     EpisodeAlreadyFinishedError,
     EpisodeNotStartedError,
     InvalidActionError,
-    TrafficNotAvailableError,
     Trajectory,
     judge,
 )
@@ -159,10 +158,3 @@ def test_abort(make_trial):
     assert episode.abort() == outcome
     with pytest.raises(EpisodeAlreadyFinishedError):
         episode.step(0.0, 0.0, 0.0)
-
-
-def test_traffic_is_not_there_yet(make_trial):
-    trial = make_trial()
-    assert isinstance(trial, Trial)
-    with pytest.raises(TrafficNotAvailableError, match="traffic"):
-        Episode(trial.model_copy(update={"traffic": Traffic(vehicles=3)}), Track.STATE)

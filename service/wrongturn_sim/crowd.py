@@ -1,0 +1,139 @@
+"""The other road users while an episode runs: put into SUMO, and seen from the ego."""
+
+import math
+from types import ModuleType
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_sim.traffic import TrafficPlan, Trip
+from wrongturn_sim.trajectory import RoadUser
+
+SIGHT: Final = 80.0
+"""Others are seen up to here, metres between the bodies' centres."""
+VEHICLE_KIND: Final = 0
+PEDESTRIAN_KIND: Final = 1
+PEDESTRIAN_SIZE: Final = 0.5
+"""Length and width of somebody on foot, metres."""
+OTHERS: Final = 8
+"""Numbers to each of the others: x, y, yaw, length, width, height, kind, colour."""
+_END: Final = 0.5  # metres short of a sidewalk's end, where a walk ends
+_QUARTER: Final = math.pi / 2
+_NEAR: Final = (SIGHT + 5.0) ** 2
+_SQUARE: Final = SIGHT**2
+
+
+class _Looks(NamedTuple):
+    """What does not change about somebody."""
+
+    number: int
+    length: float
+    width: float
+    height: float
+    kind: int
+    colour: int
+
+
+class Crowd:
+    """The road users of one drive.
+
+    Args:
+        sumo: the libsumo module, with the town's net freshly loaded.
+        plan: who there is to be.
+    """
+
+    __slots__ = ("_later", "_looks", "_plan", "_seen", "_sumo")
+
+    def __init__(self, sumo: ModuleType, plan: TrafficPlan) -> None:
+        self._sumo = sumo
+        self._plan = plan
+        self._looks: dict[str, _Looks] = {}
+        self._later: dict[str, list[Trip]] = {}
+        self._seen: list[tuple[float, int, RoadUser, _Looks]] = []
+
+    def enter(self) -> None:
+        """Have everybody come in with SUMO's next step."""
+        sumo, plan = self._sumo, self._plan
+        for body in sorted({car.body for car in plan.cars}, key=lambda body: body.name):
+            kind = _type(body.name)
+            sumo.vehicletype.copy("DEFAULT_VEHTYPE", kind)
+            sumo.vehicletype.setLength(kind, body.length)
+            sumo.vehicletype.setWidth(kind, body.width)
+            sumo.vehicletype.setHeight(kind, body.height)
+        for k, car in enumerate(plan.cars):
+            name, body = f"v{k}", car.body
+            self._looks[name] = _Looks(k, body.length, body.width, body.height, VEHICLE_KIND, car.colour)
+            self._later[name] = list(car.trips[::-1])
+            self._depart(name)
+        for k, person in enumerate(plan.pedestrians):
+            name = f"p{k}"
+            number = len(plan.cars) + k
+            self._looks[name] = _Looks(
+                number, PEDESTRIAN_SIZE, PEDESTRIAN_SIZE, person.height, PEDESTRIAN_KIND, person.colour
+            )
+            first, last = (sumo.lane.getLength(f"{person.edges[i]}_0") for i in (0, -1))
+            sumo.person.add(name, person.edges[0], person.at * first)
+            goal = min(max(person.until * last, _END), last - _END)
+            sumo.person.appendWalkingStage(name, person.edges, goal, speed=person.speed)
+
+    def _depart(self, name: str) -> None:
+        """Send a car on its next trip; it stays away where none is left."""
+        if not self._later[name]:
+            return
+        sumo = self._sumo
+        trip = self._later[name].pop()
+        route = f"{name} {len(self._later[name])}"
+        sumo.route.add(route, trip.edges)
+        lane = trip.lane.removeprefix(f"{trip.edges[0]}_")
+        at = trip.at * sumo.lane.getLength(trip.lane)
+        kind = _type(self._plan.cars[self._looks[name].number].body.name)
+        sumo.vehicle.add(name, route, kind, depart="now", departLane=lane, departPos=repr(at), departSpeed="max")
+
+    def look(self, x: float, y: float) -> None:
+        """See who is near a point, and bring back the cars that left the town."""
+        sumo = self._sumo
+        seen = self._seen = []
+        for name in sumo.simulation.getArrivedIDList():
+            if name in self._later:
+                self._depart(name)
+        for domain in (sumo.vehicle, sumo.person) if self._plan.pedestrians else (sumo.vehicle,):
+            position = domain.getPosition
+            for name in domain.getIDList():
+                px, py = position(name)
+                dx, dy = px - x, py - y
+                if dx * dx + dy * dy > _NEAR or (looks := self._looks.get(name)) is None:
+                    continue
+                # SUMO's angle runs clockwise from north; a car's position is the front bumper's centre.
+                yaw = round(math.remainder(_QUARTER - math.radians(domain.getAngle(name)), math.tau), 4)
+                if looks.kind == VEHICLE_KIND:
+                    px -= looks.length / 2 * math.cos(yaw)
+                    py -= looks.length / 2 * math.sin(yaw)
+                # Millimetres are enough, and keep the record short.
+                px, py = round(px, 3), round(py, 3)
+                dx, dy = px - x, py - y
+                square = dx * dx + dy * dy
+                if square <= _SQUARE:
+                    user = (px, py, yaw, looks.length, looks.width, round(domain.getSpeed(name), 3))
+                    seen.append((square, looks.number, user, looks))
+        seen.sort()
+
+    def road_users(self) -> tuple[RoadUser, ...]:
+        """Who was seen, nearest first."""
+        return tuple(user for _, _, user, _ in self._seen)
+
+    def others(self) -> NDArray[np.float64]:
+        """The same as (n, 8): x, y, yaw, length, width, height, kind, colour."""
+        rows = np.empty((len(self._seen), OTHERS))
+        for row, (_, _, user, looks) in zip(rows, self._seen, strict=True):
+            row[:] = *user[:5], looks.height, looks.kind, looks.colour
+        return rows
+
+    def missing(self) -> int:
+        """How many have not come in yet."""
+        here: int = self._sumo.vehicle.getIDCount() + self._sumo.person.getIDCount() - 1
+        return len(self._looks) - here
+
+
+def _type(body: str) -> str:
+    return f"wrongturn-{body}"
