@@ -247,7 +247,7 @@ class LeaderboardEntry(Metrics):
     entry: Entry
     evaluation: str
     cancelled: int = 0
-    """Evaluations on the suite that the agent began to drive and cancelled: who cancels until one is lucky, shows it."""
+    """Evaluations on the suite that it began to drive and cancelled: who cancels until one is lucky, shows it."""
 
 
 class Leaderboard(Message):

@@ -144,7 +144,7 @@ class Store:
             .group_by(EvaluationRow.agent_id)
         )
         async with self._database.read() as session:
-            return {agent: count for agent, count in (await session.execute(query)).all()}
+            return dict((await session.execute(query)).tuples().all())
 
     async def first_finished(self, suite: str) -> Sequence[tuple[EvaluationRow, AgentRow]]:
         """Each agent's first finished evaluation on a suite, which is the one that counts."""
