@@ -7,7 +7,7 @@ from rich.table import Table
 from wrongturn_client.client import Client
 from wrongturn_client.errors import WrongturnError
 from wrongturn_client.plugins import LISTINGS, entry_points, load
-from wrongturn_client.tables import TypeHead
+from wrongturn_client.tables import type_head
 from wrongturn_protocol import JunctionType
 
 Listed = Literal["agents", "suites", "towns"]
@@ -66,7 +66,7 @@ def _suites(items: list[dict[str, Any]]) -> Table:
 def _towns(items: list[dict[str, Any]]) -> Table:
     table = Table("town", "junctions", box=None, header_style="bold", pad_edge=False)
     for kind in JunctionType:
-        table.add_column(TypeHead(kind), justify="right")
+        table.add_column(type_head(kind), justify="right")
     table.add_column("sha256")
     for item in items:
         counts = (str(item["approaches"].get(kind.value, 0)) for kind in JunctionType)

@@ -25,19 +25,28 @@ def console(*, stderr: bool = False) -> Console:
     return plain if plain.is_terminal else Console(stderr=stderr, highlight=False, width=WIDTH)
 
 
-class TypeHead:
-    """A junction type at the head of a column: on one line, or broken behind its underscores on a narrow terminal."""
+class Breakable:
+    """Words of a fixed column: on one line, or broken behind ``at`` on a narrow terminal, and nowhere else.
 
-    def __init__(self, kind: JunctionType) -> None:
-        self._name = kind.value
-        self._broken = self._name.replace("_", "_\n")
-        self.min_width = max(map(len, self._broken.split("\n")))
+    rich takes room from the widest columns alike, so that the others lose letters; a column of these takes no more
+    than its longest word there and leaves the rest to the agents' names.
+    """
+
+    def __init__(self, words: str, at: str) -> None:
+        self._words = words
+        self._broken = words.replace(at, f"{at}\n")
+        self.min_width = max(len(line.rstrip()) for line in self._broken.split("\n"))
 
     def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
-        return Measurement(self.min_width, len(self._name) if options.max_width >= _ROOMY else self.min_width)
+        return Measurement(self.min_width, len(self._words) if options.max_width >= _ROOMY else self.min_width)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
-        yield Text(self._name if options.max_width >= len(self._name) else self._broken, style="bold")
+        yield Text(self._words if options.max_width >= len(self._words) else self._broken)
+
+
+def type_head(kind: JunctionType) -> Breakable:
+    """A junction type at the head of a column."""
+    return Breakable(kind.value, "_")
 
 
 def leaderboard_table(leaderboard: Leaderboard) -> Table:
@@ -114,14 +123,14 @@ def _types(results: Iterable[Metrics]) -> tuple[JunctionType, ...]:
 def _result_columns(table: Table, types: Sequence[JunctionType]) -> None:
     table.add_column("command")
     for kind in types:
-        head = TypeHead(kind)
+        head = type_head(kind)
         table.add_column(head, justify="right", min_width=head.min_width)
     table.add_column("unsafe\n95% CI", justify="right", no_wrap=True)
     table.add_column("strict", justify="right", no_wrap=True)
     table.add_column("twins\ndone", justify="right", no_wrap=True)
 
 
-def _result_rows(metrics: Metrics, types: Sequence[JunctionType]) -> list[tuple[Text, ...]]:
+def _result_rows(metrics: Metrics, types: Sequence[JunctionType]) -> list[tuple[Text | Breakable, ...]]:
     """A row for each fault; the totals stand in the first, the interval in the second."""
     present = {fault for cells in metrics.table.values() for fault in cells}
     faults = [fault for fault in FaultKind if fault in present or fault in _ROWS]
@@ -134,9 +143,10 @@ def _result_rows(metrics: Metrics, types: Sequence[JunctionType]) -> list[tuple[
         ),
         1: (f"[{100 * low:.0f}, {100 * high:.0f}]%", "", ""),
     }
-    rows = []
+    rows: list[tuple[Text | Breakable, ...]] = []
     for number, fault in enumerate(faults):
         cells = [metrics.table.get(kind, {}).get(fault) for kind in types]
         texts = [f"{cell.unsafe}/{cell.trials}" if cell is not None else "-" for cell in cells]
-        rows.append(tuple(map(Text, (_ROWS.get(fault, fault.value), *texts, *totals.get(number, ("", "", ""))))))
+        command = Breakable(_ROWS.get(fault, fault.value), " ")
+        rows.append((command, *map(Text, (*texts, *totals.get(number, ("", "", ""))))))
     return rows

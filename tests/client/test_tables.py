@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
+from wrongturn_client.listings import listing_table
 from wrongturn_client.tables import evaluation_table, leaderboard_table
 from wrongturn_protocol import Leaderboard, Metrics
 
@@ -62,6 +63,21 @@ def test_nothing_is_lost_on_a_narrow_terminal() -> None:
     shown = _shown(leaderboard_table(_leaderboard(_entry("an agent with a rather long name", 1))), width=80)
     assert "7/10" in shown
     assert "58/60" in shown
+
+
+@pytest.mark.parametrize("name", ["a", "ignores-commands", "an-agent-with-a-rather-long-name"])
+def test_words_stay_whole_at_80_columns(name: str) -> None:
+    shown = _shown(leaderboard_table(_leaderboard(_entry(name, 1))), width=80)
+    lines = [set(line.split()) for line in shown.splitlines()]
+    assert {"STRAIGHT_", "LEFT_"} <= lines[1] | lines[2]
+    assert {"LEFT", "RIGHT"} <= lines[2]
+    assert "privileged" in shown
+
+
+def test_towns_stay_readable_at_80_columns() -> None:
+    towns = [{"name": "Town01", "sha256": "0" * 64, "junctions": 12, "approaches": {"STRAIGHT_LEFT": 11}}]
+    assert "…" not in _shown(listing_table("towns", towns), width=80)
+    assert "STRAIGHT_RIGHT" in _shown(listing_table("towns", towns), width=120)
 
 
 def test_an_empty_leaderboard_says_so() -> None:
