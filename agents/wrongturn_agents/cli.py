@@ -86,6 +86,7 @@ def _run(
 ) -> tuple[str, "EvaluationDetail"]:
     """Run it; gives the agent's name on the leaderboard and the finished evaluation."""
     import os  # noqa: PLC0415
+    from dataclasses import replace  # noqa: PLC0415
 
     from wrongturn_agents.errors import RunError  # noqa: PLC0415
     from wrongturn_agents.progress import report  # noqa: PLC0415
@@ -101,10 +102,14 @@ def _run(
         run_file = RunFile.load(resume)
         if agent is not None and agent != run_file.agent:
             raise RunError(f"AGENT: that run is of {run_file.agent}, not of {agent}; leave AGENT out with --resume")
+        if name is not None:
+            raise RunError("--name: that run has its name already; leave --name out with --resume")
         agent, suite, url = run_file.agent, run_file.suite, url or run_file.url
     if agent is None:
         raise RunError("AGENT: name one, or a run to go on with by --resume; 'wrongturn agents' lists the shipped ones")
     source = resolve(agent)
+    made = source.make()  # what cannot be made takes no name and begins no evaluation
+    source = replace(source, make=lambda: made)
     token = settings.token() if url is not None else None
     if run_file is None and token is not None and name is not None:
         raise RunError("--name: WRONGTURN_TOKEN is the token of an agent that has its name; leave out one of the two")

@@ -6,7 +6,7 @@
     ├── UnknownAgentError        no agent is registered under the name
     ├── AgentImportError         package.module:Class cannot be imported
     ├── NotAnAgentError          it was imported, and it is no agent
-    ├── AgentFailedError         it raised something while it drove
+    ├── AgentFailedError         it raised something while it was made or drove, or gave no action
     ├── ModelFileError           an .onnx file is missing, broken or has other inputs and outputs
     ├── OnnxRuntimeMissingError  the extra ``onnx`` is not installed
     ├── RunError                 a run cannot begin: its name is taken, its track is not in the suite, ...
@@ -31,7 +31,7 @@ class NotAnAgentError(AgentsError):
 
 
 class AgentFailedError(AgentsError):
-    """An agent raised something while it drove; the cause says what."""
+    """An agent raised something while it was made or drove (the cause says what), or gave no action."""
 
 
 class ModelFileError(AgentsError):

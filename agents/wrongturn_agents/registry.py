@@ -18,7 +18,14 @@ from pydantic import BaseModel, ConfigDict
 
 from wrongturn_agents.agent import Agent, kind_of_agent, track_of_agent
 from wrongturn_agents.baselines import AlwaysStops, Careful, IgnoresCommands, ObeysBlindly, Parked
-from wrongturn_agents.errors import AgentImportError, ModelFileError, NotAnAgentError, UnknownAgentError
+from wrongturn_agents.errors import (
+    AgentFailedError,
+    AgentImportError,
+    AgentsError,
+    ModelFileError,
+    NotAnAgentError,
+    UnknownAgentError,
+)
 from wrongturn_protocol import AgentKind, Track
 
 AGENTS: Final = MappingProxyType(
@@ -129,6 +136,10 @@ def _make(named: str, agent: Callable[[], Any]) -> Agent:
         made: Agent = agent()
     except TypeError as error:
         raise NotAnAgentError(f"agent: {named} cannot be made without arguments: {error}") from error
+    except AgentsError:
+        raise
+    except Exception as error:
+        raise AgentFailedError(f"agent: {named} raised {type(error).__name__} when it was made: {error}") from error
     return made
 
 

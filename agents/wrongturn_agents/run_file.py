@@ -1,6 +1,7 @@
 """What is kept of a run, so that it can go on after an interruption."""
 
 import os
+import tempfile
 from pathlib import Path
 from typing import Self
 
@@ -66,6 +67,22 @@ class RunFile(BaseModel):
             ) from error
         except (ValidationError, UnicodeDecodeError) as error:
             raise RunFileError(f"--resume: {path} is no run's file; name one that 'wrongturn run' wrote") from error
+
+
+def ensure_directory() -> None:
+    """Make the directory where runs are kept, and see that files can be made in it.
+
+    Raises:
+        RunFileError: they cannot.
+    """
+    try:
+        directory().mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory()):
+            pass
+    except OSError as error:
+        raise RunFileError(
+            f"{directory()}: cannot be written ({error.strerror}); let WRONGTURN_HOME name a writable directory",
+        ) from error
 
 
 def directory() -> Path:

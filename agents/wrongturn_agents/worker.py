@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from gymnasium import spaces
+from pydantic import ValidationError
 
 from wrongturn_agents.agent import Agent
 from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError
 from wrongturn_agents.registry import AgentSource
-from wrongturn_agents.run_file import RunFile
+from wrongturn_agents.run_file import RunFile, ensure_directory
 from wrongturn_client import AgentNameTakenError, Client, LocalService, NotFoundError
 from wrongturn_protocol import Action, AgentKind, EvaluationDetail, RegisteredAgent
 from wrongturn_protocol.observations import Observation
@@ -58,10 +59,11 @@ def begin(request: RunRequest, source: AgentSource, url: str, operator_token: st
     """Register the agent, begin its evaluation and note how to go on with it.
 
     Raises:
-        RunError: the name is taken, or the suite does not have the agent's track.
+        RunError: the name is taken or cannot be one, or the suite does not have the agent's track.
         RunFileError: the note cannot be written.
         WrongturnError: the service refuses, or cannot be reached.
     """
+    ensure_directory()  # before a name is taken that the run could not be gone on with
     with Client(url, operator_token) as client:
         suite = client.suite(request.suite)
         if source.track not in suite.tracks:
@@ -113,6 +115,8 @@ def _register(
         name = request.name or (source.name if number == 1 else f"{source.name}-{number}")
         try:
             return client.register(name, source.track, description=source.description or None, kind=kind)
+        except ValidationError as error:
+            raise RunError(_what_cannot_be_registered(error, name)) from error
         except AgentNameTakenError as error:
             if request.name is not None:
                 raise RunError(f"--name: {name!r} is taken at {client.url}; choose another") from error
@@ -121,6 +125,17 @@ def _register(
                     f"--name: {source.name} to {name} are all taken at {client.url}; give one yourself",
                 ) from error
     raise AssertionError("count() has no end")
+
+
+def _what_cannot_be_registered(error: ValidationError, name: str) -> str:
+    first = error.errors(include_url=False)[0]
+    field = ".".join(map(str, first["loc"]))
+    if field == "name":
+        return (
+            f"--name: {name!r} cannot be a name; give at most 64 letters, digits, spaces, dots, dashes and "
+            "underscores, a letter or digit first"
+        )
+    return f"agent: its {field} cannot be registered: {first['msg']}"
 
 
 def _same_track(client: Client, evaluation: EvaluationDetail, source: AgentSource) -> None:
@@ -151,8 +166,13 @@ class _Guarded:
 
     def act(self, observation: Observation) -> Action:
         try:
-            return self._agent.act(observation)
+            action: object = self._agent.act(observation)
         except AgentsError:
             raise
         except Exception as error:
             raise AgentFailedError(f"agent: {self._name}.act raised {type(error).__name__}: {error}") from error
+        if not isinstance(action, Action):
+            raise AgentFailedError(
+                f"agent: {self._name}.act returned {type(action).__name__}; return a wrongturn_client.Action",
+            )
+        return action

@@ -12,7 +12,7 @@ import pytest
 
 import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
 from wrongturn_agents import cli, resolve
-from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError
+from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunFileError
 from wrongturn_agents.run_file import RunFile
 from wrongturn_agents.worker import RunRequest, begin, drive
 from wrongturn_client import Client, LocalService, NotFoundError
@@ -29,6 +29,22 @@ class Fails(Careful):
 
     def act(self, observation):
         raise ValueError("no idea")
+
+class NoAction(Careful):
+    name = "no-action"
+    kind = "submitted"
+
+    def act(self, observation):
+        return (0.0, 0.4, 0.0)
+
+class Unmade(Careful):
+    name = "unmade"
+
+    def __init__(self):
+        raise OSError("no weights")
+
+class OddName(Careful):
+    name = "odd/name"
 
 class Blind(Careful):
     name = "blind"
@@ -181,6 +197,28 @@ def test_an_agent_that_fails_is_told_from_the_service(url):
     assert done.stderr.rstrip().splitlines()[-1] == "wrongturn: agent: fails.act raised ValueError: no idea"
 
 
+def test_an_agent_that_gives_no_action_is_named(url):
+    with pytest.raises(AgentFailedError, match=r"no-action.act returned tuple; return a wrongturn_client.Action"):
+        drive(started(url, "own_agents:NoAction"), resolve("own_agents:NoAction"), url, no_progress)
+
+
+@pytest.mark.parametrize(("agent", "name"), [("careful", " "), ("careful", "x" * 65), ("own_agents:OddName", None)])
+def test_a_name_that_cannot_be_one_is_told(url, agent, name):
+    with pytest.raises(RunError, match=r"--name: '.*' cannot be a name; give at most 64 letters"):
+        started(url, agent, name=name)
+
+
+def test_what_cannot_be_gone_on_with_registers_nobody(url, home):
+    home.write_text("a file, where a directory should be")
+    with pytest.raises(RunFileError, match="let WRONGTURN_HOME name a writable directory"):
+        started(url, name="nowhere to note it")
+    home.unlink()
+    with pytest.raises(AgentFailedError, match="own_agents:Unmade raised OSError when it was made: no weights"):
+        cli.run("own_agents:Unmade", suite=SUITE, url=url)
+    with Client(url) as client:
+        assert not {"nowhere to note it", "unmade"} & {agent.name for agent in client.agents()}
+
+
 def test_a_token_of_ones_own_stands_for_its_agent(url):
     with Client(url) as client:
         registered = client.register("registered before", Track.PRIVILEGED)
@@ -225,6 +263,8 @@ def test_another_agent_cannot_go_on_with_a_run(url):
     run_file = started(url)
     with pytest.raises(RunError, match=r"AGENT: that run is of careful, not of parked"):
         cli.run("parked", resume=run_file.evaluation)
+    with pytest.raises(RunError, match=r"--name: that run has its name already"):
+        cli.run(name="another", resume=run_file.evaluation)
 
 
 def test_without_a_url_a_service_is_started():
