@@ -53,7 +53,7 @@ class Start(Message):
 
 
 class Traffic(Message):
-    """How many other road users share the town."""
+    """How many other road users share the town; a town too small for them is refused by name when the trial begins."""
 
     vehicles: Annotated[int, Field(ge=0, le=200)] = 0
     pedestrians: Annotated[int, Field(ge=0, le=200)] = 0
@@ -129,6 +129,7 @@ class PracticeRequest(Message):
     route: Literal[Command.LEFT, Command.RIGHT, Command.STRAIGHT] | None = None
     fault: Fault | FaultKind = FaultKind.NONE
     weather: Weather = Weather.CLEAR_NOON
+    traffic: Traffic = Traffic()
     seed: Seed = 0
     track: Track = Track.STATE
 
@@ -140,6 +141,8 @@ class PracticeRequest(Message):
             raise ValueError("name either suite and trial, or town and approach")
         if (self.town is None) != (self.approach is None):
             raise ValueError("town and approach go together: name both")
+        if self.suite is not None and self.traffic != Traffic():
+            raise ValueError("traffic: a suite's trial has its own; describe the episode by town and approach instead")
         return self
 
 

@@ -6,7 +6,7 @@ import random
 from wrongturn_networks.errors import ApproachTooShortError, FaultNotApplicableError, RouteNotAvailableError
 from wrongturn_networks.junctions import Approach
 from wrongturn_networks.town import Town
-from wrongturn_protocol import Command, Fault, FaultKind, Start, Trial, Weather, trial_id
+from wrongturn_protocol import Command, Fault, FaultKind, Start, Traffic, Trial, Weather, trial_id
 
 LANE_RESERVE = 3.0
 """A start lies at least this far behind the lane's begin, metres, so never in the junction before."""
@@ -57,6 +57,7 @@ def draw_trial(
     *,
     route: Command | None = None,
     weather: Weather = Weather.CLEAR_NOON,
+    traffic: Traffic = Traffic(),  # noqa: B008 - immutable
 ) -> Trial:
     """A trial at an approach by the suites' recipe.
 
@@ -84,6 +85,7 @@ def draw_trial(
         route=route if route is not None else draw_route(approach, seed),
         start=draw_start(town.lanes[approach.lane].length, seed),
         weather=weather,
+        traffic=traffic,
         fault=wanted,
         seed=seed,
     )

@@ -19,7 +19,9 @@ PEDESTRIAN_SIZE: Final = 0.5
 OTHERS: Final = 8
 """Numbers to each of the others: x, y, yaw, length, width, height, kind, colour."""
 _END: Final = 0.5  # metres short of a sidewalk's end, where a walk ends
+_RADIANS: Final = math.pi / 180.0
 _QUARTER: Final = math.pi / 2
+_TURN: Final = 2.0 * math.pi
 _NEAR: Final = (SIGHT + 5.0) ** 2
 _SQUARE: Final = SIGHT**2
 
@@ -92,7 +94,7 @@ class Crowd:
 
     def look(self, x: float, y: float) -> None:
         """See who is near a point, and bring back the cars that left the town."""
-        sumo = self._sumo
+        sumo, floor, remainder = self._sumo, math.floor, math.remainder
         seen = self._seen = []
         for name in sumo.simulation.getArrivedIDList():
             if name in self._later:
@@ -105,16 +107,16 @@ class Crowd:
                 if dx * dx + dy * dy > _NEAR or (looks := self._looks.get(name)) is None:
                     continue
                 # SUMO's angle runs clockwise from north; a car's position is the front bumper's centre.
-                yaw = round(math.remainder(_QUARTER - math.radians(domain.getAngle(name)), math.tau), 4)
+                yaw = floor(remainder(_QUARTER - domain.getAngle(name) * _RADIANS, _TURN) * 1e4 + 0.5) / 1e4
                 if looks.kind == VEHICLE_KIND:
                     px -= looks.length / 2 * math.cos(yaw)
                     py -= looks.length / 2 * math.sin(yaw)
-                # Millimetres are enough, and keep the record short.
-                px, py = round(px, 3), round(py, 3)
+                # Millimetres are enough and keep the record short; round() would take half of the time.
+                px, py = floor(px * 1e3 + 0.5) / 1e3, floor(py * 1e3 + 0.5) / 1e3
                 dx, dy = px - x, py - y
                 square = dx * dx + dy * dy
                 if square <= _SQUARE:
-                    user = (px, py, yaw, looks.length, looks.width, round(domain.getSpeed(name), 3))
+                    user = (px, py, yaw, looks.length, looks.width, floor(domain.getSpeed(name) * 1e3 + 0.5) / 1e3)
                     seen.append((square, looks.number, user, looks))
         seen.sort()
 

@@ -1,11 +1,11 @@
 """Where an environment's trials come from: drawn at a town's approaches, out of a suite, or always the same."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from wrongturn_networks import NetworkError, draw_trial, load_suite, load_town
-from wrongturn_protocol import Fault, FaultKind, Trial, Weather
+from wrongturn_protocol import Fault, FaultKind, Traffic, Trial, Weather
 from wrongturn_sim.faults import FaultNotApplicableError, make_fault
 
 _SEEDS = 2**31
@@ -21,6 +21,7 @@ class TrialSource:
         suite: draw among this suite's trials and twins instead.
         trial: this trial each time; an id needs ``suite`` too.
         weather: of the drawn trials; of several, each trial draws its own.
+        traffic: of the drawn trials, as ``{"vehicles": 20, "pedestrians": 10}``.
 
     Raises:
         ValueError: names that do not exist, or do not go together.
@@ -35,6 +36,7 @@ class TrialSource:
         suite: str | None = None,
         trial: Trial | str | None = None,
         weather: Weather | str | Sequence[Weather | str] = Weather.CLEAR_NOON,
+        traffic: Traffic | Mapping[str, int] = Traffic(),  # noqa: B008 - immutable
     ) -> None:
         if suite is not None and (town is not None or approach is not None):
             raise ValueError("suite: its trials name their towns; leave town and approach out")
@@ -48,6 +50,7 @@ class TrialSource:
         self._weathers = tuple(Weather(name) for name in names_of_weathers)
         if not self._weathers:
             raise ValueError("weather: none is named; name one or more")
+        self._traffic = Traffic.model_validate(traffic)
         self._town = None if town is None else load_town(town)
         self._trial = None if trial is None else self.find(trial)
         self._approaches: tuple[str, ...] = ()
@@ -97,7 +100,7 @@ class TrialSource:
 
     def _made(self, approach: str, seed: int, weather: Weather) -> Trial:
         assert self._town is not None
-        return draw_trial(self._town, approach, self._fault, seed, weather=weather)
+        return draw_trial(self._town, approach, self._fault, seed, weather=weather, traffic=self._traffic)
 
     def _admits(self, approach: str, *, among: int) -> bool:
         """Whether trials of the fault can be drawn at an approach; the reason why not, where it is the only one."""
