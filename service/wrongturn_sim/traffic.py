@@ -5,15 +5,16 @@ edge of a town (only the small one has such ends) is followed by another that co
 the sidewalks, round their block, since no crossing leads over the street.
 """
 
-import math
 import random
 import xml.etree.ElementTree as ET
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrongturn_networks import Town
 from wrongturn_networks.lanes import Line
@@ -23,7 +24,7 @@ from wrongturn_sim.errors import TrafficTooDenseError
 from wrongturn_sim.route import Pose
 
 CLEARANCE: Final = 15.0
-"""No car begins nearer to the ego than this, metres between the bodies' centres."""
+"""No car's front begins nearer to the ego's centre than this, metres."""
 PEDESTRIAN_CLEARANCE: Final = 5.0
 """The same of pedestrians."""
 DRIVE_LENGTH: Final = 1200.0
@@ -123,26 +124,16 @@ def plan_traffic(town: Town, trial: Trial, start: Pose) -> TrafficPlan | None:
 
 
 def _cars(town: Town, count: int, start: Pose, draw: random.Random) -> tuple[Car, ...]:
-    slots = [
-        (name, front)
-        for name, lane in sorted(town.lanes.items())
-        for front in _fronts(lane.length)
-        if _clear(lane.centreline, front - BODIES[0].length / 2, start, CLEARANCE)
-    ]
     entries = sorted(lane.id for lane in town.lanes.values() if lane.start_junction is None)
     cars = []
     # Within a lane the foremost first: SUMO lets nobody in before a car that could not brake in time.
-    for name, front in sorted(_sample(draw, slots, count, "vehicles", town), key=lambda slot: (slot[0], -slot[1])):
+    for name, front in sorted(
+        _sample(draw, car_slots(town), count, start, "vehicles", town), key=lambda slot: (slot[0], -slot[1])
+    ):
         body = draw.choices(BODIES, [body.share for body in BODIES])[0]
         at = (front + draw.uniform(0.0, _JITTER)) / town.lanes[name].length
         cars.append(Car(body, _trips(town, Trip(name, at, ()), entries, draw), draw.randrange(COLOURS)))
     return tuple(cars)
-
-
-def _fronts(length: float) -> list[float]:
-    """Where front bumpers may be along a lane, so that neighbours keep apart whatever their bodies and jitter."""
-    count = int((length - _FIRST - _LAST - _JITTER) // _SLOT) + 1
-    return [_FIRST + _SLOT * k for k in range(count)]
 
 
 def _trips(town: Town, first: Trip, entries: list[str], draw: random.Random) -> tuple[Trip, ...]:
@@ -212,14 +203,8 @@ def _pedestrians(town: Town, count: int, start: Pose, draw: random.Random) -> tu
     if not count:
         return ()
     walks = sidewalks_of(town)
-    slots = [
-        (edge, along)
-        for edge, line in sorted(walks.lines.items())
-        for along in (_PACE * k for k in range(1, int(_length(line) / _PACE)))
-        if _clear(line, along, start, PEDESTRIAN_CLEARANCE)
-    ]
     people = []
-    for edge, along in _sample(draw, slots, count, "pedestrians", town):
+    for edge, along in _sample(draw, pedestrian_slots(town), count, start, "pedestrians", town):
         length = _length(walks.lines[edge])
         forward = draw.random() < 0.5
         edges, left = [edge], WALK_LENGTH - (length - along if forward else along)
@@ -239,28 +224,60 @@ def _pedestrians(town: Town, count: int, start: Pose, draw: random.Random) -> tu
     return tuple(people)
 
 
+@dataclass(frozen=True, eq=False)
+class Slots:
+    """Where somebody may begin."""
+
+    places: tuple[tuple[str, float], ...]
+    """Lane or edge, and metres along it."""
+    points: NDArray[np.float64]
+    """(n, 2): where that is."""
+    clearance: float
+    """From the ego's start, metres."""
+
+
+@lru_cache(maxsize=16)
+def car_slots(town: Town) -> Slots:
+    """Where front bumpers may be, so that neighbours keep apart whatever their bodies and jitter."""
+    lines = {name: lane.centreline for name, lane in town.lanes.items()}
+    return _slots(lines, _FIRST, _SLOT, _LAST + _JITTER, CLEARANCE)
+
+
+@lru_cache(maxsize=16)
+def pedestrian_slots(town: Town) -> Slots:
+    """Where pedestrians may be."""
+    return _slots(sidewalks_of(town).lines, _PACE, _PACE, _PACE, PEDESTRIAN_CLEARANCE)
+
+
+def _slots(lines: Mapping[str, Line], first: float, pitch: float, last: float, clearance: float) -> Slots:
+    places: list[tuple[str, float]] = []
+    points = [np.empty((0, 2))]
+    for name, line in sorted(lines.items()):
+        along = _along(line)
+        at = np.arange(first, float(along[-1]) - last, pitch)
+        places += [(name, place) for place in at.tolist()]
+        points.append(np.column_stack((np.interp(at, along, line[:, 0]), np.interp(at, along, line[:, 1]))))
+    return Slots(tuple(places), np.concatenate(points), clearance)
+
+
 def _sample(
-    draw: random.Random, slots: list[tuple[str, float]], count: int, field: str, town: Town
+    draw: random.Random, slots: Slots, count: int, start: Pose, field: str, town: Town
 ) -> list[tuple[str, float]]:
-    if count > len(slots):
+    dx, dy = slots.points[:, 0] - start.x, slots.points[:, 1] - start.y
+    free = np.flatnonzero(dx * dx + dy * dy >= slots.clearance**2).tolist()
+    if count > len(free):
         raise TrafficTooDenseError(
-            f"traffic.{field}: {town.name} has room for {len(slots)} beside the car's start and not for {count}; "
+            f"traffic.{field}: {town.name} has room for {len(free)} beside the car's start and not for {count}; "
             "ask for fewer",
         )
-    return draw.sample(slots, count)
+    return [slots.places[k] for k in draw.sample(free, count)]
+
+
+def _along(line: Line) -> NDArray[np.float64]:
+    """Metres from the begin of a line to each of its points."""
+    steps = np.diff(line, axis=0)
+    return np.concatenate(([0.0], np.cumsum(np.sqrt(steps[:, 0] ** 2 + steps[:, 1] ** 2))))
 
 
 def _length(line: Line) -> float:
-    return float(np.hypot(*np.diff(line, axis=0).T).sum())
-
-
-def _clear(line: Line, along: float, start: Pose, clearance: float) -> bool:
-    """Whether a point of a line is far enough from the ego's start."""
-    for (ax, ay), (bx, by) in zip(line.tolist(), line[1:].tolist(), strict=False):
-        piece = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
-        if along <= piece:
-            break
-        along -= piece
-    share = along / piece
-    distance = math.sqrt((ax + share * (bx - ax) - start.x) ** 2 + (ay + share * (by - ay) - start.y) ** 2)
-    return distance >= clearance
+    return float(_along(line)[-1])
