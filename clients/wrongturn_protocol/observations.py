@@ -80,14 +80,19 @@ FIELDS: Final[Mapping[Track, tuple[Field, ...]]] = {
 """The fields of each track, in order."""
 
 
-def observation_space(track: Track) -> spaces.Dict:
-    """The Gymnasium space of a track: a flat ``Dict`` of ``Box``."""
-    return spaces.Dict(
-        {
-            field.name: spaces.Box(field.low, field.high, field.shape, np.dtype(field.dtype).type)
-            for field in FIELDS[track]
-        },
-    )
+def observation_space(track: Track, image_shape: tuple[int, int] = IMAGE_SHAPE) -> spaces.Dict:
+    """The Gymnasium space of a track: a flat ``Dict`` of ``Box``.
+
+    Args:
+        track: what is shown.
+        image_shape: rows and columns of the pictures of a camera of one's own; the service knows the default alone.
+    """
+
+    def box(field: Field) -> spaces.Box:
+        shape = (*image_shape, *field.shape[2:]) if field.image else field.shape
+        return spaces.Box(field.low, field.high, shape, field.numpy_dtype.type)
+
+    return spaces.Dict({field.name: box(field) for field in FIELDS[track]})
 
 
 def action_space() -> spaces.Box:

@@ -24,16 +24,11 @@ from wrongturn_protocol import (
     FieldError,
     PracticeRequest,
     ProblemType,
-    Track,
     Trial,
 )
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
 
 _T = TypeVar("_T")
-PLAYABLE = (Track.STATE, Track.PRIVILEGED)
-"""The tracks whose sensors are there."""
-
-
 _LONGEST = 1000
 
 
@@ -60,15 +55,8 @@ async def practice_trial(request: PracticeRequest) -> Trial:
 
     Raises:
         NotFoundError: an unknown suite, trial, town or approach.
-        InvalidRequestError: the approach does not admit the route or the fault, or the track is not there.
+        InvalidRequestError: the approach does not admit the route or the fault.
     """
-    if request.track not in PLAYABLE:
-        names = " and ".join(PLAYABLE)
-        raise InvalidRequestError(
-            "track",
-            f"the {request.track} track needs the camera, which is not there yet; take {names}",
-            ProblemType.TRACK_NOT_AVAILABLE,
-        )
     return await asyncio.to_thread(_practice_trial, request)
 
 
@@ -88,6 +76,7 @@ def _practice_trial(request: PracticeRequest) -> Trial:
             request.seed,
             route=request.route,
             weather=request.weather,
+            traffic=request.traffic,
         )
     except RouteNotAvailableError as error:
         raise InvalidRequestError("route", str(error)) from error

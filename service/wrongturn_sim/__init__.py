@@ -25,7 +25,6 @@ if TYPE_CHECKING:
         SimulatorFailedError,
         SimulatorInUseError,
         SimulatorUnavailableError,
-        TrackNotAvailableError,
         TrafficTooDenseError,
         TrajectoryError,
     )
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from wrongturn_sim.gym_env import WrongturnSimEnv
     from wrongturn_sim.simulator import Simulator
     from wrongturn_sim.trajectory import Row, Trajectory
+    from wrongturn_sim.vector_env import WrongturnVectorEnv
     from wrongturn_sim.verdict import Judge, JudgeGeometry, judge
 
 _HOME = {
@@ -52,12 +52,12 @@ _HOME = {
     "SimulatorInUseError": "errors",
     "SimulatorUnavailableError": "errors",
     "Step": "episode",
-    "TrackNotAvailableError": "errors",
     "TrafficTooDenseError": "errors",
     "Trajectory": "trajectory",
     "TrajectoryError": "errors",
     "Vehicle": "ego",
     "WrongturnSimEnv": "gym_env",
+    "WrongturnVectorEnv": "vector_env",
     "available_faults": "faults",
     "judge": "verdict",
 }
@@ -73,7 +73,11 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *_HOME})
 
 
-gymnasium.register(id="WrongturnSim-v0", entry_point="wrongturn_sim.gym_env:WrongturnSimEnv")
+gymnasium.register(
+    id="WrongturnSim-v0",
+    entry_point="wrongturn_sim.gym_env:WrongturnSimEnv",
+    vector_entry_point="wrongturn_sim.vector_env:WrongturnVectorEnv",
+)
 
 __all__ = [
     "VEHICLE",
@@ -92,12 +96,12 @@ __all__ = [
     "SimulatorInUseError",
     "SimulatorUnavailableError",
     "Step",
-    "TrackNotAvailableError",
     "TrafficTooDenseError",
     "Trajectory",
     "TrajectoryError",
     "Vehicle",
     "WrongturnSimEnv",
+    "WrongturnVectorEnv",
     "available_faults",
     "judge",
 ]

@@ -2,7 +2,7 @@
 
 import hashlib
 import struct
-from typing import Final, NamedTuple, SupportsFloat
+from typing import TYPE_CHECKING, Final, NamedTuple, SupportsFloat
 
 from wrongturn_networks import load_town
 from wrongturn_protocol import Command, Outcome, Track, Trial
@@ -14,13 +14,17 @@ from wrongturn_sim.errors import (
     InvalidActionError,
 )
 from wrongturn_sim.faults import CommandFault, make_fault
-from wrongturn_sim.observation import check_track, observe_privileged, observe_state
+from wrongturn_sim.observation import observe_privileged, observe_state
 from wrongturn_sim.reward import reward
 from wrongturn_sim.route import Guidance, Navigator, start_pose
 from wrongturn_sim.simulator import Drive, Simulator
 from wrongturn_sim.traffic import plan_traffic
 from wrongturn_sim.trajectory import Row, Trajectory
 from wrongturn_sim.verdict import Judge, JudgeGeometry
+
+if TYPE_CHECKING:
+    from wrongturn_sim.camera import Camera, Renderer
+    from wrongturn_sim.camera.renderer import Image
 
 _row: Final = tuple.__new__  # a Row without the arguments' detour, which takes longer than the car's dynamics
 _FLOAT32: Final = struct.Struct("<3f")
@@ -69,15 +73,21 @@ class Episode:
         trial: what to drive.
         track: what to show.
         simulator: the process's simulator, where the caller keeps one.
+        camera: its place and optics, in the tracks that have one; the benchmark's own by default.
 
     Raises:
         FaultNotApplicableError: this version or the approach does not admit the fault.
-        TrackNotAvailableError: the track needs the camera.
         TrafficTooDenseError: the town has no room for so many other road users.
     """
 
-    def __init__(self, trial: Trial, track: Track, *, simulator: Simulator | None = None) -> None:
-        check_track(track)
+    def __init__(
+        self,
+        trial: Trial,
+        track: Track,
+        *,
+        simulator: Simulator | None = None,
+        camera: "Camera | None" = None,
+    ) -> None:
         self.trial = trial
         self.track = track
         self.town = load_town(trial.town)
@@ -87,6 +97,7 @@ class Episode:
         self._traffic = plan_traffic(self.town, trial, start_pose(self.town, trial))
         self._simulator = simulator or Simulator()
         self._privileged = track is Track.PRIVILEGED
+        self._renderer = self._renderer_of(camera) if track in {Track.CAMERA, Track.SEGMENTATION} else None
         self._drive: Drive | None = None
         self.trajectory = Trajectory(trial, self.town.sha256)
         self.outcome: Outcome | None = None
@@ -201,4 +212,29 @@ class Episode:
         if self._privileged:
             assert self._drive is not None
             return observe_privileged(self._state, self._command, self._navigator, self._drive.road_users())
-        return observe_state(self._state, self._command)
+        observation = observe_state(self._state, self._command)
+        if self._renderer is not None:
+            rgb, segmentation = self._seen_by(self._renderer)
+            observation["rgb"] = rgb
+            if self.track is Track.SEGMENTATION:
+                observation["segmentation"] = segmentation
+        return observation
+
+    def picture(self, camera: "Camera | None" = None) -> "Image":
+        """What is seen now, uint8 (height, width, 3), whatever the track shows.
+
+        Raises:
+            EpisodeNotStartedError: call ``reset`` first.
+        """
+        if self._drive is None:
+            raise EpisodeNotStartedError("picture before the first reset; call reset")
+        return self._seen_by(self._renderer_of(camera))[0]
+
+    def _renderer_of(self, camera: "Camera | None") -> "Renderer":
+        from wrongturn_sim.camera import Renderer, World  # noqa: PLC0415 - who shows no pictures need not wait for it
+
+        return Renderer(World.of(self.town), camera, self.trial.weather, self.trial.seed)
+
+    def _seen_by(self, renderer: "Renderer") -> "tuple[Image, Image]":
+        assert self._drive is not None
+        return renderer.render(*self._state[:3], self.steps, self._drive.others())

@@ -6,7 +6,6 @@
     ├── InvalidActionError (ValueError)      an action's field is missing, not finite or out of its range
     ├── EpisodeNotStartedError               a step before the first reset
     ├── EpisodeAlreadyFinishedError          a step after the end
-    ├── TrackNotAvailableError (ValueError)  the track's sensors are not there
     ├── TrafficTooDenseError (ValueError)    the trial has more road users than its town has room for
     ├── TrajectoryError (ValueError)         bytes that are no trajectory
     └── SimulatorError
@@ -32,10 +31,6 @@ class EpisodeNotStartedError(SimError):
 
 class EpisodeAlreadyFinishedError(SimError):
     """A step after the end."""
-
-
-class TrackNotAvailableError(SimError, ValueError):
-    """The track's sensors are not there."""
 
 
 class TrafficTooDenseError(SimError, ValueError):

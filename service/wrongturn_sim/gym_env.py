@@ -1,19 +1,21 @@
 """The Gymnasium environment in process: ``gymnasium.make("wrongturn_sim:WrongturnSim-v0", town=..., track=...)``."""
 
-from collections.abc import Sequence
-from typing import Any, SupportsFloat
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, SupportsFloat
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_protocol import Fault, FaultKind, Track, Trial, Weather
-from wrongturn_protocol.observations import Observation, action_space, observation_space
+from wrongturn_protocol import Fault, FaultKind, Track, Traffic, Trial, Weather
+from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.errors import EpisodeNotStartedError, InvalidActionError
-from wrongturn_sim.observation import check_track
 from wrongturn_sim.simulator import Simulator
 from wrongturn_sim.trial_source import TrialSource
+
+if TYPE_CHECKING:
+    from wrongturn_sim.camera import Camera
 
 
 class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -31,13 +33,15 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         suite: draw among this suite's trials and twins instead.
         trial: this trial each time; an id needs ``suite`` too.
         weather: of the drawn trials; of several, each trial draws its own.
-        render_mode: None, since there are no pictures yet.
+        traffic: of the drawn trials, as ``{"vehicles": 20, "pedestrians": 10}``.
+        render_mode: ``rgb_array`` for pictures by ``render``, whatever the track shows.
+        camera: of the tracks that have one, and of ``render``; the benchmark's own by default.
 
     Raises:
         ValueError: names that do not exist, or do not go together.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(
         self,
@@ -49,15 +53,20 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         suite: str | None = None,
         trial: Trial | str | None = None,
         weather: Weather | str | Sequence[Weather | str] = Weather.CLEAR_NOON,
+        traffic: Traffic | Mapping[str, int] = Traffic(),  # noqa: B008 - immutable
         render_mode: str | None = None,
+        camera: "Camera | None" = None,
     ) -> None:
         self.track = Track(track)
-        check_track(self.track)
-        if render_mode is not None:
-            raise ValueError(f"render_mode: {render_mode!r} is not there yet; leave it None")
-        self._source = TrialSource(town, approach=approach, fault=fault, suite=suite, trial=trial, weather=weather)
-        self.render_mode = None
-        self.observation_space = observation_space(self.track)  # type: ignore[assignment]
+        if render_mode not in {None, "rgb_array"}:
+            raise ValueError(f"render_mode: {render_mode!r} is not known; take rgb_array, or leave it None")
+        self._source = TrialSource(
+            town, approach=approach, fault=fault, suite=suite, trial=trial, weather=weather, traffic=traffic
+        )
+        self.render_mode = render_mode
+        self._camera = camera
+        size = IMAGE_SHAPE if camera is None else (camera.height, camera.width)
+        self.observation_space = observation_space(self.track, size)  # type: ignore[assignment]
         self.action_space = action_space()  # type: ignore[assignment]
         self._simulator = Simulator()
         self.episode: Episode | None = None
@@ -77,7 +86,7 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed)
         given = (options or {}).get("trial")
         trial = self._source.draw(self.np_random) if given is None else self._source.find(given)
-        self.episode = Episode(trial, self.track, simulator=self._simulator)
+        self.episode = Episode(trial, self.track, simulator=self._simulator, camera=self._camera)
         return self.episode.reset(), {"trial": trial.id, "town": trial.town}
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -101,3 +110,15 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             info["verdict"] = str(self.episode.outcome.verdict)
             info["outcome"] = self.episode.outcome.model_dump(mode="json")
         return observation, reward, terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """What is seen now, uint8 (height, width, 3); None where ``render_mode`` is.
+
+        Raises:
+            EpisodeNotStartedError: call ``reset`` first.
+        """
+        if self.render_mode is None:
+            return None
+        if self.episode is None:
+            raise EpisodeNotStartedError("render before the first reset; call reset")
+        return self.episode.picture(self._camera)

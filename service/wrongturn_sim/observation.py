@@ -1,31 +1,14 @@
 """What an agent is shown, built from the state. ``docs/observations.md`` explains the keys."""
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
-from wrongturn_protocol import Command, Track
+from wrongturn_protocol import Command
 from wrongturn_protocol.observations import ROAD_USERS, Observation
 from wrongturn_sim.ego import State
-from wrongturn_sim.errors import TrackNotAvailableError
 from wrongturn_sim.route import Navigator
 from wrongturn_sim.trajectory import RoadUser
-
-AVAILABLE_TRACKS: Final = (Track.STATE, Track.PRIVILEGED)
-"""The tracks that this version can show."""
-
-
-def check_track(track: Track) -> None:
-    """Refuse a track that cannot be shown.
-
-    Raises:
-        TrackNotAvailableError: the track needs the camera.
-    """
-    if track not in AVAILABLE_TRACKS:
-        raise TrackNotAvailableError(
-            f"track: {track} needs the camera, which is not there yet; take one of {', '.join(AVAILABLE_TRACKS)}",
-        )
 
 
 def observe_state(state: State, command: Command) -> Observation:

@@ -19,6 +19,8 @@ from wrongturn_sim import Episode
 SUITE = "wrong-command@1"
 TRIALS = load_suite(SUITE).episodes[3::11][:10]
 assert len(TRIALS) == 10
+PICTURED = TRIALS[2:5]
+"""Driven with a camera too."""
 
 
 def action_of(trial: Trial, step: int) -> Action:
@@ -27,8 +29,8 @@ def action_of(trial: Trial, step: int) -> Action:
     return Action(steer=0.35 * math.sin(phase), throttle=0.5 + 0.4 * math.cos(phase / 3), brake=0.0)
 
 
-def in_process(trial: Trial) -> tuple[list[Observation], bytes, str]:
-    episode = Episode(trial, Track.PRIVILEGED)
+def in_process(trial: Trial, track: Track = Track.PRIVILEGED) -> tuple[list[Observation], bytes, str]:
+    episode = Episode(trial, track)
     seen = [_copy(episode.reset())]
     while episode.outcome is None:
         action = action_of(trial, episode.steps)
@@ -40,20 +42,24 @@ def _copy(observation: Observation) -> Observation:
     return {name: array.copy() for name, array in observation.items()}
 
 
-def digest_of(trial: Trial) -> str:
-    seen, trajectory, outcome = in_process(trial)
+def digest_of(trial: Trial, track: Track = Track.PRIVILEGED) -> str:
+    seen, trajectory, outcome = in_process(trial, track)
     parts = [observation[name].tobytes() for observation in seen for name in sorted(observation)]
     return hashlib.sha256(b"".join([*parts, trajectory, outcome.encode()])).hexdigest()
 
 
-def test_in_two_processes() -> None:
-    here = [digest_of(trial) for trial in TRIALS]
-    command = "import sys, runpy; names = runpy.run_path(sys.argv[1]); "
+@pytest.mark.parametrize(("trials", "track"), [("TRIALS", Track.PRIVILEGED), ("PICTURED", Track.SEGMENTATION)])
+def test_in_two_processes(trials: str, track: Track) -> None:
+    here = [digest_of(trial, track) for trial in globals()[trials]]
     # In the other order, so that what was driven before would show.
-    command += "print('\\n'.join(reversed([names['digest_of'](trial) for trial in reversed(names['TRIALS'])])))"
+    command = (
+        "import sys, runpy; names = runpy.run_path(sys.argv[1]); "
+        "trials, track = names[sys.argv[2]], names['Track'](sys.argv[3]); "
+        "print('\\n'.join(reversed([names['digest_of'](trial, track) for trial in reversed(trials)])))"
+    )
     path = [str(folder) for folder in sys.path if folder]
     there = subprocess.run(
-        [sys.executable, "-c", f"import sys; sys.path[:0] = {path!r}; {command}", __file__],
+        [sys.executable, "-c", f"import sys; sys.path[:0] = {path!r}; {command}", __file__, trials, track.value],
         capture_output=True,
         text=True,
         check=True,
@@ -63,9 +69,12 @@ def test_in_two_processes() -> None:
     assert len(set(here)) == len(here)
 
 
-@pytest.mark.parametrize("trial", TRIALS, ids=[trial.id for trial in TRIALS])
-def test_in_process_and_over_http(service: RunningService, trial: Trial) -> None:
-    observations, trajectory, outcome = in_process(trial)
+DRIVES = [*((trial, Track.PRIVILEGED) for trial in TRIALS), *((trial, Track.SEGMENTATION) for trial in PICTURED)]
+
+
+@pytest.mark.parametrize(("trial", "track"), DRIVES, ids=[f"{track}-{trial.id}" for trial, track in DRIVES])
+def test_in_process_and_over_http(service: RunningService, trial: Trial, track: Track) -> None:
+    observations, trajectory, outcome = in_process(trial, track)
     media = ("application/json", "application/msgpack")[TRIALS.index(trial) % 2]
     with service.agent() as agent:
 
@@ -75,13 +84,13 @@ def test_in_process_and_over_http(service: RunningService, trial: Trial) -> None
             assert response.status_code == status, response.text
             return response.json() if media.endswith("json") else msgpack.unpackb(response.content)
 
-        reply = call("/v1/episodes", {"suite": SUITE, "trial": trial.id, "track": "privileged"}, 201)
+        reply = call("/v1/episodes", {"suite": SUITE, "trial": trial.id, "track": track.value}, 201)
         episode = reply["id"]
         for step, expected in enumerate(observations):
             if step:
                 action = action_of(trial, step - 1).model_dump()
                 reply = call(f"/v1/episodes/{episode}/step", {"seq": step, "action": action}, 200)
-            got = decode(reply["observation"], Track.PRIVILEGED)
+            got = decode(reply["observation"], track)
             for name, array in expected.items():
                 assert np.array_equal(got[name], array), (step, name)
         assert reply["terminated"] or reply["truncated"]

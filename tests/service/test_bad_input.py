@@ -91,7 +91,6 @@ def test_a_step_of_an_unknown_episode(agent: Agent) -> None:
             "fault-not-applicable",
             None,
         ),
-        ({"town": "Town01", "approach": "J3-S", "track": "camera"}, 422, "track-not-available", "track"),
         ({"town": "Town01", "approach": "J3-S", "track": "nope"}, 422, "validation", "track"),
         ({"town": "Town01", "approach": "J3-S", "seed": -1}, 422, "validation", "seed"),
         ({"town": "Town01", "approach": "J3-S", "seed": 2**63}, 422, "validation", "seed"),
@@ -128,9 +127,8 @@ def test_an_evaluation_of_an_unknown_suite(agent: Agent, suite: str) -> None:
     problem(agent.http.post("/v1/evaluations", json={"suite": suite}), 404, "unknown-suite", "suite")
 
 
-@pytest.mark.parametrize("track", ["state", "camera"])
-def test_an_evaluation_in_a_track_that_is_not_there(service: RunningService, track: str) -> None:
-    with service.agent(track=track) as agent:
+def test_an_evaluation_in_a_track_that_the_suite_lacks(service: RunningService) -> None:
+    with service.agent(track="state") as agent:
         problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@1"}), 422, "track-not-available", "suite")
 
 

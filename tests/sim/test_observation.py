@@ -4,10 +4,11 @@ import pytest
 from wrongturn_networks import load_town
 from wrongturn_protocol import DIRECTIONS, Track
 from wrongturn_protocol.observations import FIELDS, observation_space
-from wrongturn_sim import Episode, TrackNotAvailableError
+from wrongturn_sim import Episode
+from wrongturn_sim.camera import Camera
 from wrongturn_sim.polyline import Path
 
-TRACKS = (Track.STATE, Track.PRIVILEGED)
+TRACKS = tuple(Track)
 
 
 @pytest.mark.parametrize("track", TRACKS)
@@ -106,6 +107,19 @@ def test_exits_stay_in_sight_through_the_junction_and_then_comes_the_next_lane(m
 
 
 @pytest.mark.parametrize("track", [Track.CAMERA, Track.SEGMENTATION])
-def test_the_camera_is_not_there_yet(track, make_trial):
-    with pytest.raises(TrackNotAvailableError, match=r"state, privileged"):
-        Episode(make_trial(), track)
+def test_a_camera_shows_nothing_but_the_street(track, make_trial):
+    trial = make_trial()
+    of_twin = Episode(trial.twin(), track).reset()
+    episode = Episode(trial, track)
+    seen = episode.reset()
+    assert seen in observation_space(track)
+    assert set(seen) == {"speed", "steering", "command", "rgb"} | ({"segmentation"} & {track.value})
+    assert np.array_equal(of_twin["rgb"], seen["rgb"]), "a picture that told the fault would give it away"
+    moved = episode.step(0.0, 0.5, 0.0).observation["rgb"]
+    assert not np.array_equal(moved, seen["rgb"])
+    assert np.array_equal(episode.picture(), moved)
+
+
+def test_a_camera_of_ones_own(make_trial):
+    camera = Camera(width=96, height=48, cx=48.0, cy=20.0, focal=60.0, pitch=0.05)
+    assert Episode(make_trial(), Track.CAMERA, camera=camera).reset()["rgb"].shape == (48, 96, 3)

@@ -109,8 +109,8 @@ def as_service_error(error: Exception) -> ServiceError:
 
 
 def _refused_episode(error: EpisodeRefusedError) -> ServiceError:
-    if error.name == "TrackNotAvailableError":
-        return InvalidRequestError("track", str(error), ProblemType.TRACK_NOT_AVAILABLE)
+    if error.name == "TrafficTooDenseError":
+        return InvalidRequestError(str(error).split(":", 1)[0], str(error))
     return InvalidRequestError("fault", str(error), ProblemType.FAULT_NOT_APPLICABLE)
 
 

@@ -59,12 +59,6 @@ async def begin(request: Request) -> Response:
                 f"{suite.id} is of the tracks {tracks}, the agent of {caller.track}",
                 ProblemType.TRACK_NOT_AVAILABLE,
             )
-        if caller.track not in catalogue.PLAYABLE:
-            raise InvalidRequestError(
-                "suite",
-                f"the {caller.track} track needs the camera, which is not there yet",
-                ProblemType.TRACK_NOT_AVAILABLE,
-            )
         row = EvaluationRow(
             id=new_id("ev"),
             agent_id=caller.id,

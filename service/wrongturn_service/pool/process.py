@@ -23,7 +23,7 @@ from wrongturn_protocol import FaultKind, Outcome, Track, Trial, observations
 from wrongturn_service.pool import frames
 from wrongturn_sim import Episode
 
-REFUSALS: Final = frozenset({"FaultNotApplicableError", "TrackNotAvailableError", "TrafficTooDenseError"})
+REFUSALS: Final = frozenset({"FaultNotApplicableError", "TrafficTooDenseError"})
 """Errors that are the caller's mistake and leave the simulator sound."""
 _ACTION: Final = struct.Struct("<3f")
 
