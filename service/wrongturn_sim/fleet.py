@@ -1,0 +1,290 @@
+"""Many egos of one town that drive alone, each its own trial: stepped together, without SUMO.
+
+Where there are no other road users, SUMO moves nothing that an episode looks at: so an ego here drives, sees and is
+judged byte for byte as in :class:`~wrongturn_sim.episode.Episode`.
+"""
+
+import hashlib
+import itertools
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_networks import Town
+from wrongturn_protocol import Outcome, Track, Trial
+from wrongturn_protocol.observations import FIELDS, Observation
+from wrongturn_sim import fleet_kernel as kernel
+from wrongturn_sim import guide
+from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, VEHICLE
+from wrongturn_sim.errors import SimError
+from wrongturn_sim.faults import CommandFault, make_fault
+from wrongturn_sim.faults.infeasible import Infeasible
+from wrongturn_sim.faults.none import NoFault
+from wrongturn_sim.faults.omission import Omission
+from wrongturn_sim.roads import roads_of
+from wrongturn_sim.route import guidance_of, set_out, start_pose
+from wrongturn_sim.trajectory import Row, Trajectory
+from wrongturn_sim.verdict import JudgeGeometry, decide
+from wrongturn_sim.verdict.judge import conclude
+from wrongturn_sim.verdict.packing import numbers_of
+from wrongturn_sim.verdict.thresholds import THRESHOLDS
+
+_SUB_STEPS: Final = round(THRESHOLDS.time_limit / SUB_STEP)
+_DECISIONS: Final = -(-_SUB_STEPS // SUB_STEPS)
+_COMPILED: Final[dict[type[CommandFault], int]] = {
+    NoFault: kernel.FAULT_NONE,
+    Omission: kernel.FAULT_OMISSION,
+    Infeasible: kernel.FAULT_INFEASIBLE,
+}
+"""Faults that the kernel delivers; others are asked one ego at a time."""
+_PRIVILEGED: Final = ("pose", "lane", "stop_line", "exits", "exits_mask")
+_PAINTED: Final = ("rgb", "segmentation")
+
+
+class TrialNotAloneError(SimError, ValueError):
+    """The trial has other road users, or is of another town; egos of a fleet drive alone in one town."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """What an ego's episode came to."""
+
+    trajectory: Trajectory
+    outcome: Outcome | None
+    """None while no verdict fell."""
+    actions_sha256: str
+    """As :attr:`wrongturn_sim.episode.Episode.actions_sha256`."""
+
+
+class Fleet:
+    """So many egos; each begins a trial by :meth:`begin`, and :meth:`step` drives those that are told to on.
+
+    Args:
+        town: of all trials.
+        count: of egos.
+        track: whose observation is filled; pictures are another's work.
+        threads: how many share the work; no byte hangs on it.
+    """
+
+    def __init__(self, town: Town, count: int, track: Track, *, threads: int = 1) -> None:
+        self.town = town
+        self.count = count
+        self.trials: list[Trial | None] = [None] * count
+        self._faults: list[CommandFault | None] = [None] * count
+        self._roads = roads_of(town)
+        self._rows_of: dict[str, int] = {}
+        self._geometries: list[JudgeGeometry] = []
+        self._ground = self._lay(())
+        fields = {field.name: field for field in FIELDS[track]}
+        self.observation: Observation = {
+            name: np.zeros((count, *field.shape), field.dtype) for name, field in fields.items() if name not in _PAINTED
+        }
+        """(n, ...) for each key but the pictures: of the last turn of each ego; written over by the next one."""
+        empty = {
+            field.name: np.zeros((0, *field.shape), field.dtype)
+            for field in FIELDS[Track.PRIVILEGED]
+            if field.name in _PRIVILEGED
+        }
+        self._shown = kernel.Shown(**{name: (empty | self.observation)[name] for name in kernel.Shown._fields})
+        self._egos = kernel.Egos(
+            todo=np.zeros(count, np.int8),
+            approaches=np.zeros(count, np.int64),
+            faults=np.zeros(count, np.int64),
+            routes=np.zeros(count, np.int64),
+            actions=np.zeros((count, 3)),
+            state=np.zeros((count, 5)),
+            standing=np.zeros((count, decide.STANDING_FLOATS)),
+            counts=np.zeros((count, decide.STANDING_INTS), np.int64),
+            words=np.zeros((count, guide.DRAWS), np.uint32),
+            progress=np.zeros((count, guide.PROGRESS_INTS), np.int64),
+            places=np.zeros((count, guide.PROGRESS_FLOATS)),
+            guided=np.zeros((count, 2), np.int64),
+            beside=np.zeros((count, 3)),
+            delivered=np.zeros(count, np.int64),
+            sub_steps=np.zeros(count, np.int64),
+            rewards=np.zeros(count),
+            states=np.zeros((count, _SUB_STEPS + 1, 5)),
+            commands=np.zeros((count, _DECISIONS + 1, 2), np.int8),
+            inputs=np.zeros((count, _DECISIONS, 3), np.float32),
+        )
+        edges = np.linspace(0, count, min(threads, count) + 1).astype(int).tolist()
+        self._parts = list(itertools.pairwise(edges))
+        self._pool = ThreadPoolExecutor(len(self._parts) - 1) if len(self._parts) > 1 else None
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """(n, 3): x, y, yaw of the bodies' centres, a view."""
+        return self._egos.state[:, :3]
+
+    @property
+    def steps(self) -> NDArray[np.int64]:
+        """(n,): decisions so far."""
+        return (self._egos.sub_steps + SUB_STEPS - 1) // SUB_STEPS
+
+    @property
+    def rewards(self) -> NDArray[np.float64]:
+        """(n,): of the last decision, a view."""
+        return self._egos.rewards
+
+    @property
+    def ended(self) -> NDArray[np.bool_]:
+        """(n,): whether the verdict fell."""
+        ended: NDArray[np.bool_] = self._egos.counts[:, decide.D_VERDICT] != 0
+        return ended
+
+    @property
+    def ran_out(self) -> NDArray[np.bool_]:
+        """(n,): whether it fell because the time ran out."""
+        ran_out: NDArray[np.bool_] = self._egos.counts[:, decide.D_RAN_OUT] != 0
+        return ran_out
+
+    def begin(self, trials: Iterable[tuple[int, Trial]]) -> None:
+        """Begin trials, each by the ego of its number.
+
+        Raises:
+            TrialNotAloneError: a trial has other road users, or another town.
+            FaultNotApplicableError: this version or the approach does not admit the fault.
+        """
+        egos = self._egos
+        checked = [(i, self._checked(trial), make_fault(trial)) for i, trial in trials]
+        chosen = [i for i, _, _ in checked]
+        for i, trial, fault in checked:
+            self.trials[i] = trial
+            self._faults[i] = fault
+            egos.approaches[i] = self._row_of(trial)
+            egos.faults[i] = _COMPILED.get(type(fault), kernel.FAULT_OTHER)
+            egos.routes[i] = int(trial.route)
+            egos.state[i] = (*start_pose(self.town, trial), trial.start.speed, 0.0)
+            egos.words[i] = set_out(self._roads, self.town, trial, egos.progress[i])
+        if len(self._ground.bases) <= len(self._geometries):
+            self._ground = self._lay(self._geometries)
+        egos.todo[:] = kernel.REST
+        egos.todo[chosen] = kernel.GUIDE
+        self._run()
+        self._deliver(chosen)
+        egos.todo[chosen] = kernel.BEGIN
+        self._run()
+
+    def step(self, actions: NDArray[np.float32], which: NDArray[np.bool_]) -> None:
+        """Drive the egos that are marked on for 0.1 s, or until their verdict falls.
+
+        Args:
+            actions: (n, 3) float32: steer, throttle, brake, in their ranges.
+            which: (n,): none that has ended.
+        """
+        egos = self._egos
+        egos.actions[:] = actions
+        egos.todo[:] = np.where(which, kernel.DRIVE, kernel.REST)
+        self._run()
+        self._deliver(np.flatnonzero(which & (egos.faults == kernel.FAULT_OTHER)).tolist())
+
+    def outcome(self, i: int) -> Outcome | None:
+        """What an ego's episode came to; None while no verdict fell."""
+        trial = self.trials[i]
+        if trial is None or not self._egos.counts[i, decide.D_VERDICT]:
+            return None
+        geometry = self._geometries[self._egos.approaches[i]]
+        return conclude(self._egos.standing[i], self._egos.counts[i], trial, geometry, THRESHOLDS)
+
+    def record(self, i: int) -> Record:
+        """An ego's episode so far, or the one that ended.
+
+        Raises:
+            ValueError: it has begun none.
+        """
+        trial = self.trials[i]
+        if trial is None:
+            raise ValueError(f"ego {i}: has begun no trial; reset the environment first")
+        egos = self._egos
+        count = int(egos.sub_steps[i])
+        decisions = -(-count // SUB_STEPS)
+        inputs = egos.inputs[i, :decisions]
+        commands = egos.commands[i].tolist()
+        states = egos.states[i, : count + 1].tolist()
+        actions = inputs.tolist()
+        numbers = [(0.0, *states[0], *commands[0], 0.0, 0.0, 0.0)]
+        for k in range(count):
+            decision = k // SUB_STEPS
+            numbers.append(((k + 1) / kernel.PER_SECOND, *states[k + 1], *commands[decision], *actions[decision]))
+        rows = [Row(*row) for row in numbers]
+        sha256 = hashlib.sha256(inputs.astype("<f4").tobytes()).hexdigest()
+        return Record(Trajectory(trial, self.town.sha256, rows), self.outcome(i), sha256)
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def _checked(self, trial: Trial) -> Trial:
+        if trial.town != self.town.name:
+            raise TrialNotAloneError(
+                f"trial.town: {trial.town} is not {self.town.name}, where these egos drive; make others"
+            )
+        if trial.traffic.vehicles or trial.traffic.pedestrians:
+            raise TrialNotAloneError(
+                "trial.traffic: egos of one batch drive alone; take a trial without other road users, "
+                "or gymnasium.vector.AsyncVectorEnv of single environments",
+            )
+        return trial
+
+    def _run(self) -> None:
+        """The turns of all egos, shared among the threads; this one takes the first part."""
+        (first, end), *others = self._parts
+        if self._pool is None:
+            kernel.run(self._ground, self._egos, self._shown, first, end)
+            return
+        waiting = [self._pool.submit(kernel.run, self._ground, self._egos, self._shown, *part) for part in others]
+        kernel.run(self._ground, self._egos, self._shown, first, end)
+        for part in waiting:
+            part.result()
+
+    def _deliver(self, chosen: Sequence[int]) -> None:
+        """Let faults that are not compiled deliver their command, after the route's was asked."""
+        egos = self._egos
+        for i in chosen:
+            if egos.faults[i] != kernel.FAULT_OTHER:
+                continue
+            fault = self._faults[i]
+            assert fault is not None
+            guidance = guidance_of(self._roads, *egos.guided[i].tolist(), *egos.beside[i].tolist())
+            count = int(egos.sub_steps[i])
+            command = int(fault.deliver(count / kernel.PER_SECOND, guidance))
+            egos.delivered[i] = command
+            egos.commands[i, -(-count // SUB_STEPS), 0] = command
+            self.observation["command"][i, 0] = command
+
+    def _row_of(self, trial: Trial) -> int:
+        """The row of an approach's geometry, which is laid behind the others when it is first met."""
+        row = self._rows_of.get(trial.approach)
+        if row is None:
+            row = self._rows_of[trial.approach] = len(self._geometries)
+            self._geometries.append(JudgeGeometry.of(self.town, trial))
+        return row
+
+    def _lay(self, geometries: Sequence[JudgeGeometry]) -> kernel.Ground:
+        packed = [geometry.packed for geometry in geometries]
+        sizes = np.array([(len(one.floats), len(one.ints), len(one.cells)) for one in packed], np.int64).reshape(-1, 3)
+        roads = self._roads
+
+        def joined(arrays: list[Any], dtype: Any) -> Any:
+            return np.concatenate([np.empty(0, dtype), *arrays])
+
+        return kernel.Ground(
+            points=roads.points,
+            along=roads.along,
+            legs=roads.ints,
+            lengths=roads.floats,
+            exits=roads.exits,
+            exits_mask=roads.exits_mask,
+            floats=joined([one.floats for one in packed], np.float64),
+            ints=joined([one.ints for one in packed], np.int64),
+            cells=joined([one.cells for one in packed], np.uint8),
+            bases=np.concatenate([np.zeros((1, 3), np.int64), np.cumsum(sizes, axis=0)]),
+            numbers=numbers_of(THRESHOLDS, VEHICLE),
+            nobody=np.empty((0, 6)),
+        )

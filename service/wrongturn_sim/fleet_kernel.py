@@ -1,0 +1,220 @@
+"""What one decision of many egos comes to, compiled: the loop over egos that drive alone.
+
+Each ego is one row of every array, and no row is read by another ego's turn; so however the rows are shared among
+threads, the numbers are the same. The steps are those of :class:`~wrongturn_sim.episode.Episode`, by the same
+functions.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from wrongturn_sim import guide
+from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, advance
+from wrongturn_sim.guide import LANE_FOLLOW, PROGRESS_FLOATS
+from wrongturn_sim.reward import score
+from wrongturn_sim.verdict import decide
+
+Array = np.ndarray[Any, Any]
+
+REST, DRIVE, GUIDE, BEGIN = 0, 1, 2, 3
+"""What an ego's turn is: nothing; a decision; to be told its first command; to begin with it."""
+FAULT_NONE, FAULT_OMISSION, FAULT_INFEASIBLE, FAULT_OTHER = 0, 1, 2, 3
+"""How the command is delivered; of another fault Python delivers it."""
+PER_SECOND = 20
+"""Sub-steps."""
+
+
+class Ground(NamedTuple):
+    """What all egos have in common."""
+
+    points: Array
+    along: Array
+    legs: Array
+    lengths: Array
+    """The town's roads, as :class:`~wrongturn_sim.roads.Roads` has them: its points, along, ints and floats."""
+    exits: Array
+    exits_mask: Array
+    floats: Array
+    ints: Array
+    cells: Array
+    """The judge's geometries of all approaches, one after another."""
+    bases: Array
+    """(approaches + 1, 3): where each one's floats, ints and cells begin."""
+    numbers: Array
+    """Of the judge."""
+    nobody: Array
+    """(0, 6)"""
+
+
+class Egos(NamedTuple):
+    """One row an ego."""
+
+    todo: Array
+    """(n,) int8"""
+    approaches: Array
+    """(n,) rows of ``Ground.bases``"""
+    faults: Array
+    routes: Array
+    """(n,) int64"""
+    actions: Array
+    """(n, 3): steer, throttle, brake, rounded to float32."""
+    state: Array
+    """(n, 5): as :data:`~wrongturn_sim.ego.State`."""
+    standing: Array
+    counts: Array
+    """What ``decide.py`` keeps."""
+    words: Array
+    progress: Array
+    places: Array
+    """What ``guide.py`` keeps."""
+    guided: Array
+    """(n, 2): the route's command, and the leg of the window."""
+    beside: Array
+    """(n, 3): travelled, lateral, heading."""
+    delivered: Array
+    """(n,): the command."""
+    sub_steps: Array
+    """(n,): so far."""
+    rewards: Array
+    """(n,)"""
+    states: Array
+    """(n, rows, 5): the state at the start and after each sub-step."""
+    commands: Array
+    """(n, decisions + 1, 2): delivered and the route's, for each decision."""
+    inputs: Array
+    """(n, decisions, 3) float32: the actions."""
+
+
+class Shown(NamedTuple):
+    """The observation's arrays, (n, ...); those of the privileged track have no rows in others."""
+
+    speed: Array
+    steering: Array
+    command: Array
+    pose: Array
+    lane: Array
+    stop_line: Array
+    exits: Array
+    exits_mask: Array
+
+
+@njit(cache=True)
+def ask(ground: Ground, egos: Egos, i: int) -> None:
+    """Ask the route, and the fault, for the next command."""
+    command, leg, travelled, lateral, heading = guide.update(
+        ground.points, ground.along, ground.legs, ground.lengths, egos.words[i], egos.progress[i], egos.places[i],
+        egos.state[i, 0], egos.state[i, 1],
+    )  # fmt: skip
+    egos.guided[i, 0] = command
+    egos.guided[i, 1] = leg
+    egos.beside[i, 0] = travelled
+    egos.beside[i, 1] = lateral
+    egos.beside[i, 2] = heading
+    fault = egos.faults[i]
+    if fault == FAULT_OMISSION:
+        command = LANE_FOLLOW
+    elif fault == FAULT_INFEASIBLE and command != LANE_FOLLOW and leg >= 0:
+        missing = ground.legs[leg, guide.L_MISSING]
+        if missing != 0:
+            command = missing
+    egos.delivered[i] = command
+
+
+@njit(cache=True)
+def watch(ground: Ground, egos: Egos, i: int, command: int) -> bool:
+    """Record an ego's state and let the judge see it; whether the verdict fell."""
+    row = egos.sub_steps[i]
+    for k in range(5):
+        egos.states[i, row, k] = egos.state[i, k]
+    one = egos.approaches[i]
+    bases = ground.bases
+    found = decide.observe(
+        ground.floats[bases[one, 0] : bases[one + 1, 0]],
+        ground.ints[bases[one, 1] : bases[one + 1, 1]],
+        ground.cells[bases[one, 2] : bases[one + 1, 2]],
+        ground.numbers, ground.nobody, egos.standing[i], egos.counts[i], egos.routes[i],
+        row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3], command,
+    )  # fmt: skip
+    return bool(found != 0)
+
+
+@njit(cache=True)
+def show(ground: Ground, egos: Egos, shown: Shown, i: int) -> None:
+    """Fill an ego's observation."""
+    shown.speed[i, 0] = egos.state[i, 3]
+    shown.steering[i, 0] = egos.state[i, 4]
+    shown.command[i, 0] = egos.delivered[i]
+    if shown.pose.shape[0] == 0:
+        return
+    for k in range(3):
+        shown.pose[i, k] = egos.state[i, k]
+    progress = egos.progress[i]
+    left = guide.stop_line(ground.legs, ground.lengths, progress, egos.places[i])
+    shown.stop_line[i, 0] = left
+    guide.lane_ahead(
+        ground.points, ground.along, ground.legs, ground.lengths, progress, egos.places[i], shown.lane[i]
+    )  # fmt: skip
+    if progress[guide.P_INSIDE] or left >= 0.0:
+        leg = progress[guide.P_LEG]
+        shown.exits[i] = ground.exits[leg]
+        shown.exits_mask[i] = ground.exits_mask[leg]
+    else:
+        shown.exits[i] = 0.0
+        shown.exits_mask[i] = 0
+
+
+@njit(cache=True)
+def drive(ground: Ground, egos: Egos, i: int) -> None:
+    """One decision of one ego, as ``Episode.step``."""
+    steer, throttle, brake = egos.actions[i, 0], egos.actions[i, 1], egos.actions[i, 2]
+    decision = egos.sub_steps[i] // SUB_STEPS
+    egos.inputs[i, decision, 0] = steer
+    egos.inputs[i, decision, 1] = throttle
+    egos.inputs[i, decision, 2] = brake
+    command = egos.delivered[i]
+    state = egos.state[i]
+    x, y, yaw, v, steering = state[0], state[1], state[2], state[3], state[4]
+    for _ in range(SUB_STEPS):
+        x, y, yaw, v, steering = advance(x, y, yaw, v, steering, steer, throttle, brake, SUB_STEP)
+        state[0] = x
+        state[1] = y
+        state[2] = yaw
+        state[3] = v
+        state[4] = steering
+        egos.sub_steps[i] += 1
+        if watch(ground, egos, i, command):
+            break
+    ask(ground, egos, i)
+    egos.rewards[i] = score(v, yaw, egos.guided[i, 0] != LANE_FOLLOW, egos.beside[i, 1], egos.beside[i, 2])
+
+
+@njit(cache=True)
+def keep_commands(egos: Egos, i: int) -> None:
+    """Record what is delivered for the decision that comes."""
+    decision = (egos.sub_steps[i] + SUB_STEPS - 1) // SUB_STEPS  # a verdict may have fallen half-way
+    egos.commands[i, decision, 0] = egos.delivered[i]
+    egos.commands[i, decision, 1] = egos.guided[i, 0]
+
+
+@njit(cache=True, nogil=True)
+def run(ground: Ground, egos: Egos, shown: Shown, first: int, end: int) -> None:
+    """The turns of the egos from ``first`` to before ``end``."""
+    for i in range(first, end):
+        todo = egos.todo[i]
+        if todo == DRIVE:
+            drive(ground, egos, i)
+            keep_commands(egos, i)
+            show(ground, egos, shown, i)
+        elif todo == GUIDE:
+            decide.begin(egos.standing[i], egos.counts[i])
+            for k in range(PROGRESS_FLOATS):
+                egos.places[i, k] = 0.0
+            egos.sub_steps[i] = 0
+            egos.rewards[i] = 0.0
+            ask(ground, egos, i)
+        elif todo == BEGIN:
+            keep_commands(egos, i)
+            watch(ground, egos, i, egos.delivered[i])
+            show(ground, egos, shown, i)
