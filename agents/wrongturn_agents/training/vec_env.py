@@ -1,0 +1,121 @@
+"""Many egos in one process for Stable-Baselines3."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
+
+from wrongturn_sim import WrongturnVectorEnv
+
+
+class WrongturnVecEnv(VecEnv):
+    """A :class:`~wrongturn_sim.vector_env.WrongturnVectorEnv` as a ``VecEnv``.
+
+    An episode that ended is followed by the next one at once, as Stable-Baselines3 wants it: ``infos[i]`` then holds
+    ``terminal_observation`` and ``TimeLimit.truncated``, beside ``verdict`` and ``outcome`` of the one that ended and
+    the ``trial`` of the one that began.
+
+    Args:
+        num_envs: how many.
+        options: as the vectorised environment's, such as ``town``, ``track``, ``fault``, ``weather``, ``threads``.
+
+    Raises:
+        ValueError: names that do not exist, or do not go together.
+    """
+
+    def __init__(self, num_envs: int, **options: Any) -> None:
+        self.envs = WrongturnVectorEnv(num_envs, **options, autoreset_mode=AutoresetMode.SAME_STEP)
+        self._waiting: NDArray[Any] | None = None
+        super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
+
+    def reset(self) -> VecEnvObs:
+        """Begin all trials anew; ``seed`` and ``set_options`` before it hold for it."""
+        options = [given for given in self._options if given]
+        if options and any(given != options[0] for given in self._options):
+            raise ValueError("options: differ between environments; give one for all of them")
+        observation, infos = self.envs.reset(
+            seed=None if all(seed is None for seed in self._seeds) else list(self._seeds),
+            options=options[0] if options else None,
+        )
+        self.reset_infos = [{"trial": trial, "town": town} for trial, town in _pairs(infos, "trial", "town")]
+        self._reset_seeds()
+        self._reset_options()
+        return observation
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Keep the actions for :meth:`step_wait`."""
+        self._waiting = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Drive on for 0.1 s.
+
+        Raises:
+            InvalidActionError: a field is no number, not finite or out of its range.
+            RuntimeError: there are no actions.
+        """
+        if self._waiting is None:
+            raise RuntimeError("step_wait: there are no actions; call step_async first, or step")
+        actions, self._waiting = self._waiting, None
+        observation, rewards, terminated, truncated, told = self.envs.step(actions)
+        ended = terminated | truncated
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for i in np.flatnonzero(ended).tolist():
+            infos[i] = {
+                "terminal_observation": told["final_obs"][i],
+                "TimeLimit.truncated": bool(truncated[i]),
+                "verdict": told["final_info"]["verdict"][i],
+                "outcome": told["final_info"]["outcome"][i],
+                "trial": told["trial"][i],
+                "town": told["town"][i],
+            }
+        return observation, rewards.astype(np.float32), ended, infos
+
+    def close(self) -> None:
+        """End the threads."""
+        self.envs.close()
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """An attribute of the batch, once for each environment; one with a value for each of them is shared out."""
+        value = getattr(self.envs, attr_name)
+        shared = isinstance(value, tuple | np.ndarray) and len(value) == self.num_envs
+        return [value[i] if shared else value for i in self._chosen(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Refused: environments of a batch have no attributes of their own.
+
+        Raises:
+            NotImplementedError: always.
+        """
+        raise NotImplementedError(f"{attr_name}: cannot be set; make the environments with it")
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call a method of the batch that takes an environment's number, such as ``episode``, for each of them."""
+        method = getattr(self.envs, method_name)
+        return [method(i, *method_args, **method_kwargs) for i in self._chosen(indices)]
+
+    def env_is_wrapped(
+        self,
+        wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]],  # noqa: ARG002
+        indices: VecEnvIndices = None,
+    ) -> list[bool]:
+        """None is."""
+        return [False for _ in self._chosen(indices)]
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """None: pictures are observations."""
+        return [None] * self.num_envs
+
+    def _chosen(self, indices: VecEnvIndices) -> Iterable[int]:
+        chosen: Iterable[int] = self._get_indices(indices)
+        return chosen
+
+
+def _pairs(infos: dict[str, Any], *names: str) -> Iterable[tuple[Any, ...]]:
+    return zip(*(infos[name] for name in names), strict=True)
