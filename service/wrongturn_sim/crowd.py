@@ -107,7 +107,9 @@ class Crowd:
                 if dx * dx + dy * dy > _NEAR or (looks := self._looks.get(name)) is None:
                     continue
                 # SUMO's angle runs clockwise from north; a car's position is the front bumper's centre.
-                yaw = floor(remainder(_QUARTER - domain.getAngle(name) * _RADIANS, _TURN) * 1e4 + 0.5) / 1e4
+                yaw = (
+                    int(remainder(_QUARTER - domain.getAngle(name) * _RADIANS, _TURN) * 1e4) / 1e4
+                )  # towards 0: within pi
                 if looks.kind == VEHICLE_KIND:
                     px -= looks.length / 2 * math.cos(yaw)
                     py -= looks.length / 2 * math.sin(yaw)

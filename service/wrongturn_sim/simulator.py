@@ -42,6 +42,8 @@ _OPTIONS: Final = (
     *("--xml-validation", "never"),
     *("--xml-validation.net", "never"),
 )
+_WITH_TRAFFIC: Final = ("--insertion-checks", "collision")
+"""Cars come in where they do not overlap another, though it may have to brake; else one of a jam would come late."""
 _HALF_LENGTH: Final = VEHICLE.half_length
 _DEGREES: Final = 180.0 / math.pi
 _SETTLING: Final = 10
@@ -77,13 +79,13 @@ def load_libsumo() -> ModuleType:
     return _Process.sumo
 
 
-def _start(net: Path, seed: int) -> ModuleType:
+def _start(net: Path, seed: int, *more: str) -> ModuleType:
     """A simulation of the net, freshly loaded unless it is there already."""
     sumo = load_libsumo()
     if _Process.net == net:
         return sumo
     _Process.net = None
-    options = ["--net-file", str(net), "--seed", str(seed), *_OPTIONS]
+    options = ["--net-file", str(net), "--seed", str(seed), *_OPTIONS, *more]
     try:
         if sumo.isLoaded():
             sumo.load(options)
@@ -204,9 +206,11 @@ class Simulator:
             SimulatorUnavailableError: libsumo cannot be loaded.
             SimulatorFailedError: SUMO cannot load the net, or does not know the edge.
         """
-        if traffic is not None:
+        if traffic is None:
+            sumo = _start(net, seed % 2**31)
+        else:
             _Process.net = None
-        sumo = _start(net, seed % 2**31)
+            sumo = _start(net, seed % 2**31, *_WITH_TRAFFIC)
         drive = Drive(sumo.vehicle.moveToXY, sumo.simulationStep)
         _Process.holder = drive
         try:
