@@ -1,0 +1,89 @@
+"""Practice among other road users, over HTTP."""
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from service_harness import GAS, Agent, RunningService, expect, problem
+
+from wrongturn_networks import draw_trial, load_town
+from wrongturn_protocol import FaultKind, Track, Traffic
+from wrongturn_protocol.observations import decode
+from wrongturn_sim import Episode, JudgeGeometry, Trajectory, judge
+
+CROWD = {"vehicles": 30, "pedestrians": 15}
+WHERE = {"town": "junctions", "approach": "J1-S", "seed": 1}
+
+
+def test_as_in_process_and_the_record_alone_gives_the_verdict(agent: Agent) -> None:
+    town = load_town("junctions")
+    trial = draw_trial(town, "J1-S", FaultKind.NONE, 1, traffic=Traffic(vehicles=40))
+    episode = Episode(trial, Track.PRIVILEGED)
+    reply = agent.practise(**WHERE, track="privileged", traffic={"vehicles": 40})
+    name, seq, observation = reply["id"], 0, episode.reset()
+    met = 0
+    while True:
+        got = decode(reply["observation"], Track.PRIVILEGED)
+        assert all(np.array_equal(got[key], array) for key, array in observation.items())
+        met = max(met, int(got["road_users_count"][0]))
+        if episode.outcome is not None:
+            break
+        seq += 1
+        observation = episode.step(*GAS.values()).observation
+        reply = expect(agent.step(name, seq, GAS), 200)
+    assert met > 10
+    assert reply["verdict"] == "collision"
+    record = agent.trajectory(name)
+    assert record == episode.trajectory.to_json()
+    assert judge(Trajectory.from_json(record), JudgeGeometry.of(town, trial)) == episode.outcome
+
+
+def test_a_simulator_that_is_killed_among_others(tmp_path: Path) -> None:
+    service = RunningService(tmp_path / "wrongturn.db", simulators=1)
+    try:
+        with service.agent() as agent:
+            trajectories = []
+            for kill in (False, True):
+                # Another drive in between, so that the replay finds a simulator that has driven.
+                agent.drive(agent.practise(**WHERE, traffic=CROWD | {"vehicles": 5})["id"])
+                episode = agent.practise(**WHERE, track="privileged", traffic=CROWD)["id"]
+                for seq in range(1, 9):
+                    if kill and seq == 5:
+                        (pid,) = service.simulators()
+                        os.kill(pid, signal.SIGKILL)
+                    expect(agent.step(episode, seq, GAS), 200)
+                agent.drive(episode, GAS, 9)
+                trajectories.append(agent.trajectory(episode))
+            assert trajectories[0] == trajectories[1]
+            assert b'"road_users"' in trajectories[0]
+        assert service.stop() == 0
+    finally:
+        if not service.process.stdout.closed:  # type: ignore[union-attr]
+            service.kill()
+
+
+@pytest.mark.parametrize(
+    ("traffic", "path"),
+    [
+        ({"vehicles": -1}, "traffic.vehicles"),
+        ({"vehicles": 201}, "traffic.vehicles"),
+        ({"pedestrians": 1.5}, "traffic.pedestrians"),
+        ({"pedestrians": "many"}, "traffic.pedestrians"),
+        ({"bicycles": 1}, "traffic.bicycles"),
+        (20, "traffic"),
+        ({"vehicles": 200}, "traffic.vehicles"),  # no room
+    ],
+)
+def test_counts_that_cannot_be(agent: Agent, traffic: Any, path: str) -> None:
+    response = agent.http.post("/v1/episodes", json=WHERE | {"traffic": traffic})
+    problem(response, 422, "validation", path)
+
+
+def test_a_suites_trial_has_its_own_traffic(agent: Agent) -> None:
+    trials = expect(agent.http.get("/v1/suites/smoke@1/trials"), 200)["trials"]
+    body = {"suite": "smoke@1", "trial": trials[0]["id"], "traffic": CROWD}
+    told = problem(agent.http.post("/v1/episodes", json=body), 422, "validation", "body")
+    assert "traffic" in told["detail"]
