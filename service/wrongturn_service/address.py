@@ -4,6 +4,8 @@ import errno
 import socket
 
 _BACKLOG = 2048
+_LAST_RESERVED = 1023
+"""The greatest port for which an ordinary user has no rights."""
 
 
 class AddressError(Exception):
@@ -14,7 +16,7 @@ def bind(host: str, port: int) -> socket.socket:
     """A listening address, taken before anything else is begun.
 
     Raises:
-        AddressError: it is in use, or not this machine's.
+        AddressError: it is in use, reserved, or not this machine's.
     """
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
@@ -35,6 +37,10 @@ def bind(host: str, port: int) -> socket.socket:
         if error.errno == errno.EADDRINUSE:
             raise AddressError(
                 f"--port {port}: is in use on {host}; stop who has it, name another, or take a free one by --port 0",
+            ) from error
+        if error.errno == errno.EACCES and port <= _LAST_RESERVED:
+            raise AddressError(
+                f"--port {port}: only root may listen on it; name a port above {_LAST_RESERVED}, such as --port 8000",
             ) from error
         raise AddressError(f"--host {host} --port {port}: {error.strerror or error}") from error
     return bound

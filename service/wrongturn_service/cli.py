@@ -42,6 +42,13 @@ def serve(
             name = ".".join(str(part) for part in item["loc"])
             typer.echo(f"{PREFIX}{name.upper()}: {item['msg']}", err=True)
         raise typer.Exit(_USAGE) from None
+    from wrongturn_service.storage.location import DatabaseUrlError, parse  # noqa: PLC0415 - wants SQLAlchemy
+
+    try:
+        parse(settings.database_url)
+    except DatabaseUrlError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(_USAGE) from None
     try:
         bound = bind(settings.host, settings.port)
     except AddressError as error:
@@ -59,15 +66,11 @@ def serve(
 
 def checks() -> Iterator[tuple[str, bool, str, str]]:
     """Name, whether it is well, what was found, what to do where it is not."""
-    import asyncio  # noqa: PLC0415
-    import tempfile  # noqa: PLC0415
-    from pathlib import Path  # noqa: PLC0415
-
     from pydantic import ValidationError  # noqa: PLC0415
 
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
     from wrongturn_service.settings import Settings  # noqa: PLC0415
-    from wrongturn_service.storage.database import Database  # noqa: PLC0415
+    from wrongturn_service.storage.examination import examine  # noqa: PLC0415
 
     try:
         settings = Settings()
@@ -77,14 +80,11 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         return
     yield "settings", True, f"database {settings.database_url.rsplit('@', 1)[-1]}", ""
     try:
-        settings.home.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=settings.home) as folder:
-
-            async def trial() -> None:
-                await (await Database.open(f"sqlite+aiosqlite:///{Path(folder) / 'check.db'}")).close()
-
-            asyncio.run(trial())
-    except (OSError, StartupError) as error:
-        yield "database", False, str(error), "set WRONGTURN_HOME to a directory that can be written"
+        found = examine(settings.database_url, settings.home)
+    except StartupError as error:
+        remedy = "let WRONGTURN_DATABASE name a database that can be used"
+        if not settings.database:
+            remedy += ", or WRONGTURN_HOME a folder that can be written"
+        yield "database", False, str(error), remedy
     else:
-        yield "database", True, f"one can be made in {settings.home}", ""
+        yield "database", True, found, ""

@@ -62,7 +62,7 @@ async def run_service(
     """
     log = structlog.get_logger("service")
     async with contextlib.AsyncExitStack() as stack:
-        database = await Database.open(settings.database_url)
+        database = await Database.open(settings.database_url, home=settings.home)
         stack.push_async_callback(database.close)
         store = Store(database)
         lost = await store.lose_open_episodes()

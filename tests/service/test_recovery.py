@@ -148,12 +148,21 @@ def test_a_database_that_another_service_has(service: RunningService) -> None:
 
 
 def test_a_database_that_cannot_be_written(own) -> None:
-    service = own("--database", "sqlite+aiosqlite:////proc/wrongturn/wrongturn.db")
+    service = own("--database", "sqlite+aiosqlite:////proc/wrongturn.db")
     assert not service.ready
     assert service.stop() == 1
-    assert "Wrongturn cannot start: the database file /proc/wrongturn/wrongturn.db cannot be written" in service.stderr
+    assert "Wrongturn cannot start: the database file /proc/wrongturn.db cannot be written" in service.stderr
     assert "--database" in service.stderr
     assert "Traceback" not in service.stderr
+
+
+def test_a_database_url_that_is_none(own) -> None:
+    service = own("--database", "foo")
+    assert not service.ready
+    assert service.stop() == 2
+    assert service.stderr.startswith("the database URL 'foo' is none; ")
+    assert "by --database or WRONGTURN_DATABASE" in service.stderr
+    assert len(service.stderr.splitlines()) == 1
 
 
 def test_a_setting_that_is_none(own) -> None:

@@ -27,8 +27,9 @@ def agent_row(name: str = "one") -> AgentRow:
 @pytest.mark.parametrize(
     ("database", "message"),
     [
-        ("sqlite+aiosqlite:////proc/wrongturn/wrongturn.db", "cannot be written"),
-        ("sqlite+aiosqlite:////dev/null/wrongturn.db", "cannot be written"),
+        ("sqlite+aiosqlite:////proc/wrongturn.db", "cannot be written"),
+        ("sqlite+aiosqlite:////dev/null/wrongturn.db", "there is no folder /dev/null for"),
+        ("sqlite+aiosqlite:///{folder}/none/wrongturn.db", "there is no folder .*/none for the database file; make it"),
         ("sqlite+aiosqlite:///{folder}", "unable to open database file"),
         ("sqlite+aiosqlite:///{folder}/text.db", "file is not a database"),
         ("sqlite+aiosqlite://", "has to be a file"),
@@ -48,6 +49,20 @@ def test_a_database_that_cannot_be_used(tmp_path: Path, database: str, message: 
     newer.close()
     with pytest.raises(StartupError, match=message):
         asyncio.run(Database.open(database.format(folder=tmp_path)))
+
+
+def test_no_folder_is_made_but_the_home(tmp_path: Path) -> None:
+    home = tmp_path / "new" / "home"
+    for folder in (tmp_path / "slip", home / "deeper", home.parent):
+        with pytest.raises(StartupError, match="there is no folder"):
+            asyncio.run(Database.open(url(folder / "a.db"), home=home))
+    assert not list(tmp_path.iterdir())
+
+    async def story() -> None:
+        await (await Database.open(url(home / "a.db"), home=home)).close()
+
+    asyncio.run(story())
+    assert (home / "a.db").exists()
 
 
 def test_two_services_cannot_share_a_file(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import fcntl
 import os
 import sqlite3
 from collections.abc import AsyncIterator
@@ -13,11 +12,12 @@ from alembic import command
 from alembic.config import Config
 from alembic.util import CommandError
 from sqlalchemy import Connection, event
-from sqlalchemy.engine import URL, make_url
-from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
+from sqlalchemy.engine import URL
+from sqlalchemy.exc import NoSuchModuleError, SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncEngine, AsyncSession, create_async_engine
 
 from wrongturn_service.errors import StartupError
+from wrongturn_service.storage import location
 
 _READ = "wrongturn_read"
 _BUSY_MS = 30_000
@@ -34,15 +34,23 @@ class Database:
         self._writer = asyncio.Lock() if engine.dialect.name == "sqlite" else contextlib.nullcontext()
 
     @classmethod
-    async def open(cls, url: str) -> Self:
+    async def open(cls, url: str, *, home: Path | None = None) -> Self:
         """Connect, lock the file where it is SQLite's, and bring the tables up to date.
 
+        Args:
+            url: SQLAlchemy's.
+            home: the folder that is made where the file lies in it; no other is.
+
         Raises:
-            StartupError: the URL is no database's, the file cannot be written, another service has it, or it is of a
-                newer version.
+            StartupError: the URL is no database's, its folder is not there, the file cannot be written, another service
+                has it, or it is of a newer version.
         """
-        parsed = _parse(url)
-        lock = _lock_file(parsed) if parsed.get_backend_name() == "sqlite" else None
+        parsed = location.parse(url)
+        file = location.file_of(parsed)
+        lock = None
+        if file is not None:
+            location.ensure_folder(file, home)
+            lock = location.lock(file)
         shown = parsed.render_as_string(hide_password=True)
         engine = None
         try:
@@ -55,14 +63,13 @@ class Database:
             await _close(engine, lock)
             reason = str(getattr(error, "orig", None) or error).splitlines()[0]
             raise StartupError(
-                f"the database {shown} cannot be used: {reason}; "
-                "name one that can be written by --database or WRONGTURN_DATABASE",
+                f"the database {shown} cannot be used: {reason}; name one that can be written by {location.NAMED_BY}",
             ) from error
         except CommandError as error:
             await _close(engine, lock)
             raise StartupError(
                 f"the database {shown} was made by another version of Wrongturn ({error}); "
-                "upgrade Wrongturn, or name another database by --database",
+                f"upgrade Wrongturn, or name another database by {location.NAMED_BY}",
             ) from error
         return cls(engine, lock)
 
@@ -89,42 +96,6 @@ async def _close(engine: AsyncEngine | None, lock: int | None) -> None:
         await engine.dispose()
     if lock is not None:
         os.close(lock)
-
-
-def _parse(url: str) -> URL:
-    try:
-        parsed = make_url(url)
-    except ArgumentError as error:
-        raise StartupError(
-            f"the database URL {url!r} is none; write it as sqlite+aiosqlite:////path/wrongturn.db",
-        ) from error
-    if parsed.drivername == "sqlite":
-        parsed = parsed.set(drivername="sqlite+aiosqlite")
-    if parsed.get_backend_name() == "sqlite" and parsed.database in {None, "", ":memory:"}:
-        raise StartupError("the database has to be a file, so that nothing recorded is lost; name one by --database")
-    return parsed
-
-
-def _lock_file(url: URL) -> int:
-    path = Path(url.database or "")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # A file beside the database: SQLite's own locks on it would be lost when any handle of it is closed.
-        handle = os.open(path.with_name(path.name + ".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    except OSError as error:
-        raise StartupError(
-            f"the database file {path} cannot be written: {error.strerror or error}; "
-            "name another by --database or WRONGTURN_DATABASE",
-        ) from error
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(handle)
-        raise StartupError(
-            f"the database file {path} is in use by another Wrongturn service; stop that one, "
-            "or name another file by --database",
-        ) from error
-    return handle
 
 
 def _probe(url: URL) -> None:
@@ -164,8 +135,14 @@ def _begin_sqlite(connection: Connection) -> None:
     connection.exec_driver_sql("BEGIN" if reads else "BEGIN IMMEDIATE")
 
 
-def _migrate(connection: Connection) -> None:
+def migrations() -> Config:
+    """Alembic's configuration, with the scripts beside this file."""
     config = Config()
     config.set_main_option("script_location", str(Path(__file__).with_name("migrations")).replace("%", "%%"))
+    return config
+
+
+def _migrate(connection: Connection) -> None:
+    config = migrations()
     config.attributes["connection"] = connection
     command.upgrade(config, "head")

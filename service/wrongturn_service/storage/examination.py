@@ -1,0 +1,59 @@
+"""Whether a service could use the database, found out without making or changing it."""
+
+import contextlib
+import os
+import sqlite3
+import tempfile
+from pathlib import Path
+
+from alembic.script import ScriptDirectory
+from alembic.util import CommandError
+
+from wrongturn_service.errors import StartupError
+from wrongturn_service.storage import location
+from wrongturn_service.storage.database import migrations
+
+
+def examine(url: str, home: Path) -> str:
+    """What is found of a database that can be used, in words.
+
+    Args:
+        url: SQLAlchemy's.
+        home: the one folder that may be made.
+
+    Raises:
+        StartupError: a service could not use it; the message says why.
+    """
+    parsed = location.parse(url)
+    file = location.file_of(parsed)
+    if file is None:
+        return f"{parsed.render_as_string(hide_password=True)} is not SQLite's: it was not tried"
+    location.ensure_folder(file, home)
+    if location.in_use(file):
+        return f"{file} is in use by a service that runs"
+    try:
+        # SQLite and the lock need files of their own beside the database.
+        with tempfile.TemporaryFile(dir=file.parent):
+            pass
+        if not file.exists():
+            return f"{file} can be made"
+        os.close(os.open(file, os.O_RDWR | os.O_CLOEXEC))
+    except OSError as error:
+        raise location.unwritable(file, error) from error
+    try:
+        _check_version(file)
+    except sqlite3.Error as error:
+        raise StartupError(f"the database {file} cannot be used: {error}; name another") from error
+    except CommandError as error:
+        raise StartupError(f"the database {file} was made by another version of Wrongturn ({error})") from error
+    return f"{file} can be used"
+
+
+def _check_version(file: Path) -> None:
+    """Raise sqlite3's error where it is no database, alembic's where a later version made it."""
+    with contextlib.closing(sqlite3.connect(f"{file.as_uri()}?mode=rw", uri=True)) as connection:
+        tables = connection.execute("SELECT name FROM sqlite_master WHERE name = 'alembic_version'").fetchall()
+        versions = connection.execute("SELECT version_num FROM alembic_version").fetchall() if tables else []
+    known = ScriptDirectory.from_config(migrations())
+    for (version,) in versions:
+        known.get_revision(version)

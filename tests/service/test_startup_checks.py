@@ -1,0 +1,111 @@
+"""What ``wrongturn doctor`` finds of the database, and which addresses are refused."""
+
+import asyncio
+import os
+import socket
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from wrongturn_service import cli
+from wrongturn_service.address import AddressError, bind
+from wrongturn_service.settings import PREFIX, Settings
+from wrongturn_service.storage.database import Database
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name in Settings.model_fields:
+        monkeypatch.delenv(PREFIX + name.upper(), raising=False)
+    home = tmp_path / "home"
+    monkeypatch.setenv("WRONGTURN_HOME", str(home))
+    return home
+
+
+def finding(database: str | None = None) -> tuple[bool, str, str]:
+    with pytest.MonkeyPatch.context() as patch:
+        if database is not None:
+            patch.setenv("WRONGTURN_DATABASE", database)
+        _, (name, ok, detail, remedy) = list(cli.checks())
+    assert name == "database"
+    return ok, detail, remedy
+
+
+def url(file: Path) -> str:
+    return f"sqlite+aiosqlite:///{file}"
+
+
+def test_a_database_that_is_not_there_yet(home: Path, tmp_path: Path) -> None:
+    assert finding() == (True, f"{home}/wrongturn.db can be made", "")
+    assert finding(url(tmp_path / "a.db")) == (True, f"{tmp_path}/a.db can be made", "")
+    assert not list(home.iterdir())
+
+
+def test_a_database_that_is_there_stays_as_it_is(tmp_path: Path) -> None:
+    file = tmp_path / "a.db"
+
+    async def story() -> None:
+        database = await Database.open(url(file))
+        ok, detail, _ = await asyncio.to_thread(finding, url(file))
+        assert ok
+        assert detail == f"{file} is in use by a service that runs"
+        await database.close()
+
+    asyncio.run(story())
+    before = file.read_bytes()
+    assert finding(url(file)) == (True, f"{file} can be used", "")
+    assert file.read_bytes() == before
+    (tmp_path / "a.db.lock").unlink()
+    assert finding(url(file))[0]
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["a.db"]
+
+
+@pytest.mark.parametrize(
+    ("database", "says"),
+    [
+        ("foo", "the database URL 'foo' is none"),
+        ("sqlite+aiosqlite:///{folder}/none/a.db", "there is no folder"),
+        ("sqlite+aiosqlite:///{folder}", "Is a directory"),
+        ("sqlite+aiosqlite:////proc/a.db", "cannot be written"),
+        ("sqlite+aiosqlite:///{folder}/text.db", "file is not a database"),
+        ("sqlite+aiosqlite:///{folder}/newer.db", "another version"),
+    ],
+)
+def test_a_database_that_the_service_could_not_use(tmp_path: Path, database: str, says: str) -> None:
+    (tmp_path / "text.db").write_text("no database, but long enough to be taken for one\n" * 50)
+    newer = sqlite3.connect(tmp_path / "newer.db")
+    newer.executescript(
+        "CREATE TABLE alembic_version (version_num VARCHAR(32)); INSERT INTO alembic_version VALUES ('9999')",
+    )
+    newer.close()
+    ok, detail, remedy = finding(database.format(folder=tmp_path))
+    assert not ok
+    assert says in detail
+    assert "WRONGTURN_DATABASE" in remedy
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everything")
+def test_a_database_without_rights(tmp_path: Path) -> None:
+    file = tmp_path / "a.db"
+    file.touch(0o400)
+    assert not finding(url(file))[0]
+
+
+def test_another_kind_of_database_is_not_tried() -> None:
+    ok, detail, _ = finding("postgresql+asyncpg://me:secret@nowhere.invalid/wrongturn")
+    assert ok
+    assert "was not tried" in detail
+    assert "secret" not in detail
+
+
+def test_a_port_without_the_right_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(socket.socket, "bind", refuse)
+    with pytest.raises(AddressError, match="--port 80: only root may listen on it; name a port above 1023"):
+        bind("127.0.0.1", 80)
+    with pytest.raises(AddressError, match="--port 8000: Permission denied"):
+        bind("127.0.0.1", 8000)
