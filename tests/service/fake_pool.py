@@ -17,6 +17,7 @@ from wrongturn_service.pool.pool import (
     Simulator,
     SimulatorDiedError,
     SimulatorsBusyError,
+    SimulatorStartError,
 )
 from wrongturn_service.wire import Wire
 
@@ -91,6 +92,8 @@ class FakePool(Pool):
         self.replays = 0
         self.refuse = False
         self.drift = 0.0
+        self.starts = 0
+        self.deaths_at_start: list[None] = []
         self.deaths_at_reset: list[None] = []
         self.deaths_at_step: list[None] = []
         self.deaths_at_abort: list[None] = []
@@ -109,6 +112,10 @@ class FakePool(Pool):
             if not wait:
                 raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
             await asyncio.sleep(0.01)
+        self.starts += 1
+        if self.deaths_at_start:
+            self.deaths_at_start.pop()
+            raise SimulatorStartError("played")
         simulator = FakeSimulator(self)
         self.taken.add(simulator)
         self.most = max(self.most, len(self.taken))

@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 from fake_pool import FakePool
 from service_harness import COAST, GAS, expect, problem
 
 from wrongturn_service.app import create_app
+from wrongturn_service.episodes import driver
 from wrongturn_service.settings import Settings
 
 PRACTICE = {"town": "Town01", "approach": "J3-S"}
@@ -145,6 +147,57 @@ def test_a_few_deaths_are_not_noticed(tmp_path: Path) -> None:
             pool.deaths_at_reset += [None] * 3
             problem(await http.post("/v1/episodes", json=PRACTICE), 503, "simulator-failed")
             assert not pool.taken
+
+    play(story)
+
+
+def test_deaths_while_a_simulator_starts_are_not_noticed(tmp_path: Path) -> None:
+    async def story() -> None:
+        pool = FakePool()
+        async with application(tmp_path, pool) as http:
+            pool.deaths_at_start += [None] * 2
+            episode = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
+            expect(await step(http, episode, 1), 200)
+            pool.deaths_at_step += [None]
+            pool.deaths_at_start += [None] * 2
+            assert expect(await step(http, episode, 2), 200)["observation"]["speed"] == 2
+            pool.deaths_at_step += [None]
+            pool.deaths_at_start += [None]
+            pool.deaths_at_reset += [None]
+            assert expect(await step(http, episode, 3), 200)["observation"]["speed"] == 3
+            assert not pool.deaths_at_start
+
+    play(story)
+
+
+def test_simulators_that_never_start_are_told_after_a_few_tries(tmp_path: Path) -> None:
+    async def story() -> None:
+        pool = FakePool()
+        async with application(tmp_path, pool) as http:
+            episode = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
+            expect(await step(http, episode, 1), 200)
+            pool.deaths_at_start += [None] * 1000
+            pool.deaths_at_step += [None]
+            for call in (http.post("/v1/episodes", json=PRACTICE), step(http, episode, 2)):
+                before = pool.starts
+                refused = problem(await call, 503, "simulator-failed")
+                assert "no simulator could be started" in refused["detail"]
+                assert pool.starts - before == 3
+            pool.deaths_at_start.clear()
+            assert expect(await step(http, episode, 2), 200)["observation"]["speed"] == 2
+            assert len(pool.taken) == 1
+
+    play(story)
+
+
+def test_a_start_that_lasted_is_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def story() -> None:
+        pool = FakePool()
+        async with application(tmp_path, pool) as http:
+            monkeypatch.setattr(driver, "START_PATIENCE_S", -1.0)
+            pool.deaths_at_start += [None]
+            problem(await http.post("/v1/episodes", json=PRACTICE), 503, "simulator-failed")
+            assert pool.starts == 1
 
     play(story)
 

@@ -78,6 +78,17 @@ def test_a_program_that_is_not_there() -> None:
     asyncio.run(play())
 
 
+def test_who_waits_is_heard_when_the_other_ones_does_not_start() -> None:
+    async def story(pool: LocalPool) -> None:
+        async def acquire() -> None:
+            with pytest.raises(SimulatorStartError, match="did not get ready"):
+                await pool.acquire("Town01", wait=True)
+
+        await asyncio.wait_for(asyncio.gather(acquire(), acquire(), acquire()), 20)
+
+    run(story, "import sys; sys.exit(7)")
+
+
 @pytest.mark.parametrize(("steer", "message"), [(0.25, "ended"), (0.5, "within 0.5 s"), (0.75, "ValueError: broken")])
 def test_one_that_dies_hangs_or_breaks(steer: float, message: str) -> None:
     async def story(pool: LocalPool) -> None:

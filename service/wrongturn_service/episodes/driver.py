@@ -1,6 +1,7 @@
 """Drives open episodes in simulators, and repeats them in others when one dies: the agent notices nothing but time."""
 
-from collections.abc import Awaitable, Callable
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Final, TypeVar
 
 import structlog
@@ -19,7 +20,9 @@ from wrongturn_service.pool.pool import Final as End
 from wrongturn_service.wire import Wire
 
 ATTEMPTS: Final = 3
-"""How many simulators may die of one call before the episode is given up."""
+"""How many simulators may die of one call, or of their own start, before the episode is given up."""
+START_PATIENCE_S: Final = 20.0
+"""Seconds of a call after which a simulator that does not start is the last: the caller's own patience ends."""
 STEP_S: Final = 0.1
 """Seconds of a decision."""
 _T = TypeVar("_T")
@@ -44,8 +47,7 @@ class Driver:
             EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError, ReplayFailedError.
         """
         trial = episode.trial.model_dump_json()
-        for _ in range(ATTEMPTS):
-            simulator = await self._pool.acquire(episode.trial.town)
+        async for simulator in self._simulators(episode.trial.town):
             try:
                 frame = await simulator.reset(trial, episode.track, b"", wire)
             except SimulatorDiedError as error:
@@ -64,6 +66,7 @@ class Driver:
 
         Raises:
             SimulatorsBusyError: the episode's simulator was given to others, and none is free.
+            SimulatorStartError: none starts; the episode can be gone on with once one does.
             ReplayFailedError.
         """
         simulator = episode.simulator
@@ -100,6 +103,24 @@ class Driver:
         if simulator is not None:
             await self._pool.release(simulator)
 
+    async def _simulators(self, town: str, *, wait: bool = False) -> AsyncIterator[Simulator]:
+        """Simulators to try one after the other; one that does not start counts as tried.
+
+        Raises:
+            SimulatorsBusyError.
+            SimulatorStartError: the last did not start.
+        """
+        began = time.monotonic()
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                simulator = await self._pool.acquire(town, wait=wait)
+            except SimulatorStartError as error:
+                if attempt == ATTEMPTS or time.monotonic() - began > START_PATIENCE_S:
+                    raise
+                self._log.warning("simulator did not start", reason=str(error))
+            else:
+                yield simulator
+
     async def _elsewhere(
         self,
         episode: OpenEpisode,
@@ -109,8 +130,8 @@ class Driver:
     ) -> _T:
         """Repeat the episode in another simulator, and make the call there."""
         await self.detach(episode)
-        for _ in range(ATTEMPTS):
-            simulator = episode.simulator = await self._pool.acquire(episode.trial.town, wait=wait)
+        async for simulator in self._simulators(episode.trial.town, wait=wait):
+            episode.simulator = simulator
             try:
                 frame = await simulator.reset(
                     episode.trial.model_dump_json(),

@@ -275,6 +275,10 @@ class LocalPool(Pool):
             await self._bury(simulator)
         else:
             self._idle.append(simulator)
+        self._wake()
+
+    def _wake(self) -> None:
+        """Let one who waits look again: there is a place."""
         while self._waiters:
             waiter = self._waiters.popleft()
             if not waiter.done():
@@ -301,8 +305,11 @@ class LocalPool(Pool):
                 start_timeout_s=self._start_timeout_s,
                 timeout_s=self._timeout_s,
             )
-        finally:
+        except BaseException:
             self._starting -= 1
+            self._wake()
+            raise
+        self._starting -= 1
         self._log.info("simulator started", pid=simulator.process.pid)
         return simulator
 
