@@ -96,6 +96,8 @@ def test_the_workers_record(finished: dict[str, Any]) -> None:
         wrong = [{**item, field: value} if index == 2 else item for index, item in enumerate(record)]
         problem(agent.http.put(url, json={"episodes": wrong}), 409, "results-mismatch", path)
     problem(agent.http.put(url, json={"episodes": [{**record[0], "latency_ms": -1}]}), 422, "validation")
+    twice = [*record, {**record[1], "latency_ms": 2.0}]
+    problem(agent.http.put(url, json={"episodes": twice}), 422, "validation", f"episodes.{len(record)}.episode")
 
 
 def test_the_leaderboard(service: RunningService, finished: dict[str, Any]) -> None:

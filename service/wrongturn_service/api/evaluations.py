@@ -130,6 +130,7 @@ async def results(request: Request, evaluation: str) -> Response:
     service = service_of(request)
     caller = await caller_of(request)
     record = await parsed(request, ResultsRequest)
+    _check_once(record)
     row = await owned_evaluation(request, caller, evaluation)
     seen = {found.id: found for found in await service.store.episodes(evaluation, EpisodeState.FINISHED)}
     wrong = [error for index in range(len(record.episodes)) for error in _differences(record, index, seen)]
@@ -141,6 +142,18 @@ async def results(request: Request, evaluation: str) -> Response:
         )
     await service.store.put_results(evaluation, record.model_dump_json())
     return reply(await _current(request, row))
+
+
+def _check_once(record: ResultsRequest) -> None:
+    """Raise InvalidRequestError where an episode stands in the record twice."""
+    first: dict[str, int] = {}
+    for index, told in enumerate(record.episodes):
+        before = first.setdefault(told.episode, index)
+        if before != index:
+            raise InvalidRequestError(
+                f"episodes.{index}.episode",
+                f"stands in the record already, as episodes.{before}; name each episode once",
+            )
 
 
 def _differences(record: ResultsRequest, index: int, seen: dict[str, EpisodeRow]) -> list[FieldError]:
