@@ -91,6 +91,7 @@ class Fleet:
         }
         self._shown = kernel.Shown(**{name: (empty | self.observation)[name] for name in kernel.Shown._fields})
         self._egos = kernel.Egos(
+            order=np.arange(count),
             todo=np.zeros(count, np.int8),
             approaches=np.zeros(count, np.int64),
             faults=np.zeros(count, np.int64),
@@ -162,6 +163,7 @@ class Fleet:
             egos.words[i] = set_out(self._roads, self.town, trial, egos.progress[i])
         if len(self._ground.bases) <= len(self._geometries):
             self._ground = self._lay(self._geometries)
+        egos.order[:] = np.argsort(egos.approaches, kind="stable")
         egos.todo[:] = kernel.REST
         egos.todo[chosen] = kernel.GUIDE
         self._run()

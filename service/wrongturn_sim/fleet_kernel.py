@@ -51,6 +51,8 @@ class Ground(NamedTuple):
 class Egos(NamedTuple):
     """One row an ego."""
 
+    order: Array
+    """(n,): whose turn comes when. Neighbours on the road share what the processor's cache holds."""
     todo: Array
     """(n,) int8"""
     approaches: Array
@@ -200,8 +202,9 @@ def keep_commands(egos: Egos, i: int) -> None:
 
 @njit(cache=True, nogil=True)
 def run(ground: Ground, egos: Egos, shown: Shown, first: int, end: int) -> None:
-    """The turns of the egos from ``first`` to before ``end``."""
-    for i in range(first, end):
+    """The turns of the egos from ``first`` to before ``end`` in the order."""
+    for k in range(first, end):
+        i = egos.order[k]
         todo = egos.todo[i]
         if todo == DRIVE:
             drive(ground, egos, i)
@@ -209,8 +212,8 @@ def run(ground: Ground, egos: Egos, shown: Shown, first: int, end: int) -> None:
             show(ground, egos, shown, i)
         elif todo == GUIDE:
             decide.begin(egos.standing[i], egos.counts[i])
-            for k in range(PROGRESS_FLOATS):
-                egos.places[i, k] = 0.0
+            for j in range(PROGRESS_FLOATS):
+                egos.places[i, j] = 0.0
             egos.sub_steps[i] = 0
             egos.rewards[i] = 0.0
             ask(ground, egos, i)
