@@ -6,7 +6,10 @@ judgement, the recorded rows, the route's command, the reward and a fresh observ
 are timed by the processor time of their thread, so that a busy machine slows both alike; the figure is the median of
 the rounds' ratios.
 
-    python benchmarks/decision.py [--rounds 60] [--town junctions] [--json FILE]
+With traffic both sides carry it: the ratio then tells what seeing, recording and judging the others costs beside
+SUMO's driving them.
+
+    python benchmarks/decision.py [--rounds 60] [--town junctions] [--vehicles 0] [--pedestrians 0] [--json FILE]
 """
 
 import argparse
@@ -17,7 +20,7 @@ import time
 from pathlib import Path
 
 from wrongturn_networks import draw_trial, load_town
-from wrongturn_protocol import FaultKind, Start, Track
+from wrongturn_protocol import FaultKind, Start, Track, Traffic
 from wrongturn_sim.ego import SUB_STEPS, VEHICLE
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.simulator import EGO, KEEP_ROUTE, load_libsumo
@@ -49,10 +52,11 @@ def bare(calls: list[tuple[str, str, int, float, float, float, int]]) -> float:
     return (time.thread_time() - begin) / (len(calls) / SUB_STEPS)
 
 
-def measure(town_name: str, rounds: int) -> dict[str, float]:
+def measure(town_name: str, rounds: int, traffic: Traffic) -> dict[str, float]:
     """Microseconds a decision, both ways, and their ratio."""
     town = load_town(town_name)
-    trial = draw_trial(town, min(town.approaches), FaultKind.NONE, 1).model_copy(update={"start": START})
+    trial = draw_trial(town, min(town.approaches), FaultKind.NONE, 1, traffic=traffic)
+    trial = trial.model_copy(update={"start": START})
     episode = Episode(trial, Track.STATE)
     drive(episode)
     calls = [
@@ -84,9 +88,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=60)
     parser.add_argument("--town", default="junctions")
+    parser.add_argument("--vehicles", type=int, default=0)
+    parser.add_argument("--pedestrians", type=int, default=0)
     parser.add_argument("--json", type=Path, help="write the figures there too")
     arguments = parser.parse_args()
-    figures = measure(arguments.town, arguments.rounds)
+    traffic = Traffic(vehicles=arguments.vehicles, pedestrians=arguments.pedestrians)
+    figures = measure(arguments.town, arguments.rounds, traffic)
     print(
         f"one decision {figures['decision_us']:.1f} us, its bare libsumo calls {figures['bare_us']:.1f} us: "
         f"ratio {figures['ratio']:.2f} (at most 2)",
