@@ -49,8 +49,9 @@ class Server:
         """Drive a little, so that what is compiled or loaded late is there before the first agent comes."""
         town = load_town("junctions")
         trial = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
-        self._reset(trial.model_dump_json(), Track.PRIVILEGED, _ACTION.pack(0.0, 0.5, 0.0) * 3, binary=False)
-        self._driven().abort()
+        for track in (Track.PRIVILEGED, Track.SEGMENTATION):
+            self._reset(trial.model_dump_json(), track, _ACTION.pack(0.0, 0.5, 0.0) * 3, binary=False)
+            self._driven().abort()
 
     def _driven(self) -> Episode:
         if self._episode is None:
