@@ -23,7 +23,9 @@ def run(
         ),
     ] = None,
     *,
-    suite: Annotated[str, typer.Option(help="The suite of trials.")] = DEFAULT_SUITE,
+    suite: Annotated[
+        str | None, typer.Option(help=f"The suite of trials; {DEFAULT_SUITE} by default.", show_default=False)
+    ] = None,
     url: Annotated[
         str | None,
         typer.Option(
@@ -77,7 +79,7 @@ def run(
 def _run(
     agent: str | None,
     *,
-    suite: str,
+    suite: str | None,
     url: str | None,
     name: str | None,
     json_file: Path | None,
@@ -94,6 +96,7 @@ def _run(
     from wrongturn_agents.run_file import RunFile  # noqa: PLC0415
     from wrongturn_agents.worker import OPERATOR_TOKEN, RunRequest, begin, drive, service_at  # noqa: PLC0415
     from wrongturn_client import settings  # noqa: PLC0415
+    from wrongturn_client.invocation import program  # noqa: PLC0415
 
     run_file: RunFile | None = None
     if json_file is not None and (json_file.is_dir() or not json_file.absolute().parent.is_dir()):
@@ -104,9 +107,12 @@ def _run(
             raise RunError(f"AGENT: that run is of {run_file.agent}, not of {agent}; leave AGENT out with --resume")
         if name is not None:
             raise RunError("--name: that run has its name already; leave --name out with --resume")
+        if suite is not None:
+            raise RunError(f"--suite: that run is on {run_file.suite} already; leave --suite out with --resume")
         agent, suite, url = run_file.agent, run_file.suite, url or run_file.url
     if agent is None:
         raise RunError("AGENT: name one, or a run to go on with by --resume; 'wrongturn agents' lists the shipped ones")
+    suite = suite or DEFAULT_SUITE
     source = resolve(agent)
     made = source.make()  # what cannot be made takes no name and begins no evaluation
     source = replace(source, make=lambda: made)
@@ -123,7 +129,7 @@ def _run(
             with report(progress, shown) as told:
                 evaluation = drive(run_file, source, at, told)
         except BaseException:
-            typer.echo(f"Not finished. To go on with it: wrongturn run --resume {run_file.evaluation}", err=True)
+            typer.echo(f"Not finished. To go on with it: {program()} run --resume {run_file.evaluation}", err=True)
             raise
     if json_file is not None:
         try:
@@ -131,6 +137,6 @@ def _run(
         except OSError as error:
             raise RunError(
                 f"--json: {json_file} cannot be written ({error.strerror}); the run is finished: "
-                f"'wrongturn run --resume {run_file.evaluation} --json FILE' writes it elsewhere",
+                f"'{program()} run --resume {run_file.evaluation} --json FILE' writes it elsewhere",
             ) from error
     return shown, evaluation

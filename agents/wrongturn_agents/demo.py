@@ -30,6 +30,7 @@ from wrongturn_client.listings import listing
 from wrongturn_client.tables import console, leaderboard_table
 
 _AT_A_TIME: Final = 2
+_USAGE: Final = 2  # argparse's own status
 _TAIL: Final = 5  # lines of a failed worker's output that are shown
 _DEFAULT_SUITE: Final = "wrong-command@1"
 
@@ -37,7 +38,11 @@ Progress = Callable[[int, int], None]
 
 
 class DemoError(AgentsError):
-    """The demo cannot begin as it was asked for."""
+    """The demo cannot begin."""
+
+
+class DemoUsageError(DemoError):
+    """It was asked for what there is not."""
 
 
 @dataclass
@@ -92,6 +97,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         agents, suite = _checked(options.agents, options.suite)
         with _folder(Path("demo")) as folder:
             return _demo(agents, suite, folder)
+    except DemoUsageError as error:
+        print(f"script/demo: {error}", file=sys.stderr)
+        return _USAGE
     except (AgentsError, WrongturnError) as error:
         print(f"script/demo: {error}", file=sys.stderr)
         return 1
@@ -114,21 +122,21 @@ def _checked(agents: str, suite: str) -> tuple[list[str], str]:
     """The agents and the suite, if they exist.
 
     Raises:
-        DemoError: they do not.
+        DemoUsageError: they do not.
     """
     names = [name.strip() for name in agents.split(",") if name.strip()]
     if not names:
-        raise DemoError(f"--agents: names none; known are {', '.join(AGENTS)}")
+        raise DemoUsageError(f"--agents: names none; known are {', '.join(AGENTS)}")
     if len(set(names)) < len(names):
-        raise DemoError(f"--agents: {agents} names one twice; name each once")
+        raise DemoUsageError(f"--agents: {agents} names one twice; name each once")
     for name in names:
         try:
             resolve(name)
         except AgentsError as error:
-            raise DemoError(f"--agents: {error}") from error
+            raise DemoUsageError(f"--agents: {str(error).removeprefix('agent: ')}") from error
     known = [item["id"] for item in listing("suites", None)]
     if suite not in known:
-        raise DemoError(f"--suite: there is no suite {suite!r}; known are {', '.join(known)}")
+        raise DemoUsageError(f"--suite: there is no suite {suite!r}; known are {', '.join(known)}")
     return names, suite
 
 

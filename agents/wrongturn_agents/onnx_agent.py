@@ -9,7 +9,7 @@ The contract, the same for ``wrongturn run FILE.onnx`` and for a model that is h
 * The model's metadata may hold ``name``, ``track`` and ``description``.
 * The model keeps no memory between steps.
 
-onnxruntime comes with the extra: ``pip install 'wrongturn-agents[onnx]'``.
+onnxruntime comes with the extra: ``python -m pip install 'wrongturn-agents[onnx]'``.
 """
 
 import math
@@ -20,6 +20,7 @@ import numpy as np
 from gymnasium import spaces
 
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
+from wrongturn_client.invocation import python
 from wrongturn_protocol import Action, AgentKind, Track
 from wrongturn_protocol.observations import FIELDS, Observation
 
@@ -40,7 +41,8 @@ class OnnxAgent:
             import onnxruntime  # noqa: PLC0415 - an optional extra, and heavy
         except ImportError:
             raise OnnxRuntimeMissingError(
-                f"{file}: an ONNX model needs onnxruntime; install it with: pip install 'wrongturn-agents[onnx]'",
+                f"{file}: an ONNX model needs onnxruntime; install it with: "
+                f"{python()} -m pip install 'wrongturn-agents[onnx]'",
             ) from None
         if not file.is_file():
             raise ModelFileError(f"{file}: there is no such file; name an .onnx file")

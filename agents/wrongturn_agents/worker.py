@@ -16,6 +16,7 @@ from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError
 from wrongturn_agents.registry import AgentSource
 from wrongturn_agents.run_file import RunFile, ensure_directory
 from wrongturn_client import AgentNameTakenError, Client, LocalService, NotFoundError
+from wrongturn_client.actions import is_of_action, refusal, told
 from wrongturn_protocol import Action, AgentKind, EvaluationDetail, RegisteredAgent
 from wrongturn_protocol.observations import Observation
 
@@ -170,9 +171,11 @@ class _Guarded:
         except AgentsError:
             raise
         except Exception as error:
+            if isinstance(error, ValidationError) and is_of_action(error):
+                raise AgentFailedError(f"agent: {self._name}.act made no action: {told(error)}") from None
             raise AgentFailedError(f"agent: {self._name}.act raised {type(error).__name__}: {error}") from error
-        if not isinstance(action, Action):
-            raise AgentFailedError(
-                f"agent: {self._name}.act returned {type(action).__name__}; return a wrongturn_client.Action",
-            )
+        why = refusal(action)
+        if why is not None:
+            raise AgentFailedError(f"agent: {self._name}.act {why}")
+        assert isinstance(action, Action)
         return action

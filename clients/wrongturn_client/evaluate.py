@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import math
 import platform
 import statistics
 import struct
@@ -12,6 +11,7 @@ from dataclasses import dataclass, field
 from importlib import metadata
 from typing import TYPE_CHECKING, Final
 
+from wrongturn_client.actions import refusal
 from wrongturn_client.errors import (
     EpisodeFinishedError,
     EpisodeLostError,
@@ -180,12 +180,9 @@ def _resume(client: "Client", policy: Policy, episode: str) -> None:
 
 
 def _check(policy: Policy, action: object) -> None:
-    if not isinstance(action, Action):
-        raise PolicyError(
-            f"{type(policy).__name__}.act returned {type(action).__name__}; return a wrongturn_client.Action",
-        )
-    if not all(map(math.isfinite, (action.steer, action.throttle, action.brake))):
-        raise PolicyError(f"{type(policy).__name__}.act returned {action!r}; each value must be finite")
+    why = refusal(action)
+    if why is not None:
+        raise PolicyError(f"{type(policy).__name__}.act {why}")
 
 
 def _abort(client: "Client", episode: str) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from wrongturn_client import settings
+from wrongturn_client.actions import told
 from wrongturn_client.client import Client
 from wrongturn_client.errors import InvalidActionError, WrongturnError
 from wrongturn_protocol import Action, Command, Fault, FaultKind, PracticeRequest, Track, Weather
@@ -189,5 +190,4 @@ def _action(action: object) -> Action:
     try:
         return Action(steer=steer, throttle=throttle, brake=brake)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise InvalidActionError(f"action.{first['loc'][0]}: {first['msg']}, not {first['input']}") from None
+        raise InvalidActionError(told(error)) from None

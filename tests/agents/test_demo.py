@@ -50,7 +50,7 @@ def test_two_demos_do_not_share_a_folder(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--agents", "careful,nobody"], "--agents: agent: there is no agent called 'nobody'; known are parked"),
+        (["--agents", "careful,nobody"], "--agents: there is no agent called 'nobody'; known are parked"),
         (["--agents", ","], "--agents: names none"),
         (["--agents", "careful,careful"], "names one twice"),
         (["--suite", "nothing@1"], "--suite: there is no suite 'nothing@1'; known are"),
@@ -58,6 +58,6 @@ def test_two_demos_do_not_share_a_folder(tmp_path):
 )
 def test_mistakes_are_told_before_anything_starts(tmp_path, arguments, says):
     done = demo(tmp_path, *arguments)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert says in done.stderr
     assert not (tmp_path / "demo").exists()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ SUITE = "smoke@1"
 OPERATOR = "operator-token-of-the-tests-0123456789"
 OWN = """
 from wrongturn_agents.baselines import Careful
+from wrongturn_client import Action
 
 class Fails(Careful):
     name = "fails"
@@ -36,6 +38,20 @@ class NoAction(Careful):
 
     def act(self, observation):
         return (0.0, 0.4, 0.0)
+
+class NotANumber(Careful):
+    name = "not-a-number"
+    kind = "submitted"
+
+    def act(self, observation):
+        return Action(steer=float("nan"), throttle=0.4, brake=0.0)
+
+class Unchecked(Careful):
+    name = "unchecked"
+    kind = "submitted"
+
+    def act(self, observation):
+        return Action.model_construct(steer=0.0, throttle=1.5, brake=0.0)
 
 class Unmade(Careful):
     name = "unmade"
@@ -180,9 +196,8 @@ def test_ctrl_c_says_how_to_go_on(url):
         rest = process.stderr.read()
     assert process.returncode == 130
     assert "Traceback" not in rest
-    command = rest.partition("wrongturn run ")[2].split()
-    assert command[0] == "--resume"
-    done = run(*command)
+    command = rest.partition("To go on with it: ")[2]
+    done = subprocess.run(shlex.split(command), capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     assert "12 of 12 episodes" in done.stderr
 
@@ -193,13 +208,31 @@ def test_an_agent_that_fails_is_told_from_the_service(url):
     done = run("own_agents:Fails", "--suite", SUITE, "--url", url)
     assert done.returncode == 1
     assert 'raise ValueError("no idea")' in done.stderr
-    assert "To go on with it: wrongturn run --resume" in done.stderr
+    assert f"To go on with it: {sys.executable} -m wrongturn_client run --resume" in done.stderr
     assert done.stderr.rstrip().splitlines()[-1] == "wrongturn: agent: fails.act raised ValueError: no idea"
 
 
 def test_an_agent_that_gives_no_action_is_named(url):
     with pytest.raises(AgentFailedError, match=r"no-action.act returned tuple; return a wrongturn_client.Action"):
         drive(started(url, "own_agents:NoAction"), resolve("own_agents:NoAction"), url, no_progress)
+
+
+@pytest.mark.parametrize(
+    ("agent", "says"),
+    [
+        ("NotANumber", "not-a-number.act made no action: action.steer is nan; give a number from -1 to 1"),
+        (
+            "Unchecked",
+            "unchecked.act returned no action that can be driven: action.throttle is 1.5; give a number from 0 to 1",
+        ),
+    ],
+)
+def test_an_action_that_cannot_be_driven_is_told_in_one_line(url, agent, says):
+    done = run(f"own_agents:{agent}", "--suite", SUITE, "--url", url, "--progress", "json")
+    assert done.returncode == 1
+    assert done.stderr.rstrip().splitlines()[-1] == f"wrongturn: agent: {says}"
+    assert "Traceback" not in done.stderr
+    assert "pydantic" not in done.stderr
 
 
 @pytest.mark.parametrize(("agent", "name"), [("careful", " "), ("careful", "x" * 65), ("own_agents:OddName", None)])
@@ -265,6 +298,8 @@ def test_another_agent_cannot_go_on_with_a_run(url):
         cli.run("parked", resume=run_file.evaluation)
     with pytest.raises(RunError, match=r"--name: that run has its name already"):
         cli.run(name="another", resume=run_file.evaluation)
+    with pytest.raises(RunError, match=r"--suite: that run is on smoke@1 already; leave --suite out with --resume"):
+        cli.run(suite="wrong-command@1", resume=run_file.evaluation)
 
 
 def test_without_a_url_a_service_is_started():

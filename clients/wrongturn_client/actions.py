@@ -1,0 +1,36 @@
+"""What is wrong with an action, in one line for whoever wrote the agent."""
+
+from typing import Final
+
+from pydantic import ValidationError
+
+from wrongturn_protocol import Action
+
+_RANGES: Final = {"steer": "-1 to 1", "throttle": "0 to 1", "brake": "0 to 1"}
+
+
+def told(error: ValidationError) -> str:
+    """What pydantic found first in the values of an :class:`wrongturn_protocol.Action`."""
+    first = error.errors(include_url=False)[0]
+    field = str(first["loc"][0])
+    if field not in _RANGES:
+        return f"action.{field}: there is no such field; give steer, throttle and brake"
+    given = "missing" if first["type"] == "missing" else repr(first["input"])
+    return f"action.{field} is {given}; give a number from {_RANGES[field]}"
+
+
+def is_of_action(error: ValidationError) -> bool:
+    """Whether it was raised where an :class:`wrongturn_protocol.Action` was made."""
+    return error.title == Action.__name__
+
+
+def refusal(action: object) -> str | None:
+    """Why an agent's ``act`` may not return this, in words that follow "act"; None where it may."""
+    if not isinstance(action, Action):
+        return f"returned {type(action).__name__}; return a wrongturn_client.Action"
+    try:
+        # Again, since model_construct and model_copy check nothing.
+        Action(steer=action.steer, throttle=action.throttle, brake=action.brake)
+    except ValidationError as error:
+        return f"returned no action that can be driven: {told(error)}"
+    return None
