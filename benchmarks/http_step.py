@@ -28,7 +28,13 @@ from wrongturn_service.api.body import parsed
 from wrongturn_service.api.dependencies import accepted, caller_of
 from wrongturn_service.settings import Settings
 
-CASES = (("state", "application/json"), ("privileged", "application/json"), ("privileged", "application/msgpack"))
+CASES = (
+    ("state", "application/json"),
+    ("privileged", "application/json"),
+    ("privileged", "application/msgpack"),
+    ("segmentation", "application/json"),
+    ("segmentation", "application/msgpack"),
+)
 ACTION = {"steer": 0.0, "throttle": 0.2, "brake": 0.0}
 
 

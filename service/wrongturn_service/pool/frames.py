@@ -36,7 +36,8 @@ class Splitter:
             end = _HEAD.size + length
             if len(self._buffer) < end:
                 break
-            values.append(msgpack.unpackb(bytes(self._buffer[_HEAD.size : end])))
+            with memoryview(self._buffer) as whole, whole[_HEAD.size : end] as body:
+                values.append(msgpack.unpackb(body))
             del self._buffer[:end]
         return values
 
