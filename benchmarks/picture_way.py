@@ -1,0 +1,75 @@
+"""Where the time of a step with a picture goes, stage by stage, on one core.
+
+``python benchmarks/picture_way.py [--rounds N]``
+
+Each stage is timed by itself on the same observation of the segmentation track (49,152 bytes of pictures): driving,
+painting, encoding it for either wire, the frame to the web process and back out of it, and decoding by the client. What
+is left of a step over HTTP (``benchmarks/http_step.py``) is HTTP itself.
+"""
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+
+import msgpack
+import orjson
+
+from wrongturn_networks import load_suite
+from wrongturn_protocol import Track
+from wrongturn_protocol.observations import decode, encode
+from wrongturn_service.pool import frames
+from wrongturn_sim import Episode
+
+ACTION = (0.0, 0.3, 0.0)
+
+
+def median_us(work: Callable[[], object], rounds: int) -> float:
+    times = []
+    for _ in range(rounds):
+        begin = time.perf_counter_ns()
+        work()
+        times.append((time.perf_counter_ns() - begin) / 1000)
+    return statistics.median(times)
+
+
+def stepping(track: Track) -> Callable[[], object]:
+    episode = Episode(load_suite("wrong-command@1").trials[0].twin(), track)
+    episode.reset()
+
+    def step() -> None:
+        if episode.outcome is not None or episode.steps > 20:
+            episode.reset()
+        episode.step(*ACTION)
+
+    return step
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=2000)
+    rounds = parser.parse_args().rounds
+    track = Track.SEGMENTATION
+    drive = median_us(stepping(Track.STATE), rounds)
+    paint = median_us(stepping(track), rounds) - drive
+    observation = Episode(load_suite("wrong-command@1").trials[0], track).reset()
+    packed = msgpack.packb(encode(observation, track, binary=True))
+    text = orjson.dumps(encode(observation, track))
+    framed = frames.pack([frames.OK, packed, 0.0, False, False, None])
+    rows = {
+        "drive 0.1 s": drive,
+        "paint RGB and segmentation": paint,
+        "encode as msgpack": median_us(lambda: msgpack.packb(encode(observation, track, binary=True)), rounds),
+        "encode as JSON": median_us(lambda: orjson.dumps(encode(observation, track)), rounds),
+        "frame it": median_us(lambda: frames.pack([frames.OK, packed, 0.0, False, False, None]), rounds),
+        "take it out of the frame": median_us(lambda: frames.Splitter().feed(framed), rounds),
+        "decode msgpack": median_us(lambda: decode(msgpack.unpackb(packed), track), rounds),
+        "decode JSON": median_us(lambda: decode(orjson.loads(text), track), rounds),
+    }
+    print(f"pictures {64 * 192 * 4} bytes, msgpack {len(packed)}, JSON {len(text)}")
+    for name, microseconds in rows.items():
+        print(f"{name:<28}{microseconds:8.1f} us")
+
+
+if __name__ == "__main__":
+    main()
