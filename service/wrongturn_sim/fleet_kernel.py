@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from wrongturn_sim import guide
+from wrongturn_sim import ego, guide, polyline, reward
+from wrongturn_sim.compiling import compiled_with
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, advance
 from wrongturn_sim.guide import LANE_FOLLOW, PROGRESS_FLOATS
 from wrongturn_sim.reward import score
-from wrongturn_sim.verdict import decide
+from wrongturn_sim.verdict import decide, kernels
 
 Array = np.ndarray[Any, Any]
 
@@ -102,7 +103,7 @@ class Shown(NamedTuple):
     exits_mask: Array
 
 
-@njit(cache=True)
+@njit()
 def ask(ground: Ground, egos: Egos, i: int) -> None:
     """Ask the route, and the fault, for the next command."""
     command, leg, travelled, lateral, heading = guide.update(
@@ -124,7 +125,7 @@ def ask(ground: Ground, egos: Egos, i: int) -> None:
     egos.delivered[i] = command
 
 
-@njit(cache=True)
+@njit()
 def watch(ground: Ground, egos: Egos, i: int, command: int) -> bool:
     """Record an ego's state and let the judge see it; whether the verdict fell."""
     row = egos.sub_steps[i]
@@ -142,7 +143,7 @@ def watch(ground: Ground, egos: Egos, i: int, command: int) -> bool:
     return bool(found != 0)
 
 
-@njit(cache=True)
+@njit()
 def show(ground: Ground, egos: Egos, shown: Shown, i: int) -> None:
     """Fill an ego's observation."""
     shown.speed[i, 0] = egos.state[i, 3]
@@ -167,7 +168,7 @@ def show(ground: Ground, egos: Egos, shown: Shown, i: int) -> None:
         shown.exits_mask[i] = 0
 
 
-@njit(cache=True)
+@njit()
 def drive(ground: Ground, egos: Egos, i: int) -> None:
     """One decision of one ego, as ``Episode.step``."""
     steer, throttle, brake = egos.actions[i, 0], egos.actions[i, 1], egos.actions[i, 2]
@@ -192,7 +193,7 @@ def drive(ground: Ground, egos: Egos, i: int) -> None:
     egos.rewards[i] = score(v, yaw, egos.guided[i, 0] != LANE_FOLLOW, egos.beside[i, 1], egos.beside[i, 2])
 
 
-@njit(cache=True)
+@njit()
 def keep_commands(egos: Egos, i: int) -> None:
     """Record what is delivered for the decision that comes."""
     decision = (egos.sub_steps[i] + SUB_STEPS - 1) // SUB_STEPS  # a verdict may have fallen half-way
@@ -200,7 +201,7 @@ def keep_commands(egos: Egos, i: int) -> None:
     egos.commands[i, decision, 1] = egos.guided[i, 0]
 
 
-@njit(cache=True, nogil=True)
+@compiled_with(ego, polyline, guide, kernels, decide, reward, nogil=True)
 def run(ground: Ground, egos: Egos, shown: Shown, first: int, end: int) -> None:
     """The turns of the egos from ``first`` to before ``end`` in the order."""
     for k in range(first, end):

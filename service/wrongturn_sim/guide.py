@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from wrongturn_sim import polyline
+from wrongturn_sim.compiling import compiled_with
 from wrongturn_sim.polyline import fill, project
 
 Array = np.ndarray[Any, Any]
@@ -89,7 +91,7 @@ def leave(ints: Array, floats: Array, words: Array, progress: Array, places: Arr
     progress[P_GATE] = choose(words, progress, ints[leg, L_GATES]) if ints[leg, L_GATES] > 0 else -1
 
 
-@njit(cache=True)
+@compiled_with(polyline)
 def update(
     points: Array, along: Array, ints: Array, floats: Array, words: Array, progress: Array, places: Array,
     x: float, y: float,
@@ -149,7 +151,7 @@ def stop_line(ints: Array, floats: Array, progress: Array, places: Array) -> flo
     return -1.0 if progress[P_INSIDE] or not ints[leg, L_APPROACH] or left > SIGHT else left
 
 
-@njit(cache=True)
+@compiled_with(polyline)
 def lane_ahead(
     points: Array, along: Array, ints: Array, floats: Array, progress: Array, places: Array, out: Array
 ) -> None:

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from wrongturn_sim.compiling import compiled_with
+from wrongturn_sim.verdict import kernels
 from wrongturn_sim.verdict.kernels import (
     CENTRE_OFF,
     ENGAGED,
@@ -104,7 +106,7 @@ def decide(standing: Array, ints: Array, numbers: Array, route: int, bits: int) 
     return 0
 
 
-@njit(cache=True)
+@compiled_with(kernels)
 def observe(
     floats: Array, whole: Array, cells: Array, numbers: Array, users: Array, standing: Array, ints: Array, route: int,
     t: float, x: float, y: float, yaw: float, v: float, command: int,

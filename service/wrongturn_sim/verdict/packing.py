@@ -26,6 +26,8 @@ Marks = NDArray[np.bool_]
 
 CLOCK_TOLERANCE = 1e-6
 """Times are sums of steps that binary numbers cannot hold; a duration this much short is reached, s."""
+SLACK = 1e-6
+"""A crossing is computed at most this far off, m."""
 REACH = 3.0
 """No body is longer than twice this from its centre to a corner, m; what the boxes' grid is made for."""
 
@@ -83,6 +85,12 @@ class Packer:
         begin = sum(map(len, self.floats))
         self.floats.append(np.ascontiguousarray(values, np.float64).ravel())
         return begin
+
+    def add_polygon(self, edges: Floats) -> int:
+        """Append edges behind their bounds, which are a little wide; where the edges begin."""
+        corners = edges.reshape(-1, 2) if len(edges) else np.zeros((1, 2))
+        self.add_floats(np.concatenate([corners.min(axis=0) - SLACK, corners.max(axis=0) + SLACK]))
+        return self.add_floats(edges)
 
     def add_ints(self, values: Any) -> int:
         """Append a run; its begin."""
@@ -241,7 +249,7 @@ def pack(
 
     area_edges = [edges_of(area) for area in areas]
     head[kernels.I_AREAS] = len(areas)
-    head[kernels.I_AREA_TABLE] = packer.add_ints([(packer.add_floats(edges), len(edges)) for edges in area_edges])
+    head[kernels.I_AREA_TABLE] = packer.add_ints([(packer.add_polygon(edges), len(edges)) for edges in area_edges])
     if len(lanes) >= kernels.LANE_EDGE:
         raise ValueError(f"lanes: {len(lanes)} meet at one junction; the judge knows {kernels.LANE_EDGE - 1} at most")
     lane_edges = [edges_of(polygon) for polygon, _ in lanes]
@@ -249,7 +257,7 @@ def pack(
     head[kernels.I_LANES] = len(lanes)
     head[kernels.I_LANE_TABLE] = packer.add_ints(
         [
-            (packer.add_floats(edges), len(edges), packer.add_floats(line), len(line))
+            (packer.add_polygon(edges), len(edges), packer.add_floats(line), len(line))
             for edges, line in zip(lane_edges, lane_lines, strict=True)
         ]
     )
