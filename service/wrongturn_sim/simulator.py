@@ -217,7 +217,8 @@ class Simulator:
             if EGO in sumo.vehicle.getIDList():
                 sumo.vehicle.remove(EGO)
             if edge not in sumo.route.getIDList():
-                sumo.route.add(edge, [edge])
+                # Others give way to whoever comes by a route that leads through their junction.
+                sumo.route.add(edge, [edge] if traffic is None else traffic.ego)
             sumo.vehicle.add(EGO, edge, EGO_TYPE, depart="now")
             sumo.vehicle.setSpeedMode(EGO, 0)
             sumo.vehicle.setLaneChangeMode(EGO, 0)

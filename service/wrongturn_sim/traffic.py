@@ -102,6 +102,8 @@ class TrafficPlan:
 
     cars: tuple[Car, ...]
     pedestrians: tuple[Pedestrian, ...]
+    ego: tuple[str, ...]
+    """The edges by which the others expect the ego to go, as its indicators would tell: its route's."""
 
 
 def plan_traffic(town: Town, trial: Trial, start: Pose) -> TrafficPlan | None:
@@ -117,9 +119,12 @@ def plan_traffic(town: Town, trial: Trial, start: Pose) -> TrafficPlan | None:
     """
     if not (trial.traffic.vehicles or trial.traffic.pedestrians):
         return None
+    approach = town.approach(trial.approach)
+    lanes = (approach.lane, approach.exits[trial.route].lane)
     return TrafficPlan(
         _cars(town, trial.traffic.vehicles, start, random.Random(f"vehicles {trial.seed}")),
         _pedestrians(town, trial.traffic.pedestrians, start, random.Random(f"pedestrians {trial.seed}")),
+        tuple(town.lanes[lane].edge for lane in lanes),
     )
 
 

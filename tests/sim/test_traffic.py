@@ -10,11 +10,11 @@ from shapely import STRtree
 from shapely.geometry import LineString, Point, Polygon
 
 from wrongturn_networks import load_town
-from wrongturn_protocol import FaultKind, Track, Traffic, Verdict
+from wrongturn_protocol import Command, FaultKind, Track, Traffic, Verdict
 from wrongturn_sim import Episode, JudgeGeometry, Simulator, TrafficTooDenseError, Trajectory, judge
 from wrongturn_sim import simulator as bridge
 from wrongturn_sim.route import start_pose
-from wrongturn_sim.traffic import DRIVE_LENGTH, plan_traffic
+from wrongturn_sim.traffic import BODIES, DRIVE_LENGTH, Car, TrafficPlan, Trip, plan_traffic
 
 EGO = (4.6, 1.9)
 
@@ -222,6 +222,38 @@ class TestTheyMindTheCar:
                         for user in near
                     )
         assert queued or past_stop_line > 0.0
+
+    @pytest.mark.parametrize("comes", [True, False])
+    def test_who_must_give_way_gives_way(self, comes):
+        """A car from the side street lets the ego pass that comes along the main one, and only then turns in."""
+        town = load_town("junctions")
+        lane = town.lanes["J2-J1_1"]
+        onward = town.approach("J1-E").exits[Command.STRAIGHT]
+        way = LineString([*lane.centreline, *onward.path[1:], *town.lanes[onward.lane].centreline[1:]])
+        other = Car(BODIES[1], (Trip("S-J1_1", 0.35, ("S-J1", "J1-W")),), 0)
+        plan = TrafficPlan((other,), (), ("J2-J1", "J1-W"))
+        at = way.interpolate(20.0)
+        drive = Simulator().begin(town.net_file, lane.edge, at.x, at.y, math.pi, seed=1, traffic=plan)
+        sumo = bridge.load_libsumo()
+        stood = turned = False
+        for k in range(1, 300):
+            at = way.interpolate(min(20.0 + comes * 0.4 * k, way.length))
+            drive.move(at.x, at.y, math.pi)
+            stood |= sumo.vehicle.getSpeed("v0") < 0.1
+            if sumo.vehicle.getRoadID("v0") == "J1-W":
+                turned = True
+                break
+        assert stood == comes
+        assert turned
+        assert not comes or at.x < town.approach("J1-E").stop_line[0]
+
+    def test_the_car_may_go_where_no_road_is(self, crowded):
+        drive, start = begin(crowded(20, 10))
+        for k in range(60):
+            drive.move(-300.0 + 10.0 * k, 200.0 - 7.0 * k, 0.1 * k)
+        assert len(drive.road_users()) < 30
+        drive.move(*start)
+        assert len(drive.road_users()) > 5
 
     @pytest.mark.parametrize(
         ("counts", "approach", "seed", "action"),
