@@ -108,7 +108,8 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         info: dict[str, Any] = {}
         if self.episode.outcome is not None:
             info["verdict"] = str(self.episode.outcome.verdict)
-            info["outcome"] = self.episode.outcome.model_dump(mode="json")
+            # Without what is None: Gymnasium's vector environments make arrays of the numbers.
+            info["outcome"] = self.episode.outcome.model_dump(mode="json", exclude_none=True)
         return observation, reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:

@@ -225,7 +225,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         for i in ended:
             outcome = self._fleet.outcome(i)
             assert outcome is not None
-            told = {"verdict": str(outcome.verdict), "outcome": outcome.model_dump(mode="json")}
+            told = {"verdict": str(outcome.verdict), "outcome": outcome.model_dump(mode="json", exclude_none=True)}
             if at_once:
                 last = {name: array[i].copy() for name, array in self._arrays().items()}
                 self._note(infos, i, final_obs=last)

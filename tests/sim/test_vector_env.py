@@ -101,7 +101,8 @@ def compare(actions, seed=5, mode=AutoresetMode.NEXT_STEP, threads=1, **argument
                 assert infos["trial"][i] == expected[4]["trial"]
             else:
                 record = envs.episode(i)
-                assert record.outcome.model_dump(mode="json") == final[1]["outcome"]
+                assert record.outcome.model_dump(mode="json", exclude_none=True) == final[1]["outcome"]
+                assert infos["outcome"][i] == final[1]["outcome"]
                 assert infos["verdict"][i] == final[1]["verdict"]
                 assert record.trajectory.sha256 == final[2]
                 assert record.actions_sha256 == final[3]
@@ -187,6 +188,21 @@ def test_time_runs_out(make_trial, drive):
     assert envs.steps[0] == 400
     assert envs.episode(0).trajectory.to_json() == single.episode.trajectory.to_json()
     assert envs.episode(0).outcome == single.episode.outcome
+
+
+def test_ends_of_several_kinds_go_together_in_gymnasiums_own_vector_environments(make_trial, drive):
+    infos = {}
+    for i, braked in enumerate((False, True)):
+        episode = drive(make_trial())
+        env = WrongturnSimEnv(trial=episode.trial)
+        env.reset()
+        info = {}
+        for row in episode.trajectory.rows[1::2] * 2:
+            if not info:
+                *_, info = env.step(np.float32((0, 0, 1) if braked else row[8:11]))
+        infos = gymnasium.vector.SyncVectorEnv([lambda env=env: env] * 2)._add_info(infos, info, i)
+    assert infos["outcome"]["_exit"].tolist() == [True, False]
+    assert infos["verdict"][1] == "not_engaged"
 
 
 def test_gymnasium_makes_it():
