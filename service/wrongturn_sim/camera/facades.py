@@ -4,8 +4,9 @@ import math
 from typing import Any
 
 from wrongturn_protocol import SegmentationClass
-from wrongturn_sim.camera.kernels import clamp, haze_at, kernel, noise, put
+from wrongturn_sim.camera.kernels import clamp, grain, haze_at, kernel, noise, put
 from wrongturn_sim.camera.solids import (
+    B2,
     BAY_X,
     BAY_Y,
     COS,
@@ -25,7 +26,6 @@ from wrongturn_sim.camera.solids import (
     WALL,
     WIDE,
     B,
-    B2,
     G,
     R,
 )
@@ -46,8 +46,10 @@ def pulse(x: float, low: float, high: float) -> float:
 def lit(row: Any, along_x: bool, sign: float, look: Any) -> float:
     """How far the sun shines on a face, 0 to 1: its normal is the local x or y axis, times the sign."""
     if along_x:
-        return max(0.0, sign * (row[COS] * look[0] + row[SIN] * look[1]))
-    return max(0.0, sign * (row[COS] * look[1] - row[SIN] * look[0]))
+        facing: float = row[COS] * look[0] + row[SIN] * look[1]
+    else:
+        facing = row[COS] * look[1] - row[SIN] * look[0]
+    return max(0.0, sign * facing)
 
 
 @kernel
@@ -66,8 +68,7 @@ def house_run(
     look: Any,
     slopes: Any,
     shops: Any,
-    rgb: Any,
-    segmentation: Any,
+    canvas: Any,
 ) -> None:
     """Paints rows a to b of a house's face at distance t; s: metres from the middle of the face."""
     foot = t / focal
@@ -83,7 +84,7 @@ def house_run(
     # A bar in the middle of the window, where it is near enough to be seen.
     bars = (pulse(x + step / 2, 0.48, 0.52) - pulse(x - step / 2, 0.48, 0.52)) / step
     panes -= bars
-    place = int(math.floor(x))
+    place = math.floor(x)
     bays = int(2 * half / bay + 0.5)
     door = not along_x and place == bays // 2
     shop = int(row[SHOP]) if not along_x else 0
@@ -96,19 +97,27 @@ def house_run(
     light_g = (look[7] + sun * look[4]) * clear
     light_b = (look[8] + sun * look[5]) * clear
     haze_r, haze_g, haze_b = look[15] * haze, look[16] * haze, look[17] * haze
-    grain = 0.16 * clamp(1.0 - t / 70.0, 0.0, 1.0)
+    rough = 0.16 * clamp(1.0 - t / 70.0, 0.0, 1.0)
     brick = row[STYLE] == 1.0 and t < 45.0
-    mortar = 0.18 * clamp(1.0 - t / 45.0, 0.0, 1.0)
-    column = int(math.floor(s * 3.0))
+    mortar = 0.24 * clamp(1.0 - t / 45.0, 0.0, 1.0)
+    per_storey = 1.0 / storey
+    part = foot * per_storey
+    per_part = storey / foot
+    column = math.floor(s * 3.0)
     corner = clamp((half - abs(s)) * 2.0, 0.0, 1.0)
     base = 0.92 + 0.08 * corner
     above = -1000
     glass_r = glass_g = glass_b = 0.0
+    # Read once: a written pixel might be part of any of them, for all that the compiler knows.
+    wall_r, wall_g, wall_b = row[R], row[G], row[B]
+    trim_r, trim_g, trim_b = row[R2], row[G2], row[B2]
+    sky_r, sky_g, sky_b, lamps = look[12], look[13], look[14], look[27]
+    cornice = eaves - 0.3 if row[RISE] == 0.0 else 1e9
+    shaded = eaves - 0.45
     for v in range(a, b):
         z = eye + slopes[v] * t
-        y = z / storey
-        level = int(math.floor(y))
-        part = foot / storey
+        y = z * per_storey
+        level = math.floor(y)
         if z > eaves:
             share_in = share_out = 0.0
         else:
@@ -117,23 +126,24 @@ def house_run(
             if level == 0 and (door or shop > 0):
                 bottom, top = 0.02, 0.72
             up, down = y + part / 2 - level, y - part / 2 - level
-            share_in = (min(max(up, bottom), top) - min(max(down, bottom), top)) / part
+            share_in = (min(max(up, bottom), top) - min(max(down, bottom), top)) * per_part
             share_out = (
                 min(max(up, bottom - edge_z), top + edge_z) - min(max(down, bottom - edge_z), top + edge_z)
-            ) / part
-        tone = base + grain * (noise(column, int(math.floor(z * 3.0)), seed) - 0.5)
+            ) * per_part
         if brick:
-            course = int(math.floor(z * 6.0))
+            course = math.floor(z * 6.0)
             stretch = s * 2.6 + 0.5 * (course & 1)
-            tone += mortar * (noise(int(math.floor(stretch)), course, 7) - 0.5)
+            tone = base + mortar * (grain(math.floor(stretch), course, seed) - 0.5)
+        else:
+            tone = base + rough * (grain(column, math.floor(z * 3.0), seed) - 0.5)
         # Splashed foot, and the soft shade under the eaves.
         if z < 0.6:
             tone *= 0.74 + 0.2 * max(z, 0.0)
-        elif z > eaves - 0.45 and z <= eaves:
+        elif z > shaded and z <= eaves:
             tone *= 0.8
-        red, green, blue = row[R] * tone, row[G] * tone, row[B] * tone
-        if row[RISE] == 0.0 and z > eaves - 0.3:
-            red, green, blue = row[R2] * 0.94, row[G2] * 0.94, row[B2] * 0.94
+        red, green, blue = wall_r * tone, wall_g * tone, wall_b * tone
+        if z > cornice:
+            red, green, blue = trim_r * 0.94, trim_g * 0.94, trim_b * 0.94
         elif level > 0 and (y - level) * storey < 0.16:
             # A string course at each floor.
             red, green, blue = red * 1.1, green * 1.1, blue * 1.1
@@ -142,12 +152,12 @@ def house_run(
                 above = level
                 chance = noise(place, level, seed + 1)
                 pale = 0.35 + 0.45 * chance
-                glass_r = 26.0 + 0.30 * pale * look[12]
-                glass_g = 32.0 + 0.31 * pale * look[13]
-                glass_b = 38.0 + 0.33 * pale * look[14]
+                glass_r = 26.0 + 0.30 * pale * sky_r
+                glass_g = 32.0 + 0.31 * pale * sky_g
+                glass_b = 38.0 + 0.33 * pale * sky_b
                 if chance > 0.82:
                     glass_r, glass_g, glass_b = glass_r * 0.5 + 90.0, glass_g * 0.5 + 84.0, glass_b * 0.5 + 74.0
-                if noise(place, level, seed + 2) < look[27]:
+                if noise(place, level, seed + 2) < lamps:
                     # A lamp within owes nothing to the light outside.
                     glass_r, glass_g, glass_b = 250.0 / light_r, 196.0 / light_g, 110.0 / light_b
                     glass_r, glass_g, glass_b = glass_r * clear, glass_g * clear, glass_b * clear
@@ -157,9 +167,9 @@ def house_run(
                 cover, inner = share_out, share_in * inside * (1.0 - bars)
             if level == 0 and door and shop == 0:
                 # The leaf of a door has the trim's colour.
-                red = red * (1.0 - cover) + (0.45 * row[R2] + 20.0) * cover
-                green = green * (1.0 - cover) + (0.45 * row[G2] + 16.0) * cover
-                blue = blue * (1.0 - cover) + (0.45 * row[B2] + 12.0) * cover
+                red = red * (1.0 - cover) + (0.45 * trim_r + 20.0) * cover
+                green = green * (1.0 - cover) + (0.45 * trim_g + 16.0) * cover
+                blue = blue * (1.0 - cover) + (0.45 * trim_b + 12.0) * cover
             else:
                 rest = 1.0 - cover
                 edge = max(cover - inner, 0.0)
@@ -169,8 +179,7 @@ def house_run(
         if shop > 0 and level == 0 and y > 0.76 and y < 0.96:
             red, green, blue = shops[shop - 1, 0], shops[shop - 1, 1], shops[shop - 1, 2]
         put(
-            rgb,
-            segmentation,
+            canvas,
             u,
             v,
             red * light_r + haze_r,
@@ -193,8 +202,7 @@ def wall_run(
     kind: int,
     look: Any,
     slopes: Any,
-    rgb: Any,
-    segmentation: Any,
+    canvas: Any,
 ) -> None:
     """Paints rows a to b of a wall of bricks or of a hedge."""
     haze = haze_at(t, look)
@@ -207,10 +215,10 @@ def wall_run(
     for v in range(a, b):
         z = eye + slopes[v] * t
         if kind == WALL:
-            course = int(math.floor(z * 4.0))
+            course = math.floor(z * 4.0)
             stretch = s * 2.0 + 0.5 * (course & 1)
             stone = math.floor(stretch)
-            tone = 0.92 + near * 0.24 * (noise(int(stone), course, seed) - 0.5)
+            tone = 0.92 + near * 0.24 * (grain(int(stone), course, seed) - 0.5)
             if t < 22.0 and (stretch - stone < 0.07 or z * 4.0 - course < 0.13):
                 tone *= 1.0 - 0.25 * clamp(1.6 - t / 14.0, 0.0, 1.0)
             if z > height - 0.14:
@@ -220,13 +228,12 @@ def wall_run(
             tone *= 0.8 + 0.2 * clamp(z * 2.0, 0.0, 1.0)
             seen = _WALL
         else:
-            leaf = noise(int(math.floor(s * 5.0)), int(math.floor(z * 5.0)), seed)
-            bush = noise(int(math.floor(s * 1.3)), int(math.floor(z * 1.6)), seed + 3)
+            leaf = grain(math.floor(s * 5.0), math.floor(z * 5.0), seed)
+            bush = grain(math.floor(s * 1.3), math.floor(z * 1.6), seed + 3)
             tone = (0.58 + 0.42 * clamp(z / height, 0.0, 1.0)) * (0.9 + near * 0.55 * (leaf - 0.45) + 0.2 * bush)
             seen = _VEGETATION
         put(
-            rgb,
-            segmentation,
+            canvas,
             u,
             v,
             row[R] * tone * light_r + look[15] * haze,
@@ -247,8 +254,7 @@ def top_pixel(
     kind: int,
     sun: float,
     look: Any,
-    rgb: Any,
-    segmentation: Any,
+    canvas: Any,
 ) -> None:
     """A pixel of what lies on top: a roof, a coping, a hedge's crown; x, y: local, metres."""
     haze = haze_at(t, look)
@@ -256,18 +262,17 @@ def top_pixel(
     near = clamp(1.0 - t / 70.0, 0.0, 1.0)
     seed = int(row[SEED])
     if kind == HEDGE:
-        tone = 0.95 + near * 0.5 * (noise(int(math.floor(x * 5.0)), int(math.floor(y * 5.0)), seed) - 0.45)
+        tone = 0.95 + near * 0.5 * (grain(math.floor(x * 5.0), math.floor(y * 5.0), seed) - 0.45)
         red, green, blue, seen = row[R] * tone, row[G] * tone, row[B] * tone, _VEGETATION
     elif kind == WALL:
         tone = 1.1
         red, green, blue, seen = row[R] * tone, row[G] * tone, row[B] * tone, _WALL
     else:
-        tiles = noise(int(math.floor(x * 2.5)), int(math.floor(y * 3.0)), seed)
+        tiles = grain(math.floor(x * 2.5), math.floor(y * 3.0), seed)
         tone = 0.95 + near * 0.22 * (tiles - 0.5)
         red, green, blue, seen = row[R2] * tone, row[G2] * tone, row[B2] * tone, _BUILDING
     put(
-        rgb,
-        segmentation,
+        canvas,
         u,
         v,
         red * (look[6] + sun * look[3]) * clear + look[15] * haze,

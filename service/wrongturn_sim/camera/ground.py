@@ -40,6 +40,14 @@ _SHIFT: Final = 8
 Raster = NDArray[np.uint8]
 
 
+def _grown(mask: Raster, cells: int) -> Raster:
+    """A mask widened by so many cells to every side; narrowed where the number is below 0."""
+    size = 2 * abs(cells) + 1
+    change: Any = cv2.dilate if cells > 0 else cv2.erode
+    grown: Raster = change(mask, np.ones((size, size), np.uint8))
+    return grown
+
+
 @dataclass(frozen=True)
 class Frame:
     """Where a raster lies: its first cell's corner and its shape."""
@@ -67,7 +75,10 @@ class Frame:
 
     def fill(self, into: Raster, geometry: BaseGeometry) -> None:
         """Sets the cells of polygons to 1. OpenCV fills a polygon's outline too: half a cell is taken off before."""
-        for part in _polygons(geometry.buffer(-CELL / 2, join_style="mitre")):
+        # A collapsing corner is no error, though it divides by zero.
+        with np.errstate(all="ignore"):
+            narrowed = geometry.buffer(-CELL / 2, join_style="mitre")
+        for part in _polygons(narrowed):
             rings = [self.fixed(ring.coords) for ring in (part.exterior, *part.interiors)]
             cv2.fillPoly(into, rings, 1, shift=_SHIFT)
 
@@ -150,19 +161,19 @@ def bake(town: Town) -> tuple[Frame, Raster]:
     marking &= road & (1 - crossing)
     # Seams narrower than a cell between road and sidewalk would let grass through.
     both = road | walk
-    closed = cv2.morphologyEx(both, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    closed = _grown(_grown(both, 1), -1)
     walk |= closed & (1 - both)
 
     kind = frame.mask()
     kind[walk > 0] = SIDEWALK
     kind[road > 0] = ROAD
     kind[marking > 0] = MARKING
-    code = _tones(town, frame, kind, road, walk) | (kind << 4)
+    code: Raster = _tones(town, frame, kind, road, walk) | (kind << 4).astype(np.uint8)
     for bit, sun in enumerate(SUNS):
         shade = frame.mask()
         for item in town.scenery:
             _shadow(frame, shade, item, sun)
-        code |= shade << (6 + bit)
+        code |= (shade << (6 + bit)).astype(np.uint8)
     return frame, code
 
 
@@ -174,7 +185,7 @@ def _tones(town: Town, frame: Frame, kind: Raster, road: Raster, walk: Raster) -
     tones = (grain * 3 + patch * 6 + blotch * 6) >> 8  # vegetation, 0 to 14
 
     asphalt = 2 + ((grain * 2 + patch * 3 + blotch * 4) >> 8)
-    gutter = road & (1 - cv2.erode(road, np.ones((5, 5), np.uint8)))
+    gutter = road & (1 - _grown(road, -2))
     asphalt[gutter > 0] -= 2
     cracks = (np.abs(patch - 128) < 2) & (blotch > 150)
     asphalt[cracks] -= 3
@@ -185,7 +196,7 @@ def _tones(town: Town, frame: Frame, kind: Raster, road: Raster, walk: Raster) -
     worn = 4 + ((patch * 4 - grain) >> 8)
     np.clip(worn, 0, 7, out=worn)
     # The line between two directions is yellow: it lies far from every kerb.
-    inner = cv2.erode(road, np.ones((17, 17), np.uint8))
+    inner = _grown(road, -8)
     worn += 8 * (inner > 0)
     np.copyto(tones, worn, where=kind == MARKING)
 
@@ -194,9 +205,9 @@ def _tones(town: Town, frame: Frame, kind: Raster, road: Raster, walk: Raster) -
     rows, columns = np.arange(frame.rows) % period == 0, np.arange(frame.columns) % period == 0
     slabs[rows, :] -= 3
     slabs[:, columns] -= 3
-    kerb = cv2.dilate(road, np.ones((5, 5), np.uint8)) & walk
+    kerb = _grown(road, 2) & walk
     slabs[kerb > 0] = 13 + ((grain[kerb > 0] * 2) >> 8)
-    back = walk & cv2.dilate(1 - road - walk, np.ones((3, 3), np.uint8))
+    back = walk & _grown(1 - road - walk, 1)
     slabs[back > 0] -= 3
     np.copyto(tones, slabs, where=kind == SIDEWALK)
 
@@ -206,7 +217,8 @@ def _tones(town: Town, frame: Frame, kind: Raster, road: Raster, walk: Raster) -
         frame.fill(feet, widened)
     tones[feet > 0] -= 3
     lowest = np.where(kind == MARKING, 8 * (tones >= 8), 0) if feet.any() else 0
-    return np.clip(tones, lowest, 15).astype(np.uint8)
+    clipped: Raster = np.clip(tones, lowest, 15).astype(np.uint8)
+    return clipped
 
 
 def _mends(town: Town, frame: Frame) -> Iterator[tuple[tuple[int, int], tuple[int, int], int]]:

@@ -7,7 +7,7 @@ source. Fast arithmetic is allowed here, where nothing is scored; the instructio
 
 import math
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numba
 
@@ -18,9 +18,60 @@ set_cache()
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+NEAR: Final = 0.25
+"""What is nearer than this is not drawn, metres."""
+HITS: Final = 48
+"""Solids that a column can meet; of more, the nearest are kept."""
+
+# Rows of the work area, each as long as the picture is high (and at least HITS).
+SLOPES, DEPTH, SHADE, FIRST, LAST, WHICH, REACH, UPPER, LOWER, HAZE = range(10)
+WORK: Final = 10
+
+
+class Scene(NamedTuple):
+    """What is looked at."""
+
+    ground: Any
+    """See :mod:`~wrongturn_sim.camera.ground`."""
+    frame: Any
+    """(3,): x and y of its first cell's corner, metres, and cells for each metre."""
+    scenery: Any
+    """(N, COLUMNS); see :mod:`~wrongturn_sim.camera.solids`."""
+    shops: Any
+    """(S, 3) colours of shop signs."""
+    cover: Any
+    """(512, 512) cover of the sky by clouds."""
+
+
+class Scratch(NamedTuple):
+    """What is written on while a picture is painted."""
+
+    work: Any
+    """(WORK, rows)"""
+    place: Any
+    """(N, 2): the camera in the frame of each solid."""
+    counts: Any
+    """(columns,): how many solids may be seen in each."""
+    lists: Any
+    """(columns, N): which."""
+    users: Any
+    """(M, COLUMNS): road users as solids."""
+    canvas: Any
+    """(rows, columns): red, green, blue and class of each pixel, a byte each."""
+
+
+OPTIONS: Final[dict[str, Any]] = {
+    "fastmath": True,
+    "error_model": "numpy",
+    "nogil": True,
+    # Numba's counting of references would take two thirds of the time, and nothing is allocated.
+    "_nrt": False,
+}
+
+
 def kernel(function: F) -> F:
     """Compiled as part of the kernels that call it."""
-    compiled: F = numba.njit(fastmath=True, error_model="numpy", nogil=True)(function)
+    compiled: F = numba.njit(**OPTIONS, forceinline=True)(function)
     return compiled
 
 
@@ -34,17 +85,23 @@ def noise(x: int, y: int, seed: int) -> float:
 
 
 @kernel
+def grain(x: int, y: int, seed: int) -> float:
+    """0 to 1, of whole numbers: cheaper than :func:`noise` and good enough for textures."""
+    value = (x * 374761393 + y * 668265263 + seed * 2246822519) & 0xFFFFFFFF
+    value = (value ^ (value >> 15)) * 0x2C1B3C6D
+    return ((value >> 12) & 0xFFFF) * (1.0 / 65535.0)
+
+
+@kernel
 def clamp(value: float, low: float, high: float) -> float:
+    """The nearest number from low to high."""
     return min(max(value, low), high)
 
 
 @kernel
-def put(rgb: Any, segmentation: Any, u: int, v: int, red: float, green: float, blue: float, seen: int) -> None:
-    """Writes a pixel; colours 0 to 255 and beyond."""
-    rgb[v, u, 0] = int(min(max(red, 0.0), 255.0))
-    rgb[v, u, 1] = int(min(max(green, 0.0), 255.0))
-    rgb[v, u, 2] = int(min(max(blue, 0.0), 255.0))
-    segmentation[v, u] = seen
+def put(canvas: Any, u: int, v: int, red: float, green: float, blue: float, seen: int) -> None:
+    """Writes a pixel; colours from 0, cut at 255."""
+    canvas[v, u] = int(min(red, 255.0)) | int(min(green, 255.0)) << 8 | int(min(blue, 255.0)) << 16 | seen << 24
 
 
 @kernel
@@ -57,11 +114,11 @@ def first_row(limit: float, v0: int, v1: int, focal: float, cy: float, slopes: A
         return v0
     if row >= v1:
         return v1
-    return int(math.ceil(row))
+    return math.ceil(row)
 
 
 @kernel
 def haze_at(t: float, look: Any) -> float:
     """Share of the haze's colour at a distance."""
-    x = t * look[18]
+    x: float = t * look[18]
     return x * x / (1.0 + x * x)

@@ -44,13 +44,14 @@ def _wider(lattice: NDArray[np.int64], grain: int) -> NDArray[np.int64]:
     step = step * step * (3 * 256 - 2 * step) // 65536
     left = lattice[:, position // grain]
     right = lattice[:, (position // grain + 1) % lattice.shape[1]]
-    return (left * (256 - step) + right * step) // 256
+    wider: NDArray[np.int64] = (left * (256 - step) + right * step) // 256
+    return wider
 
 
 @functools.cache
 def clouds() -> NDArray[np.uint8]:
-    """(256, 256): cover of the sky, spread to the whole range."""
-    made = tile(256, (64, 32, 16, 8), 3).astype(np.int64)
+    """(512, 512): cover of the sky, spread to the whole range; so fine that the nearest cell will do."""
+    made = tile(512, (128, 64, 32, 16), 3).astype(np.int64)
     low, high = int(made.min()), int(made.max())
     spread = ((made - low) * 255 // (high - low)).astype(np.uint8)
     spread.flags.writeable = False

@@ -1,5 +1,6 @@
 """Pictures of a world, one or many at a time."""
 
+import itertools
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any
@@ -9,9 +10,10 @@ from numpy.typing import NDArray
 
 from wrongturn_protocol import Weather
 from wrongturn_sim.camera.errors import CameraError
+from wrongturn_sim.camera.kernels import HITS, WORK, Scene, Scratch
 from wrongturn_sim.camera.noise import clouds
 from wrongturn_sim.camera.pinhole import Camera
-from wrongturn_sim.camera.raycast import HITS, WORK, frames_into
+from wrongturn_sim.camera.raycast import frames_into
 from wrongturn_sim.camera.solids import COLUMNS, shop_colours
 from wrongturn_sim.camera.weathers import SIZE, look_of
 from wrongturn_sim.camera.world import World
@@ -23,55 +25,23 @@ OTHER = 8
 """Columns of a road user: x, y, yaw, length, width, height, kind (0 vehicle, 1 pedestrian), colour."""
 
 _NOBODY = np.zeros((0, OTHER))
-_NOBODY.flags.writeable = False
 
 
-class _Scratch:
-    """What the kernels write on while they paint; one for each thread."""
+def _scene(world: World) -> Scene:
+    return Scene(world.ground, world.frame, world.scenery, _shops(), clouds())
 
-    def __init__(self, world: World, camera: Camera, others: int) -> None:
-        items = len(world.scenery) + others
-        self.others = others
-        self.work = np.zeros((WORK, max(camera.height, HITS)))
-        self.place = np.zeros((max(items, 1), 2))
-        self.counts = np.zeros(camera.width, np.int64)
-        self.lists = np.zeros((camera.width, max(items, 1)), np.int32)
-        self.users = np.zeros((others, COLUMNS))
 
-    def paint(
-        self,
-        world: World,
-        camera: Numbers,
-        looks: Numbers,
-        poses: Numbers,
-        seeds: Any,
-        ticks: Any,
-        others: Numbers,
-        begins: Any,
-        rgb: Image,
-        segmentation: Image,
-    ) -> None:
-        frames_into(
-            poses,
-            seeds,
-            ticks,
-            others,
-            begins,
-            looks,
-            camera,
-            world.ground,
-            world.frame,
-            world.scenery,
-            _shops(),
-            clouds(),
-            self.work,
-            self.place,
-            self.counts,
-            self.lists,
-            self.users,
-            rgb,
-            segmentation,
-        )
+def _scratch(world: World, camera: Camera, others: int) -> Scratch:
+    """For each thread its own."""
+    items = max(len(world.scenery) + others, 1)
+    return Scratch(
+        work=np.zeros((WORK, max(camera.height, HITS))),
+        place=np.zeros((items, 2)),
+        counts=np.zeros(camera.width, np.int64),
+        lists=np.zeros((camera.width, items), np.int32),
+        users=np.zeros((others, COLUMNS)),
+        canvas=np.zeros((camera.height, camera.width), np.uint32),
+    )
 
 
 @cache
@@ -102,13 +72,15 @@ class Renderer:
     ) -> None:
         self.world = world
         self.camera = camera or Camera()
-        self._look = look_of(weather)[None]
+        # Copied, as below: of an array that may not be written, numba would compile another kernel.
+        self._look = look_of(weather)[None].copy()
         self._packed = self.camera.packed()
         self._seeds = np.array([_folded(seed)], np.int64)
         self._pose = np.zeros((1, 3))
         self._ticks = np.zeros(1, np.int64)
         self._begins = np.zeros(2, np.int64)
-        self._scratch = _Scratch(world, self.camera, 0)
+        self._scene = _scene(world)
+        self._scratch = _scratch(world, self.camera, 0)
 
     def render(
         self, x: float, y: float, yaw: float, tick: int = 0, others: Numbers | None = None
@@ -138,22 +110,23 @@ class Renderer:
             others = _NOBODY
         else:
             others = _checked_others(others)
-            if len(others) > self._scratch.others:
-                self._scratch = _Scratch(self.world, self.camera, 2 * len(others))
+            if len(others) > len(self._scratch.users):
+                self._scratch = _scratch(self.world, self.camera, 2 * len(others))
         self._pose[0] = x, y, yaw
         _finite("pose", self._pose)
         _check_images(self.camera, 1, rgb[None], segmentation[None])
         self._ticks[0] = tick
         self._begins[1] = len(others)
-        self._scratch.paint(
-            self.world,
-            self._packed,
-            self._look,
+        frames_into(
             self._pose,
             self._seeds,
             self._ticks,
             others,
             self._begins,
+            self._look,
+            self._packed,
+            self._scene,
+            self._scratch,
             rgb[None],
             segmentation[None],
         )
@@ -187,8 +160,8 @@ def render_batch(
         CameraError: an array has another shape or type, or a number is not finite.
     """
     number = len(poses)
-    poses = np.ascontiguousarray(poses, np.float64)
-    looks = np.ascontiguousarray(looks, np.float64)
+    poses = np.array(poses, np.float64, order="C")
+    looks = np.array(looks, np.float64, order="C")
     if poses.shape != (number, 3):
         raise CameraError(f"poses have the shape {poses.shape}; give (N, 3): x, y, yaw")
     if looks.shape != (number, SIZE):
@@ -198,23 +171,25 @@ def render_batch(
     _finite("poses", poses)
     _check_images(camera, number, rgb, segmentation)
     folded = np.array([_folded(int(seed)) for seed in seeds], np.int64)
-    counted = np.ascontiguousarray(ticks, np.int64)
+    counted = np.array(ticks, np.int64)
     if len(folded) != number or counted.shape != (number,):
         raise CameraError(f"seeds and ticks: give {number} of each, as many as poses")
     begins = np.zeros(number + 1, np.int64)
     packed = camera.packed()
 
+    scene = _scene(world)
+
     def paint(part: slice) -> None:
-        scratch = _scratch_of(world, camera) if threads == 1 else _Scratch(world, camera, 0)
-        scratch.paint(
-            world,
-            packed,
-            looks[part],
+        frames_into(
             poses[part],
             folded[part],
             counted[part],
             _NOBODY,
             begins,
+            looks[part],
+            packed,
+            scene,
+            _scratch(world, camera, 0),
             rgb[part],
             segmentation[part],
         )
@@ -225,11 +200,7 @@ def render_batch(
     # The same compiled function in every thread: a second one, compiled for threads, might round otherwise.
     edges = np.linspace(0, number, min(threads, number) + 1).astype(int)
     with ThreadPoolExecutor(min(threads, number)) as pool:
-        list(pool.map(paint, (slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))))
-
-
-def _scratch_of(world: World, camera: Camera) -> _Scratch:
-    return _Scratch(world, camera, 0)
+        list(pool.map(paint, (slice(int(a), int(b)) for a, b in itertools.pairwise(edges))))
 
 
 def _folded(seed: int) -> int:
@@ -246,7 +217,7 @@ def _finite(name: str, numbers: Numbers) -> None:
 
 
 def _checked_others(others: Numbers) -> Numbers:
-    others = np.ascontiguousarray(others, np.float64)
+    others = np.array(others, np.float64, order="C")
     if others.ndim != 2 or others.shape[1] != OTHER:
         raise CameraError(f"others have the shape {others.shape}; give (N, {OTHER})")
     _finite("others", others)

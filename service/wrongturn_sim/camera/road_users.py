@@ -6,6 +6,7 @@ from typing import Any
 from wrongturn_protocol import SegmentationClass
 from wrongturn_sim.camera.kernels import clamp, first_row, haze_at, kernel, noise, put
 from wrongturn_sim.camera.solids import (
+    B2,
     BOUND,
     CAR,
     COS,
@@ -19,7 +20,6 @@ from wrongturn_sim.camera.solids import (
     SIN,
     WALKER,
     B,
-    B2,
     G,
     R,
     X,
@@ -111,8 +111,7 @@ def into(
                 first, face = t, plane
         elif rate > 0.0:
             t = gap / rate
-            if t < last:
-                last = t
+            last = min(last, t)
         elif gap < 0.0:
             return -1.0, -1
     if first >= last:
@@ -178,8 +177,7 @@ def car(
     look: Any,
     slopes: Any,
     depth: Any,
-    rgb: Any,
-    segmentation: Any,
+    canvas: Any,
 ) -> None:
     """Paints a vehicle where it is the nearest."""
     ldx, ldy = row[COS] * dx + row[SIN] * dy, row[COS] * dy - row[SIN] * dx
@@ -219,11 +217,11 @@ def car(
             if t <= 0.0:
                 continue
             x, y, z = rx + t * ldx, ry + t * ldy, eye + t * slope
-            if face == 2 or face == 3:
+            if face in {2, 3}:
                 off = abs(x) - axle
                 if off * off + (z - WHEEL) * (z - WHEEL) > WHEEL * WHEEL:
                     continue
-            elif face == 0 or face == 1:
+            elif face in {0, 1}:
                 if abs(y) < half_y - 0.24:
                     continue
             else:
@@ -265,7 +263,7 @@ def car(
                     red, green, blue = 226.0, 226.0, 214.0
                 elif z < 0.42 * belt:
                     red, green, blue = red * 0.45, green * 0.45, blue * 0.45
-            elif face == 2 or face == 3:
+            elif face in {2, 3}:
                 off = abs(x) - axle
                 arch = off * off + (z - WHEEL) * (z - WHEEL)
                 if arch < WHEEL * WHEEL:
@@ -291,8 +289,7 @@ def car(
         green += (0.5 * (look[13] + look[10]) - green) * gloss
         blue += (0.5 * (look[14] + look[11]) - blue) * gloss
         put(
-            rgb,
-            segmentation,
+            canvas,
             u,
             v,
             red * clear + look[15] * haze,
@@ -318,8 +315,7 @@ def walker(
     look: Any,
     slopes: Any,
     depth: Any,
-    rgb: Any,
-    segmentation: Any,
+    canvas: Any,
 ) -> None:
     """Paints a pedestrian where they are the nearest: a figure that always faces the camera."""
     ox, oy = row[X] - px, row[Y] - py
@@ -368,8 +364,7 @@ def walker(
         depth[v] = t
         sun = 0.6 if aside > 0.0 else 0.35
         put(
-            rgb,
-            segmentation,
+            canvas,
             u,
             v,
             red * (look[6] + sun * look[3]) * clear + look[15] * haze,

@@ -4,12 +4,12 @@ import math
 from typing import Any
 
 from wrongturn_protocol import SegmentationClass
-from wrongturn_sim.camera.kernels import clamp, first_row, haze_at, kernel, noise, put
+from wrongturn_sim.camera.kernels import clamp, first_row, grain, haze_at, kernel, put
 from wrongturn_sim.camera.solids import (
+    B2,
     COS,
     G2,
     HALF_X,
-    HALF_Y,
     HALF_Z,
     HEIGHT,
     MIDDLE,
@@ -18,7 +18,6 @@ from wrongturn_sim.camera.solids import (
     SEED,
     SIN,
     B,
-    B2,
     G,
     R,
     X,
@@ -45,8 +44,7 @@ def tree(
     look: Any,
     slopes: Any,
     depth: Any,
-    rgb: Any,
-    segmentation: Any,
+    canvas: Any,
 ) -> None:
     """Paints a tree where it is the nearest: its trunk, then its crown."""
     ox, oy = px - row[X], py - row[Y]
@@ -68,14 +66,13 @@ def tree(
         # The normal tells which side of the trunk the sun is on.
         nx, ny = (ox + t * dx) / trunk, (oy + t * dy) / trunk
         sun = max(0.0, nx * look[0] + ny * look[1])
-        cross = int(math.floor((dx * oy - dy * ox) * 12.0))
+        cross = math.floor((dx * oy - dy * ox) * 12.0)
         for v in range(a, b):
             if t < depth[v]:
                 depth[v] = t
-                tone = 0.8 + 0.3 * noise(cross, int(math.floor((eye + slopes[v] * t) * 2.5)), seed)
+                tone = 0.8 + 0.3 * grain(cross, math.floor((eye + slopes[v] * t) * 2.5), seed)
                 put(
-                    rgb,
-                    segmentation,
+                    canvas,
                     u,
                     v,
                     row[R2] * tone * (look[6] + sun * look[3]) * clear + look[15] * haze,
@@ -100,6 +97,8 @@ def tree(
     fine = 3.2 if along < 28.0 else 1.6 if along < 60.0 else 0.8
     strength = clamp(1.3 - along / 110.0, 0.35, 1.0)
     for v in range(a, b):
+        if depth[v] <= near:
+            continue
         slope = slopes[v]
         aa = flat * inv_r + slope * slope * inv_z
         bb = flat_b + oz * slope * inv_z
@@ -110,12 +109,12 @@ def tree(
         if t <= 0.3 or t >= depth[v]:
             continue
         wx, wy, wz = ox + t * dx, oy + t * dy, oz + t * slope
-        ix, iy, iz = int(math.floor(wx * fine)), int(math.floor(wy * fine)), int(math.floor(wz * fine))
-        leaf = noise(ix + iz * 57, iy, seed)
+        ix, iy, iz = math.floor(wx * fine), math.floor(wy * fine), math.floor(wz * fine)
+        leaf = grain(ix + iz * 57, iy, seed)
         rim = c + 1.0 - bb * bb / aa
-        bough = noise(
-            int(math.floor(wx * 1.1 + 0.5)) + 31 * int(math.floor(wz * 1.1 + 0.5)),
-            int(math.floor(wy * 1.1 + 0.5)),
+        bough = grain(
+            math.floor(wx * 1.1 + 0.5) + 31 * math.floor(wz * 1.1 + 0.5),
+            math.floor(wy * 1.1 + 0.5),
             seed + 5,
         )
         if rim + 0.30 * leaf + 0.22 * bough > 1.16:
@@ -126,8 +125,7 @@ def tree(
         sun = clamp(0.35 + 0.65 * facing, 0.0, 1.0)
         tone = (0.66 + 0.28 * nz) * (1.0 + strength * (0.62 * (leaf - 0.5) + 0.5 * (bough - 0.5)))
         put(
-            rgb,
-            segmentation,
+            canvas,
             u,
             v,
             row[R] * tone * (look[6] + sun * look[3]) * clear + look[15] * haze,
@@ -153,8 +151,7 @@ def fence(
     look: Any,
     slopes: Any,
     depth: Any,
-    rgb: Any,
-    segmentation: Any,
+    canvas: Any,
 ) -> None:
     """Paints posts and rails where they are the nearest."""
     ldx = row[COS] * dx + row[SIN] * dy
@@ -184,8 +181,7 @@ def fence(
         depth[v] = t
         tone = 1.0 if post else 0.9
         put(
-            rgb,
-            segmentation,
+            canvas,
             u,
             v,
             row[R] * tone * (look[6] + sun * look[3]) * clear + look[15] * haze,

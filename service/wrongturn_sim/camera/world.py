@@ -35,6 +35,10 @@ class World:
     scenery: NDArray[np.float64]
     """(N, COLUMNS); see :mod:`~wrongturn_sim.camera.solids`."""
 
+    def __post_init__(self) -> None:
+        for array in (self.ground, self.frame, self.scenery):
+            array.flags.writeable = False
+
     @classmethod
     def of(cls, town: Town) -> "World":
         """A town's world: from this process, from the disk, or made."""
@@ -53,8 +57,6 @@ class World:
             _write(file, *kept)
         frame, ground = kept
         scenery = rows_of(town.scenery)
-        for array in (frame, ground, scenery):
-            array.flags.writeable = False
         return cls(town.name, town.sha256, ground, frame, scenery)
 
 
