@@ -2,6 +2,7 @@
 
 import contextlib
 import secrets
+from collections.abc import Mapping
 from typing import Any, Final, SupportsFloat
 
 import gymnasium
@@ -15,7 +16,7 @@ from wrongturn_client import settings
 from wrongturn_client.actions import told
 from wrongturn_client.client import Client
 from wrongturn_client.errors import InvalidActionError, WrongturnError
-from wrongturn_protocol import Action, Command, Fault, FaultKind, PracticeRequest, Track, Weather
+from wrongturn_protocol import Action, Command, Fault, FaultKind, PracticeRequest, Track, Traffic, Weather
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 
 _SEEDS: Final = 2**31
@@ -37,6 +38,7 @@ class WrongturnEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         fault: of the drawn trials.
         route: the direction of the drawn trials' route; by the seed by default.
         weather: of the drawn trials.
+        traffic: of the drawn trials, as ``{"vehicles": 20, "pedestrians": 10}``.
         suite: draw among this suite's open trials and their twins instead.
         trial: this trial of the suite each time.
         render_mode: None, since there are no pictures yet.
@@ -59,6 +61,7 @@ class WrongturnEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         fault: Fault | FaultKind | str = FaultKind.NONE,
         route: Command | int | None = None,
         weather: Weather | str = Weather.CLEAR_NOON,
+        traffic: Traffic | Mapping[str, int] = Traffic(),  # noqa: B008 - immutable
         suite: str | None = None,
         trial: str | None = None,
         render_mode: str | None = None,
@@ -82,6 +85,7 @@ class WrongturnEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._fault = fault if isinstance(fault, Fault) else Fault(kind=FaultKind(fault))
         self._route = None if route is None else Command(route)
         self._weather = Weather(weather)
+        self._traffic = Traffic.model_validate(traffic)
         self._suite = suite
         self._approaches: tuple[str, ...] = () if approach is None else (approach,)
         self._trials: tuple[str, ...] = () if trial is None else (trial,)
@@ -171,6 +175,7 @@ class WrongturnEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
                 "route": self._route,
                 "fault": self._fault,
                 "weather": self._weather,
+                "traffic": self._traffic,
                 "seed": int(self.np_random.integers(_SEEDS)),
                 "track": self.track,
             },

@@ -105,12 +105,13 @@ def test_a_suites_trial_is_practised() -> None:
         {"suite": "smoke@1", "town": "Town01"},
         {"fault": "nothing"},
         {"weather": "Fog"},
+        {"traffic": {"vehicles": -1}},
         {"route": 9},
     ],
 )
 def test_names_that_do_not_go_together_are_refused_before_any_call(options: dict[str, Any]) -> None:
     service = FakeService()
-    with pytest.raises(ValueError, match=r"trial|suite|nothing|Fog|9"):
+    with pytest.raises(ValueError, match=r"trial|suite|nothing|Fog|vehicles|9"):
         _make(service, **options)
     assert service.requests == []
 
@@ -134,6 +135,12 @@ def test_a_step_before_the_reset_and_a_refusal() -> None:
     service.inject = lambda request: problem(ProblemType.UNKNOWN_TOWN, 404, "no town Oslo; there are Town01, Town02")
     with pytest.raises(NotFoundError, match="no town Oslo"):
         env.reset()
+
+
+def test_traffic_is_asked_for() -> None:
+    service = FakeService()
+    _make(service, token="t", approach="J1-E", traffic={"vehicles": 20}).reset()
+    assert service.practice[0]["traffic"] == {"vehicles": 20, "pedestrians": 0}
 
 
 def test_importing_the_package_registers_it_in_any_order() -> None:

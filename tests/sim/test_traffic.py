@@ -10,7 +10,7 @@ from shapely import STRtree
 from shapely.geometry import LineString, Point, Polygon
 
 from wrongturn_networks import load_town
-from wrongturn_protocol import Command, FaultKind, Track, Traffic, Verdict
+from wrongturn_protocol import Command, FaultKind, SegmentationClass, Track, Traffic, Verdict
 from wrongturn_sim import Episode, JudgeGeometry, Simulator, TrafficTooDenseError, Trajectory, judge
 from wrongturn_sim import simulator as bridge
 from wrongturn_sim.route import start_pose
@@ -175,6 +175,16 @@ class TestWhatIsSeen:
             before = others
         assert not colours
         assert len(set(others[:, 7])) > 5
+
+    def test_a_camera_shows_them(self, crowded, make_trial):
+        seen = []
+        for trial in (crowded(40, 60, approach="J1-S"), make_trial(approach="J1-S")):
+            episode = Episode(trial, Track.SEGMENTATION)
+            episode.reset()
+            for _ in range(5):
+                classes = episode.step(0.0, 0.3, 0.0).observation["segmentation"]
+            seen.append({SegmentationClass.VEHICLE, SegmentationClass.PEDESTRIAN} & set(classes.ravel().tolist()))
+        assert seen == [{SegmentationClass.VEHICLE, SegmentationClass.PEDESTRIAN}, set()]
 
     def test_cars_keep_to_the_road_and_people_off_it(self, crowded):
         trial = crowded(30, 60, town="Town02", seed=2)
