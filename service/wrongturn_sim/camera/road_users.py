@@ -217,11 +217,11 @@ def car(
             if t <= 0.0:
                 continue
             x, y, z = rx + t * ldx, ry + t * ldy, eye + t * slope
-            if face in {2, 3}:
+            if 1 < face < 4:
                 off = abs(x) - axle
                 if off * off + (z - WHEEL) * (z - WHEEL) > WHEEL * WHEEL:
                     continue
-            elif face in {0, 1}:
+            elif 0 <= face < 2:
                 if abs(y) < half_y - 0.24:
                     continue
             else:
@@ -263,7 +263,7 @@ def car(
                     red, green, blue = 226.0, 226.0, 214.0
                 elif z < 0.42 * belt:
                     red, green, blue = red * 0.45, green * 0.45, blue * 0.45
-            elif face in {2, 3}:
+            elif 1 < face < 4:
                 off = abs(x) - axle
                 arch = off * off + (z - WHEEL) * (z - WHEEL)
                 if arch < WHEEL * WHEEL:
