@@ -7,9 +7,8 @@ in :class:`~wrongturn_sim.gym_env.WrongturnSimEnv`.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import gymnasium
 import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -18,12 +17,14 @@ from numpy.typing import NDArray
 
 from wrongturn_networks import load_town
 from wrongturn_protocol import Fault, FaultKind, Track, Trial, Weather
-from wrongturn_protocol.observations import FIELDS, Observation, action_space, observation_space
-from wrongturn_sim.camera import Camera
+from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
 from wrongturn_sim.errors import EpisodeAlreadyFinishedError, EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.fleet import Fleet, Record
-from wrongturn_sim.fleet_camera import FleetCamera
 from wrongturn_sim.trial_source import TrialSource
+
+if TYPE_CHECKING:
+    from wrongturn_sim.camera import Camera
+    from wrongturn_sim.fleet_camera import FleetCamera
 
 Flags = NDArray[np.bool_]
 
@@ -71,7 +72,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         suite: str | None = None,
         trial: Trial | str | None = None,
         weather: Weather | str | Sequence[Weather | str] = Weather.CLEAR_NOON,
-        camera: Camera | None = None,
+        camera: "Camera | None" = None,
         threads: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
@@ -92,14 +93,9 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = None
         self._fleet = Fleet(load_town(self._source.towns[0]), num_envs, self.track, threads=threads)
-        self._camera = None
-        space = observation_space(self.track)
-        if self.track in {Track.CAMERA, Track.SEGMENTATION}:
-            self._camera = FleetCamera(self._fleet, camera or Camera(), self.track, threads)
-            for field in FIELDS[self.track]:
-                if field.image:
-                    shape = self._camera.pictures[field.name].shape[1:]
-                    space[field.name] = gymnasium.spaces.Box(field.low, field.high, shape, np.dtype(field.dtype).type)
+        self._camera = self._camera_of(camera, threads) if self.track in {Track.CAMERA, Track.SEGMENTATION} else None
+        size = IMAGE_SHAPE if camera is None else (camera.height, camera.width)
+        space = observation_space(self.track, size)
         self.single_observation_space = space
         self.single_action_space = action_space()
         self.observation_space = batch_space(space, num_envs)
@@ -204,6 +200,12 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """End the threads."""
         self._fleet.close()
+
+    def _camera_of(self, camera: "Camera | None", threads: int) -> "FleetCamera":
+        from wrongturn_sim.camera import Camera  # noqa: PLC0415 - who shows no pictures need not wait for it
+        from wrongturn_sim.fleet_camera import FleetCamera  # noqa: PLC0415
+
+        return FleetCamera(self._fleet, camera or Camera(), self.track, threads)
 
     def _draw(self, i: int, given: Trial | str | None = None) -> Trial:
         random = self._randoms[i]

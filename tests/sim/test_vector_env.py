@@ -125,6 +125,18 @@ def test_pictures_are_those_of_the_single_environment(track):
     assert compare(drawn_actions(5, 60), threads=2, **arguments)
 
 
+def test_pictures_of_another_camera_and_size():
+    from wrongturn_sim.camera import Camera
+
+    envs = WrongturnVectorEnv(3, "junctions", "segmentation", camera=Camera(width=48, height=16), threads=2)
+    env = WrongturnSimEnv("junctions", "segmentation", camera=Camera(width=48, height=16))
+    assert envs.single_observation_space == env.observation_space
+    seen, _ = envs.reset(seed=4)
+    assert seen in envs.observation_space
+    for i in range(3):
+        same(env.reset(seed=4 + i)[0], seen, i)
+
+
 def test_the_next_episode_begins_in_the_same_step():
     assert compare(drawn_actions(8, 120), mode=AutoresetMode.SAME_STEP, town="Town02", track="privileged", threads=2)
 
