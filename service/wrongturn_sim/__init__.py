@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         SimulatorUnavailableError,
         TrafficTooDenseError,
         TrajectoryError,
+        TrialNotAloneError,
     )
     from wrongturn_sim.faults import FaultNotApplicableError, available_faults
     from wrongturn_sim.gym_env import WrongturnSimEnv
@@ -55,6 +56,7 @@ _HOME = {
     "TrafficTooDenseError": "errors",
     "Trajectory": "trajectory",
     "TrajectoryError": "errors",
+    "TrialNotAloneError": "errors",
     "Vehicle": "ego",
     "WrongturnSimEnv": "gym_env",
     "WrongturnVectorEnv": "vector_env",
@@ -99,6 +101,7 @@ __all__ = [
     "TrafficTooDenseError",
     "Trajectory",
     "TrajectoryError",
+    "TrialNotAloneError",
     "Vehicle",
     "WrongturnSimEnv",
     "WrongturnVectorEnv",

@@ -7,6 +7,7 @@
     ├── EpisodeNotStartedError               a step before the first reset
     ├── EpisodeAlreadyFinishedError          a step after the end
     ├── TrafficTooDenseError (ValueError)    the trial has more road users than its town has room for
+    ├── TrialNotAloneError (ValueError)      egos of one batch drive alone, in one town
     ├── TrajectoryError (ValueError)         bytes that are no trajectory
     └── SimulatorError
         ├── SimulatorUnavailableError        libsumo cannot be loaded
@@ -35,6 +36,10 @@ class EpisodeAlreadyFinishedError(SimError):
 
 class TrafficTooDenseError(SimError, ValueError):
     """The trial has more road users than its town has room for; the message names the field and the room."""
+
+
+class TrialNotAloneError(SimError, ValueError):
+    """The trial has other road users, or is of another town; egos of one batch drive alone in one town."""
 
 
 class TrajectoryError(SimError, ValueError):

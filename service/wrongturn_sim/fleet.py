@@ -20,7 +20,7 @@ from wrongturn_protocol.observations import FIELDS, Observation
 from wrongturn_sim import fleet_kernel as kernel
 from wrongturn_sim import guide
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, VEHICLE
-from wrongturn_sim.errors import SimError
+from wrongturn_sim.errors import TrialNotAloneError
 from wrongturn_sim.faults import CommandFault, make_fault
 from wrongturn_sim.faults.infeasible import Infeasible
 from wrongturn_sim.faults.none import NoFault
@@ -43,10 +43,6 @@ _COMPILED: Final[dict[type[CommandFault], int]] = {
 """Faults that the kernel delivers; others are asked one ego at a time."""
 _PRIVILEGED: Final = ("pose", "lane", "stop_line", "exits", "exits_mask")
 _PAINTED: Final = ("rgb", "segmentation")
-
-
-class TrialNotAloneError(SimError, ValueError):
-    """The trial has other road users, or is of another town; egos of a fleet drive alone in one town."""
 
 
 @dataclass(frozen=True)

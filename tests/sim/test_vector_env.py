@@ -14,11 +14,11 @@ from wrongturn_sim import (
     EpisodeAlreadyFinishedError,
     EpisodeNotStartedError,
     InvalidActionError,
+    TrialNotAloneError,
     WrongturnSimEnv,
     WrongturnVectorEnv,
     fleet,
 )
-from wrongturn_sim.fleet import TrialNotAloneError
 
 ID = "wrongturn_sim:WrongturnSim-v0"
 PICTURES = ["camera", "segmentation"]
