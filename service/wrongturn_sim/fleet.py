@@ -232,10 +232,10 @@ class Fleet:
 
     def _run(self) -> None:
         """The turns of all egos, shared among the threads; this one takes the first part."""
-        (first, end), *others = self._parts
         if self._pool is None:
-            kernel.run(self._ground, self._egos, self._shown, first, end)
+            kernel.run(self._ground, self._egos, self._shown, 0, self.count)
             return
+        (first, end), *others = self._parts
         waiting = [self._pool.submit(kernel.run, self._ground, self._egos, self._shown, *part) for part in others]
         kernel.run(self._ground, self._egos, self._shown, first, end)
         for part in waiting:
