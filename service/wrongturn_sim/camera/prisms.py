@@ -59,10 +59,10 @@ def solid(
     if a < b:
         sign = (1.0 if lx > 0.0 else -1.0) if along_x else (1.0 if ly > 0.0 else -1.0)
         sun = lit(row, along_x, sign, look)
-        if sun > 0.0 and t < 120.0:
-            # Where the ground before it lies in the shade, so does its lower part.
-            if code_at(px + (t - 0.7) * dx, py + (t - 0.7) * dy, scene.ground, scene.frame) & int(look[28]):
-                sun *= 0.25
+        # Where the ground before it lies in the shade, so does its lower part.
+        foot = t - 0.7
+        if sun > 0.0 and code_at(px + foot * dx, py + foot * dy, scene.ground, scene.frame) & int(look[28]):
+            sun *= 0.25
         s = ly if along_x else lx
         if kind == HOUSE:
             tilt = abs(ldx if along_x else ldy) / math.sqrt(ldx * ldx + ldy * ldy)

@@ -292,24 +292,28 @@ def _compiled(version: int) -> Any:
         begins: Any,
         looks: Any,
         camera: Any,
-        scene: Scene,
-        scratch: Scratch,
+        ground: Any,
+        frame: Any,
+        scenery: Any,
+        shops: Any,
+        cover: Any,
+        work: Any,
+        place: Any,
+        counts: Any,
+        lists: Any,
+        users: Any,
+        canvas: Any,
         rgb: Any,
         segmentation: Any,
     ) -> int:
         """Paints pictures, one after the other; of picture i the road users are rows begins[i] to begins[i + 1]."""
+        # Made here of plain arrays: to look through a named tuple, numba takes a quarter of a picture's time.
+        scene = Scene(ground, frame, scenery, shops, cover)
+        scratch = Scratch(work, place, counts, lists, users, canvas)
         for i in range(poses.shape[0]):
+            users_of = others[begins[i] : begins[i + 1]]
             frame_into(
-                poses[i],
-                seeds[i],
-                ticks[i],
-                others[begins[i] : begins[i + 1]],
-                camera,
-                looks[i],
-                scene,
-                scratch,
-                rgb[i],
-                segmentation[i],
+                poses[i], seeds[i], ticks[i], users_of, camera, looks[i], scene, scratch, rgb[i], segmentation[i]
             )
         return version
 

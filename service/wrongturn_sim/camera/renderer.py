@@ -125,8 +125,8 @@ class Renderer:
             self._begins,
             self._look,
             self._packed,
-            self._scene,
-            self._scratch,
+            *self._scene,
+            *self._scratch,
             rgb[None],
             segmentation[None],
         )
@@ -188,8 +188,8 @@ def render_batch(
             begins,
             looks[part],
             packed,
-            scene,
-            _scratch(world, camera, 0),
+            *scene,
+            *_scratch(world, camera, 0),
             rgb[part],
             segmentation[part],
         )

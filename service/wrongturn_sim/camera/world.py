@@ -63,7 +63,8 @@ class World:
 def _read(file: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
     """What was kept; None where there is nothing of use."""
     try:
-        with np.load(file, allow_pickle=False) as kept:
+        # Opened here: where the archive is broken, numpy would leave it open.
+        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as kept:
             frame, ground, checksum = kept["frame"], kept["ground"], int(kept["checksum"])
     except (OSError, ValueError, KeyError, EOFError, BadZipFile):
         return None
