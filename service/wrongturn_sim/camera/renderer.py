@@ -38,7 +38,8 @@ def _scratch(world: World, camera: Camera, others: int) -> Scratch:
         work=np.zeros((WORK, max(camera.height, HITS))),
         place=np.zeros((items, 2)),
         counts=np.zeros(camera.width, np.int64),
-        lists=np.zeros((camera.width, items), np.int32),
+        # An odd number of cache lines apart, or all columns' lists would share a few places in the cache.
+        lists=np.zeros((camera.width, items // 32 * 32 + 48), np.int32),
         users=np.zeros((others, COLUMNS)),
         canvas=np.zeros((camera.height, camera.width), np.uint32),
     )
