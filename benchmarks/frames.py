@@ -6,8 +6,8 @@ Ego alone, with 20 cars in sight, in rain, and a batch of 32 egos by turns in on
 time of their thread. Figures are of the median round, and of the best, which other programs on the machine spoil
 least. In the same run, where they can be imported, highway-env's grayscale observation and MetaDrive's RGB camera:
 
-    python -m venv /tmp/others && /tmp/others/bin/pip install highway-env metadrive-simulator
-    PYTHONPATH=/tmp/others/lib/python3.11/site-packages python benchmarks/frames.py
+    python -m venv others && others/bin/pip install highway-env metadrive-simulator
+    PYTHONPATH=others/lib/python3.11/site-packages python benchmarks/frames.py
 """
 
 import argparse
