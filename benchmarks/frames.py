@@ -1,33 +1,54 @@
-"""How many pictures a second one core makes: RGB and segmentation, 64 x 192.
+"""How many pictures a second one core makes: RGB and segmentation, 64 x 192; and how many steps with one.
 
-    python benchmarks/frames.py [--rounds 9] [--town Town01] [--json FILE]
+    python benchmarks/frames.py [--rounds 9] [--town Town01] [--metadrive top-down] [--json FILE]
 
-Ego alone, with 20 cars in sight, in rain, and a batch of 32 egos by turns in one process, timed by the processor
-time of their thread. Figures are of the median round, and of the best, which other programs on the machine spoil
-least. In the same run, where they can be imported, highway-env's grayscale observation and MetaDrive's RGB camera:
+Ego alone, with 20 cars in sight, in rain, a batch of 32 egos by turns in one process, and a pitched camera, timed by
+the processor time of their thread, by turns. Figures are of the median round, and of the best, which other programs on
+the machine spoil least. The bare libsumo calls of a decision, before and after, tell how fast the machine was.
 
-    python -m venv others && others/bin/pip install highway-env metadrive-simulator
+In the same rounds, where they can be imported, the others: highway-env's grayscale observation, 192 x 64, of 20 cars,
+and MetaDrive's ``top-down`` one (84 x 84 x 5), its ``state`` (lidar) or its ``rgb`` camera. Of each the observation by
+itself, and ``env.step`` with it: a decision is 0.1 s, and an environment that ended is reset outside the time.
+MetaDrive downloads models when it first starts; only ``rgb`` shows them, so the other two are run without.
+
+    python -m venv others
+    others/bin/pip install --no-deps highway-env==1.12.1 metadrive-simulator==0.4.3 panda3d==1.10.13 \\
+        panda3d-gltf==0.13 panda3d-simplepbr pygame matplotlib contourpy cycler fonttools kiwisolver pyparsing pillow \\
+        tqdm progressbar lxml mediapy seaborn yapf
     PYTHONPATH=others/lib/python3.11/site-packages python benchmarks/frames.py
+
+The rest that they need (Gymnasium, NumPy, SciPy, OpenCV, Shapely) is that of the environment that python runs in.
+Leave SDL_VIDEODRIVER alone: where it is ``dummy``, highway-env draws nothing and shows a black picture.
 """
 
 import argparse
 import json
 import math
+import os
 import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import gymnasium
 import numpy as np
+from decision import measure
 
 from wrongturn_networks import load_town
-from wrongturn_protocol import Weather
+from wrongturn_protocol import Traffic, Weather
 from wrongturn_sim.camera import Camera, Renderer, World, look_of, render_batch
 from wrongturn_sim.camera.palette import pose_before
 
 FRAMES = 64
 """Of each round: two of each of 32 poses."""
 BATCH = 32
+CARS = 20
+PITCH = 0.1
+"""Radians; any but 0 casts pixel by pixel."""
+
+Task = Callable[[], float]
+"""One round; tells the seconds of a frame or of a step."""
 
 
 def poses(town_name: str) -> np.ndarray:
@@ -41,124 +62,173 @@ def cars_before(pose: np.ndarray) -> np.ndarray:
     x, y, yaw = pose
     cos, sin = math.cos(yaw), math.sin(yaw)
     rows = []
-    for i in range(20):
+    for i in range(CARS):
         ahead, left = 8.0 + 4.5 * (i // 2 * 2), 4.0 * (i % 2)
         rows.append((x + ahead * cos - left * sin, y + ahead * sin + left * cos, yaw, 4.5, 1.8, 1.5, 0, i))
     return np.array(rows, np.float64)
 
 
-def singly(town_name: str, weather: Weather, cars: bool) -> Callable[[], None]:
+def repeated(draw: Callable[[int], object], count: int = FRAMES) -> Task:
+    """Calls with 0, 1, ... and times them all."""
+
+    def run() -> float:
+        begin = time.thread_time()
+        for i in range(count):
+            draw(i)
+        return (time.thread_time() - begin) / count
+
+    return run
+
+
+def stepping(env: gymnasium.Env[Any, Any], action: Any) -> Task:
+    """Steps with one action; resets are not timed."""
+
+    def run() -> float:
+        env.reset(seed=0)
+        spent = 0.0
+        for _ in range(FRAMES):
+            begin = time.thread_time()
+            _, _, terminated, truncated, _ = env.step(action)
+            spent += time.thread_time() - begin
+            if terminated or truncated:
+                env.reset(seed=0)
+        return spent / FRAMES
+
+    return run
+
+
+def singly(town_name: str, weather: Weather, cars: bool = False, pitch: float = 0.0) -> Task:
     """Draws each pose by a call of its own."""
-    renderer = Renderer(World.of(load_town(town_name)), weather=weather, seed=1)
+    renderer = Renderer(World.of(load_town(town_name)), Camera(pitch=pitch), weather=weather, seed=1)
     places = poses(town_name)
     others = [cars_before(pose) if cars else None for pose in places]
     rgb, segmentation = np.empty((64, 192, 3), np.uint8), np.empty((64, 192), np.uint8)
 
-    def draw() -> None:
-        for tick in range(FRAMES):
-            i = tick % BATCH
-            renderer.render_into(*places[i], tick, others[i], rgb, segmentation)
+    def draw(tick: int) -> None:
+        i = tick % BATCH
+        renderer.render_into(*places[i], tick, others[i], rgb, segmentation)
 
-    return draw
+    return repeated(draw, BATCH if pitch else FRAMES)
 
 
-def together(town_name: str) -> Callable[[], None]:
+def together(town_name: str) -> Task:
     """Draws them in batches of 32."""
     world, places = World.of(load_town(town_name)), poses(town_name)
     looks = np.stack([look_of(Weather.CLEAR_NOON)] * BATCH)
     seeds = ticks = np.zeros(BATCH, np.int64)
     rgb, segmentation = np.empty((BATCH, 64, 192, 3), np.uint8), np.empty((BATCH, 64, 192), np.uint8)
-
-    def draw() -> None:
-        for _ in range(FRAMES // BATCH):
-            render_batch(world, Camera(), looks, seeds, places, ticks, rgb, segmentation)
-
-    return draw
+    rounds = repeated(
+        lambda _: render_batch(world, Camera(), looks, seeds, places, ticks, rgb, segmentation), FRAMES // BATCH
+    )
+    return lambda: rounds() / BATCH
 
 
-def highway() -> Callable[[], None]:
-    import gymnasium  # noqa: PLC0415
+def driving(town_name: str) -> dict[str, Task]:
+    """Steps of our environment with pictures."""
+    env = gymnasium.make(
+        "wrongturn_sim:WrongturnSim-v0", town=town_name, track="segmentation", traffic={"vehicles": CARS}
+    ).unwrapped
+    return {"step, camera, 20 cars": stepping(env, np.array([0.0, 0.3, 0.0], np.float32))}
+
+
+def highway() -> dict[str, Task]:
     import highway_env  # noqa: F401, PLC0415
 
-    shape = {
+    if os.environ.get("SDL_VIDEODRIVER") == "dummy":
+        raise RuntimeError("draws nothing where SDL_VIDEODRIVER is dummy; unset it")
+    observation = {
         "type": "GrayscaleObservation",
         "observation_shape": (192, 64),
         "stack_size": 1,
         "weights": [0.2989, 0.5870, 0.1140],
         "scaling": 1.75,
     }
-    env = gymnasium.make("highway-v0", config={"observation": shape, "offscreen_rendering": True}).unwrapped
-    env.reset(seed=0)
+    config = {
+        "observation": observation,
+        "offscreen_rendering": True,
+        "vehicles_count": CARS,
+        "simulation_frequency": 20,
+        "policy_frequency": 10,
+    }
+    env: Any = gymnasium.make("highway-v0", config=config).unwrapped
+    picture, _ = env.reset(seed=0)
+    if picture.min() == picture.max():
+        raise RuntimeError("shows an empty picture")
+    idle = 1
+    return {
+        "highway-env, grayscale": repeated(lambda _: env.observation_type.observe()),
+        "step, highway-env": stepping(env, idle),
+    }
 
-    def draw() -> None:
-        for _ in range(FRAMES):
-            env.observation_type.observe()
 
-    return draw
-
-
-def metadrive() -> Callable[[], None]:
+def metadrive(kind: str) -> dict[str, Task]:
     from metadrive import MetaDriveEnv  # noqa: PLC0415
     from metadrive.component.sensors.rgb_camera import RGBCamera  # noqa: PLC0415
+    from metadrive.engine.base_engine import BaseEngine  # noqa: PLC0415
+    from metadrive.envs.top_down_env import TopDownMetaDrive  # noqa: PLC0415
 
-    env = MetaDriveEnv(
-        {
+    config: dict[str, Any] = {"use_render": False, "log_level": 50}
+    if kind == "rgb":
+        config |= {
             "image_observation": True,
             "image_on_cuda": False,
-            "use_render": False,
-            "log_level": 50,
             "sensors": {"rgb_camera": (RGBCamera, 192, 64)},
             "vehicle_config": {"image_source": "rgb_camera"},
         }
-    )
-    env.reset(seed=0)
-    camera = env.engine.get_sensor("rgb_camera")
-
-    def draw() -> None:
-        for _ in range(FRAMES):
-            env.engine.graphicsEngine.renderFrame()
-            camera.perceive(to_float=False)
-
-    return draw
+    else:
+        BaseEngine.try_pull_asset = staticmethod(lambda: None)
+    env = (TopDownMetaDrive if kind == "top-down" else MetaDriveEnv)(config)
+    picture, _ = env.reset(seed=0)
+    if isinstance(picture, np.ndarray) and picture.min() == picture.max():
+        raise RuntimeError("shows an empty picture")
+    return {
+        f"MetaDrive, {kind}": repeated(lambda _: next(iter(env.observations.values())).observe(env.agent)),
+        f"step, MetaDrive, {kind}": stepping(env, [0.0, 0.3]),
+    }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--town", default="Town01")
+    parser.add_argument("--metadrive", choices=("top-down", "state", "rgb"), default="top-down")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
 
     begin = time.perf_counter()
     Renderer(World.of(load_town(options.town))).render(0.0, 0.0, 0.0)
     started = time.perf_counter() - begin
+    bare = [measure("junctions", 20, Traffic())["bare_us"]]
     tasks = {
-        "ego alone": singly(options.town, Weather.CLEAR_NOON, False),
-        "with 20 cars": singly(options.town, Weather.CLEAR_NOON, True),
-        "in rain": singly(options.town, Weather.HARD_RAIN_NOON, False),
+        "ego alone": singly(options.town, Weather.CLEAR_NOON),
+        "with 20 cars": singly(options.town, Weather.CLEAR_NOON, cars=True),
+        "in rain": singly(options.town, Weather.HARD_RAIN_NOON),
         "batch of 32": together(options.town),
+        "pitched": singly(options.town, Weather.CLEAR_NOON, pitch=PITCH),
+        **driving(options.town),
     }
     absent = {}
-    for name, make in (("highway-env, grayscale", highway), ("MetaDrive, RGB", metadrive)):
+    for name, make in (("highway-env", highway), ("MetaDrive", lambda: metadrive(options.metadrive))):
         try:
-            tasks[name] = make()
+            tasks |= make()
         except Exception as error:  # what is not there, or has no screen, is told and left out
             absent[name] = f"{type(error).__name__}: {error}".splitlines()[0][:100]
     times: dict[str, list[float]] = {name: [] for name in tasks}
     for _ in range(options.rounds):
-        for name, draw in tasks.items():
-            begin = time.thread_time()
-            draw()
-            times[name].append((time.thread_time() - begin) / FRAMES)
+        for name, run in tasks.items():
+            times[name].append(run())
+    bare.append(measure("junctions", 20, Traffic())["bare_us"])
     print(f"town, kernels and first picture after {started:.2f} s (compiled before, or not)")
-    print(f"{'':24}{'median':>12}{'best':>12}   frames a second, one core")
-    figures = {"start_s": started}
+    print(f"bare libsumo calls of a decision: {bare[0]:.0f} us before, {bare[1]:.0f} us after")
+    print(f"{'':28}{'median':>10}{'best':>10}{'of ours':>10}   a second, one core; the median of the rounds' ratios")
+    figures = {"start_s": started, "bare_before_us": bare[0], "bare_after_us": bare[1]}
     for name, spent in times.items():
-        median, best = 1 / statistics.median(spent), 1 / min(spent)
-        figures[name] = median
-        print(f"{name:24}{median:12,.0f}{best:12,.0f}")
+        ours = times["step, camera, 20 cars" if name.startswith("step") else "with 20 cars"]
+        ratio = statistics.median(one / other for one, other in zip(ours, spent, strict=True))
+        figures[name] = 1 / statistics.median(spent)
+        print(f"{name:28}{figures[name]:10,.0f}{1 / min(spent):10,.0f}{ratio:10.3f}")
     for name, why in absent.items():
-        print(f"{name:24}   not measured: {why}")
+        print(f"{name:28}not measured: {why}")
     if options.json:
         options.json.write_text(json.dumps(figures, indent=2) + "\n", "utf-8")
 
