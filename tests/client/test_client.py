@@ -98,6 +98,7 @@ def test_practice_gives_reward_and_verdict() -> None:
             "approach": "J1-S",
             "fault": "none",
             "weather": "ClearNoon",
+            "traffic": {"vehicles": 0, "pedestrians": 0},
             "seed": 0,
             "track": "privileged",
         }
