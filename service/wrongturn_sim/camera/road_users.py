@@ -183,19 +183,18 @@ def car(
     ldx, ldy = row[COS] * dx + row[SIN] * dy, row[COS] * dy - row[SIN] * dx
     half_x, half_y, height = row[HALF_X], row[HALF_Y], row[HEIGHT]
     nearest, _ = into(rx, ry, 0.5, ldx, ldy, 0.0, half_x, half_y, 0.0, 1.0, 0.0, 0.0, 0.0)
-    if nearest <= 0.2:
+    above = height < eye and abs(rx) < half_x and abs(ry) < half_y
+    if nearest <= 0.2 and not above:
         return
-    a = first_row((height - eye) / nearest, v0, v1, focal, cy, slopes)
-    if height < eye:
-        a = v0 if v1 - v0 > 1 else a
-        a = max(a, first_row(0.0, v0, v1, focal, cy, slopes))
-    b = first_row(-eye / nearest, v0, v1, focal, cy, slopes)
+    # Of what is lower than the camera the top is seen too.
+    a = first_row(0.0 if height < eye else (height - eye) / nearest, v0, v1, focal, cy, slopes)
+    b = v1 if above else first_row(-eye / nearest, v0, v1, focal, cy, slopes)
     tall = height > 2.1
     belt = 0.5 * height if tall else 0.58 * height
     cabin_half = half_x * (0.985 if tall else 0.60)
     shift = 0.0 if tall else 0.10 * half_x
     front, rear, side = (0.12, 0.02, 0.03) if tall else (0.75, 0.45, 0.22)
-    haze = haze_at(nearest, look)
+    haze = haze_at(0.0 if above else nearest, look)
     clear = 1.0 - haze
     sun_x = row[COS] * look[0] + row[SIN] * look[1]
     sun_y = row[COS] * look[1] - row[SIN] * look[0]

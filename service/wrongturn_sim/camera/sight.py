@@ -29,16 +29,19 @@ def in_sight(
     ox, oy = row[X] - px, row[Y] - py
     ahead, aside, bound = ox * fx + oy * fy, oy * fx - ox * fy, row[BOUND]
     far = FAR if row[KIND] == HOUSE else FAR_TREES if row[KIND] == TREE else FAR_LOW
-    if ahead < -bound or ahead > far:
+    if ahead > far:
         return
-    scratch.place[item, 0] = -(row[COS] * ox + row[SIN] * oy)
-    scratch.place[item, 1] = -(row[COS] * oy - row[SIN] * ox)
     begin, end = 0, width
     tilt_cos, tilt_sin, focal, cx = camera[6], camera[7], camera[0], camera[1]
     # How far ahead a ray goes on the flat for each metre of depth, at the upper and lower edge.
     upper = tilt_cos + camera[2] / focal * tilt_sin
     lower = tilt_cos - (height - 1 - camera[2]) / focal * tilt_sin
     least, most = min(upper, lower), max(upper, lower)
+    # Who looks down, or up, steeply enough sees what is behind too.
+    if ahead < -bound and least > 0.0:
+        return
+    scratch.place[item, 0] = -(row[COS] * ox + row[SIN] * oy)
+    scratch.place[item, 1] = -(row[COS] * oy - row[SIN] * ox)
     if ahead - bound > 0.5 and least > 0.1:
         if row[KIND] == TREE or row[KIND] > FENCE:
             left = (aside + bound) / (ahead - bound if aside > -bound else ahead + bound)

@@ -85,7 +85,7 @@ def tree(
     reach = math.sqrt((radius * radius - away) / flat)
     near, far = max(along - reach, 0.3), along + reach
     top, bottom = middle + half_z, middle - half_z
-    a = first_row((top - eye) / near, v0, v1, focal, cy, slopes)
+    a = first_row((top - eye) / (near if top > eye else far), v0, v1, focal, cy, slopes)
     b = first_row((bottom - eye) / (far if bottom > eye else near), v0, v1, focal, cy, slopes)
     inv_r, inv_z = 1.0 / (radius * radius), 1.0 / (half_z * half_z)
     oz = eye - middle

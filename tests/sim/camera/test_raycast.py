@@ -181,3 +181,32 @@ def test_a_pitch_of_almost_nothing_changes_almost_nothing(world, town, before):
     level = Renderer(world).render(*pose)[1]
     tilted = Renderer(world, Camera(pitch=1e-9)).render(*pose)[1]
     assert (level != tilted).mean() < 0.002
+
+
+@pytest.mark.parametrize(("up", "pitch"), [(2.5, 0.15), (12.0, 0.35), (30.0, 0.8), (60.0, 1.5)])
+def test_what_is_lower_than_the_camera_shows_its_top(bare, town, before, up, pitch):
+    x, y, yaw = before(next(iter(town.approaches.values())), 30)
+    cars = np.array(
+        [[x + on * math.cos(yaw), y + on * math.sin(yaw), yaw, 4.5, 1.8, 1.5, 0, 1] for on in (-15, -6, 0.5, 8, 16)]
+    )
+    camera = Camera(256, 192, 120.0, 128.0, 96.0, 0.0, 0.0, up, pitch)
+    _, segmentation = Renderer(bare, camera).render(x, y, yaw, others=cars)
+    # The middle of the roof: the cabin sits a little behind the middle of the car.
+    u, v = camera.project(np.column_stack([cars[:, :2], np.full(len(cars), 1.49)]), x, y, yaw).T
+    inside = (u >= 0) & (u < 255) & (v >= 0) & (v < 191)
+    assert inside.sum() == (5 if pitch == 1.5 else inside.sum()) >= 1
+    assert (
+        segmentation[v[inside].round().astype(int), u[inside].round().astype(int)] == SegmentationClass.VEHICLE
+    ).all()
+
+
+def test_trees_are_seen_from_above(world, bare, town):
+    x, y, yaw = (*next(iter(town.junctions.values())).position, 0.0)
+    camera = Camera(256, 256, 150.0, 128.0, 128.0, 0.0, 0.0, 90.0, 1.5)
+    pictures = [Renderer(kind, camera).render(x, y, yaw)[0].astype(int) for kind in (world, bare)]
+    crowns = [(tree.x, tree.y, tree.height - 0.1) for tree in town.scenery if tree.kind == "tree"]
+    u, v = camera.project(np.array(crowns), x, y, yaw).T
+    inside = (u >= 0) & (u < 255) & (v >= 0) & (v < 255)
+    columns, rows = u[inside].round().astype(int), v[inside].round().astype(int)
+    assert len(rows) > 2
+    assert (pictures[0][rows, columns] != pictures[1][rows, columns]).any(axis=-1).all()
