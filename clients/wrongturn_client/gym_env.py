@@ -41,7 +41,7 @@ class WrongturnEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         traffic: of the drawn trials, as ``{"vehicles": 20, "pedestrians": 10}``.
         suite: draw among this suite's open trials and their twins instead.
         trial: this trial of the suite each time.
-        render_mode: None, since there are no pictures yet.
+        render_mode: None; the pictures are observations.
         transport: of httpx, for tests.
 
     Raises:
@@ -69,7 +69,7 @@ class WrongturnEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     ) -> None:
         self.track = Track(track)
         if render_mode is not None:
-            raise ValueError(f"render_mode: {render_mode!r} is not there yet; leave it None")
+            raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
         if suite is not None and (town is not None or approach is not None):
             raise ValueError("suite: its trials name their towns; leave town and approach out")
         if trial is not None and suite is None:

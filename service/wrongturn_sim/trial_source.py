@@ -47,6 +47,9 @@ class TrialSource:
         self._suite = None if suite is None else load_suite(suite)
         self._fault = fault if isinstance(fault, Fault) else Fault(kind=FaultKind(fault))
         names_of_weathers = (weather,) if isinstance(weather, str) else weather
+        for name in names_of_weathers:
+            if name not in list(Weather):
+                raise ValueError(f"weather: {name!r} is unknown; give one of {', '.join(Weather)}")
         self._weathers = tuple(Weather(name) for name in names_of_weathers)
         if not self._weathers:
             raise ValueError("weather: none is named; name one or more")

@@ -79,8 +79,8 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         render_mode: str | None = None,
     ) -> None:
         for name, number in (("num_envs", num_envs), ("threads", threads)):
-            if number < 1:
-                raise ValueError(f"{name}: is {number}; give 1 or more")
+            if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 1:
+                raise ValueError(f"{name}: is {number!r}; give a whole number, 1 or more")
         if render_mode is not None:
             raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
         self.track = Track(track)

@@ -287,6 +287,9 @@ def test_what_cannot_be_done_says_why(make_trial):
     ("arguments", "named"),
     [
         ({"num_envs": 0}, "num_envs"),
+        ({"num_envs": True}, "num_envs"),
+        ({"num_envs": "3"}, "num_envs"),
+        ({"weather": "Foggy"}, "weather: 'Foggy' is unknown; give one of ClearNoon"),
         ({"threads": 0}, "threads"),
         ({"render_mode": "human"}, "render_mode"),
         ({"autoreset_mode": "Sometimes"}, "Sometimes"),

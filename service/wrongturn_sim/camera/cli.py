@@ -25,6 +25,9 @@ def picture(
 
     try:
         built = load_town(town)
+        # Not so for NaN either.
+        if not abs(distance) <= 1000:
+            raise ValueError(f"distance: is {distance:g}; give metres, -1000 to 1000")
         pose = pose_before(built.approach(approach), distance)
         rgb, segmentation = Renderer(World.of(built), weather=weather, seed=seed).render(*pose)
         image = larger(np.concatenate([rgb, coloured(segmentation)]), scale)
