@@ -1,4 +1,4 @@
-"""Makes the pictures of the docs: a sheet of junction types and weathers, and a film of a drive.
+"""Makes the pictures of the docs: a sheet of junction types and weathers, and a film of an episode.
 
 ::
 
@@ -14,15 +14,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_networks import Approach, Town, load_town
-from wrongturn_protocol import JunctionType, Weather
+from wrongturn_networks import Approach, Town, draw_trial, load_town
+from wrongturn_protocol import FaultKind, JunctionType, Track, Traffic, Weather
 from wrongturn_sim.camera.palette import coloured, larger, pose_before
 from wrongturn_sim.camera.renderer import Renderer
 from wrongturn_sim.camera.world import World
+from wrongturn_sim.ego import VEHICLE
+from wrongturn_sim.episode import Episode
 
 TOWN: Final = "Town01"
-SPEED: Final = 0.7
-"""Metres for each picture of the film: of a tenth of a second."""
+FILM_SEED: Final = 4
+"""Of the film's trial: its start and its traffic."""
+SPEED: Final = 6.0
+"""Of the film's car, m/s."""
+LOOK_AHEAD: Final = 5.0
+"""Of the film's driver, metres."""
 
 Image = NDArray[np.uint8]
 
@@ -50,69 +56,35 @@ def sheet(town: Town, scale: int = 2, distance: float = 20.0) -> Image:
     return larger(np.concatenate(columns, axis=1), scale)
 
 
-def drive(town: Town, approach: Approach) -> NDArray[np.float64]:
-    """(N, 3) poses along the approach, through the junction and away."""
+def film(town: Town, approach: Approach, scale: int = 2) -> list[Image]:
+    """Pictures of one episode among other road users, colours above classes, to its verdict."""
     way = next(iter(approach.exits.values()))
-    points = np.concatenate([town.lanes[approach.lane].centreline, way.path[1:-1], town.lanes[way.lane].centreline])
-    points = points[np.concatenate([[True], np.abs(np.diff(points, axis=0)).sum(axis=1) > 1e-6])]
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    stop = town.lanes[approach.lane].length
-    at = np.arange(stop - 40.0, min(stop + 45.0, along[-1] - 3.0), SPEED)
-
-    def place(distance: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.stack([np.interp(distance, along, points[:, axis]) for axis in (0, 1)], axis=1)
-
-    here, ahead = place(at - 1.4), place(at + 1.4)
-    headings = np.unwrap(np.arctan2(*(ahead - here).T[::-1]))
-    return np.column_stack([(here + ahead) / 2, headings])
-
-
-def film(town: Town, approach: Approach, weather: Weather, scale: int = 2) -> list[Image]:
-    """Pictures of a drive with a car ahead and people on the sidewalk, colours above classes."""
-    renderer = Renderer(World.of(town), weather=weather, seed=1)
-    x, y = approach.stop_line
-    cos, sin = math.cos(approach.heading), math.sin(approach.heading)
+    traffic = Traffic(vehicles=30, pedestrians=40)
+    trial = draw_trial(town, approach.id, FaultKind.NONE, FILM_SEED, route=way.direction, traffic=traffic)
+    route = np.concatenate([town.lanes[approach.lane].centreline, way.path, town.lanes[way.lane].centreline])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
+    each = np.arange(0.0, along[-1], 0.5)
+    route = np.stack([np.interp(each, along, route[:, axis]) for axis in (0, 1)], axis=1)
+    episode = Episode(trial, Track.SEGMENTATION)
+    seen = episode.reset()
     frames = []
-    for tick, pose in enumerate(drive(town, approach)):
-        step = 0.13 * tick
-        others = np.array(
-            [
-                # Towards the camera in the other lane, and two who walk.
-                [
-                    x + (6 - 4 * step) * cos - 4 * sin,
-                    y + (6 - 4 * step) * sin + 4 * cos,
-                    approach.heading + math.pi,
-                    4.5,
-                    1.8,
-                    1.5,
-                    0,
-                    5,
-                ],
-                [
-                    x + (step - 26) * cos + 3.4 * sin,
-                    y + (step - 26) * sin - 3.4 * cos,
-                    approach.heading,
-                    0.5,
-                    0.5,
-                    1.75,
-                    1,
-                    2,
-                ],
-                [
-                    x - (step + 12) * cos - 7.3 * sin,
-                    y - (step + 12) * sin + 7.3 * cos,
-                    approach.heading,
-                    0.5,
-                    0.5,
-                    1.68,
-                    1,
-                    4,
-                ],
-            ]
-        )
-        rgb, segmentation = renderer.render(float(pose[0]), float(pose[1]), float(pose[2]), tick, others)
-        frames.append(larger(np.concatenate([rgb, coloured(segmentation)]), scale))
-    return frames
+    while True:
+        frames.append(larger(np.concatenate([seen["rgb"], coloured(seen["segmentation"])]), scale))
+        if episode.outcome is not None:
+            return frames
+        row = episode.trajectory.rows[-1]
+        throttle = 0.5 if row.v < SPEED else 0.0
+        seen = episode.step(_towards(route, row.x, row.y, row.yaw), throttle, 0.0).observation
+
+
+def _towards(route: NDArray[np.float64], x: float, y: float, yaw: float) -> float:
+    """Pure pursuit of a point of the route some metres ahead: steer, right positive."""
+    here = int(np.argmin((route[:, 0] - x) ** 2 + (route[:, 1] - y) ** 2))
+    far = np.sqrt((route[here:, 0] - x) ** 2 + (route[here:, 1] - y) ** 2) >= LOOK_AHEAD
+    goal_x, goal_y = route[here + int(np.argmax(far))]
+    off = math.atan2(goal_y - y, goal_x - x) - yaw
+    wheel = math.atan(2 * VEHICLE.wheelbase * math.sin(off) / LOOK_AHEAD)
+    return max(-1.0, min(1.0, -wheel / VEHICLE.max_wheel_angle))
 
 
 def main(directory: Path) -> None:
@@ -121,7 +93,7 @@ def main(directory: Path) -> None:
     town = load_town(TOWN)
     cv2.imwrite(str(directory / "sheet.png"), sheet(town)[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
     approach = approaches_by_type(town)[JunctionType.LEFT_RIGHT]
-    frames = film(town, approach, Weather.CLEAR_NOON)
+    frames = film(town, approach)
     animation = cv2.Animation()
     animation.frames = [np.ascontiguousarray(frame[:, :, ::-1]) for frame in frames]
     animation.durations = [100] * len(frames)
