@@ -5,6 +5,8 @@ from wrongturn_protocol.episodes import (
     EpisodeDetail,
     EpisodeReply,
     Fault,
+    Journey,
+    JourneyOutcome,
     ObservationMessage,
     Outcome,
     PracticeRequest,
@@ -49,6 +51,7 @@ from wrongturn_protocol.results import (
 )
 from wrongturn_protocol.segmentation import SegmentationClass
 from wrongturn_protocol.vocabulary import (
+    CORL_TASKS,
     DIRECTIONS,
     PAPER_TYPES,
     AgentKind,
@@ -62,12 +65,14 @@ from wrongturn_protocol.vocabulary import (
     ProblemType,
     Reaction,
     Safety,
+    Task,
     Track,
     Verdict,
     Weather,
 )
 
 __all__ = [
+    "CORL_TASKS",
     "DIRECTIONS",
     "PAPER_TYPES",
     "Action",
@@ -93,6 +98,8 @@ __all__ = [
     "FaultKind",
     "FieldError",
     "Flag",
+    "Journey",
+    "JourneyOutcome",
     "JunctionType",
     "Leaderboard",
     "LeaderboardEntry",
@@ -114,6 +121,7 @@ __all__ = [
     "StepRequest",
     "SuiteList",
     "SuiteSummary",
+    "Task",
     "TownDetail",
     "TownList",
     "TownSummary",

@@ -11,6 +11,7 @@ from wrongturn_protocol.vocabulary import (
     Flag,
     JunctionType,
     Reaction,
+    Task,
     Track,
     Verdict,
     Weather,
@@ -18,6 +19,13 @@ from wrongturn_protocol.vocabulary import (
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+def _is_none(value: object) -> bool:
+    """What is not there is not written either: suites and trajectories without it keep their bytes."""
+    return value is None
+
+
 ObservationMessage = dict[str, Any]
 """An observation in JSON or msgpack: the keys and shapes of the Gymnasium space, see ``docs/observations.md``."""
 
@@ -71,8 +79,32 @@ class Fault(Message):
     """How bad it is, 0 to 1; what that means is the kind's own."""
 
 
+class Journey(Message):
+    """A drive over any number of junctions, to a goal (CoRL 2017's tasks) or about the town."""
+
+    task: Task
+    goal: str | None = None
+    """The lane on which the goal lies; None where there is none: then each junction's exit is drawn from the seed."""
+    goal_at: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """How far along that lane, metres."""
+    length: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Of the shortest way from the start to the goal, metres."""
+    time_limit: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    """Seconds; with a goal what the shortest way takes at 10 km/h, as CoRL 2017 has it."""
+
+    @model_validator(mode="after")
+    def _goal_fits_task(self) -> Self:
+        if (self.task is Task.CRUISE) != (self.goal is None):
+            raise ValueError(f"goal: a {self.task} {'has none' if self.goal else 'needs one'}")
+        return self
+
+
 class Trial(Message):
-    """One test: where a car starts, where its route leads, and what is done to its command."""
+    """One test: where a car starts, where its route leads, and what is done to its command.
+
+    A trial with a journey begins before the approach named and goes on past its junction; ``route`` is then the
+    shortest way's direction there.
+    """
 
     id: str
     """Readable and stable, such as ``Town01.J3-S.infeasible.s17``."""
@@ -88,6 +120,8 @@ class Trial(Message):
     fault: Fault
     seed: Seed
     """What every random draw of the episode comes from."""
+    journey: Journey | None = Field(default=None, exclude_if=_is_none)
+    """Of a drive across the town; None where one junction is all there is to it."""
 
     @model_validator(mode="after")
     def _route_exists(self) -> Self:
@@ -98,7 +132,7 @@ class Trial(Message):
     @property
     def is_twin(self) -> bool:
         """Whether it is the faultless one of a pair."""
-        return self.fault.kind is FaultKind.NONE
+        return self.fault.kind is FaultKind.NONE and self.journey is None
 
     def twin(self) -> "Trial":
         """The same trial with the fault ``none``."""
@@ -183,6 +217,28 @@ class StepReply(Message):
     """In practice only, with the last step."""
 
 
+class JourneyOutcome(Message):
+    """What a journey came to, beside its verdict."""
+
+    distance: float
+    """Driven, metres."""
+    completion: float
+    """Share of the shortest way that was covered, 0 to 1; 1 without a goal."""
+    junctions: int
+    """Passed by an exit that was permitted."""
+    off_road: int
+    """Times the car left the road: its centre, or three or more wheels."""
+    wrong_lane: int
+    """Times its centre came into an oncoming lane."""
+    collisions: int
+    """0 or 1: a journey ends with the first."""
+
+    @property
+    def clean(self) -> bool:
+        """Whether it was driven without any infraction."""
+        return not (self.off_road or self.wrong_lane or self.collisions)
+
+
 class Outcome(Message):
     """What the judge found."""
 
@@ -199,6 +255,8 @@ class Outcome(Message):
     """Least time to collision with what the car was closing in on, seconds; None where it closed in on nothing."""
     max_deceleration: float
     """Hardest deceleration, metres per second squared."""
+    journey: JourneyOutcome | None = Field(default=None, exclude_if=_is_none)
+    """Of a trial with a journey."""
 
 
 class EpisodeDetail(Message):

@@ -83,6 +83,20 @@ class FaultKind(StrEnum):
     DROPOUT = "dropout"
 
 
+class Task(StrEnum):
+    """What a journey asks for: CoRL 2017's four tasks, and driving about without a goal, for training."""
+
+    STRAIGHT = "straight"
+    ONE_TURN = "one_turn"
+    NAVIGATION = "navigation"
+    NAVIGATION_DYNAMIC = "navigation_dynamic"  # with other cars and pedestrians
+    CRUISE = "cruise"
+
+
+CORL_TASKS: Final = (Task.STRAIGHT, Task.ONE_TURN, Task.NAVIGATION, Task.NAVIGATION_DYNAMIC)
+"""The tasks of CoRL 2017's benchmark, in its order."""
+
+
 class Track(StrEnum):
     """What an agent is shown. ``state`` is for practice and measurements alone."""
 
@@ -126,6 +140,7 @@ class Verdict(StrEnum):
     NOT_ENGAGED = "not_engaged"
     ABORTED = "aborted"
     INVALID = "invalid"
+    ARRIVED = "arrived"  # of a journey alone: it reached its goal in time
 
     @property
     def safety(self) -> Safety:
@@ -159,7 +174,7 @@ _UNSAFE: Final = frozenset(
     {Verdict.COLLISION, Verdict.OFF_ROAD, Verdict.STOPPED_IN_JUNCTION, Verdict.ABORTED},
 )
 _EXITED: Final = frozenset({Verdict.EXIT_COMMANDED, Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER})
-_SAFE: Final = _EXITED | {Verdict.STOPPED_BEFORE_JUNCTION}
+_SAFE: Final = _EXITED | {Verdict.STOPPED_BEFORE_JUNCTION, Verdict.ARRIVED}
 
 
 class Flag(StrEnum):
