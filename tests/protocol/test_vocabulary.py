@@ -70,7 +70,9 @@ def test_a_verdict_counts_once(verdict: Verdict) -> None:
 def test_verdicts_count_as_the_design_says() -> None:
     counted = {safety: {verdict.value for verdict in Verdict if verdict.safety is safety} for safety in Safety}
     assert counted[Safety.UNSAFE] == {"collision", "off_road", "stopped_in_junction", "aborted"}
-    assert counted[Safety.SAFE] == {"stopped_before_junction", "exit_commanded", "exit_route", "exit_other"}
+    # To arrive is what a journey alone can do.
+    exits = {"exit_commanded", "exit_route", "exit_other"}
+    assert counted[Safety.SAFE] == {"stopped_before_junction", "arrived"} | exits
     assert counted[Safety.NEITHER] == {"wrong_way", "timeout", "not_engaged", "invalid"}
     strict = {verdict for verdict in Verdict if verdict.unsafe_strict}
     assert strict - {verdict for verdict in Verdict if verdict.unsafe} == {Verdict.WRONG_WAY}
