@@ -3,12 +3,13 @@
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from rich import box
 from rich.console import Console, ConsoleOptions
 from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
+from wrongturn_client.navigation_tables import navigation_leaderboard, navigation_table
+from wrongturn_client.plain_table import plain_table
 from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Leaderboard, Metrics
 
 WIDTH: Final = 132
@@ -54,20 +55,14 @@ def leaderboard_table(leaderboard: Leaderboard) -> Table:
 
     The columns of junction types give unsafe episodes of all. ``unsafe`` is their sum with its rate, and Wilson's 95%
     interval below; ``strict`` counts wrong ways too; ``twins done`` are the same trials without fault that were
-    completed; ``=`` behind a rank says that it is shared.
+    completed; ``=`` behind a rank says that it is shared. A suite of journeys has CoRL 2017's layout instead: a row for
+    each task, a column for each condition.
     """
-    types = _types(leaderboard.entries)
-    table = _table(f"{leaderboard.suite}: unsafe episodes")
-    tracks = (len(entry.agent.track) for entry in leaderboard.entries)
-    table.add_column("rank", justify="right", no_wrap=True)
-    table.add_column("agent", overflow="fold", min_width=max(tracks, default=0))
-    _result_columns(table, types)
-    for entry in leaderboard.entries:
-        rank = "-" if entry.rank is None else f"{entry.rank}{'=' if entry.tied_with else ''}"
-        rows = _result_rows(entry, types)
-        for number, row in enumerate(rows):
-            head = [(rank, entry.agent.name), ("", entry.agent.track.value)][number] if number < 2 else ("", "")
-            table.add_row(*map(Text, head), *row, end_section=number == len(rows) - 1)
+    table = (
+        navigation_leaderboard(leaderboard)
+        if any(entry.navigation for entry in leaderboard.entries)
+        else _unsafe_leaderboard(leaderboard)
+    )
     notes = [
         f"{entry.agent.name} is not ranked: {entry.why_not or 'not eligible'}"
         for entry in leaderboard.entries
@@ -80,38 +75,43 @@ def leaderboard_table(leaderboard: Leaderboard) -> Table:
     return table
 
 
+def _unsafe_leaderboard(leaderboard: Leaderboard) -> Table:
+    types = _types(leaderboard.entries)
+    table = plain_table(f"{leaderboard.suite}: unsafe episodes")
+    tracks = (len(entry.agent.track) for entry in leaderboard.entries)
+    table.add_column("rank", justify="right", no_wrap=True)
+    table.add_column("agent", overflow="fold", min_width=max(tracks, default=0))
+    _result_columns(table, types)
+    for entry in leaderboard.entries:
+        rank = "-" if entry.rank is None else f"{entry.rank}{'=' if entry.tied_with else ''}"
+        rows = _result_rows(entry, types)
+        for number, row in enumerate(rows):
+            head = [(rank, entry.agent.name), ("", entry.agent.track.value)][number] if number < 2 else ("", "")
+            table.add_row(*map(Text, head), *row, end_section=number == len(rows) - 1)
+    return table
+
+
 def evaluation_table(name: str, metrics: Metrics) -> Table:
-    """What one agent's evaluation came to, in the layout of the leaderboard.
+    """What one agent's evaluation came to, in the layout of the leaderboard; journeys with all their figures.
 
     Args:
         name: of the agent.
         metrics: of its finished evaluation.
     """
+    if metrics.navigation is not None:
+        return navigation_table(name, metrics.navigation)
     types = _types([metrics])
-    table = _table(f"{name}: unsafe episodes")
+    table = plain_table(f"{name}: unsafe episodes")
     _result_columns(table, types)
     for row in _result_rows(metrics, types):
         table.add_row(*row)
-    excess = metrics.excess_unsafe_rate
-    low, high = excess.ci95
-    table.caption = Text(
-        f"unsafe rate less that of the twins: {100 * excess.value:+.0f} points, "
-        f"95% CI [{100 * low:+.0f}, {100 * high:+.0f}], p = {excess.p:.2g}",
-    )
+    if (excess := metrics.excess_unsafe_rate) is not None:
+        low, high = excess.ci95
+        table.caption = Text(
+            f"unsafe rate less that of the twins: {100 * excess.value:+.0f} points, "
+            f"95% CI [{100 * low:+.0f}, {100 * high:+.0f}], p = {excess.p:.2g}",
+        )
     return table
-
-
-def _table(title: str) -> Table:
-    return Table(
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        pad_edge=False,
-        padding=(0, 1, 0, 0),
-        title=Text(title, style="bold"),
-        title_justify="left",
-        caption_justify="left",
-        caption_style="",
-    )
 
 
 def _types(results: Iterable[Metrics]) -> tuple[JunctionType, ...]:

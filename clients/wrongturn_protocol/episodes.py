@@ -21,7 +21,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
-def _is_none(value: object) -> bool:
+def is_none(value: object) -> bool:
     """What is not there is not written either: suites and trajectories without it keep their bytes."""
     return value is None
 
@@ -120,7 +120,7 @@ class Trial(Message):
     fault: Fault
     seed: Seed
     """What every random draw of the episode comes from."""
-    journey: Journey | None = Field(default=None, exclude_if=_is_none)
+    journey: Journey | None = Field(default=None, exclude_if=is_none)
     """Of a drive across the town; None where one junction is all there is to it."""
 
     @model_validator(mode="after")
@@ -153,13 +153,16 @@ class PracticeRequest(Message):
     """``POST /v1/episodes``: an episode for practice, never scored.
 
     Either ``suite`` and ``trial`` name a trial of an open split, or ``town`` and ``approach`` with the rest describe
-    one; what is left out is drawn from the seed by the suites' own recipe.
+    one, or ``town`` and ``task`` a journey (and its first ``approach``, if that matters); what is left out is drawn
+    from the seed by the suites' own recipe.
     """
 
     suite: str | None = None
     trial: str | None = None
     town: str | None = None
     approach: str | None = None
+    task: Task | None = None
+    """Of a journey."""
     route: Literal[Command.LEFT, Command.RIGHT, Command.STRAIGHT] | None = None
     fault: Fault | FaultKind = FaultKind.NONE
     weather: Weather = Weather.CLEAR_NOON
@@ -173,11 +176,24 @@ class PracticeRequest(Message):
             raise ValueError("suite and trial go together: name both, or describe the episode by town and approach")
         if (self.suite is None) == (self.town is None):
             raise ValueError("name either suite and trial, or town and approach")
-        if (self.town is None) != (self.approach is None):
+        if self.task is not None:
+            self._journey_is_plain()
+        elif (self.town is None) != (self.approach is None):
             raise ValueError("town and approach go together: name both")
         if self.suite is not None and self.traffic != Traffic():
             raise ValueError("traffic: a suite's trial has its own; describe the episode by town and approach instead")
         return self
+
+    def _journey_is_plain(self) -> None:
+        if self.town is None:
+            raise ValueError("task: a suite's trial has its own; describe a journey by town and task instead")
+        if self.route is not None:
+            raise ValueError("route: a journey's leads to its goal; leave it out, or task")
+        if self.approach is not None and self.task is Task.CRUISE:
+            raise ValueError("approach: a cruise begins anywhere; leave it out, or take another task")
+        kind = self.fault.kind if isinstance(self.fault, Fault) else self.fault
+        if kind is not FaultKind.NONE:
+            raise ValueError("fault: a journey has none; leave it out, or task")
 
 
 class EpisodeReply(Message):
@@ -255,7 +271,7 @@ class Outcome(Message):
     """Least time to collision with what the car was closing in on, seconds; None where it closed in on nothing."""
     max_deceleration: float
     """Hardest deceleration, metres per second squared."""
-    journey: JourneyOutcome | None = Field(default=None, exclude_if=_is_none)
+    journey: JourneyOutcome | None = Field(default=None, exclude_if=is_none)
     """Of a trial with a journey."""
 
 

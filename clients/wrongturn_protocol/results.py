@@ -4,7 +4,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints
 
-from wrongturn_protocol.episodes import EpisodeDetail, Fault, Message, Outcome, Start, Traffic
+from wrongturn_protocol.episodes import EpisodeDetail, Fault, Message, Outcome, Start, Traffic, is_none
+from wrongturn_protocol.navigation import NavigationMetrics
 from wrongturn_protocol.vocabulary import (
     AgentKind,
     Command,
@@ -176,13 +177,16 @@ class Metrics(Message):
     unsafe: UnsafeCount
     unsafe_strict: UnsafeCount
     twins: TwinCount
-    excess_unsafe_rate: ExcessUnsafeRate
+    excess_unsafe_rate: ExcessUnsafeRate | None
+    """None for a suite of journeys: they have no twins."""
     table: dict[JunctionType, dict[str, Cell]]
-    """By junction type and fault."""
+    """By junction type and fault; empty for a suite of journeys."""
     reactions: dict[str, dict[Reaction, int]]
     """By fault."""
     verdicts: dict[str, dict[Verdict, int]]
-    """By fault, ``none`` for the twins."""
+    """By fault, ``none`` for the twins and for journeys."""
+    navigation: NavigationMetrics | None = Field(default=None, exclude_if=is_none)
+    """Of a suite of journeys alone."""
 
 
 class EvaluationDetail(Message):

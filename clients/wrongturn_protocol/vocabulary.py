@@ -117,6 +117,28 @@ class Weather(StrEnum):
     SOFT_RAIN_SUNSET = "SoftRainSunset"  # 14, new
 
 
+TRAINING_TOWN: Final = "Town01"
+"""The town in which CoRL 2017 trains."""
+TRAINING_WEATHERS: Final = (Weather.CLEAR_NOON, Weather.WET_NOON, Weather.HARD_RAIN_NOON, Weather.CLEAR_SUNSET)
+"""Those in which CoRL 2017 trains."""
+
+
+class Condition(StrEnum):
+    """What of a journey an agent cannot know from training (CoRL 2017), in the order of the tables' columns."""
+
+    TRAINING = "training"
+    NEW_WEATHER = "new_weather"
+    NEW_TOWN = "new_town"
+    NEW_TOWN_AND_WEATHER = "new_town_and_weather"
+
+    @classmethod
+    def of(cls, town: str, weather: Weather) -> "Condition":
+        """The condition of a drive in this town and weather."""
+        if town == TRAINING_TOWN:
+            return cls.TRAINING if weather in TRAINING_WEATHERS else cls.NEW_WEATHER
+        return cls.NEW_TOWN if weather in TRAINING_WEATHERS else cls.NEW_TOWN_AND_WEATHER
+
+
 class Safety(StrEnum):
     """What a verdict counts as in the paper's column."""
 

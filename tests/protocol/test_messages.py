@@ -15,10 +15,12 @@ from wrongturn_protocol import (
     Command,
     Fault,
     FaultKind,
+    Journey,
     JunctionType,
     PracticeRequest,
     Start,
     StepRequest,
+    Task,
     Track,
     Trial,
     twin_id,
@@ -94,11 +96,48 @@ def test_a_route_takes_an_exit_that_exists(trial: Trial, route: Command) -> None
         {"town": "Town01", "approach": "J1-S", "seed": -1},
         {"town": "Town01", "approach": "J1-S", "route": 4},
         {"town": "Town01", "approach": "J1-S", "fault": "wrong"},
+        {"task": "navigation"},
+        {"town": "Town01", "task": "wander"},
+        {"suite": "s", "trial": "t", "task": "navigation"},
+        {"town": "Town01", "task": "navigation", "fault": "infeasible"},
+        {"town": "Town01", "task": "navigation", "fault": {"kind": "omission"}},
+        {"town": "Town01", "task": "navigation", "route": 1},
+        {"town": "Town01", "task": "cruise", "approach": "J1-S"},
     ],
 )
 def test_practice_is_asked_for_in_one_way(values: dict[str, Any]) -> None:
     with pytest.raises(ValidationError):
         PracticeRequest.model_validate(values)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"town": "Town01", "task": "navigation"},
+        {"town": "Town01", "task": "straight", "approach": "J1-S", "seed": 3},
+        {"town": "Town01", "task": "cruise", "traffic": {"vehicles": 3}, "fault": "none"},
+    ],
+)
+def test_a_journey_is_asked_for_by_its_task(values: dict[str, Any]) -> None:
+    assert PracticeRequest.model_validate(values).task == values["task"]
+
+
+JOURNEY = Journey(task=Task.STRAIGHT, goal="lane_0", goal_at=12.0, length=150.0, time_limit=54.0)
+
+
+@given(trials())
+def test_what_is_no_journey_says_nothing_of_journeys(trial: Trial) -> None:
+    assert "journey" not in trial.model_dump()
+    assert "journey" not in trial.model_dump_json()
+    journey = trial.model_copy(update={"journey": JOURNEY, "fault": Fault(kind=FaultKind.NONE)})
+    assert not journey.is_twin
+    assert Trial.model_validate_json(journey.model_dump_json()) == journey
+
+
+@pytest.mark.parametrize(("task", "goal"), [("navigation", None), ("cruise", "lane_0")])
+def test_a_cruise_alone_has_no_goal(task: str, goal: str | None) -> None:
+    with pytest.raises(ValidationError, match="goal: a"):
+        Journey.model_validate({"task": task, "goal": goal, "time_limit": 1.0})
 
 
 @pytest.mark.parametrize("name", ["", " ", "-a", "a" * 65, "a\nb", "<b>", "a/b"])

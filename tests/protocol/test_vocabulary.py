@@ -10,11 +10,13 @@ from wrongturn_protocol import (
     DIRECTIONS,
     PAPER_TYPES,
     Command,
+    Condition,
     FaultKind,
     JunctionType,
     ProblemType,
     Safety,
     Verdict,
+    Weather,
 )
 
 
@@ -76,6 +78,19 @@ def test_verdicts_count_as_the_design_says() -> None:
     assert counted[Safety.NEITHER] == {"wrong_way", "timeout", "not_engaged", "invalid"}
     strict = {verdict for verdict in Verdict if verdict.unsafe_strict}
     assert strict - {verdict for verdict in Verdict if verdict.unsafe} == {Verdict.WRONG_WAY}
+
+
+def test_conditions_are_corl_s() -> None:
+    seen = {(town, weather): Condition.of(town, weather) for town in ("Town01", "Town02") for weather in Weather}
+    new = {Weather.WET_CLOUDY_NOON, Weather.SOFT_RAIN_SUNSET}
+    assert {key for key, condition in seen.items() if condition is Condition.NEW_WEATHER} == {
+        ("Town01", weather) for weather in new
+    }
+    assert {key for key, condition in seen.items() if condition is Condition.NEW_TOWN_AND_WEATHER} == {
+        ("Town02", weather) for weather in new
+    }
+    assert sum(condition is Condition.TRAINING for condition in seen.values()) == 4
+    assert sum(condition is Condition.NEW_TOWN for condition in seen.values()) == 4
 
 
 def test_verdicts_stand_in_their_order_of_precedence() -> None:

@@ -6,7 +6,7 @@ from typing import Final, TypeVar
 
 import structlog
 
-from wrongturn_protocol import Outcome, Reaction, Verdict
+from wrongturn_protocol import FaultKind, Outcome, Reaction, Verdict
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.pool.pool import (
     Action,
@@ -88,7 +88,7 @@ class Driver:
                     self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
             return await self._elsewhere(episode, lambda found: found.abort(), wait=True)
         except (ReplayFailedError, SimulatorStartError):
-            reaction = None if episode.trial.is_twin else Reaction.OTHER
+            reaction = None if episode.trial.fault.kind is FaultKind.NONE else Reaction.OTHER
             outcome = Outcome(
                 verdict=Verdict.ABORTED,
                 reaction=reaction,

@@ -13,6 +13,11 @@ def shuffled(trials: Iterable[Trial], secret: str) -> list[Trial]:
     return sorted(trials, key=lambda trial: hmac.digest(key, trial.id.encode(), hashlib.sha256))
 
 
+def pair_of(trial: Trial) -> str:
+    """What a trial shares with its twin alone; a journey has none, and shares it with nobody."""
+    return twin_id(trial) if trial.journey is None else trial.id
+
+
 class Schedule:
     """An evaluation's trials: still to come, open, finished.
 
@@ -23,7 +28,7 @@ class Schedule:
         """Lay the trials out.
 
         Args:
-            trials: the suite's trials and twins.
+            trials: the suite's trials and, but for journeys, twins.
             secret: what their order comes from.
             finished: ids of those that have their verdict.
         """
@@ -43,9 +48,9 @@ class Schedule:
 
     def take(self) -> Trial | None:
         """The next one, which counts as open from now on; None while only twins of open ones are left."""
-        taken = {twin_id(trial) for trial in self._open.values()}
+        taken = {pair_of(trial) for trial in self._open.values()}
         for index, trial in enumerate(self._pending):
-            if twin_id(trial) not in taken:
+            if pair_of(trial) not in taken:
                 del self._pending[index]
                 self._open[trial.id] = trial
                 return trial

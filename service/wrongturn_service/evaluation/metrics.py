@@ -1,4 +1,4 @@
-"""One agent's figures on a suite, from the outcomes of its trials and their twins."""
+"""One agent's figures on a suite, from the outcomes of its trials and their twins, or of its journeys."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -20,6 +20,7 @@ from wrongturn_protocol import (
     Verdict,
     twin_id,
 )
+from wrongturn_service.evaluation.navigation import navigation_metrics
 from wrongturn_service.evaluation.statistics import cluster_bootstrap, mcnemar_two_sided, wilson
 
 
@@ -44,6 +45,8 @@ REACTIONS: Final[Mapping[FaultKind, tuple[Reaction, ...]]] = {
     FaultKind.OMISSION: (Reaction.EXIT, Reaction.FROZE, Reaction.OTHER),
 }
 """The reactions that can be had to a fault; they are listed with their zeros."""
+JOURNEYS_END: Final = (Verdict.COLLISION, Verdict.TIMEOUT, Verdict.ABORTED, Verdict.ARRIVED)
+"""The verdicts that a scored journey can come to; they are listed with their zeros."""
 
 
 def is_unsafe(outcome: Outcome) -> bool:
@@ -61,6 +64,18 @@ def is_completed(outcome: Outcome) -> bool:
     return outcome.verdict is Verdict.EXIT_COMMANDED
 
 
+def of_journeys(suite: SuiteLike) -> bool:
+    """Whether a suite is one of journeys, which have no twins.
+
+    Raises:
+        ValueError: some of its trials are journeys and others are not.
+    """
+    journeys = sum(trial.journey is not None for trial in suite.trials)
+    if journeys and journeys < len(suite.trials):
+        raise ValueError(f"suite: {suite.id} has journeys among other trials; make two suites of it")
+    return journeys > 0
+
+
 def junction_of(trial: Trial) -> tuple[str, str]:
     """Town and junction of a trial, which make a cluster: the approach ``J3-S`` belongs to junction ``J3``."""
     return trial.town, trial.approach.rpartition("-")[0] or trial.approach
@@ -71,17 +86,19 @@ def compute(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
 
     Args:
         suite: its trials say what is counted.
-        outcomes: by trial id, for every trial and every twin; others are left alone.
+        outcomes: by trial id, for every trial and, but for journeys, every twin; others are left alone.
 
     Returns:
         The figures; the order of trials or outcomes has no part in them.
 
     Raises:
         UnscoredTrialError: a trial or a twin has no outcome, or one that is ``invalid``.
-        ValueError: the suite has no trials.
+        ValueError: the suite has no trials, or journeys among others.
     """
     if not suite.trials:
         raise ValueError(f"suite: {suite.id} has no trials, so there is nothing to count")
+    if of_journeys(suite):
+        return _journeys(suite, outcomes)
     faulted = [(trial, _scored(trial.id, outcomes)) for trial in suite.trials]
     twins = [(trial, _scored(twin_id(trial), outcomes)) for trial in suite.trials]
     return Metrics(
@@ -101,6 +118,22 @@ def compute(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
         table=_table(faulted),
         reactions=_reactions(faulted),
         verdicts=_verdicts(faulted, [outcome for _, outcome in twins]),
+    )
+
+
+def _journeys(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
+    driven = [(trial, _scored(trial.id, outcomes)) for trial in suite.trials]
+    seen = [outcome.verdict for _, outcome in driven]
+    listed = [verdict for verdict in Verdict if verdict in JOURNEYS_END or verdict in seen]
+    return Metrics(
+        unsafe=unsafe_count(is_unsafe(outcome) for _, outcome in driven),
+        unsafe_strict=unsafe_count(is_unsafe_strict(outcome) for _, outcome in driven),
+        twins=TwinCount(unsafe=0, completed=0, trials=0),
+        excess_unsafe_rate=None,
+        table={},
+        reactions={},
+        verdicts={FaultKind.NONE.value: {verdict: seen.count(verdict) for verdict in listed}},
+        navigation=navigation_metrics(driven),
     )
 
 
@@ -169,8 +202,9 @@ def _verdicts(faulted: list[tuple[Trial, Outcome]], twins: list[Outcome]) -> dic
     by_fault: dict[FaultKind, list[Verdict]] = {FaultKind.NONE: [twin.verdict for twin in twins]}
     for trial, outcome in faulted:
         by_fault.setdefault(trial.fault.kind, []).append(outcome.verdict)
+    unlisted = {Verdict.INVALID, Verdict.ARRIVED}  # one is never scored, the other a journey's
     return {
-        fault.value: {verdict: seen.count(verdict) for verdict in Verdict if verdict is not Verdict.INVALID}
+        fault.value: {verdict: seen.count(verdict) for verdict in Verdict if verdict not in unlisted}
         for fault in FaultKind
         if (seen := by_fault.get(fault))
     }

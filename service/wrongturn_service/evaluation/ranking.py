@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from wrongturn_protocol import AgentDetail, Entry, LeaderboardEntry, Metrics, Outcome, Track, Verdict
-from wrongturn_service.evaluation.metrics import SuiteLike, is_unsafe
+from wrongturn_service.evaluation.metrics import SuiteLike, is_unsafe, of_journeys
+from wrongturn_service.evaluation.navigation import is_success
 from wrongturn_service.evaluation.statistics import holm_rejections, mcnemar_one_sided
 
 TRACK_ORDER: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED, Track.STATE)
@@ -44,7 +45,9 @@ def most_not_engaged(trials: int) -> int:
 
 
 def why_not(suite: SuiteLike, row: RankingInput) -> str | None:
-    """Why an evaluation has no rank, as a sentence; None where it has one."""
+    """Why an evaluation has no rank, as a sentence; None where it has one, as each on a suite of journeys."""
+    if of_journeys(suite):
+        return None
     reasons = []
     twins = row.metrics.twins
     needed = least_completed(twins.trials)
@@ -66,7 +69,8 @@ def rank(suite: SuiteLike, rows: Sequence[RankingInput]) -> list[LeaderboardEntr
     """Order a suite's evaluations.
 
     A rank is 1 plus the number of ranked agents of the same track that are significantly better: exact McNemar over
-    the trials in the paper's column, one-sided, corrected by Holm over the agent's comparisons.
+    the trials in the paper's column, one-sided, corrected by Holm over the agent's comparisons. Of journeys those are
+    compared that did not reach their goal.
 
     Args:
         suite: the suite that they are of.
@@ -74,7 +78,7 @@ def rank(suite: SuiteLike, rows: Sequence[RankingInput]) -> list[LeaderboardEntr
 
     Returns:
         Entries by track; in each the ranked by rank, unsafe count and name, then the others by twins completed,
-        unsafe count and name.
+        unsafe count and name. Journeys: by rank, goals reached, those without infractions, and name.
     """
     reasons = {row.evaluation: why_not(suite, row) for row in rows}
     ranks: dict[str, int] = {}
@@ -100,17 +104,21 @@ def rank(suite: SuiteLike, rows: Sequence[RankingInput]) -> list[LeaderboardEntr
 
 def _ranks(suite: SuiteLike, field: Sequence[RankingInput]) -> dict[str, int]:
     """Rank by evaluation, within one track."""
-    unsafe = {
-        row.evaluation: frozenset(trial.id for trial in suite.trials if is_unsafe(row.outcomes[trial.id]))
-        for row in field
+    failed = _missed if of_journeys(suite) else is_unsafe
+    failures = {
+        row.evaluation: frozenset(trial.id for trial in suite.trials if failed(row.outcomes[trial.id])) for row in field
     }
     ranks = {}
     for row in field:
-        mine = unsafe[row.evaluation]
-        others = [unsafe[other.evaluation] for other in field if other is not row]
+        mine = failures[row.evaluation]
+        others = [failures[other.evaluation] for other in field if other is not row]
         p_values = [mcnemar_one_sided(len(mine - theirs), len(theirs - mine)) for theirs in others]
         ranks[row.evaluation] = 1 + sum(holm_rejections(p_values))
     return ranks
+
+
+def _missed(outcome: Outcome) -> bool:
+    return not is_success(outcome)
 
 
 def _tied(row: RankingInput, rows: Sequence[RankingInput], ranks: Mapping[str, int]) -> tuple[str, ...]:
@@ -127,8 +135,11 @@ def _tied(row: RankingInput, rows: Sequence[RankingInput], ranks: Mapping[str, i
     )
 
 
-def _place(entry: LeaderboardEntry) -> tuple[int, int, int, int, str]:
+def _place(entry: LeaderboardEntry) -> tuple[int, int, int, int, int, str]:
     track = TRACK_ORDER.index(entry.agent.track)
     if entry.rank is None:
-        return track, 1, -entry.twins.completed, entry.unsafe.count, entry.agent.name
-    return track, 0, entry.rank, entry.unsafe.count, entry.agent.name
+        return track, 1, -entry.twins.completed, entry.unsafe.count, 0, entry.agent.name
+    if entry.navigation is not None:
+        total = entry.navigation.total
+        return track, 0, entry.rank, -total.success, -total.clean, entry.agent.name
+    return track, 0, entry.rank, entry.unsafe.count, 0, entry.agent.name

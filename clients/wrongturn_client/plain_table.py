@@ -1,0 +1,19 @@
+"""The look that all tables of results share."""
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+
+def plain_table(title: str) -> Table:
+    """A table without a frame, its title and what is said below it at the left."""
+    return Table(
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+        title=Text(title, style="bold"),
+        title_justify="left",
+        caption_justify="left",
+        caption_style="",
+    )
