@@ -3,11 +3,14 @@
 NetworkError
 ├── UnknownTownError
 ├── UnknownApproachError
+├── UnknownLaneError
 ├── UnknownSuiteError
 ├── UnknownTrialError
 ├── FaultNotApplicableError
 ├── RouteNotAvailableError
 ├── ApproachTooShortError
+├── NoJourneyError
+├── CruiseError
 └── CorruptFileError
 """
 
@@ -42,6 +45,12 @@ class UnknownApproachError(_UnknownNameError):
     what = "approach"
 
 
+class UnknownLaneError(_UnknownNameError):
+    """The town has no such car lane."""
+
+    what = "lane"
+
+
 class UnknownSuiteError(_UnknownNameError):
     """No suite has this name and version."""
 
@@ -64,6 +73,14 @@ class RouteNotAvailableError(NetworkError):
 
 class ApproachTooShortError(NetworkError):
     """The approach's lane is too short to start on."""
+
+
+class NoJourneyError(NetworkError):
+    """The town has no journey of the task there."""
+
+
+class CruiseError(NetworkError):
+    """What a cruise is to be drawn by makes no sense, such as shares of more than all starts."""
 
 
 class CorruptFileError(NetworkError):

@@ -1,0 +1,144 @@
+"""Cruises: drives about a town without a goal, drawn for training.
+
+They begin anywhere on the lanes that lead to a junction, oftener where driving is hard: before junctions, each
+approach as often as any other, and before the streets' bends. Nothing of a cruise is scored.
+"""
+
+import bisect
+import itertools
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from wrongturn_networks.bends import bends_of
+from wrongturn_networks.errors import CruiseError
+from wrongturn_networks.starts import LANE_RESERVE
+from wrongturn_networks.town import Town
+from wrongturn_protocol import Command, Fault, FaultKind, Journey, JunctionType, Start, Task, Traffic, Trial, Weather
+
+BEFORE_JUNCTION: Final = (5.0, 35.0)
+"""Starts near a junction lie so far before its stop line, metres, as far as the lane reaches."""
+BEFORE_BEND: Final = (5.0, 25.0)
+"""Starts near a bend lie so far before its begin, metres, as far as the lane reaches."""
+WITHIN: Final = 2.5
+"""Offset and heading are cut at so many standard deviations: nobody begins in the oncoming lane."""
+
+_NO_FAULT: Final = Fault(kind=FaultKind.NONE)
+_NO_TRAFFIC: Final = Traffic()
+
+
+class _Stretch(NamedTuple):
+    """A piece of a lane to begin on."""
+
+    approach: str
+    type: JunctionType
+    exits: tuple[Command, ...]
+    nearest: float
+    """Least and greatest distance to the stop line, metres."""
+    farthest: float
+
+
+class _Stretches(NamedTuple):
+    """A town's, by what they lie near to."""
+
+    junctions: tuple[_Stretch, ...]
+    bends: tuple[_Stretch, ...]
+    lanes: tuple[_Stretch, ...]
+    metres: tuple[float, ...]
+    """Length of the lanes' stretches up to and with each."""
+
+
+def draw_cruise(
+    town: Town,
+    random: np.random.Generator,
+    *,
+    weather: Weather = Weather.CLEAR_NOON,
+    traffic: Traffic = _NO_TRAFFIC,
+    near_junctions: float = 0.4,
+    near_bends: float = 0.25,
+    lateral: float = 0.4,
+    yaw: float = 0.06,
+    speed: tuple[float, float] = (0.0, 9.0),
+    time_limit: float = 60.0,
+) -> Trial:
+    """A trial that drives about the town, each junction's exit drawn from its seed.
+
+    Args:
+        town: where.
+        random: what all is drawn from, the trial's seed too.
+        weather: of the trial.
+        traffic: other road users.
+        near_junctions: share of the starts that lie shortly before a junction.
+        near_bends: share of those that lie shortly before a bend; in a town without any they lie anywhere.
+        lateral: standard deviation of the start's offset from the lane's centre line, metres, cut at 2.5 of them.
+        yaw: that of its heading, radians, likewise.
+        speed: least and greatest at the start, m/s.
+        time_limit: seconds.
+
+    Raises:
+        CruiseError: an argument is out of its range.
+    """
+    # Called for each of hundreds of environments whenever one ends: hence the tables, and no validation twice.
+    if not (near_junctions >= 0.0 and near_bends >= 0.0 and near_junctions + near_bends <= 1.0):
+        raise CruiseError(
+            f"near_junctions, near_bends: {near_junctions} and {near_bends} are no shares of a whole; "
+            "give two of at least 0 that add up to at most 1",
+        )
+    if not 0.0 <= speed[0] <= speed[1] <= 22.0:
+        raise CruiseError(f"speed: {speed} is no range within 0 and 22 m/s; give the least speed and the greatest")
+    if not (0.0 <= lateral <= 0.7 and 0.0 <= yaw <= 0.3):
+        raise CruiseError(
+            f"lateral, yaw: {lateral} m and {yaw} rad would start cars off their lane; give at most 0.7 m and 0.3 rad",
+        )
+    stretches = _stretches(town)
+    kind, which, where, fast, turn = random.random(5).tolist()
+    if kind < near_junctions:
+        stretch = stretches.junctions[int(which * len(stretches.junctions))]
+    elif kind < near_junctions + near_bends and stretches.bends:
+        stretch = stretches.bends[int(which * len(stretches.bends))]
+    else:
+        stretch = stretches.lanes[bisect.bisect_right(stretches.metres, which * stretches.metres[-1])]
+    aside, askew = random.standard_normal(2).tolist()
+    seed = int(random.integers(2**53))
+    return Trial.model_construct(
+        id=f"{town.name}.cruise.{stretch.approach}.s{seed}",
+        town=town.name,
+        approach=stretch.approach,
+        junction_type=stretch.type,
+        route=stretch.exits[int(turn * len(stretch.exits))],
+        start=Start.model_construct(
+            distance=round(stretch.nearest + where * (stretch.farthest - stretch.nearest), 3),
+            speed=round(speed[0] + fast * (speed[1] - speed[0]), 3),
+            lateral=round(lateral * min(max(aside, -WITHIN), WITHIN), 3),
+            yaw=round(yaw * min(max(askew, -WITHIN), WITHIN), 5),
+        ),
+        weather=weather,
+        traffic=traffic,
+        fault=_NO_FAULT,
+        seed=seed,
+        journey=_cruise(time_limit),
+    )
+
+
+@lru_cache(maxsize=64)
+def _cruise(time_limit: float) -> Journey:
+    return Journey(task=Task.CRUISE, time_limit=time_limit)
+
+
+@lru_cache(maxsize=16)
+def _stretches(town: Town) -> _Stretches:
+    junctions, bends, lanes = [], [], []
+    for approach in town.approaches.values():
+        lane = town.lanes[approach.lane]
+        what = (approach.id, approach.type, tuple(approach.exits))
+        farthest = lane.length - LANE_RESERVE
+        nearest = min(BEFORE_JUNCTION[0], farthest)
+        junctions.append(_Stretch(*what, nearest, min(BEFORE_JUNCTION[1], farthest)))
+        lanes.append(_Stretch(*what, nearest, farthest))
+        for bend in bends_of(lane):
+            there = lane.length - bend.begin
+            if there + BEFORE_BEND[0] < farthest:
+                bends.append(_Stretch(*what, there + BEFORE_BEND[0], min(there + BEFORE_BEND[1], farthest)))
+    metres = tuple(itertools.accumulate(lane.farthest - lane.nearest for lane in lanes))
+    return _Stretches(tuple(junctions), tuple(bends), tuple(lanes), metres)
