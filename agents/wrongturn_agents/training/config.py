@@ -1,0 +1,260 @@
+"""What each algorithm is trained with: one dataclass an algorithm, every field explained.
+
+The architectures and the reward are the paper's (Carton et al., IV 2021); what the paper leaves open was found here.
+Fields whose comment says *ablation* change what is learnt and give a run its ``variant``; the others change the pace.
+"""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final
+
+from wrongturn_agents.training.errors import TrainingError
+
+TRAINING_WEATHERS: Final = ("ClearNoon", "WetNoon", "HardRainNoon", "ClearSunset")
+"""CoRL 2017's weathers 1, 3, 6 and 8."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPOConfig:
+    """What the three algorithms have in common."""
+
+    algorithm: ClassVar[str]
+    track: ClassVar[str]
+    """Whose observation the environments give."""
+    keys: ClassVar[tuple[str, ...]]
+    """What of it is kept in the rollout buffer."""
+
+    steps: int = 2_000_000
+    """Environment steps of the whole run; the learning rate falls over them."""
+    num_envs: int = 256
+    """Egos driven side by side."""
+    n_steps: int = 64
+    """Decisions of each ego between two updates."""
+    batch_size: int = 2_048
+    """Frames of a minibatch."""
+    n_epochs: int = 3
+    """Passes over a rollout."""
+    learning_rate: float = 5e-4
+    """Of Adam at the start; it falls linearly to ``final_learning_rate`` times that."""
+    final_learning_rate: float = 0.1
+    """Share of the learning rate that is left at the end."""
+    gamma: float = 0.97
+    """Discount: at ten decisions a second it looks some three seconds ahead."""
+    gae_lambda: float = 0.95
+    """Of the generalised advantage estimation (Schulman et al. 2016)."""
+    clip_range: float = 0.2
+    """Of the policy's ratio."""
+    ent_coef: float = 0.001
+    """Weight of the entropy bonus."""
+    vf_coef: float = 0.5
+    """Weight of the value's loss."""
+    max_grad_norm: float = 0.5
+    """Longest gradient; a longer one is shortened."""
+    kl_stop: float = 0.03
+    """Passes over a rollout end where the policy's divergence from the one that drove is above this."""
+
+    reward_divisor: float = 300.0
+    """The paper's reward divided by it is what is learnt: returns are then of the order of 1."""
+    failure_penalty: float = 2.0
+    """Taken off the (divided) reward of a drive that ends off the road, in a collision, in an oncoming lane or standing.
+
+    Not in the paper: by its formula a car that stands still earns reward for as long as it does.
+    """
+    near_junctions: float = 0.4
+    """Share of the drives that start shortly before a junction."""
+    near_bends: float = 0.25
+    """Share of the drives that start shortly before a bend."""
+    lateral: float = 0.4
+    """Sigma of the start's offset from the lane's centre, metres."""
+    yaw: float = 0.06
+    """Sigma of the start's heading, radians."""
+    time_limit: float = 60.0
+    """Of a drive, seconds; the value of what comes after is then bootstrapped."""
+
+    evaluate_every: int = 400_000
+    """Steps between two evaluations on held-out journeys."""
+    journeys: int = 50
+    """Held-out journeys of an evaluation."""
+    patience: float = 30.0
+    """Seconds for which a car may stand still in an evaluation before its journey is given up as failed."""
+
+    bf16: bool = True
+    """Encoders compute in bfloat16 where the device is CUDA; heads and losses always in float32."""
+    compile: bool = False
+    """Compile the encoder with ``torch.compile``: a minute at the start, worth it in long runs on CUDA."""
+
+    @property
+    def frozen(self) -> bool:
+        """Whether the encoder is not trained by PPO; each frame is then encoded once, and features are buffered."""
+        return False
+
+    @property
+    def augmented(self) -> bool:
+        """Whether pictures are augmented before the policy sees them."""
+        return False
+
+    @property
+    def masked(self) -> float:
+        """Probability of each class of a segmentation to be masked."""
+        return 0.0
+
+    @property
+    def auxiliary_loss(self) -> bool:
+        """Whether the segmentation's loss joins PPO's."""
+        return False
+
+    @property
+    def variant(self) -> str | None:
+        """What was left out or added, in words for a table; None for the algorithm as it is meant."""
+        return None
+
+    def with_options(self, options: Iterable[str]) -> "PPOConfig":
+        """This configuration with fields of ``name=value`` changed.
+
+        Raises:
+            TrainingError: there is no such field, or the value is none of its kind.
+        """
+        fields = {field.name: field for field in dataclasses.fields(self)}
+        changed: dict[str, Any] = {}
+        for option in options:
+            name, equals, text = option.partition("=")
+            if not equals or name not in fields:
+                raise TrainingError(f"option {option!r}: give name=value with one of {', '.join(sorted(fields))}")
+            changed[name] = _parsed(name, text, type(getattr(self, name)))
+        return dataclasses.replace(self, **changed)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The fields by name, as JSON takes them."""
+        return dataclasses.asdict(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentationConfig(PPOConfig):
+    """``ppo-segmentation``: NatureCNN on one-hot segmentation, trained from scratch."""
+
+    algorithm: ClassVar[str] = "ppo-segmentation"
+    track: ClassVar[str] = "segmentation"
+    keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "segmentation")
+
+    masked_classes: float = 0.0
+    """Ablation, the paper's own proposal: probability of each class but the road's to be unseen in a frame."""
+
+    @property
+    def masked(self) -> float:
+        """As :attr:`masked_classes`."""
+        return self.masked_classes
+
+    @property
+    def variant(self) -> str | None:
+        """``masked-classes`` or None."""
+        return "masked-classes" if self.masked_classes else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageConfig(PPOConfig):
+    """``ppo-image``: ResNet-34 pretrained on segmentation, frozen while PPO trains what follows it."""
+
+    algorithm: ClassVar[str] = "ppo-image"
+    track: ClassVar[str] = "camera"
+    keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb")
+
+    steps: int = 3_200_000
+    """Environment steps of the whole run; the learning rate falls over them."""
+    pretrained: bool = True
+    """Ablation: without it the encoder begins at random and is trained by PPO's loss alone."""
+    augment: bool = True
+    """Ablation: RGB is augmented (erasing, blur, hue, saturation, brightness), in pretraining and while driving."""
+    pretraining_frames: int = 131_000
+    """Frames of random places in Town01 that the encoder is pretrained on."""
+    pretraining_passes: float = 4.0
+    """How often each of them is seen on average."""
+    pretraining_batch: int = 256
+    """Frames of a minibatch in pretraining."""
+    pretraining_rate: float = 1e-3
+    """Highest learning rate of pretraining (AdamW, one cycle)."""
+    encoder: str = ""
+    """A run's ``encoder.pt`` to take instead of pretraining anew."""
+
+    @property
+    def frozen(self) -> bool:
+        """The pretrained encoder is."""
+        return self.pretrained
+
+    @property
+    def augmented(self) -> bool:
+        """As :attr:`augment`."""
+        return self.augment
+
+    @property
+    def variant(self) -> str | None:
+        """``without-pretraining``, ``without-augmentation``, both or None."""
+        return _without(pretraining=self.pretrained, augmentation=self.augment)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AuxiliaryConfig(PPOConfig):
+    """``ppo-auxiliary``: ResNet-34 trained end to end by PPO and by predicting the segmentation."""
+
+    algorithm: ClassVar[str] = "ppo-auxiliary"
+    track: ClassVar[str] = "segmentation"
+    keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb", "segmentation")
+
+    steps: int = 3_000_000
+    """Environment steps of the whole run; the learning rate falls over them."""
+    auxiliary: bool = True
+    """Ablation: without it there is no segmentation loss."""
+    auxiliary_share: float = 0.25
+    """Share of each minibatch whose segmentation is predicted: that pass costs more than the policy's."""
+    augment: bool = True
+    """Ablation: RGB is augmented (erasing, blur, hue, saturation, brightness)."""
+
+    @property
+    def augmented(self) -> bool:
+        """As :attr:`augment`."""
+        return self.augment
+
+    @property
+    def auxiliary_loss(self) -> bool:
+        """As :attr:`auxiliary`."""
+        return self.auxiliary
+
+    @property
+    def variant(self) -> str | None:
+        """``without-auxiliary-loss``, ``without-augmentation``, both or None."""
+        return _without(**{"auxiliary-loss": self.auxiliary, "augmentation": self.augment})
+
+
+ALGORITHMS: Final[Mapping[str, type[PPOConfig]]] = {
+    config.algorithm: config for config in (SegmentationConfig, ImageConfig, AuxiliaryConfig)
+}
+"""The configurations by the names of their algorithms."""
+
+
+def config_of(algorithm: str, fields: Mapping[str, Any] | None = None) -> PPOConfig:
+    """The configuration of an algorithm, with these fields.
+
+    Raises:
+        TrainingError: there is no such algorithm.
+    """
+    if algorithm not in ALGORITHMS:
+        raise TrainingError(f"algorithm: there is no {algorithm!r}; choose one of {', '.join(ALGORITHMS)}")
+    return ALGORITHMS[algorithm](**(fields or {}))
+
+
+def _without(**present: bool) -> str | None:
+    left_out = [name for name, there in present.items() if not there]
+    return "without-" + "-and-".join(left_out) if left_out else None
+
+
+def _parsed(name: str, text: str, kind: type) -> Any:
+    """A field's value from its text."""
+    if kind is bool:
+        values = {"true": True, "false": False, "1": True, "0": False, "yes": True, "no": False}
+        if text.lower() not in values:
+            raise TrainingError(f"option {name}: is {text!r}; give true or false")
+        return values[text.lower()]
+    try:
+        return kind(text.replace("_", "")) if kind is int else kind(text)
+    except ValueError as error:
+        raise TrainingError(f"option {name}: is {text!r}; give a {kind.__name__}") from error

@@ -1,0 +1,124 @@
+"""Many egos for PPO: two actions, tensors on the device, the reward divided, failures penalised."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+from torch import Tensor
+
+from wrongturn_agents.training.action import ACTION_SPACE, controls
+from wrongturn_agents.training.rollout import Observations
+from wrongturn_agents.training.stopwatch import Stopwatch
+from wrongturn_agents.training.vec_env import WrongturnVecEnv
+
+FAILURES: Final = frozenset({"off_road", "collision", "wrong_way", "not_engaged"})
+"""Verdicts by which a drive failed."""
+_NOTHING: Final[dict[str, Any]] = {}
+
+
+class DrivingVecEnv(WrongturnVecEnv):
+    """The egos of a town as PPO drives them.
+
+    ``infos[i]`` of an environment that ended hold ``episode`` (``r``: the sum of the paper's reward as it is, ``l``:
+    decisions), ``verdict``, ``TimeLimit.truncated`` and, only where time ran out, ``terminal_observation``.
+
+    Args:
+        num_envs: how many.
+        keys: what of the observation is given, in this order.
+        device: where its tensors are.
+        reward_divisor: the reward is divided by it.
+        failure_penalty: taken off the divided reward of the decision with which a drive failed.
+        stopwatch: counts pictures as ``render`` and the rest as ``env``.
+        options: as the vectorised environment's. ``backend="cuda"`` makes pictures on the device: they are not
+            carried.
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        *,
+        keys: Sequence[str],
+        device: torch.device | str = "cpu",
+        reward_divisor: float = 1.0,
+        failure_penalty: float = 0.0,
+        stopwatch: Stopwatch | None = None,
+        **options: Any,
+    ) -> None:
+        super().__init__(num_envs, copy=False, **options)
+        self.keys = tuple(keys)
+        self.device = torch.device(device)
+        self.stopwatch = stopwatch or Stopwatch(self.device)
+        self.observation_space = spaces.Dict({key: self.observation_space[key] for key in keys})
+        self.action_space = ACTION_SPACE
+        self._divisor = reward_divisor
+        self._penalty = failure_penalty
+        self._returns = np.zeros(num_envs)
+        self._lengths = np.zeros(num_envs, np.int64)
+        self._watch_pictures()
+
+    def reset(self) -> Observations:
+        """Begin all trials anew."""
+        self._returns[:] = 0.0
+        self._lengths[:] = 0
+        with self.stopwatch.part("env"):
+            return self._tensors(super().reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Drive on for 0.1 s by (n, 2) actions, steer and accelerate.
+
+        Raises:
+            RuntimeError: there are no actions.
+        """
+        if self._waiting is None:
+            raise RuntimeError("step_wait: there are no actions; call step_async first, or step")
+        actions, self._waiting = self._waiting, None
+        with self.stopwatch.part("env"):
+            observation, rewards, terminated, truncated, told = self.envs.step(controls(actions))
+            tensors = self._tensors(observation)
+        ended = terminated | truncated
+        self._returns += rewards
+        self._lengths += 1
+        scaled = (rewards / self._divisor).astype(np.float32)
+        infos: list[dict[str, Any]] = [_NOTHING] * self.num_envs
+        for i in np.flatnonzero(ended).tolist():
+            verdict = told["final_info"]["verdict"][i]
+            infos[i] = {
+                "episode": {"r": float(self._returns[i]), "l": int(self._lengths[i])},
+                "verdict": verdict,
+                "TimeLimit.truncated": bool(truncated[i]),
+            }
+            if verdict in FAILURES:
+                scaled[i] -= self._penalty
+            if truncated[i]:
+                infos[i]["terminal_observation"] = self._terminal(told["final_obs"][i])
+        self._returns[ended] = 0.0
+        self._lengths[ended] = 0
+        return tensors, scaled, ended, infos
+
+    def _terminal(self, observation: dict[str, Any]) -> dict[str, Tensor]:
+        return {key: torch.as_tensor(observation[key], device=self.device) for key in self.keys}
+
+    def _tensors(self, observation: Any) -> Observations:
+        """Copies on the device, for the next step writes the arrays over; those made there never leave it."""
+        return {key: self._tensor(observation[key]) for key in self.keys}
+
+    def _tensor(self, array: NDArray[Any] | Any) -> Tensor:
+        shared = torch.as_tensor(array, device=self.device if hasattr(array, "__cuda_array_interface__") else None)
+        return shared.to(self.device, copy=True)
+
+    def _watch_pictures(self) -> None:
+        """Let the camera's work be counted apart."""
+        camera = getattr(self.envs, "_camera", None)
+        if camera is None:
+            return
+        paint = camera.paint
+
+        def watched(*args: Any, **kwargs: Any) -> None:
+            with self.stopwatch.part("render"):
+                paint(*args, **kwargs)
+
+        camera.paint = watched

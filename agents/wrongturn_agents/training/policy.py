@@ -1,0 +1,115 @@
+"""The policy that Stable-Baselines3 trains: a model of ours as an ``ActorCriticPolicy``."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.distributions import DiagGaussianDistribution, Distribution
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import Tensor, nn
+
+from wrongturn_agents.training.rollout import Observations
+from wrongturn_agents.training.stopwatch import Stopwatch
+
+_LOG_ROOT = 0.5 * math.log(2.0 * math.pi)
+
+
+class _NoExtractor(BaseFeaturesExtractor):  # type: ignore[misc]
+    """In the place of Stable-Baselines3's own, which would be made in vain."""
+
+    def __init__(self, observation_space: spaces.Space[Any]) -> None:
+        super().__init__(observation_space, features_dim=1)
+
+
+class WrongturnPolicy(ActorCriticPolicy):  # type: ignore[misc]
+    """An actor-critic of ``wrongturn_agents.models`` with a Gaussian over steer and accelerate.
+
+    Args:
+        observation_space: of the environments.
+        action_space: (2,).
+        lr_schedule: of the remaining share of the run.
+        model: makes the actor-critic.
+        bf16: the encoder computes in bfloat16 on CUDA; what follows it in float32 everywhere.
+        compiled: the encoder is compiled.
+        stopwatch: counts forward passes while driving as ``policy``.
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        action_space: spaces.Box,
+        lr_schedule: Callable[[float], float],
+        *,
+        model: Callable[[], nn.Module],
+        bf16: bool = True,
+        compiled: bool = False,
+        stopwatch: Stopwatch | None = None,
+        **_: Any,
+    ) -> None:
+        self._make = model
+        self._bf16 = bf16
+        self._compiled = compiled
+        self._stopwatch = stopwatch or Stopwatch(torch.device("cpu"))
+        super().__init__(
+            observation_space, action_space, lr_schedule, net_arch={}, features_extractor_class=_NoExtractor
+        )
+
+    def _build(self, lr_schedule: Callable[[float], float]) -> None:
+        self.model = self._make()
+        parameters = [parameter for parameter in self.model.parameters() if parameter.requires_grad]
+        self.optimizer = torch.optim.Adam(parameters, lr=lr_schedule(1), eps=1e-5)
+        self._encode: Callable[[Observations], Tensor] = self.model.features
+        if self._compiled:
+            self._encode = torch.compile(self.model.features)
+
+    def features(self, observation: Observations) -> Tensor:
+        """(b, F) float32."""
+        with self.precision(observation):
+            return self._encode(observation).float()
+
+    def precision(self, observation: Observations) -> torch.autocast:
+        """In which the encoder computes."""
+        kind = observation["speed"].device.type
+        return torch.autocast(kind, torch.bfloat16, enabled=self._bf16 and kind == "cuda")
+
+    def forward(self, obs: Observations, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
+        """Actions (b, 2), values (b,) and log-probabilities (b,)."""
+        with self._stopwatch.part("policy"):
+            features = self.features(obs)
+            mean = self.model.act(features, obs["command"])
+            actions = mean if deterministic else mean + torch.exp(self.model.log_std) * torch.randn_like(mean)
+            return actions, self.model.value(features, obs["command"]), self._log_prob(mean, actions)
+
+    def evaluate_actions(self, obs: Observations, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Values (b,), log-probabilities (b,) of these actions, and the entropy ()."""
+        features = self.features(obs)
+        mean = self.model.act(features, obs["command"])
+        entropy = (self.model.log_std + 0.5 + _LOG_ROOT).sum()
+        return self.model.value(features, obs["command"]), self._log_prob(mean, actions), entropy
+
+    def predict_values(self, obs: Observations) -> Tensor:
+        """(b,)"""
+        value: Tensor = self.model.value(self.features(obs), obs["command"])
+        return value
+
+    def get_distribution(self, obs: Observations) -> Distribution:
+        """Of the actions, as Stable-Baselines3 has it."""
+        mean = self.model.act(self.features(obs), obs["command"])
+        return DiagGaussianDistribution(2).proba_distribution(mean, self.model.log_std)
+
+    def obs_to_tensor(self, observation: dict[str, Any]) -> tuple[Observations, bool]:
+        """A single observation as a batch of one."""
+        device = self.model.log_std.device
+        return {name: torch.as_tensor(value, device=device)[None] for name, value in observation.items()}, False
+
+    def _predict(self, observation: Observations, deterministic: bool = False) -> Tensor:
+        actions: Tensor = self.get_distribution(observation).get_actions(deterministic=deterministic)
+        return actions
+
+    def _log_prob(self, mean: Tensor, actions: Tensor) -> Tensor:
+        # By hand: torch.distributions checks its arguments, and waits for the device to do so.
+        log_std = self.model.log_std
+        return (-0.5 * ((actions - mean) * torch.exp(-log_std)) ** 2 - log_std - _LOG_ROOT).sum(-1)

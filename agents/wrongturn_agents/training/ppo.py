@@ -1,0 +1,153 @@
+"""PPO (Schulman et al. 2017) as Stable-Baselines3 has it, with the paper's auxiliary loss."""
+
+from typing import Any
+
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecEnv
+from torch import Tensor
+from torch.nn import functional
+
+from wrongturn_agents.training.budget import Budget
+from wrongturn_agents.training.config import PPOConfig
+from wrongturn_agents.training.policy import WrongturnPolicy
+from wrongturn_agents.training.rollout import DeviceRolloutBuffer, Samples
+from wrongturn_agents.training.stopwatch import Stopwatch
+
+
+class WrongturnPPO(PPO):  # type: ignore[misc]
+    """Stable-Baselines3's PPO, whose loop over minibatches is written anew.
+
+    That is for three things: the segmentation's loss joins PPO's (paper, equation for l); a run's budget is kept
+    between minibatches too; and nothing is fetched from the device but once a minibatch, for the divergence.
+
+    Args:
+        config: of the algorithm.
+        env: gives tensors on the device.
+        budget: the learning rate falls with what is used of it.
+        stopwatch: counts updates as ``learn``.
+        more: as ``PPO``'s.
+    """
+
+    def __init__(
+        self, config: PPOConfig, env: VecEnv, *, model: Any, budget: Budget, stopwatch: Stopwatch, **more: Any
+    ) -> None:
+        self.config = config
+        self.budget = budget
+        self.stopwatch = stopwatch
+        self.told: dict[str, float] = {}
+        """Of the last update, by name."""
+
+        def learning_rate(remaining: float) -> float:
+            left = config.final_learning_rate
+            return config.learning_rate * (left + (1.0 - left) * remaining)
+
+        super().__init__(
+            WrongturnPolicy,
+            env,
+            learning_rate=learning_rate,
+            n_steps=config.n_steps,
+            batch_size=config.batch_size,
+            n_epochs=config.n_epochs,
+            gamma=config.gamma,
+            gae_lambda=config.gae_lambda,
+            clip_range=config.clip_range,
+            ent_coef=config.ent_coef,
+            vf_coef=config.vf_coef,
+            max_grad_norm=config.max_grad_norm,
+            target_kl=config.kl_stop,
+            rollout_buffer_class=DeviceRolloutBuffer,
+            policy_kwargs={
+                "model": model,
+                "bf16": config.bf16,
+                "compiled": config.compile,
+                "stopwatch": stopwatch,
+            },
+            **more,
+        )
+
+    @staticmethod
+    def _wrap_env(env: VecEnv, verbose: int = 0, monitor_wrapper: bool = True) -> VecEnv:  # noqa: ARG004
+        """As it is: the models take pictures as they come, and Stable-Baselines3 would turn them over in numpy."""
+        return env
+
+    def _update_current_progress_remaining(self, num_timesteps: int, total_timesteps: int) -> None:  # noqa: ARG002
+        self._current_progress_remaining = 1.0 - self.budget.fraction(num_timesteps)
+
+    def train(self) -> None:
+        """Learn from the rollout."""
+        with self.stopwatch.part("learn"):
+            self._learn()
+
+    def _learn(self) -> None:
+        policy, config = self.policy, self.config
+        policy.set_training_mode(True)
+        self._update_learning_rate(policy.optimizer)
+        trained = [parameter for group in policy.optimizer.param_groups for parameter in group["params"]]
+        sums: dict[str, Tensor] = {}
+        batches = epochs = 0
+        divergence, stopped = 0.0, False
+        for _ in range(config.n_epochs):
+            for samples in self.rollout_buffer.get(config.batch_size):
+                loss, terms, divergences = self._loss(samples)
+                divergence = divergences.item()
+                # As Stable-Baselines3 has it, half as much again: one minibatch's estimate is a noisy one.
+                stopped = divergence > 1.5 * config.kl_stop or self.budget.over()
+                if stopped:
+                    break
+                policy.optimizer.zero_grad(set_to_none=True)
+                loss.backward()
+                torch.nn.utils.clip_grad_norm_(trained, config.max_grad_norm)
+                policy.optimizer.step()
+                batches += 1
+                for name, term in terms.items():
+                    sums[name] = sums.get(name, torch.zeros_like(term)) + term
+            if stopped:
+                break
+            epochs += 1
+            self._n_updates += 1
+        buffer = self.rollout_buffer
+        unexplained = (buffer.returns - buffer.values).var() / buffer.returns.var().clamp_min(1e-8)
+        steer, accelerate = policy.model.log_std.detach().exp().tolist()
+        self.told = {
+            "divergence": divergence,
+            "epochs": float(epochs),
+            "minibatches": float(batches),
+            "explained_variance": 1.0 - unexplained.item(),
+            "std_steer": steer,
+            "std_accelerate": accelerate,
+            "learning_rate": policy.optimizer.param_groups[0]["lr"],
+            **{name: (term / max(batches, 1)).item() for name, term in sums.items()},
+        }
+        for name, value in self.told.items():
+            self.logger.record(f"train/{name}", value)
+
+    def _loss(self, samples: Samples) -> tuple[Tensor, dict[str, Tensor], Tensor]:
+        """The loss of a minibatch, its terms, and how far the policy has gone from the one that drove."""
+        config = self.config
+        values, log_prob, entropy = self.policy.evaluate_actions(samples.observations, samples.actions)
+        advantages = samples.advantages
+        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        log_ratio = log_prob - samples.old_log_prob
+        ratio = log_ratio.exp()
+        clipped = ratio.clamp(1.0 - config.clip_range, 1.0 + config.clip_range)
+        policy_loss = -torch.min(advantages * ratio, advantages * clipped).mean()
+        value_loss = functional.mse_loss(values.flatten(), samples.returns)
+        loss = policy_loss + config.vf_coef * value_loss - config.ent_coef * entropy
+        with torch.no_grad():
+            divergence = (ratio - 1.0 - log_ratio).mean()  # Schulman's estimator of low variance
+            outside = ((ratio - 1.0).abs() > config.clip_range).float().mean()
+        terms = {"policy_loss": policy_loss, "value_loss": value_loss, "clip_fraction": outside}
+        if config.auxiliary_loss:
+            auxiliary = self._auxiliary_loss(samples.observations)
+            loss = self.policy.model.homoscedastic(loss, auxiliary)
+            terms["auxiliary_loss"] = auxiliary
+        return loss, {name: term.detach() for name, term in terms.items()}, divergence
+
+    def _auxiliary_loss(self, observations: dict[str, Tensor]) -> Tensor:
+        """Cross-entropy of the segmentation that is predicted for the first frames of a minibatch."""
+        count = max(1, round(self.config.auxiliary_share * len(observations["speed"])))  # type: ignore[attr-defined]
+        chosen = {name: tensor[:count] for name, tensor in observations.items()}
+        with self.policy.precision(chosen):
+            logits = self.policy.model.segmentation_logits(chosen)
+        return functional.cross_entropy(logits.float(), chosen["segmentation"].long())
