@@ -158,7 +158,7 @@ class WrongturnEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self._suite is not None:
             if trial is None and not self._trials:
                 trials = client.trials(self._suite)
-                self._trials = tuple(name for one in trials for name in (one.id, one.twin))
+                self._trials = tuple(name for one in trials for name in (one.id, one.twin) if name)
             chosen = trial or self._trials[int(self.np_random.integers(len(self._trials)))]
             return PracticeRequest(suite=self._suite, trial=chosen, track=self.track)
         if trial is not None:

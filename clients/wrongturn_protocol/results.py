@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints
 
-from wrongturn_protocol.episodes import EpisodeDetail, Fault, Message, Outcome, Start, Traffic, is_none
+from wrongturn_protocol.episodes import EpisodeDetail, Fault, Journey, Message, Outcome, Start, Traffic, is_none
 from wrongturn_protocol.navigation import NavigationMetrics
 from wrongturn_protocol.vocabulary import (
     AgentKind,
@@ -42,8 +42,8 @@ class TrialDetail(Message):
     """One trial of the open split."""
 
     id: str
-    twin: str
-    """The id of the same trial without its fault; it can be practised too."""
+    twin: str | None
+    """The id of the same trial without its fault; it can be practised too. None of a journey, which has no fault."""
     town: str
     approach: str
     junction_type: JunctionType
@@ -53,6 +53,8 @@ class TrialDetail(Message):
     traffic: Traffic
     fault: Fault
     seed: int
+    journey: Journey | None = Field(default=None, exclude_if=is_none)
+    """Of a drive across the town."""
 
 
 class TrialList(Message):

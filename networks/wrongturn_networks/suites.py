@@ -36,8 +36,10 @@ class Suite:
 
     @cached_property
     def episodes(self) -> tuple[Trial, ...]:
-        """What an evaluation drives: each trial and its twin."""
-        return tuple(episode for trial in self.trials for episode in (trial, trial.twin()))
+        """What an evaluation drives: each trial and its twin; a journey has none."""
+        return tuple(
+            episode for trial in self.trials for episode in ((trial,) if trial.journey else (trial, trial.twin()))
+        )
 
     @cached_property
     def _by_id(self) -> Mapping[str, Trial]:
@@ -61,15 +63,18 @@ class Suite:
             version=self.version,
             sha256=self.sha256,
             trials=len(self.trials),
-            twins=len(self.trials),
+            twins=len(self.episodes) - len(self.trials),
             tracks=self.tracks,
         )
 
     def trial_list(self) -> TrialList:
-        """The trials as the service lists them, each with its twin's id."""
+        """The trials as the service lists them, each with its twin's id if it has one."""
         return TrialList(
             trials=tuple(
-                TrialDetail.model_validate({**trial.model_dump(), "twin": trial.twin().id}) for trial in self.trials
+                TrialDetail.model_validate(
+                    {**trial.model_dump(), "twin": None if trial.journey else trial.twin().id},
+                )
+                for trial in self.trials
             ),
         )
 

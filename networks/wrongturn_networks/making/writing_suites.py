@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Final
 
 from wrongturn_networks.loading import load_town
+from wrongturn_networks.making.navigation import navigation
 from wrongturn_networks.starts import draw_trial
 from wrongturn_networks.suites import canonical
 from wrongturn_protocol import PAPER_TYPES, Command, FaultKind, Track, Trial
@@ -37,6 +38,7 @@ def _cells(per_cell: int, seed: int) -> list[Trial]:
 
 
 SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[], list[Trial]]]]] = {
+    "navigation@1": ("CoRL 2017's navigation: 4 tasks x 4 conditions x 25 routes", lambda: navigation(3001)),
     "smoke@1": ("Six trials for a first try, one for each of the paper's cells", lambda: _cells(1, 2)),
     "wrong-command@1": ("The paper's benchmark: 3 junction types x 2 faults x 10 approaches", lambda: _cells(10, 1)),
 }
