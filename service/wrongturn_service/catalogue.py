@@ -7,6 +7,7 @@ from typing import TypeVar
 from wrongturn_networks import (
     FaultNotApplicableError,
     NetworkError,
+    NoJourneyError,
     RouteNotAvailableError,
     Suite,
     Town,
@@ -14,6 +15,8 @@ from wrongturn_networks import (
     UnknownSuiteError,
     UnknownTownError,
     UnknownTrialError,
+    draw_cruise,
+    draw_journey,
     draw_trial,
     load_suite,
     load_town,
@@ -24,6 +27,7 @@ from wrongturn_protocol import (
     FieldError,
     PracticeRequest,
     ProblemType,
+    Task,
     Trial,
 )
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
@@ -55,7 +59,7 @@ async def practice_trial(request: PracticeRequest) -> Trial:
 
     Raises:
         NotFoundError: an unknown suite, trial, town or approach.
-        InvalidRequestError: the approach does not admit the route or the fault.
+        InvalidRequestError: the approach does not admit the route or the fault, or the town has no such journey.
     """
     return await asyncio.to_thread(_practice_trial, request)
 
@@ -65,9 +69,12 @@ def _practice_trial(request: PracticeRequest) -> Trial:
         of, wanted = suite(request.suite), request.trial
         return _find(lambda: of.trial(wanted), "trial", ProblemType.UNKNOWN_TRIAL)
     assert request.town is not None
-    assert request.approach is not None
     where, approach = town(request.town), request.approach
-    _find(lambda: where.approach(approach), "approach", ProblemType.UNKNOWN_APPROACH)
+    if approach is not None:
+        _find(lambda: where.approach(approach), "approach", ProblemType.UNKNOWN_APPROACH)
+    if request.task is not None:
+        return _journey(where, request.task, request)
+    assert approach is not None
     try:
         return draw_trial(
             where,
@@ -82,6 +89,20 @@ def _practice_trial(request: PracticeRequest) -> Trial:
         raise InvalidRequestError("route", str(error)) from error
     except FaultNotApplicableError as error:
         raise InvalidRequestError("fault", str(error), ProblemType.FAULT_NOT_APPLICABLE) from error
+    except NetworkError as error:
+        raise InvalidRequestError("approach", str(error)) from error
+
+
+def _journey(where: Town, task: Task, request: PracticeRequest) -> Trial:
+    weather, traffic = request.weather, request.traffic
+    if task is Task.CRUISE:
+        import numpy as np  # noqa: PLC0415 - nothing else of the web process needs it
+
+        return draw_cruise(where, np.random.default_rng(request.seed), weather=weather, traffic=traffic)
+    try:
+        return draw_journey(where, task, request.seed, weather=weather, traffic=traffic, approach=request.approach)
+    except NoJourneyError as error:
+        raise InvalidRequestError("task", str(error)) from error
     except NetworkError as error:
         raise InvalidRequestError("approach", str(error)) from error
 

@@ -24,6 +24,7 @@ from wrongturn_service.pool.pool import (
     SimulatorDiedError,
     SimulatorsBusyError,
     SimulatorStartError,
+    replay_s,
 )
 from wrongturn_service.wire import Wire
 
@@ -125,7 +126,8 @@ class LocalSimulator(Simulator):
 
     @override
     async def reset(self, trial: str, track: Track, actions: bytes, wire: Wire) -> Frame:
-        return _frame(await self._call(["reset", trial, track.value, actions, wire is Wire.MSGPACK]))
+        request: list[object] = ["reset", trial, track.value, actions, wire is Wire.MSGPACK]
+        return _frame(await self._call(request, self._timeout_s + replay_s(actions)))
 
     @override
     async def step(self, action: Action, wire: Wire) -> Frame:
@@ -146,11 +148,11 @@ class LocalSimulator(Simulator):
         self.kill()
         await asyncio.to_thread(self.process.wait)
 
-    async def _call(self, request: list[object]) -> list[Any]:
+    async def _call(self, request: list[object], timeout_s: float | None = None) -> list[Any]:
         if self.dead:
             raise SimulatorDiedError("the simulator process ended")
         self._transport.write(frames.pack(request))
-        reply = await self._receive(self._timeout_s)
+        reply = await self._receive(timeout_s or self._timeout_s)
         if reply[0] == frames.REFUSED:
             raise EpisodeRefusedError(reply[1], reply[2])
         if reply[0] != frames.OK:

@@ -19,6 +19,15 @@ Action = tuple[float, float, float]
 """Steer, throttle, brake, each already a float32."""
 
 
+def replay_s(actions: bytes) -> float:
+    """Seconds that a simulator gets to repeat actions, on top of those for any call: a journey has thousands.
+
+    Args:
+        actions: little-endian float32 [n, 3].
+    """
+    return 0.02 * (len(actions) // 12)
+
+
 class SimulatorError(Exception):
     """Anything that concerns simulators."""
 

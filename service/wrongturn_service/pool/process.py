@@ -9,6 +9,8 @@ Replies: ``[OK, observation, reward, terminated, truncated, final]``, ``[REFUSED
 ``[FAILED, name, message]``; ``final`` is None or ``[outcome, steps, trajectory, its sha256, the actions' sha256]``.
 """
 
+import hashlib
+import math
 import signal
 import socket
 import struct
@@ -21,6 +23,7 @@ import orjson
 from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import FaultKind, Outcome, Track, Trial, observations
 from wrongturn_service.pool import frames
+from wrongturn_service.pool.pool import replay_s
 from wrongturn_sim import Episode
 
 REFUSALS: Final = frozenset({"FaultNotApplicableError", "TrafficTooDenseError"})
@@ -90,8 +93,9 @@ class Server:
 
 
 def _final(episode: Episode, outcome: Outcome) -> list[Any]:
-    trajectory = episode.trajectory
-    return [outcome.model_dump_json(), episode.steps, trajectory.to_json(), trajectory.sha256, episode.actions_sha256]
+    trajectory = episode.trajectory.to_json()
+    sha256 = hashlib.sha256(trajectory).hexdigest()
+    return [outcome.model_dump_json(), episode.steps, trajectory, sha256, episode.actions_sha256]
 
 
 def serve(connection: socket.socket, limit_s: int) -> None:
@@ -99,7 +103,7 @@ def serve(connection: socket.socket, limit_s: int) -> None:
 
     Args:
         connection: a blocking stream socket.
-        limit_s: whole seconds after which a request ends the process.
+        limit_s: whole seconds after which a request ends the process; those for a replay come on top.
     """
     server = Server()
     server.warm_up()
@@ -109,7 +113,7 @@ def serve(connection: socket.socket, limit_s: int) -> None:
             request = frames.receive(connection)
         except (EOFError, ConnectionError):
             return
-        signal.alarm(limit_s)
+        signal.alarm(limit_s + (math.ceil(replay_s(request[3])) if request[0] == "reset" else 0))
         try:
             reply = server.answer(request)
         except Exception as error:

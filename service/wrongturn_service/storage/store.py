@@ -1,5 +1,6 @@
 """Every query of the service, one method each. Rows come back detached: they are read, never changed in place."""
 
+import asyncio
 import time
 import zlib
 from collections.abc import Sequence
@@ -215,7 +216,8 @@ class Store:
             trajectory: canonical JSON, or nothing where there is none.
             sha256: of the trajectory.
         """
-        compressed = zlib.compress(trajectory, 6)
+        # A journey's among other road users has megabytes; other agents' steps go on meanwhile.
+        compressed = await asyncio.to_thread(zlib.compress, trajectory, 6)
         async with self._database.write() as session:
             query = update(EpisodeRow).where(EpisodeRow.id == episode_id, EpisodeRow.state == EpisodeState.OPEN)
             result = await session.execute(
@@ -246,7 +248,7 @@ class Store:
         """A trajectory's canonical JSON and its SHA-256, or None."""
         async with self._database.read() as session:
             row = await session.get(TrajectoryRow, episode_id)
-        return None if row is None else (zlib.decompress(row.data), row.sha256)
+        return None if row is None else (await asyncio.to_thread(zlib.decompress, row.data), row.sha256)
 
     # Idempotency and housekeeping
 
