@@ -1,0 +1,125 @@
+"""Pictures made different, so that an agent looks at what stays the same."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+_DRAWS = 13
+_REACH = 3  # pixels to either side that a blur looks at: twice its greatest width
+
+
+@dataclass(frozen=True)
+class AugmentationConfig:
+    """How much, after the paper's list: partial erasing, Gaussian blur, hue, saturation, brightness."""
+
+    erasing: float = 0.5
+    """Share of pictures of which a rectangle is hidden."""
+    erased: tuple[float, float] = (0.02, 0.25)
+    """The rectangle's share of the picture, from and to."""
+    blurring: float = 0.3
+    """Share of pictures that are blurred."""
+    blur: tuple[float, float] = (0.3, 1.5)
+    """The blur's standard deviation, in pixels, from and to."""
+    hue: float = 18.0
+    """Hues turn by at most so many degrees."""
+    saturation: tuple[float, float] = (0.5, 1.5)
+    """Factor of the colours' distance from grey, from and to."""
+    brightness: tuple[float, float] = (0.6, 1.4)
+    """Factor of the light, from and to."""
+
+
+class Augmentation(nn.Module):
+    """Each picture its own erasing, blur, hue, saturation and brightness, for a whole batch in a few kernels.
+
+    Args:
+        config: how much.
+    """
+
+    colours: Tensor
+
+    def __init__(self, config: AugmentationConfig | None = None) -> None:
+        super().__init__()
+        self.config = config or AugmentationConfig()
+        self.register_buffer("colours", _colour_bases(), persistent=False)
+
+    def forward(self, rgb: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        """Change pictures (B, 64, 192, 3) uint8; what comes out has the same shape and dtype.
+
+        Args:
+            rgb: the pictures.
+            generator: where the random numbers come from, on the pictures' device; torch's own where none is given.
+        """
+        return self.changed(rgb, torch.rand(len(rgb), _DRAWS, device=rgb.device, generator=generator))
+
+    def changed(self, rgb: Tensor, draws: Tensor) -> Tensor:
+        """Change pictures by given random numbers (B, 13) in [0, 1)."""
+        batch, height, width, _ = rgb.shape
+        dtype = torch.float16 if rgb.is_cuda else torch.float32  # half of the traffic, and finer than uint8
+        with torch.autocast(rgb.device.type, enabled=False):
+            pictures = rgb.permute(0, 3, 1, 2).reshape(batch, 3, height * width).to(dtype)
+            pictures = torch.bmm(self._colour(draws[:, :3]).to(dtype), pictures).clamp(0, 255)
+            pictures = self._blurred(pictures.view(batch, 3, height, width), draws[:, 3:5])
+            fill = (draws[:, 5:8] * 255).to(dtype).view(batch, 3, 1, 1)
+            pictures = torch.where(self._erased(draws[:, 8:13], height, width), fill, pictures)
+        return pictures.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
+
+    def _colour(self, draws: Tensor) -> Tensor:
+        """Matrices (B, 3, 3) that turn hues, stretch colours and scale light."""
+        angle = (2 * draws[:, 0] - 1) * math.radians(self.config.hue)
+        light = _between(draws[:, 2], self.config.brightness)
+        stretch = light * _between(draws[:, 1], self.config.saturation)
+        shares = torch.stack([light, stretch * angle.cos(), stretch * angle.sin()], 1)
+        return (shares @ self.colours).view(-1, 3, 3)
+
+    def _blurred(self, pictures: Tensor, draws: Tensor) -> Tensor:
+        batch, planes, height, width = pictures.shape
+        sigma = _between(draws[:, 1:2], self.config.blur)
+        offsets = torch.arange(-_REACH, _REACH + 1, device=draws.device)
+        weights = torch.exp(-((offsets / sigma) ** 2) / 2)
+        weights = torch.where(draws[:, :1] < self.config.blurring, weights, (offsets == 0).to(weights.dtype))
+        weights = (weights / weights.sum(1, keepdim=True)).to(pictures.dtype)
+        weights = weights.repeat_interleave(planes, 0).view(batch * planes, 1, -1, 1)
+        # Every plane has a kernel of its own: a convolution of as many groups.
+        row = pictures.reshape(1, batch * planes, height, width)
+        row = functional.conv2d(
+            functional.pad(row, (0, 0, _REACH, _REACH), "replicate"), weights, groups=batch * planes
+        )
+        row = functional.pad(row, (_REACH, _REACH, 0, 0), "replicate")
+        row = functional.conv2d(row, weights.transpose(2, 3), groups=batch * planes)
+        return row.view(batch, planes, height, width)
+
+    def _erased(self, draws: Tensor, height: int, width: int) -> Tensor:
+        """Where pictures are hidden, (B, 1, H, W)."""
+        area = _between(draws[:, 1], self.config.erased) * height * width
+        ratio = torch.exp(_between(draws[:, 2], (-math.log(3), math.log(3))))
+        size = [(area * ratio).sqrt().clamp(max=height), (area / ratio).sqrt().clamp(max=width)]
+        inside = (draws[:, 0] < self.config.erasing).view(-1, 1, 1, 1)
+        for axis, (length, whole) in enumerate(zip(size, (height, width), strict=True)):
+            begin = (draws[:, 3 + axis] * (whole - length)).view(-1, 1)
+            pixels = torch.arange(whole, device=draws.device)
+            within = (pixels >= begin) & (pixels < begin + length.view(-1, 1))
+            inside = inside & (within.view(-1, 1, whole, 1) if axis == 0 else within.view(-1, 1, 1, whole))
+        return inside
+
+
+def _between(draw: Tensor, limits: tuple[float, float]) -> Tensor:
+    return limits[0] + draw * (limits[1] - limits[0])
+
+
+def _colour_bases() -> Tensor:
+    """Three matrices (3, 9) that a change of light, colour and hue is a sum of.
+
+    In YIQ hue is an angle about the axis of greys and saturation the distance from it: a change keeps the first
+    matrix's part (luma), and turns what is left of it, the second, towards the third.
+    """
+    luma = torch.tensor([0.299, 0.587, 0.114], dtype=torch.float64)
+    yiq = torch.stack(
+        [luma, torch.tensor([0.596, -0.274, -0.322]).double(), torch.tensor([0.211, -0.523, 0.312]).double()]
+    )
+    quarter = torch.tensor([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]], dtype=torch.float64)
+    grey = luma.expand(3, 3)
+    turned = torch.linalg.inv(yiq) @ quarter @ yiq
+    return torch.stack([grey, torch.eye(3, dtype=torch.float64) - grey, turned]).view(3, 9).float()

@@ -1,0 +1,58 @@
+"""The decoder of Chaurasia and Culurciello, "LinkNet: exploiting encoder representations for efficient semantic
+segmentation" (2017), a network made for ResNets.
+"""
+
+from collections.abc import Sequence
+
+from torch import Tensor, nn
+
+from wrongturn_agents.models.inputs import CLASSES
+from wrongturn_agents.models.resnet import WIDTHS
+
+
+class LinkNetDecoder(nn.Module):
+    """From the last stage's features back to a class for each pixel.
+
+    Each block doubles the picture; what the encoder had at that size is added to it, where it is given. Without, all
+    that the decoder can tell has come through the last stage, which so learns to hold all of it.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        first, second, third, fourth = WIDTHS
+        self.blocks = nn.ModuleList(
+            [_block(fourth, third, 2), _block(third, second, 2), _block(second, first, 2), _block(first, first, 1)]
+        )
+        self.full = nn.Sequential(
+            *_normalised(nn.ConvTranspose2d(first, 32, 3, stride=2, padding=1, output_padding=1, bias=False), 32),
+            *_normalised(nn.Conv2d(32, 32, 3, padding=1, bias=False), 32),
+            nn.ConvTranspose2d(32, CLASSES, 2, stride=2),
+        )
+
+    def forward(self, deep: Tensor, links: Sequence[Tensor] = ()) -> Tensor:
+        """Decode (B, 512, 2, 6) to logits (B, 11, 64, 192).
+
+        Args:
+            deep: what came out of the last stage.
+            links: what came out of the third, second and first stage and of the stem, in this order; or nothing.
+        """
+        for number, block in enumerate(self.blocks):
+            deep = block(deep)
+            if links:
+                deep = deep + links[number]
+        logits: Tensor = self.full(deep)
+        return logits
+
+
+def _block(inputs: int, outputs: int, stride: int) -> nn.Sequential:
+    narrow = inputs // 4
+    upward = nn.ConvTranspose2d(narrow, narrow, 3, stride, padding=1, output_padding=stride - 1, bias=False)
+    return nn.Sequential(
+        *_normalised(nn.Conv2d(inputs, narrow, 1, bias=False), narrow),
+        *_normalised(upward, narrow),
+        *_normalised(nn.Conv2d(narrow, outputs, 1, bias=False), outputs),
+    )
+
+
+def _normalised(convolution: nn.Module, channels: int) -> tuple[nn.Module, ...]:
+    return convolution, nn.BatchNorm2d(channels), nn.ReLU()

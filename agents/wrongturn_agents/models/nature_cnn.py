@@ -1,0 +1,43 @@
+"""The small encoder of Mnih et al., "Human-level control through deep reinforcement learning" (2015)."""
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from wrongturn_protocol.observations import IMAGE_SHAPE
+
+
+class NatureCNN(nn.Module):
+    """Three convolutions and a linear layer, with the sizes that Stable-Baselines3 gives them.
+
+    (B, ``channels``, 64, 192) goes in, (B, ``features``) comes out.
+
+    Args:
+        channels: planes of the picture.
+        features: width of what comes out.
+    """
+
+    def __init__(self, channels: int, features: int = 512) -> None:
+        super().__init__()
+        self.convolutions = nn.Sequential(
+            nn.Conv2d(channels, 32, kernel_size=8, stride=4),
+            nn.ReLU(),
+            nn.Conv2d(32, 64, kernel_size=4, stride=2),
+            nn.ReLU(),
+            nn.Conv2d(64, 64, kernel_size=3, stride=1),
+            nn.ReLU(),
+            nn.Flatten(),
+        )
+        with torch.no_grad():
+            width = self.convolutions(torch.zeros(1, channels, *IMAGE_SHAPE)).shape[1]
+        self.linear = nn.Sequential(nn.Linear(width, features), nn.ReLU())
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d | nn.Linear):
+                nn.init.orthogonal_(module.weight, math.sqrt(2))
+                nn.init.zeros_(module.bias)  # type: ignore[arg-type]
+
+    def forward(self, picture: Tensor) -> Tensor:
+        """Encode pictures (B, ``channels``, 64, 192) as (B, ``features``)."""
+        encoded: Tensor = self.linear(self.convolutions(picture))
+        return encoded

@@ -1,0 +1,62 @@
+"""ResNet-34 (He et al., "Deep residual learning for image recognition", 2016), from a configuration, never from a hub."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from torch import Tensor, nn
+from transformers import ResNetConfig, ResNetModel
+
+WIDTHS: Final = (64, 128, 256, 512)
+"""Channels after each of the four stages; on a 64 x 192 picture they measure 16 x 48, 8 x 24, 4 x 12 and 2 x 6."""
+
+
+class ResNet34(nn.Module):
+    """The stem and the four stages, apart, so that a stage can be doubled.
+
+    Batch normalisation goes by its running statistics, also while training: the policy that is improved must be the
+    one that drove. Only within :func:`updated_statistics` does it use the batch's and learn from them.
+
+    Attributes:
+        stem: (B, 3, 64, 192) to (B, 64, 16, 48).
+        stages: four; see :data:`WIDTHS`.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        whole = ResNetModel(
+            ResNetConfig(embedding_size=64, hidden_sizes=list(WIDTHS), depths=[3, 4, 6, 3], layer_type="basic")
+        )
+        self.stem: nn.Module = whole.embedder
+        self.stages = nn.ModuleList(whole.encoder.stages)
+        self.eval()
+
+    def train(self, mode: bool = True) -> "ResNet34":  # noqa: ARG002 - torch's signature
+        """Stay in evaluation mode; nothing here but batch normalisation knows the difference."""
+        super().train(False)
+        return self
+
+    def shared(self, picture: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """What comes out of the stem and of the first three stages."""
+        stem = self.stem(picture)
+        first = self.stages[0](stem)
+        second = self.stages[1](first)
+        return stem, first, second, self.stages[2](second)
+
+    def forward(self, picture: Tensor) -> Tensor:
+        """Encode pictures (B, 3, 64, 192) as (B, 512, 2, 6)."""
+        encoded: Tensor = self.stages[3](self.shared(picture)[3])
+        return encoded
+
+
+@contextmanager
+def updated_statistics(*parts: nn.Module, updated: bool = True) -> Iterator[None]:
+    """Let the batch normalisation of these parts use and learn the statistics of the batches that pass in here."""
+    norms = [norm for part in parts for norm in part.modules() if isinstance(norm, nn.BatchNorm2d)] if updated else []
+    for norm in norms:
+        norm.training = True
+    try:
+        yield
+    finally:
+        for norm in norms:
+            norm.training = False
