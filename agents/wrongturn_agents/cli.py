@@ -51,7 +51,7 @@ def run(
         typer.Option(help="How to tell the progress, on stderr: a bar, lines, or JSON lines for a program."),
     ] = ProgressStyle.AUTO,
 ) -> None:
-    """Drive an agent through a suite and print the table in the paper's layout.
+    """Drive an agent through a suite and print the table in the paper's layout; of journeys in CoRL 2017's.
 
     WRONGTURN_TOKEN: the token of an agent that is registered already.
 

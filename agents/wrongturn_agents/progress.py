@@ -31,12 +31,17 @@ class Report(Protocol):
         """So many of so many episodes are finished."""
 
 
+def _rate(rate: float) -> str:
+    """A rate with its tenths where it is small: journeys take minutes."""
+    return f"{rate:.0f}" if rate >= 10 else f"{rate:.1f}"
+
+
 class RateColumn(ProgressColumn):
     """Episodes a minute."""
 
     def render(self, task: Task) -> Text:
         """The rate as rich estimates it."""
-        return Text("" if task.speed is None else f"{60 * task.speed:.0f}/min", style="progress.data.speed")
+        return Text("" if task.speed is None else f"{_rate(60 * task.speed)}/min", style="progress.data.speed")
 
 
 def progress_bar(console: Console) -> Progress:
@@ -115,7 +120,7 @@ class LinesReport:
             return
         self._told = now
         took = now - self._began
-        rate = f", {60 * (finished - self._first) / took:.0f} a minute" if took > 1.0 else ""
+        rate = f", {_rate(60 * (finished - self._first) / took)} a minute" if took > 1.0 else ""
         print(f"{self._name}: {finished} of {total} episodes{rate}", file=self._stream, flush=True)
 
 

@@ -16,7 +16,7 @@ from wrongturn_client import settings
 from wrongturn_client.actions import told
 from wrongturn_client.client import Client
 from wrongturn_client.errors import InvalidActionError, WrongturnError
-from wrongturn_protocol import Action, Command, Fault, FaultKind, PracticeRequest, Track, Traffic, Weather
+from wrongturn_protocol import Action, Command, Fault, FaultKind, PracticeRequest, Task, Track, Traffic, Weather
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 
 _SEEDS: Final = 2**31
@@ -36,6 +36,7 @@ class WrongturnEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         town: where trials are drawn, ``Town01`` by default.
         approach: the arm that all drawn trials drive in by, such as ``J3-S``; any that admits the fault by default.
         fault: of the drawn trials.
+        task: draw journeys of this task, such as ``navigation``, which go on over any number of junctions.
         route: the direction of the drawn trials' route; by the seed by default.
         weather: of the drawn trials.
         traffic: of the drawn trials, as ``{"vehicles": 20, "pedestrians": 10}``.
@@ -59,6 +60,7 @@ class WrongturnEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         town: str | None = None,
         approach: str | None = None,
         fault: Fault | FaultKind | str = FaultKind.NONE,
+        task: Task | str | None = None,
         route: Command | int | None = None,
         weather: Weather | str = Weather.CLEAR_NOON,
         traffic: Traffic | Mapping[str, int] = Traffic(),  # noqa: B008 - immutable
@@ -72,6 +74,8 @@ class WrongturnEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
         if suite is not None and (town is not None or approach is not None):
             raise ValueError("suite: its trials name their towns; leave town and approach out")
+        if suite is not None and task is not None:
+            raise ValueError("suite: its trials have their own tasks; leave task out")
         if trial is not None and suite is None:
             raise ValueError(f"trial: {trial!r} needs the suite that it stands in; give suite too")
         self.render_mode = None
@@ -83,6 +87,7 @@ class WrongturnEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._client: Client | None = None
         self._town = town or _DEFAULT_TOWN
         self._fault = fault if isinstance(fault, Fault) else Fault(kind=FaultKind(fault))
+        self._task = None if task is None else Task(task)
         self._route = None if route is None else Command(route)
         self._weather = Weather(weather)
         self._traffic = Traffic.model_validate(traffic)
@@ -163,15 +168,18 @@ class WrongturnEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             return PracticeRequest(suite=self._suite, trial=chosen, track=self.track)
         if trial is not None:
             raise ValueError(f"options: the trial {trial!r} needs an environment that was made with its suite")
-        if not self._approaches:
+        if not self._approaches and self._task is None:
             self._approaches = tuple(sorted(one.id for one in client.town(self._town).approaches if self._admits(one)))
             if not self._approaches:
                 raise ValueError(f"fault: {self._fault.kind} suits no such approach of {self._town}; take another")
-        approach = self._approaches[int(self.np_random.integers(len(self._approaches)))]
+        # A journey may begin anywhere.
+        number = len(self._approaches)
+        approach = self._approaches[int(self.np_random.integers(number))] if number else None
         return PracticeRequest.model_validate(
             {
                 "town": self._town,
                 "approach": approach,
+                "task": self._task,
                 "route": self._route,
                 "fault": self._fault,
                 "weather": self._weather,
