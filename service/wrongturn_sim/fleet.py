@@ -6,6 +6,7 @@ judged byte for byte as in :class:`~wrongturn_sim.episode.Episode`.
 
 import hashlib
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -26,15 +27,20 @@ from wrongturn_sim.faults.infeasible import Infeasible
 from wrongturn_sim.faults.none import NoFault
 from wrongturn_sim.faults.omission import Omission
 from wrongturn_sim.roads import roads_of
-from wrongturn_sim.route import guidance_of, set_out, start_pose
+from wrongturn_sim.route import guidance_of, set_out, start_pose, way_to
 from wrongturn_sim.trajectory import Row, Trajectory
-from wrongturn_sim.verdict import JudgeGeometry, decide
+from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry, decide
+from wrongturn_sim.verdict.journey import (
+    JOURNEY_THRESHOLDS,
+    conclude_journey,
+    journey_numbers,
+    terms_of,
+    told,
+)
+from wrongturn_sim.verdict.journey_kernels import JOURNEY_FLOATS, JOURNEY_INTS, TERMS
 from wrongturn_sim.verdict.judge import conclude
-from wrongturn_sim.verdict.packing import numbers_of
 from wrongturn_sim.verdict.thresholds import THRESHOLDS
 
-_SUB_STEPS: Final = round(THRESHOLDS.time_limit / SUB_STEP)
-_DECISIONS: Final = -(-_SUB_STEPS // SUB_STEPS)
 _COMPILED: Final[dict[type[CommandFault], int]] = {
     NoFault: kernel.FAULT_NONE,
     Omission: kernel.FAULT_OMISSION,
@@ -64,16 +70,30 @@ class Fleet:
         count: of egos.
         track: whose observation is filled; pictures are another's work.
         threads: how many share the work; no byte hangs on it.
+        strict: for training: a journey ends where the car leaves its road or lane, or stands.
+        record: keep what :meth:`record` tells; it takes 45 kB a minute and ego.
     """
 
-    def __init__(self, town: Town, count: int, track: Track, *, threads: int = 1) -> None:
+    def __init__(
+        self,
+        town: Town,
+        count: int,
+        track: Track,
+        *,
+        threads: int = 1,
+        strict: bool = False,
+        record: bool = True,
+    ) -> None:
         self.town = town
         self.count = count
+        self.strict = strict
+        self._recording = record
         self.trials: list[Trial | None] = [None] * count
         self._faults: list[CommandFault | None] = [None] * count
         self._roads = roads_of(town)
         self._rows_of: dict[str, int] = {}
-        self._geometries: list[JudgeGeometry] = []
+        self._geometries: list[JudgeGeometry | JourneyGeometry] = []
+        self._goals: dict[str | None, int] = {None: 0}
         self._ground = self._lay(())
         fields = {field.name: field for field in FIELDS[track]}
         self.observation: Observation = {
@@ -92,10 +112,13 @@ class Fleet:
             approaches=np.zeros(count, np.int64),
             faults=np.zeros(count, np.int64),
             routes=np.zeros(count, np.int64),
+            journeys=np.zeros(count, np.bool_),
+            goals=np.zeros(count, np.int64),
+            terms=np.zeros((count, TERMS)),
             actions=np.zeros((count, 3)),
             state=np.zeros((count, 5)),
-            standing=np.zeros((count, decide.STANDING_FLOATS)),
-            counts=np.zeros((count, decide.STANDING_INTS), np.int64),
+            standing=np.zeros((count, JOURNEY_FLOATS)),
+            counts=np.zeros((count, JOURNEY_INTS), np.int64),
             words=np.zeros((count, guide.DRAWS), np.uint32),
             progress=np.zeros((count, guide.PROGRESS_INTS), np.int64),
             places=np.zeros((count, guide.PROGRESS_FLOATS)),
@@ -104,9 +127,9 @@ class Fleet:
             delivered=np.zeros(count, np.int64),
             sub_steps=np.zeros(count, np.int64),
             rewards=np.zeros(count),
-            states=np.zeros((count, _SUB_STEPS + 1, 5)),
-            commands=np.zeros((count, _DECISIONS + 1, 2), np.int8),
-            inputs=np.zeros((count, _DECISIONS, 3), np.float32),
+            states=np.zeros((count, 0, 5)),
+            commands=np.zeros((count, 0, 2), np.int8),
+            inputs=np.zeros((count, 0, 3), np.float32),
         )
         edges = np.linspace(0, count, min(threads, count) + 1).astype(int).tolist()
         self._parts = list(itertools.pairwise(edges))
@@ -146,8 +169,9 @@ class Fleet:
             TrialNotAloneError: a trial has other road users, or another town.
             FaultNotApplicableError: this version or the approach does not admit the fault.
         """
-        egos = self._egos
         checked = [(i, self._checked(trial), make_fault(trial)) for i, trial in trials]
+        self._reserve(trial for _, trial, _ in checked)
+        egos = self._egos
         chosen = [i for i, _, _ in checked]
         for i, trial, fault in checked:
             self.trials[i] = trial
@@ -155,9 +179,16 @@ class Fleet:
             egos.approaches[i] = self._row_of(trial)
             egos.faults[i] = _COMPILED.get(type(fault), kernel.FAULT_OTHER)
             egos.routes[i] = int(trial.route)
+            journey = trial.journey
+            egos.journeys[i] = journey is not None
+            egos.goals[i] = 0 if journey is None else self._goal_of(journey.goal)
             egos.state[i] = (*start_pose(self.town, trial), trial.start.speed, 0.0)
             egos.words[i] = set_out(self._roads, self.town, trial, egos.progress[i])
-        if len(self._ground.bases) <= len(self._geometries):
+            if journey is not None:
+                geometry = self._geometries[egos.approaches[i]]
+                assert isinstance(geometry, JourneyGeometry)
+                egos.terms[i] = terms_of(geometry, trial, strict=self.strict)
+        if len(self._ground.bases) <= len(self._geometries) or len(self._ground.ways) < len(self._goals):
             self._ground = self._lay(self._geometries)
         egos.order[:] = np.argsort(egos.approaches, kind="stable")
         egos.todo[:] = kernel.REST
@@ -185,15 +216,28 @@ class Fleet:
         trial = self.trials[i]
         if trial is None or not self._egos.counts[i, decide.D_VERDICT]:
             return None
+        standing, counts = self._egos.standing[i], self._egos.counts[i]
         geometry = self._geometries[self._egos.approaches[i]]
-        return conclude(self._egos.standing[i], self._egos.counts[i], trial, geometry, THRESHOLDS)
+        if isinstance(geometry, JourneyGeometry):
+            return conclude_journey(standing, counts, trial)
+        return conclude(standing[: decide.STANDING_FLOATS], counts, trial, geometry, THRESHOLDS)
+
+    def told(self, i: int) -> dict[str, Any]:
+        """The outcome of an ego that ended, as its JSON has it, without what is None."""
+        trial = self.trials[i]
+        if trial is not None and trial.journey is not None:
+            return told(self._egos.standing[i], self._egos.counts[i], trial)
+        outcome = self.outcome(i)
+        return {} if outcome is None else outcome.model_dump(mode="json", exclude_none=True)
 
     def record(self, i: int) -> Record:
         """An ego's episode so far, or the one that ended.
 
         Raises:
-            ValueError: it has begun none.
+            ValueError: it has begun none, or no record is kept.
         """
+        if not self._recording:
+            raise ValueError("record: none is kept; make the environment with record=True to have trajectories")
         trial = self.trials[i]
         if trial is None:
             raise ValueError(f"ego {i}: has begun no trial; reset the environment first")
@@ -256,15 +300,40 @@ class Fleet:
             egos.commands[i, -(-count // SUB_STEPS), 0] = command
             self.observation["command"][i, 0] = command
 
+    def _reserve(self, trials: Iterable[Trial]) -> None:
+        """Have room to record as long as these trials may last; what was recorded stays."""
+        if not self._recording:
+            return
+        longest = max(trial.journey.time_limit if trial.journey else THRESHOLDS.time_limit for trial in trials)
+        sub_steps = math.ceil(longest / SUB_STEP) + SUB_STEPS
+        egos = self._egos
+        if sub_steps < egos.states.shape[1]:
+            return
+        decisions = -(-sub_steps // SUB_STEPS)
+        rows = {"states": sub_steps + 1, "commands": decisions + 1, "inputs": decisions}
+
+        def longer(array: NDArray[Any], count: int) -> NDArray[Any]:
+            grown = np.zeros((array.shape[0], count, array.shape[2]), array.dtype)
+            grown[:, : array.shape[1]] = array
+            return grown
+
+        self._egos = egos._replace(**{name: longer(getattr(egos, name), count) for name, count in rows.items()})
+
     def _row_of(self, trial: Trial) -> int:
-        """The row of an approach's geometry, which is laid behind the others when it is first met."""
-        row = self._rows_of.get(trial.approach)
+        """The row of an approach's geometry, or of the town's; it is laid behind the others when it is first met."""
+        name = trial.approach if trial.journey is None else ""
+        row = self._rows_of.get(name)
         if row is None:
-            row = self._rows_of[trial.approach] = len(self._geometries)
-            self._geometries.append(JudgeGeometry.of(self.town, trial))
+            row = self._rows_of[name] = len(self._geometries)
+            geometry = JudgeGeometry.of(self.town, trial) if trial.journey is None else JourneyGeometry.of(self.town)
+            self._geometries.append(geometry)
         return row
 
-    def _lay(self, geometries: Sequence[JudgeGeometry]) -> kernel.Ground:
+    def _goal_of(self, goal: str | None) -> int:
+        """The row of the ways to a goal, likewise."""
+        return self._goals.setdefault(goal, len(self._goals))
+
+    def _lay(self, geometries: Sequence[JudgeGeometry | JourneyGeometry]) -> kernel.Ground:
         packed = [geometry.packed for geometry in geometries]
         sizes = np.array([(len(one.floats), len(one.ints), len(one.cells)) for one in packed], np.int64).reshape(-1, 3)
         roads = self._roads
@@ -283,6 +352,14 @@ class Fleet:
             ints=joined([one.ints for one in packed], np.int64),
             cells=joined([one.cells for one in packed], np.uint8),
             bases=np.concatenate([np.zeros((1, 3), np.int64), np.cumsum(sizes, axis=0)]),
-            numbers=numbers_of(THRESHOLDS, VEHICLE),
+            lanes=joined([one.lanes for one in geometries if isinstance(one, JourneyGeometry)], np.int16),
+            ways=np.array([way_to(self.town, goal) for goal in self._goals]),
+            rests=np.array([self._rest(goal) for goal in self._goals]),
+            numbers=journey_numbers(THRESHOLDS, VEHICLE, JOURNEY_THRESHOLDS),
             nobody=np.empty((0, 6)),
         )
+
+    def _rest(self, goal: str | None) -> NDArray[np.float64]:
+        if goal is None:
+            return np.zeros(len(self._roads.lanes))
+        return JourneyGeometry.of(self.town).rest(goal)

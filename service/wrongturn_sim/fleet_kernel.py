@@ -15,7 +15,7 @@ from wrongturn_sim.compiling import compiled_with
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, advance
 from wrongturn_sim.guide import LANE_FOLLOW, PROGRESS_FLOATS
 from wrongturn_sim.reward import score
-from wrongturn_sim.verdict import decide, kernels
+from wrongturn_sim.verdict import decide, journey_kernels, kernels
 
 Array = np.ndarray[Any, Any]
 
@@ -40,11 +40,17 @@ class Ground(NamedTuple):
     floats: Array
     ints: Array
     cells: Array
-    """The judge's geometries of all approaches, one after another."""
+    """The judge's geometries of all approaches, and of the town for journeys, one after another."""
     bases: Array
-    """(approaches + 1, 3): where each one's floats, ints and cells begin."""
+    """(geometries + 1, 3): where each one's floats, ints and cells begin."""
+    lanes: Array
+    """Cells of lanes, for journeys."""
+    ways: Array
+    """(goals, legs): of each goal that was met; the first row is of those who have none."""
+    rests: Array
+    """(goals, legs): what ``journey_kernels.py`` asks of the way to it."""
     numbers: Array
-    """Of the judge."""
+    """Of the judges."""
     nobody: Array
     """(0, 6)"""
 
@@ -61,6 +67,12 @@ class Egos(NamedTuple):
     faults: Array
     routes: Array
     """(n,) int64"""
+    journeys: Array
+    """(n,) bool: whether the trial is one."""
+    goals: Array
+    """(n,) rows of ``Ground.ways``"""
+    terms: Array
+    """(n, TERMS) of a journey."""
     actions: Array
     """(n, 3): steer, throttle, brake, rounded to float32."""
     state: Array
@@ -83,11 +95,11 @@ class Egos(NamedTuple):
     rewards: Array
     """(n,)"""
     states: Array
-    """(n, rows, 5): the state at the start and after each sub-step."""
+    """(n, rows, 5): the state at the start and after each sub-step; no rows where no record is kept."""
     commands: Array
-    """(n, decisions + 1, 2): delivered and the route's, for each decision."""
+    """(n, decisions + 1, 2): delivered and the route's, for each decision; likewise."""
     inputs: Array
-    """(n, decisions, 3) float32: the actions."""
+    """(n, decisions, 3) float32: the actions; likewise."""
 
 
 class Shown(NamedTuple):
@@ -107,8 +119,8 @@ class Shown(NamedTuple):
 def ask(ground: Ground, egos: Egos, i: int) -> None:
     """Ask the route, and the fault, for the next command."""
     command, leg, travelled, lateral, heading = guide.update(
-        ground.points, ground.along, ground.legs, ground.lengths, egos.words[i], egos.progress[i], egos.places[i],
-        egos.state[i, 0], egos.state[i, 1],
+        ground.points, ground.along, ground.legs, ground.lengths, egos.words[i], ground.ways[egos.goals[i]],
+        egos.progress[i], egos.places[i], egos.state[i, 0], egos.state[i, 1],
     )  # fmt: skip
     egos.guided[i, 0] = command
     egos.guided[i, 1] = leg
@@ -129,15 +141,23 @@ def ask(ground: Ground, egos: Egos, i: int) -> None:
 def watch(ground: Ground, egos: Egos, i: int, command: int) -> bool:
     """Record an ego's state and let the judge see it; whether the verdict fell."""
     row = egos.sub_steps[i]
-    for k in range(5):
-        egos.states[i, row, k] = egos.state[i, k]
+    if egos.states.shape[1] > 0:
+        for k in range(5):
+            egos.states[i, row, k] = egos.state[i, k]
     one = egos.approaches[i]
     bases = ground.bases
+    floats = ground.floats[bases[one, 0] : bases[one + 1, 0]]
+    ints = ground.ints[bases[one, 1] : bases[one + 1, 1]]
+    cells = ground.cells[bases[one, 2] : bases[one + 1, 2]]
+    if egos.journeys[i]:
+        found = journey_kernels.observe(
+            floats, ints, cells, ground.lanes, ground.numbers, ground.nobody, egos.terms[i],
+            ground.rests[egos.goals[i]], egos.standing[i], egos.counts[i],
+            row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3],
+        )  # fmt: skip
+        return bool(found != 0)
     found = decide.observe(
-        ground.floats[bases[one, 0] : bases[one + 1, 0]],
-        ground.ints[bases[one, 1] : bases[one + 1, 1]],
-        ground.cells[bases[one, 2] : bases[one + 1, 2]],
-        ground.numbers, ground.nobody, egos.standing[i], egos.counts[i], egos.routes[i],
+        floats, ints, cells, ground.numbers, ground.nobody, egos.standing[i], egos.counts[i], egos.routes[i],
         row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3], command,
     )  # fmt: skip
     return bool(found != 0)
@@ -173,9 +193,10 @@ def drive(ground: Ground, egos: Egos, i: int) -> None:
     """One decision of one ego, as ``Episode.step``."""
     steer, throttle, brake = egos.actions[i, 0], egos.actions[i, 1], egos.actions[i, 2]
     decision = egos.sub_steps[i] // SUB_STEPS
-    egos.inputs[i, decision, 0] = steer
-    egos.inputs[i, decision, 1] = throttle
-    egos.inputs[i, decision, 2] = brake
+    if egos.inputs.shape[1] > 0:
+        egos.inputs[i, decision, 0] = steer
+        egos.inputs[i, decision, 1] = throttle
+        egos.inputs[i, decision, 2] = brake
     command = egos.delivered[i]
     state = egos.state[i]
     x, y, yaw, v, steering = state[0], state[1], state[2], state[3], state[4]
@@ -196,12 +217,14 @@ def drive(ground: Ground, egos: Egos, i: int) -> None:
 @njit()
 def keep_commands(egos: Egos, i: int) -> None:
     """Record what is delivered for the decision that comes."""
+    if egos.commands.shape[1] == 0:
+        return
     decision = (egos.sub_steps[i] + SUB_STEPS - 1) // SUB_STEPS  # a verdict may have fallen half-way
     egos.commands[i, decision, 0] = egos.delivered[i]
     egos.commands[i, decision, 1] = egos.guided[i, 0]
 
 
-@compiled_with(ego, polyline, guide, kernels, decide, reward, nogil=True)
+@compiled_with(ego, polyline, guide, kernels, decide, journey_kernels, reward, nogil=True)
 def run(ground: Ground, egos: Egos, shown: Shown, first: int, end: int) -> None:
     """The turns of the egos from ``first`` to before ``end`` in the order."""
     for k in range(first, end):
@@ -212,7 +235,7 @@ def run(ground: Ground, egos: Egos, shown: Shown, first: int, end: int) -> None:
             keep_commands(egos, i)
             show(ground, egos, shown, i)
         elif todo == GUIDE:
-            decide.begin(egos.standing[i], egos.counts[i])
+            journey_kernels.begin(egos.standing[i], egos.counts[i])
             for j in range(PROGRESS_FLOATS):
                 egos.places[i, j] = 0.0
             egos.sub_steps[i] = 0

@@ -1,5 +1,6 @@
 """The navigator's progress, compiled: what one place of the car makes of its way along the route.
 
+A way tells for each leg which exit to take: that of the shortest way to a goal, or one that is drawn.
 A town's lanes and exits are runs of numbers (:class:`~wrongturn_sim.roads.Roads`), and so is an ego's progress;
 :class:`~wrongturn_sim.route.Navigator` keeps one, an environment of many egos keeps a row of them for each.
 """
@@ -49,6 +50,8 @@ PROGRESS_INTS = 6
 P_S, P_AFTER_TRAVELLED = 0, 1
 PROGRESS_FLOATS = 2
 
+DRAWN, NONE = -2, -1
+"""In a way: the leg's exit is drawn; there is none to take."""
 DRAWS = 64
 """Random words of an ego's route; an exit takes two or fewer on average, and they go round."""
 
@@ -79,7 +82,7 @@ def choose(words: Array, progress: Array, count: int) -> Any:
 
 
 @njit(cache=True)
-def leave(ints: Array, floats: Array, words: Array, progress: Array, places: Array, k: int) -> None:
+def leave(ints: Array, floats: Array, words: Array, way: Array, progress: Array, places: Array, k: int) -> None:
     """Plan anew from the lane of an exit that was taken, the route's or not."""
     leg = progress[P_LEG]
     progress[P_AFTER] = leg
@@ -88,13 +91,16 @@ def leave(ints: Array, floats: Array, words: Array, progress: Array, places: Arr
     leg = ints[leg, L_GATE + GATE_INTS * k + G_LEG]
     progress[P_LEG] = leg
     progress[P_INSIDE] = 0
-    progress[P_GATE] = choose(words, progress, ints[leg, L_GATES]) if ints[leg, L_GATES] > 0 else -1
+    if way[leg] != DRAWN:
+        progress[P_GATE] = way[leg]
+    else:
+        progress[P_GATE] = choose(words, progress, ints[leg, L_GATES]) if ints[leg, L_GATES] > 0 else NONE
 
 
 @compiled_with(polyline)
 def update(
-    points: Array, along: Array, ints: Array, floats: Array, words: Array, progress: Array, places: Array,
-    x: float, y: float,
+    points: Array, along: Array, ints: Array, floats: Array, words: Array, way: Array, progress: Array,
+    places: Array, x: float, y: float,
 ) -> tuple[int, int, float, float, float]:  # fmt: skip
     """Take in where the body's centre is now.
 
@@ -104,6 +110,7 @@ def update(
         ints: (legs, LEG_INTS).
         floats: (legs, LEG_FLOATS).
         words: (DRAWS,) uint32 of the ego's route.
+        way: (legs,), which of its exits each leg's is: DRAWN, or NONE.
         progress: (PROGRESS_INTS,), changed.
         places: (PROGRESS_FLOATS,), changed.
         x: metres.
@@ -117,7 +124,7 @@ def update(
     if progress[P_INSIDE]:
         for k in range(ints[leg, L_GATES]):
             if taken(floats, leg, k, x, y):
-                leave(ints, floats, words, progress, places, k)
+                leave(ints, floats, words, way, progress, places, k)
                 leg = progress[P_LEG]
                 break
     if not progress[P_INSIDE]:

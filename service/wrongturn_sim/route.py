@@ -1,18 +1,19 @@
 """Where the car should go: the route planner and the commands of the route. It needs no SUMO.
 
 The route leads through the trial's approach by the trial's exit and then onward, each further exit drawn from the
-trial's seed. It is planned anew after any exit, from the lane that the car is in. The route's command is named from
+trial's seed, or to a journey's goal by the shortest way. It is planned anew after any exit, from the lane that the car is in. The route's command is named from
 15 m before a stop line until 5 m past the exit line, by the body's centre; elsewhere it is LANE_FOLLOW.
 """
 
 import math
 import random
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_networks import Approach, Town
+from wrongturn_networks import Approach, Town, exits_towards
 from wrongturn_protocol import Command, Trial
 from wrongturn_protocol.observations import PATH_POINTS
 from wrongturn_sim import guide
@@ -68,6 +69,26 @@ def guidance_of(roads: Roads, command: int, leg: int, travelled: float, lateral:
     return Guidance(_COMMANDS[command], roads.approaches[leg] if leg >= 0 else None, travelled, lateral, heading)
 
 
+@lru_cache(maxsize=512)
+def way_to(town: Town, goal: str | None) -> NDArray[np.int8]:
+    """(legs,): the exit of each leg on the shortest way to a lane; without a goal, all are drawn.
+
+    Where no way leads there an exit is drawn, so that whoever came there is told where to go all the same.
+
+    Raises:
+        UnknownLaneError: the town has no such lane.
+    """
+    roads = roads_of(town)
+    way = np.full(len(roads.lanes), guide.DRAWN, np.int8)
+    if goal is not None:
+        for lane, direction in exits_towards(town, goal).items():
+            if direction is not None:
+                leg = roads.legs[lane]
+                way[leg] = roads.gate_of(leg, direction)
+    way.setflags(write=False)
+    return way
+
+
 def set_out(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64]) -> NDArray[np.uint32]:
     """Put an ego's progress (``guide.PROGRESS_INTS``) to the begin of a trial; returns its route's draws."""
     leg = roads.legs[town.approach(trial.approach).lane]
@@ -81,7 +102,7 @@ def set_out(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64])
 class Navigator:
     """Follows the car along its route, decision by decision."""
 
-    __slots__ = ("_places", "_progress", "_roads", "_tables", "_words")
+    __slots__ = ("_places", "_progress", "_roads", "_tables", "_way", "_words")
 
     def __init__(self, town: Town, trial: Trial) -> None:
         self._roads = roads_of(town)
@@ -89,10 +110,11 @@ class Navigator:
         self._progress = np.empty(guide.PROGRESS_INTS, np.int64)
         self._places = np.zeros(guide.PROGRESS_FLOATS)
         self._words = set_out(self._roads, town, trial, self._progress)
+        self._way = way_to(town, trial.journey.goal if trial.journey is not None else None)
 
     def update(self, x: float, y: float) -> Guidance:
         """Take in where the body's centre is now."""
-        found = guide.update(*self._tables, self._words, self._progress, self._places, x, y)
+        found = guide.update(*self._tables, self._words, self._way, self._progress, self._places, x, y)
         return guidance_of(self._roads, *found)
 
     @property

@@ -1,11 +1,12 @@
-"""Where an environment's trials come from: drawn at a town's approaches, out of a suite, or always the same."""
+"""Where an environment's trials come from: drawn in a town, out of a suite, or always the same."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from wrongturn_networks import NetworkError, draw_trial, load_suite, load_town
-from wrongturn_protocol import Fault, FaultKind, Traffic, Trial, Weather
+from wrongturn_networks import NetworkError, draw_cruise, draw_journey, draw_trial, load_suite, load_town
+from wrongturn_protocol import Fault, FaultKind, Task, Traffic, Trial, Weather
 from wrongturn_sim.faults import FaultNotApplicableError, make_fault
 
 _SEEDS = 2**31
@@ -22,6 +23,8 @@ class TrialSource:
         trial: this trial each time; an id needs ``suite`` too.
         weather: of the drawn trials; of several, each trial draws its own.
         traffic: of the drawn trials, as ``{"vehicles": 20, "pedestrians": 10}``.
+        task: draw journeys of this task, instead of single junctions.
+        journeys: further arguments of :func:`wrongturn_networks.draw_cruise`, for the task ``cruise``.
 
     Raises:
         ValueError: names that do not exist, or do not go together.
@@ -37,6 +40,8 @@ class TrialSource:
         trial: Trial | str | None = None,
         weather: Weather | str | Sequence[Weather | str] = Weather.CLEAR_NOON,
         traffic: Traffic | Mapping[str, int] = Traffic(),  # noqa: B008 - immutable
+        task: Task | str | None = None,
+        journeys: Mapping[str, Any] | None = None,
     ) -> None:
         if suite is not None and (town is not None or approach is not None):
             raise ValueError("suite: its trials name their towns; leave town and approach out")
@@ -44,6 +49,13 @@ class TrialSource:
             raise ValueError(f"trial: the id {trial!r} needs the suite that it stands in; give suite, or a Trial")
         if suite is None and town is None and trial is None:
             raise ValueError("town: missing; name a town, or a suite, or give a trial")
+        if task is not None and town is None:
+            raise ValueError("task: journeys are drawn in a town; name one, and leave suite and trial out")
+        self._task = None if task is None else Task(task)
+        if journeys is not None and self._task is not Task.CRUISE:
+            raise ValueError("journeys: these are arguments of cruises; give task='cruise' with them")
+        self._journeys = dict(journeys or {})
+        self._approach = approach
         self._suite = None if suite is None else load_suite(suite)
         self._fault = fault if isinstance(fault, Fault) else Fault(kind=FaultKind(fault))
         names_of_weathers = (weather,) if isinstance(weather, str) else weather
@@ -57,7 +69,9 @@ class TrialSource:
         self._town = None if town is None else load_town(town)
         self._trial = None if trial is None else self.find(trial)
         self._approaches: tuple[str, ...] = ()
-        if self._town is not None:
+        if self._task is not None:
+            self._check_task()
+        elif self._town is not None:
             names = sorted(self._town.approaches) if approach is None else [approach]
             self._approaches = tuple(name for name in names if self._admits(name, among=len(names)))
             if not self._approaches:
@@ -95,11 +109,35 @@ class TrialSource:
         if self._suite is not None:
             episodes = self._suite.episodes
             return episodes[int(random.integers(len(episodes)))]
+        if self._task is not None:
+            return self._journey(random)
         approach = self._approaches[int(random.integers(len(self._approaches)))]
         seed = int(random.integers(_SEEDS))
         # One weather takes no draw, so that naming none draws the trials that were always drawn.
         several = len(self._weathers) > 1
         return self._made(approach, seed, self._weathers[int(random.integers(len(self._weathers))) if several else 0])
+
+    def _journey(self, random: np.random.Generator) -> Trial:
+        assert self._town is not None
+        weathers = self._weathers
+        weather = weathers[int(random.integers(len(weathers)))] if len(weathers) > 1 else weathers[0]
+        if self._task is Task.CRUISE:
+            return draw_cruise(self._town, random, weather=weather, traffic=self._traffic, **self._journeys)
+        assert self._task is not None
+        seed = int(random.integers(_SEEDS))
+        return draw_journey(
+            self._town, self._task, seed, weather=weather, traffic=self._traffic, approach=self._approach
+        )
+
+    def _check_task(self) -> None:
+        if self._fault.kind is not FaultKind.NONE:
+            raise ValueError(f"fault: journeys are drawn without one, and {self._fault.kind} was named; leave it out")
+        if self._task is Task.CRUISE and self._approach is not None:
+            raise ValueError("approach: cruises begin anywhere in the town; leave it out")
+        try:
+            self._journey(np.random.default_rng(0))
+        except TypeError as error:
+            raise ValueError(f"journeys: {error}; see wrongturn_networks.draw_cruise") from None
 
     def _made(self, approach: str, seed: int, weather: Weather) -> Trial:
         assert self._town is not None

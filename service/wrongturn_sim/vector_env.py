@@ -6,7 +6,7 @@ It needs neither SUMO nor further processes. Its egos drive alone, and each driv
 in :class:`~wrongturn_sim.gym_env.WrongturnSimEnv`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wrongturn_networks import load_town
-from wrongturn_protocol import Fault, FaultKind, Track, Trial, Weather
+from wrongturn_protocol import Fault, FaultKind, Task, Track, Trial, Weather
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
 from wrongturn_sim.errors import EpisodeAlreadyFinishedError, EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.fleet import Fleet, Record
@@ -49,6 +49,10 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         weather: of the drawn trials; of several, each trial draws its own.
         camera: its place and optics, in the tracks that have one; the benchmark's own by default.
         threads: how many share the work of a step; no byte hangs on it.
+        task: draw journeys of this task (``cruise``, or one of CoRL 2017's), instead of single junctions.
+        journeys: further arguments of :func:`wrongturn_networks.draw_cruise`, such as ``{"near_junctions": 0.4}``.
+        strict: a journey ends where the car leaves its road or lane, or stands; for training.
+        record: keep trajectories and actions for :meth:`episode`; training needs none, and they take room.
         autoreset_mode: when an environment that ended begins anew: ``NextStep`` (then the action of that step is not
             looked at), ``SameStep`` (then ``infos["final_obs"]`` and ``["final_info"]`` hold the end), or ``Disabled``
             (by ``reset(options={"reset_mask": ...})``).
@@ -74,6 +78,10 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         weather: Weather | str | Sequence[Weather | str] = Weather.CLEAR_NOON,
         camera: "Camera | None" = None,
         threads: int = 1,
+        task: Task | str | None = None,
+        journeys: Mapping[str, Any] | None = None,
+        strict: bool = False,
+        record: bool = True,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         render_mode: str | None = None,
@@ -84,7 +92,16 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         if render_mode is not None:
             raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
         self.track = Track(track)
-        self._source = TrialSource(town, approach=approach, fault=fault, suite=suite, trial=trial, weather=weather)
+        self._source = TrialSource(
+            town,
+            approach=approach,
+            fault=fault,
+            suite=suite,
+            trial=trial,
+            weather=weather,
+            task=task,
+            journeys=journeys,
+        )
         if len(self._source.towns) != 1:
             raise ValueError(f"suite: {suite} is of {', '.join(self._source.towns)}; the egos share one town")
         self.num_envs = num_envs
@@ -92,7 +109,9 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = None
-        self._fleet = Fleet(load_town(self._source.towns[0]), num_envs, self.track, threads=threads)
+        self._fleet = Fleet(
+            load_town(self._source.towns[0]), num_envs, self.track, threads=threads, strict=strict, record=record
+        )
         self._camera = self._camera_of(camera, threads) if self.track in {Track.CAMERA, Track.SEGMENTATION} else None
         size = IMAGE_SHAPE if camera is None else (camera.height, camera.width)
         space = observation_space(self.track, size)
@@ -183,7 +202,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         Where it ended it is kept until the next one begins: with ``SameStep`` that is at once.
 
         Raises:
-            ValueError: nothing was begun.
+            ValueError: nothing was begun, or no record is kept.
         """
         return self._fleet.record(index)
 
@@ -225,9 +244,8 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         """Tell of the episodes that ended, and begin the next ones where that is to be at once."""
         at_once = self.autoreset_mode is AutoresetMode.SAME_STEP
         for i in ended:
-            outcome = self._fleet.outcome(i)
-            assert outcome is not None
-            told = {"verdict": str(outcome.verdict), "outcome": outcome.model_dump(mode="json", exclude_none=True)}
+            outcome = self._fleet.told(i)
+            told = {"verdict": outcome["verdict"], "outcome": outcome}
             if at_once:
                 last = {name: array[i].copy() for name, array in self._arrays().items()}
                 self._note(infos, i, final_obs=last)

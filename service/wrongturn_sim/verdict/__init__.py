@@ -5,14 +5,20 @@
 
 from wrongturn_sim.verdict.errors import GeometryMismatchError, JudgeError, RowError
 from wrongturn_sim.verdict.geometry import ExitLane, JudgeGeometry, LaneStrip
+from wrongturn_sim.verdict.journey import JOURNEY_THRESHOLDS, JourneyJudge, JourneyThresholds
+from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
 from wrongturn_sim.verdict.judge import Judge, Zone, judge
 from wrongturn_sim.verdict.reaction import on_missing_side, reaction_of
 from wrongturn_sim.verdict.thresholds import THRESHOLDS, Thresholds
 
 __all__ = [
+    "JOURNEY_THRESHOLDS",
     "THRESHOLDS",
     "ExitLane",
     "GeometryMismatchError",
+    "JourneyGeometry",
+    "JourneyJudge",
+    "JourneyThresholds",
     "Judge",
     "JudgeError",
     "JudgeGeometry",

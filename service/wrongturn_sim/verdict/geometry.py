@@ -150,6 +150,11 @@ def _solids(town: Town) -> Floats:
     return solids
 
 
+def surface_of_town(town: Town) -> tuple[Surface, Boxes]:
+    """A town's road and solid boxes on their grids, shared with the geometries of its approaches."""
+    return _surface(town.road), _boxes(_solids(town).tobytes())
+
+
 @functools.lru_cache(maxsize=256)
 def _geometry_of(town: Town, approach_id: str) -> JudgeGeometry:
     approach = town.approach(approach_id)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from wrongturn_sim.trajectory import Row, Trajectory
 
 _NOBODY: Final = np.empty((0, 6))
-_VERDICTS: Final = (None, *Verdict)
-_FLAGS: Final = {
+VERDICTS: Final = (None, *Verdict)
+FLAGS: Final = {
     decide.KERB_BITE: Flag.KERB_BITE,
     decide.LANE_INVASION: Flag.LANE_INVASION,
     decide.WRONG_WAY_FLAG: Flag.WRONG_WAY,
@@ -140,14 +140,14 @@ def conclude(
 ) -> Outcome:
     """The outcome of an episode whose verdict fell, from its standing (``decide.py`` tells what stands where)."""
     t, x, y, _, _, min_ttc, max_deceleration = standing.tolist()
-    verdict = _VERDICTS[int(counts[decide.D_VERDICT])]
+    verdict = VERDICTS[int(counts[decide.D_VERDICT])]
     assert verdict is not None
     direction = int(counts[decide.D_DIRECTION])
     bits = int(counts[decide.D_FLAGS])
     return Outcome(
         verdict=verdict,
         reaction=reaction_of(verdict, x, y, trial, geometry, thresholds),
-        flags=tuple(sorted(flag for bit, flag in _FLAGS.items() if bits & bit)),
+        flags=tuple(sorted(flag for bit, flag in FLAGS.items() if bits & bit)),
         exit=DIRECTIONS[direction - 1] if direction else None,
         time=t,
         min_ttc=None if math.isinf(min_ttc) else min_ttc,

@@ -98,6 +98,28 @@ class Packer:
         self.ints.append(np.asarray(values, np.int64).ravel())
         return begin
 
+    def begin(self, surface: Surface, boxes: Boxes) -> tuple[list[int], list[float]]:
+        """Take in the town's part; the two headers, to be filled further and given to :meth:`end`."""
+        head = [0] * kernels.INTS
+        heads = [0.0] * kernels.FLOATS
+        head[kernels.I_CELLS_X], head[kernels.I_CELLS_Y] = surface.grid.columns, surface.grid.rows
+        heads[kernels.F_X], heads[kernels.F_Y] = surface.grid.x, surface.grid.y
+        head[kernels.I_ROAD_ROWS] = self.add_ints(surface.starts)
+        head[kernels.I_ROAD_LIST] = self.add_ints(surface.listed)
+        head[kernels.I_ROAD_EDGES] = self.add_floats(surface.edges)
+
+        head[kernels.I_BOXES] = self.add_floats(boxes.boxes)
+        head[kernels.I_BOX_CELLS_X], head[kernels.I_BOX_CELLS_Y] = boxes.grid.columns, boxes.grid.rows
+        heads[kernels.F_BOX_X], heads[kernels.F_BOX_Y] = boxes.grid.x, boxes.grid.y
+        head[kernels.I_BOX_CELLS] = self.add_ints(boxes.starts)
+        head[kernels.I_BOX_LIST] = self.add_ints(boxes.listed)
+        return head, heads
+
+    def end(self, head: list[int], heads: list[float]) -> None:
+        """Put the headers before everything."""
+        self.ints[0] = np.array(head, np.int64)
+        self.floats[0] = np.array(heads, np.float64)
+
     def packed(self, cells: NDArray[np.uint8]) -> Packed:
         """The arrays, sealed."""
         floats, ints = np.concatenate(self.floats), np.concatenate(self.ints)
@@ -232,21 +254,7 @@ def pack(
         ValueError: a line has no length, or there are too many lanes.
     """
     packer = Packer()
-    grid = surface.grid
-    head = [0] * kernels.INTS
-    heads = [0.0] * kernels.FLOATS
-    head[kernels.I_CELLS_X], head[kernels.I_CELLS_Y] = grid.columns, grid.rows
-    heads[kernels.F_X], heads[kernels.F_Y] = grid.x, grid.y
-    head[kernels.I_ROAD_ROWS] = packer.add_ints(surface.starts)
-    head[kernels.I_ROAD_LIST] = packer.add_ints(surface.listed)
-    head[kernels.I_ROAD_EDGES] = packer.add_floats(surface.edges)
-
-    head[kernels.I_BOXES] = packer.add_floats(boxes.boxes)
-    head[kernels.I_BOX_CELLS_X], head[kernels.I_BOX_CELLS_Y] = boxes.grid.columns, boxes.grid.rows
-    heads[kernels.F_BOX_X], heads[kernels.F_BOX_Y] = boxes.grid.x, boxes.grid.y
-    head[kernels.I_BOX_CELLS] = packer.add_ints(boxes.starts)
-    head[kernels.I_BOX_LIST] = packer.add_ints(boxes.listed)
-
+    head, heads = packer.begin(surface, boxes)
     area_edges = [edges_of(area) for area in areas]
     head[kernels.I_AREAS] = len(areas)
     head[kernels.I_AREA_TABLE] = packer.add_ints([(packer.add_polygon(edges), len(edges)) for edges in area_edges])
@@ -274,8 +282,7 @@ def pack(
             head[kernels.I_EXITS + 2 * k : kernels.I_EXITS + 2 * k + 2] = packer.add_floats(line), len(line)
             heads[kernels.F_WIDTHS + k] = exit_lane[1]
 
-    packer.ints[0] = np.array(head, np.int64)
-    packer.floats[0] = np.array(heads, np.float64)
+    packer.end(head, heads)
     return packer.packed(_codes(surface, area_edges, lane_edges))
 
 

@@ -1,0 +1,206 @@
+"""The judge of journeys: it watches the rows of one drive across the town go by, and says once what it came to."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_protocol import JourneyOutcome, Outcome, Trial, Verdict
+from wrongturn_sim.ego import VEHICLE, Vehicle
+from wrongturn_sim.verdict import decide, journey_kernels
+from wrongturn_sim.verdict.errors import GeometryMismatchError, RowError
+from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
+from wrongturn_sim.verdict.judge import FLAGS, VERDICTS
+from wrongturn_sim.verdict.packing import CLOCK_TOLERANCE, Floats, numbers_of
+from wrongturn_sim.verdict.thresholds import THRESHOLDS, Thresholds
+
+if TYPE_CHECKING:
+    from wrongturn_sim.trajectory import Row
+
+_NOBODY: Final = np.empty((0, 6))
+_NO_REST: Final = np.empty(0)
+
+
+@dataclasses.dataclass(frozen=True)
+class JourneyThresholds:
+    """The numbers of journeys beside those of every verdict; the times of ``strict`` are training's alone."""
+
+    wrong_way_time: float = 1.0
+    """Strict: a centre in an oncoming lane for this long without interruption ends the drive, s."""
+    stand_time: float = 10.0
+    """Strict: standing for this long without interruption ends it, s."""
+    back_time: float = 1.0
+    """Who was back for so long leaves the road, or the lane, anew, s."""
+
+
+JOURNEY_THRESHOLDS: Final = JourneyThresholds()
+"""The published ones."""
+
+
+def journey_numbers(thresholds: Thresholds, vehicle: Vehicle, limits: JourneyThresholds) -> Floats:
+    """The numbers of one judge as the kernels read them."""
+    numbers = np.zeros(journey_kernels.JOURNEY_NUMBERS)
+    ours = numbers_of(thresholds, vehicle)
+    numbers[: len(ours)] = ours
+    numbers[journey_kernels.N_WRONG_WAY_TIME] = limits.wrong_way_time - CLOCK_TOLERANCE
+    numbers[journey_kernels.N_STAND_TIME] = limits.stand_time - CLOCK_TOLERANCE
+    numbers[journey_kernels.N_BACK_TIME] = limits.back_time - CLOCK_TOLERANCE
+    numbers.setflags(write=False)
+    return numbers
+
+
+def terms_of(geometry: JourneyGeometry, trial: Trial, *, strict: bool) -> tuple[float, float, float, float]:
+    """A trial's numbers, in the kernels' order.
+
+    Raises:
+        GeometryMismatchError: it is no journey, or its goal is not in the town.
+    """
+    journey = trial.journey
+    if journey is None:
+        raise GeometryMismatchError(f"trial {trial.id} is no journey; judge it by JudgeGeometry.of(town, trial)")
+    goal = -1
+    if journey.goal is not None:
+        found = geometry.rows.get(journey.goal)
+        if found is None or journey.goal_at > geometry.town.lanes[journey.goal].length:
+            raise GeometryMismatchError(
+                f"journey.goal: {geometry.town.name} has no lane {journey.goal} with a place {journey.goal_at:.1f} m "
+                "along it; take a trial of this town",
+            )
+        goal = found
+    return journey.time_limit - CLOCK_TOLERANCE, float(goal), journey.goal_at, float(strict)
+
+
+class JourneyJudge:
+    """Judges one journey, row by row, as :class:`~wrongturn_sim.verdict.judge.Judge` judges one junction.
+
+    Args:
+        geometry: of the trial's town.
+        trial: that is driven, with its journey.
+        thresholds: the published ones, unless they are being swept.
+        vehicle: whose body the rows' positions are of.
+        strict: for training: leaving the road or the lane, and standing, end the drive.
+        limits: the published ones of journeys, likewise.
+
+    Raises:
+        GeometryMismatchError: the trial is no journey, or its goal is not in the town.
+    """
+
+    def __init__(
+        self,
+        geometry: JourneyGeometry,
+        trial: Trial,
+        thresholds: Thresholds = THRESHOLDS,
+        vehicle: Vehicle = VEHICLE,
+        *,
+        strict: bool = False,
+        limits: JourneyThresholds = JOURNEY_THRESHOLDS,
+    ) -> None:
+        self.geometry = geometry
+        self.trial = trial
+        self.strict = strict
+        self.outcome: Outcome | None = None
+        """Once the verdict fell."""
+        self.ran_out = False
+        """Whether it fell because the time ran out."""
+        packed = geometry.packed
+        self._arrays = (packed.floats, packed.ints, packed.cells, geometry.lanes)
+        self._numbers = journey_numbers(thresholds, vehicle, limits)
+        self._terms = np.array(terms_of(geometry, trial, strict=strict))
+        goal = trial.journey.goal if trial.journey is not None else None
+        self._rest = geometry.rest(goal) if goal is not None else _NO_REST
+        self._standing = np.empty(journey_kernels.JOURNEY_FLOATS)
+        self._counts = np.empty(journey_kernels.JOURNEY_INTS, np.int64)
+        journey_kernels.begin(self._standing, self._counts)
+
+    def observe(self, row: Row) -> Outcome | None:
+        """Take the next row.
+
+        Returns:
+            The outcome with the row at which the verdict falls; None before. Rows after it are not looked at.
+
+        Raises:
+            RowError: the row is not finite, or not later than the one before.
+        """
+        if self.outcome is not None:
+            return None
+        t, x, y, yaw, v, _, _, _, _, _, _, road_users = row
+        users = np.array(road_users, np.float64) if road_users else _NOBODY
+        found = journey_kernels.observe(
+            *self._arrays, self._numbers, users, self._terms, self._rest, self._standing, self._counts, t, x, y, yaw, v
+        )
+        if not found:
+            return None
+        if found == decide.NOT_LATER:
+            before = float(self._standing[decide.S_T])
+            raise RowError(f"t: {t} s is not after the row before, {before} s; give the rows in order")
+        if found < 0:
+            raise RowError(f"row at t = {t} s: x, y, yaw or v is not finite; give numbers")
+        return self._close()
+
+    def abort(self, t: float) -> Outcome:
+        """End the drive without a verdict of the road: the agent gave up or stayed away.
+
+        Returns:
+            The outcome ``aborted`` at ``t``, or the one that had fallen before.
+        """
+        if self.outcome is None:
+            self._standing[decide.S_T] = t
+            self._counts[decide.D_VERDICT] = decide.ABORTED
+            return self._close()
+        return self.outcome
+
+    def _close(self) -> Outcome:
+        self.ran_out = bool(self._counts[decide.D_RAN_OUT])
+        self.outcome = conclude_journey(self._standing, self._counts, self.trial)
+        return self.outcome
+
+
+def told(standing: Floats, counts: NDArray[np.int64], trial: Trial) -> dict[str, Any]:
+    """The outcome of a journey whose verdict fell, as its JSON has it without what is None; ready soon, unlike a model.
+
+    ``journey_kernels.py`` tells what stands where.
+    """
+    numbers, whole = standing.tolist(), counts.tolist()
+    verdict = VERDICTS[whole[decide.D_VERDICT]]
+    journey = trial.journey
+    assert verdict is not None
+    assert journey is not None
+    bits = whole[decide.D_FLAGS]
+    completion = 1.0
+    if journey.goal is not None:
+        left = numbers[journey_kernels.J_LEFT]
+        completion = min(max(1.0 - left / journey.length, 0.0), 1.0) if journey.length > 0.0 else float(left <= 0.0)
+    outcome: dict[str, Any] = {
+        "verdict": str(verdict),
+        "flags": sorted(str(flag) for bit, flag in FLAGS.items() if bits & bit),
+        "time": numbers[decide.S_T],
+    }
+    if not math.isinf(numbers[decide.S_MIN_TTC]):
+        outcome["min_ttc"] = numbers[decide.S_MIN_TTC]
+    outcome["max_deceleration"] = numbers[decide.S_MAX_DECELERATION]
+    outcome["journey"] = {
+        "distance": numbers[journey_kernels.J_DISTANCE],
+        "completion": completion,
+        "junctions": whole[journey_kernels.J_JUNCTIONS],
+        "off_road": whole[journey_kernels.J_OFF],
+        "wrong_lane": whole[journey_kernels.J_WRONG],
+        "collisions": int(verdict is Verdict.COLLISION),
+    }
+    return outcome
+
+
+def conclude_journey(standing: Floats, counts: NDArray[np.int64], trial: Trial) -> Outcome:
+    """The same as an ``Outcome``."""
+    fields = told(standing, counts, trial)
+    return Outcome(
+        verdict=Verdict(fields["verdict"]),
+        flags=tuple(sorted(flag for flag in FLAGS.values() if flag in fields["flags"])),
+        time=fields["time"],
+        min_ttc=fields.get("min_ttc"),
+        max_deceleration=fields["max_deceleration"],
+        journey=JourneyOutcome(**fields["journey"]),
+    )

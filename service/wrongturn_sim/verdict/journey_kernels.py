@@ -1,0 +1,285 @@
+"""The arithmetic of a journey's judge, compiled: what one row makes of its standing, anywhere in the town.
+
+As in ``decide.py``: plain float64 arithmetic without fastmath. The geometry is packed as in ``packing.py``, with every
+junction's area and every lane of the town; ``journey_geometry.py`` fills it.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from wrongturn_sim.compiling import compiled_with
+from wrongturn_sim.verdict import decide, kernels
+from wrongturn_sim.verdict.decide import (
+    COLLISION,
+    D_FLAGS,
+    D_RAN_OUT,
+    D_VERDICT,
+    KERB_BITE,
+    LANE_INVASION,
+    NOT_ENGAGED,
+    NOT_LATER,
+    OFF_ROAD,
+    S_MAX_DECELERATION,
+    S_MIN_TTC,
+    S_SLOW_SINCE,
+    S_T,
+    S_V,
+    S_X,
+    S_Y,
+    STANDING_FLOATS,
+    STANDING_INTS,
+    TIMEOUT,
+    WRONG_WAY,
+    WRONG_WAY_FLAG,
+)
+from wrongturn_sim.verdict.kernels import (
+    AREA_EDGE,
+    CELL,
+    EDGE,
+    F_X,
+    F_Y,
+    I_APPROACH,
+    I_APPROACH_COUNT,
+    I_AREA_TABLE,
+    I_AREAS,
+    I_CELLS_X,
+    I_CELLS_Y,
+    I_EXITS,
+    I_LANE_TABLE,
+    I_ROAD_EDGES,
+    I_ROAD_LIST,
+    I_ROAD_ROWS,
+    N_FRONT_AXLE,
+    N_REAR_AXLE,
+    N_STOP_SPEED,
+    N_WHEEL_SIDE,
+    N_WHEELS_OFF,
+    NOT_FINITE,
+    NUMBERS,
+    ROAD_EDGE,
+    ROAD_IN,
+    covers,
+    inside_listed,
+    least_contact,
+    project,
+)
+
+Array = np.ndarray[Any, Any]
+
+ARRIVED = 13
+"""In the order of the vocabulary's verdicts."""
+
+# Where to find what in the header, in the places of an approach that a journey's geometry has no use for.
+I_CANDIDATES, I_WIDTH, I_ONWARD = I_APPROACH, I_APPROACH_COUNT, I_EXITS
+
+# Behind the numbers of every judge.
+N_WRONG_WAY_TIME, N_STAND_TIME, N_BACK_TIME = NUMBERS, NUMBERS + 1, NUMBERS + 2
+JOURNEY_NUMBERS = NUMBERS + 3
+
+# Behind the floats of every standing: since when the centre is in an oncoming lane (nan: it is not), when it was last
+# off the road and in an oncoming lane (-inf: never), metres driven, least metres left to the goal.
+J_ONCOMING_SINCE, J_LAST_OFF, J_LAST_WRONG, J_DISTANCE, J_LEFT = range(STANDING_FLOATS, STANDING_FLOATS + 5)
+JOURNEY_FLOATS = STANDING_FLOATS + 5
+# And behind the ints: the lane that the centre was in last along its direction (-1: none), and the counts.
+J_LANE, J_JUNCTIONS, J_OFF, J_WRONG = range(STANDING_INTS, STANDING_INTS + 4)
+JOURNEY_INTS = STANDING_INTS + 4
+
+# A trial's numbers: seconds; the goal's lane (-1: none) and metres along it; whether leaving the road or lane ends it.
+T_LIMIT, T_GOAL, T_AT, T_STRICT = 0, 1, 2, 3
+TERMS = 4
+
+
+@njit(cache=True)
+def begin(past: Array, ints: Array) -> None:
+    """The standing of a journey without any row."""
+    decide.begin(past, ints)
+    past[J_ONCOMING_SINCE] = math.nan
+    past[J_LAST_OFF] = past[J_LAST_WRONG] = -math.inf
+    past[J_DISTANCE] = 0.0
+    past[J_LEFT] = math.inf
+    ints[J_LANE] = -1
+
+
+@njit(cache=True)
+def on_road(floats: Array, ints: Array, cells: Array, x: float, y: float) -> bool:
+    """Whether a point is road."""
+    column = math.floor((x - floats[F_X]) / CELL)
+    row = math.floor((y - floats[F_Y]) / CELL)
+    if not (0 <= column < ints[I_CELLS_X] and 0 <= row < ints[I_CELLS_Y]):
+        return False
+    code: Any = np.int64(cells[row * ints[I_CELLS_X] + column]) & 3
+    if code == ROAD_EDGE:
+        rows = ints[I_ROAD_ROWS] + row
+        first = ints[I_ROAD_LIST]
+        return inside_listed(floats, ints[I_ROAD_EDGES], ints, first + ints[rows], first + ints[rows + 1], x, y)
+    return bool(code == ROAD_IN)
+
+
+@njit(cache=True)
+def lane_at(floats: Array, ints: Array, cells: Array, lanes: Array, x: float, y: float) -> int:
+    """The lane that a point lies in, by its row; -1 in a junction's area and beside all lanes."""
+    column = math.floor((x - floats[F_X]) / CELL)
+    row = math.floor((y - floats[F_Y]) / CELL)
+    if not (0 <= column < ints[I_CELLS_X] and 0 <= row < ints[I_CELLS_Y]):
+        return -1
+    cell = row * ints[I_CELLS_X] + column
+    found: Any = np.int64(lanes[cell])
+    if found == 0:
+        return -1
+    area: Any = (np.int64(cells[cell]) >> 2) & 3
+    if area == AREA_EDGE:
+        for k in range(ints[I_AREAS]):
+            table = ints[I_AREA_TABLE] + 2 * k
+            if covers(floats, ints[table], ints[table + 1], x, y):
+                return -1
+    elif area != 0:
+        return -1
+    if found > 0:
+        return int(found - 1)
+    width = ints[I_WIDTH]
+    first = ints[I_CANDIDATES] - (found + 1) * width
+    for i in range(first, first + width):
+        lane = ints[i]
+        if lane < 0:
+            break
+        table = ints[I_LANE_TABLE] + EDGE * lane
+        if covers(floats, ints[table], ints[table + 1], x, y):
+            return int(lane)
+    return -1
+
+
+@njit(cache=True)
+def wheels_off(floats: Array, ints: Array, cells: Array, numbers: Array, x: float, y: float, c: float, s: float) -> int:
+    """How many of the four wheels are off the road."""
+    off = 0
+    for wheel in range(4):
+        forward = numbers[N_FRONT_AXLE] if wheel < 2 else numbers[N_REAR_AXLE]
+        left = numbers[N_WHEEL_SIDE] if wheel % 2 == 0 else -numbers[N_WHEEL_SIDE]
+        if not on_road(floats, ints, cells, x + c * forward - s * left, y + s * forward + c * left):
+            off += 1
+    return off
+
+
+@compiled_with(decide, kernels)
+def observe(
+    floats: Array, whole: Array, cells: Array, lanes: Array, numbers: Array, users: Array, terms: Array, rest: Array,
+    standing: Array, ints: Array, t: float, x: float, y: float, yaw: float, v: float,
+) -> int:  # fmt: skip
+    """Take the next row.
+
+    Args:
+        floats: of the geometry, packed.
+        whole: its ints.
+        cells: its cells, of road and junction areas.
+        lanes: its cells, of lanes.
+        numbers: (JOURNEY_NUMBERS,) of the judge.
+        users: (n, 6), the road users at the row.
+        terms: (TERMS,) of the trial.
+        rest: metres from each lane's end to the begin of the goal's lane, by the shortest way; read with a goal alone.
+        standing: (JOURNEY_FLOATS,), changed.
+        ints: (JOURNEY_INTS,), changed.
+        t: of the row, and so on.
+        x: metres.
+        y: metres.
+        yaw: radians.
+        v: m/s.
+
+    Returns:
+        The verdict that falls with it, 0 for none; NOT_LATER or NOT_FINITE for a row that cannot be judged, which
+        changes nothing.
+    """
+    if not t > standing[S_T]:
+        return NOT_LATER
+    if not math.isfinite(x + y + yaw + v):
+        return NOT_FINITE
+    c = math.cos(yaw)
+    s = math.sin(yaw)
+    if not math.isnan(standing[S_X]):
+        dx = x - standing[S_X]
+        dy = y - standing[S_Y]
+        standing[J_DISTANCE] += math.sqrt(dx * dx + dy * dy)
+    deceleration = (standing[S_V] - v) / (t - standing[S_T])
+    if deceleration > standing[S_MAX_DECELERATION]:  # noqa: PLR1730  max() may give -0.0
+        standing[S_MAX_DECELERATION] = deceleration
+    standing[S_T] = t
+    standing[S_X] = x
+    standing[S_Y] = y
+    standing[S_V] = v
+    if v >= numbers[N_STOP_SPEED]:
+        standing[S_SLOW_SINCE] = math.nan
+    elif math.isnan(standing[S_SLOW_SINCE]):
+        standing[S_SLOW_SINCE] = t
+
+    wheels = wheels_off(floats, whole, cells, numbers, x, y, c, s)
+    off = wheels >= numbers[N_WHEELS_OFF] or not on_road(floats, whole, cells, x, y)
+    if off:
+        if t - standing[J_LAST_OFF] >= numbers[N_BACK_TIME]:
+            ints[J_OFF] += 1
+        standing[J_LAST_OFF] = t
+    elif wheels:
+        ints[D_FLAGS] |= KERB_BITE
+
+    arrived = oncoming = False
+    lane = lane_at(floats, whole, cells, lanes, x, y)
+    if lane >= 0:
+        table = whole[I_LANE_TABLE] + 4 * lane
+        along, _, ux, uy = project(floats, whole[table + 2], whole[table + 3], x, y)
+        oncoming = c * ux + s * uy < 0.0
+        if not oncoming:
+            before = ints[J_LANE]
+            if lane != before:
+                if before >= 0:
+                    for k in range(3):
+                        if whole[whole[I_ONWARD] + 3 * before + k] == lane:
+                            ints[J_JUNCTIONS] += 1
+                            break
+                ints[J_LANE] = lane
+            goal = int(terms[T_GOAL])
+            if goal >= 0:
+                if lane == goal and along >= terms[T_AT]:
+                    arrived = True
+                    standing[J_LEFT] = 0.0
+                else:
+                    left = terms[T_AT] - along
+                    if lane != goal:
+                        last = whole[table + 2] + 6 * (whole[table + 3] - 1)
+                        left += floats[last + 5] + floats[last + 4] + rest[lane]
+                    standing[J_LEFT] = min(standing[J_LEFT], left)
+    if oncoming:
+        ints[D_FLAGS] |= LANE_INVASION
+        if math.isnan(standing[J_ONCOMING_SINCE]):
+            standing[J_ONCOMING_SINCE] = t
+        if t - standing[J_LAST_WRONG] >= numbers[N_BACK_TIME]:
+            ints[J_WRONG] += 1
+        standing[J_LAST_WRONG] = t
+    else:
+        standing[J_ONCOMING_SINCE] = math.nan
+
+    time = least_contact(floats, whole, numbers, users, x, y, c, s, v)
+    hit = time < 0.0
+    if hit:
+        time = 0.0
+    if time < standing[S_MIN_TTC]:  # noqa: PLR1730
+        standing[S_MIN_TTC] = time
+
+    verdict = 0
+    strict = terms[T_STRICT] != 0.0
+    if hit:
+        verdict = COLLISION
+    elif strict and off:
+        verdict = OFF_ROAD
+    elif strict and t - standing[J_ONCOMING_SINCE] >= numbers[N_WRONG_WAY_TIME]:  # never of nan
+        verdict = WRONG_WAY
+        ints[D_FLAGS] |= WRONG_WAY_FLAG
+    elif strict and t - standing[S_SLOW_SINCE] >= numbers[N_STAND_TIME]:
+        verdict = NOT_ENGAGED
+    elif arrived:
+        verdict = ARRIVED
+    elif t >= terms[T_LIMIT]:
+        verdict = TIMEOUT
+        ints[D_RAN_OUT] = 1
+    ints[D_VERDICT] = verdict
+    return verdict
