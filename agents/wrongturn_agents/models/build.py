@@ -52,4 +52,6 @@ def build(
     with torch.random.fork_rng(devices=[], enabled=seed is not None):
         if seed is not None:
             torch.manual_seed(seed)
-        return ActorCritic(algorithm, encoder()).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        model = ActorCritic(algorithm, encoder())
+    model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return model

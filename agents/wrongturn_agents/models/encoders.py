@@ -38,8 +38,12 @@ class Encoder(nn.Module):
         """What the agent learns to make of (B, ``width``): (B, 512) float32."""
         return encoded
 
-    def segmentation_logits(self, observation: Observation) -> Tensor:
-        """Logits (B, 11, 64, 192) of each pixel's class."""
+    def segmentation_logits(self, observation: Observation) -> Tensor:  # noqa: ARG002 - here it is refused
+        """Logits (B, 11, 64, 192) of each pixel's class.
+
+        Raises:
+            ValueError: the encoder looks at segmentation itself.
+        """
         raise ValueError(f"{type(self).__name__}: it is given the segmentation and tells none; ask another agent")
 
     def update_statistics(self, observation: Observation) -> None:

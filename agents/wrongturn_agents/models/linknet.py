@@ -1,5 +1,6 @@
-"""The decoder of Chaurasia and Culurciello, "LinkNet: exploiting encoder representations for efficient semantic
-segmentation" (2017), a network made for ResNets.
+"""The decoder of LinkNet, a network for segmentation made of ResNets.
+
+Chaurasia and Culurciello, "LinkNet: exploiting encoder representations for efficient semantic segmentation" (2017).
 """
 
 from collections.abc import Sequence

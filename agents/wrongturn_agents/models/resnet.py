@@ -1,4 +1,7 @@
-"""ResNet-34 (He et al., "Deep residual learning for image recognition", 2016), from a configuration, never from a hub."""
+"""ResNet-34, from a configuration, never from a hub.
+
+He et al., "Deep residual learning for image recognition" (2016).
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
