@@ -7,7 +7,7 @@ import struct
 import orjson
 from typing_extensions import override
 
-from wrongturn_protocol import Outcome, Track, Verdict
+from wrongturn_protocol import JourneyOutcome, Outcome, Track, Verdict
 from wrongturn_service.pool.pool import (
     Action,
     EpisodeRefusedError,
@@ -23,10 +23,11 @@ from wrongturn_service.wire import Wire
 
 
 class FakeSimulator(Simulator):
-    """Its observation is the number of actions, and after ten of them it is over."""
+    """Its observation is the number of actions, and after ten of them it is over: an exit, or a journey's end."""
 
     def __init__(self, pool: "FakePool") -> None:
         self._pool = pool
+        self._trial = ""
         self.is_dead = False
         self.actions = b""
 
@@ -43,6 +44,7 @@ class FakeSimulator(Simulator):
             self._pool.replays += 1
         self._fail(self._pool.deaths_at_reset)
         self.actions = actions
+        self._trial = trial
         return self._frame()
 
     @override
@@ -67,14 +69,30 @@ class FakeSimulator(Simulator):
     def _frame(self) -> Frame:
         steps = len(self.actions) // 12
         observation = orjson.dumps({"speed": float(steps) + self._pool.drift, "steering": 0.0, "command": 4})
-        over = steps == 10
-        return Frame(observation, 1.0, over, False, self._final(Verdict.EXIT_COMMANDED) if over else None)
+        over = steps == self._pool.steps
+        end = self._pool.ends.get(self._trial_id, Verdict.ARRIVED if self._journey else Verdict.EXIT_COMMANDED)
+        return Frame(observation, 1.0, over, False, self._final(end) if over else None)
+
+    @property
+    def _trial_id(self) -> str:
+        found: str = orjson.loads(self._trial)["id"]
+        return found
+
+    @property
+    def _journey(self) -> bool:
+        return "journey" in orjson.loads(self._trial)
 
     def _final(self, verdict: Verdict) -> Final:
         steps = len(self.actions) // 12
         trajectory = orjson.dumps({"steps": steps})
+        journey = JourneyOutcome(distance=500, completion=1, junctions=2, off_road=0, wrong_lane=1, collisions=0)
         return Final(
-            Outcome(verdict=verdict, time=steps / 10, max_deceleration=0.0),
+            Outcome(
+                verdict=verdict,
+                time=steps / 10,
+                max_deceleration=0.0,
+                journey=journey if self._journey else None,
+            ),
             steps,
             trajectory,
             hashlib.sha256(trajectory).hexdigest(),
@@ -90,6 +108,10 @@ class FakePool(Pool):
         self.taken: set[Simulator] = set()
         self.most = 0
         self.replays = 0
+        self.steps = 10
+        """After which an episode is over."""
+        self.ends: dict[str, Verdict] = {}
+        """By trial, where it is another."""
         self.refuse = False
         self.drift = 0.0
         self.starts = 0

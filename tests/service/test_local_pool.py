@@ -30,6 +30,7 @@ while True:
     except EOFError:
         break
     if operation == "reset":
+        time.sleep(0.8 if rest[0] == "slow" else 0)
         answer = [frames.REFUSED, "FaultNotApplicableError", "not here"] if rest[0] == "bad" else \
             [frames.OK, rest[0].encode(), 0.0, False, False, None]
     elif rest[0] == 0.25:
@@ -104,6 +105,17 @@ def test_one_that_dies_hangs_or_breaks(steer: float, message: str) -> None:
         second = await pool.acquire("Town01")
         assert not second.dead
         await pool.release(second)
+
+    run(story)
+
+
+def test_a_long_replay_has_longer() -> None:
+    async def story(pool: LocalPool) -> None:
+        simulator = await pool.acquire("Town01")
+        # Half a second, and as much again and more for fifty actions.
+        assert (await simulator.reset("slow", Track.STATE, bytes(50 * 12), Wire.JSON)).observation == b"slow"
+        with pytest.raises(SimulatorDiedError, match=r"within 0\.5 s"):
+            await simulator.reset("slow", Track.STATE, b"", Wire.JSON)
 
     run(story)
 

@@ -1,6 +1,7 @@
 """Which trial comes next."""
 
 import pytest
+from journey_suite import journeys
 
 from wrongturn_networks import load_suite
 from wrongturn_protocol import twin_id
@@ -27,6 +28,17 @@ def test_no_trial_is_open_beside_its_twin() -> None:
     assert following is not None
     assert twin_id(following) == twin_id(opened[0])
     assert following.id != opened[0].id
+
+
+def test_journeys_have_no_twins_to_wait_for() -> None:
+    trials = journeys()
+    # Two tasks may begin at one approach by one seed, which is what names a twin.
+    alike = trials[0].model_copy(update={"id": "Town01.one_turn.J3-S.s1"})
+    schedule = Schedule((*trials, alike), "secret")
+    opened = []
+    while (trial := schedule.take()) is not None:
+        opened.append(trial.id)
+    assert len(opened) == len(set(opened)) == schedule.open == 7
 
 
 def test_what_came_to_nothing_comes_again_and_what_is_finished_does_not() -> None:
