@@ -53,8 +53,9 @@ def test_near_junctions_every_approach_comes_as_often(town: Town) -> None:
         assert types[kind] == pytest.approx(expected * number, rel=0.1)
 
 
-def test_every_exit_comes_as_often(town: Town) -> None:
-    trials = _drawn(town)
+@pytest.mark.parametrize("far", [False, True])
+def test_every_exit_comes_as_often(town: Town, far: bool) -> None:
+    trials = [trial for trial in _drawn(town) if (trial.start.distance > 20) is far]
     for kind in {trial.junction_type for trial in trials}:
         routes = Counter(trial.route for trial in trials if trial.junction_type is kind)
         assert set(routes) == kind.exits
@@ -84,6 +85,15 @@ def test_elsewhere_every_metre_comes_as_often(town: Town) -> None:
         assert abs(times[approach] - expected) < 5 * math.sqrt(expected)
     shares = [(trial.start.distance - 5.0) / room[trial.approach] for trial in trials]
     assert np.histogram(shares, 10, (0, 1))[0] == pytest.approx(MANY / 10, rel=0.2)
+
+
+def test_starts_near_junctions_take_none_from_elsewhere() -> None:
+    town = load_town("Town01")
+    far = Counter(trial.approach for trial in _drawn(town, near_bends=0.0) if trial.start.distance > 35.0)
+    room = {a.id: max(0.0, town.lanes[a.lane].length - 38.0) for a in town.approaches.values()}
+    for approach, metres in room.items():
+        expected = far.total() * metres / sum(room.values())
+        assert abs(far[approach] - expected) <= 5 * math.sqrt(expected)
 
 
 def test_shares_are_those_asked_for() -> None:
