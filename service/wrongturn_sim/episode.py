@@ -20,7 +20,7 @@ from wrongturn_sim.route import Guidance, Navigator, start_pose
 from wrongturn_sim.simulator import Drive, Simulator
 from wrongturn_sim.traffic import plan_traffic
 from wrongturn_sim.trajectory import Row, Trajectory
-from wrongturn_sim.verdict import Judge, JudgeGeometry
+from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry, judge_of
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera import Camera, Renderer
@@ -74,6 +74,7 @@ class Episode:
         track: what to show.
         simulator: the process's simulator, where the caller keeps one.
         camera: its place and optics, in the tracks that have one; the benchmark's own by default.
+        strict: for training: a journey ends where the car leaves its road or lane, or stands.
 
     Raises:
         FaultNotApplicableError: this version or the approach does not admit the fault.
@@ -87,11 +88,13 @@ class Episode:
         *,
         simulator: Simulator | None = None,
         camera: "Camera | None" = None,
+        strict: bool = False,
     ) -> None:
         self.trial = trial
         self.track = track
         self.town = load_town(trial.town)
-        self.geometry = JudgeGeometry.of(self.town, trial)
+        self.strict = strict
+        self.geometry = JudgeGeometry.of(self.town, trial) if trial.journey is None else JourneyGeometry.of(self.town)
         self._approach = self.town.approach(trial.approach)
         self._fault: CommandFault = make_fault(trial)
         self._traffic = plan_traffic(self.town, trial, start_pose(self.town, trial))
@@ -118,7 +121,7 @@ class Episode:
         self._state: State = (*pose, trial.start.speed, 0.0)
         self._navigator = Navigator(self.town, trial)
         self._fault = make_fault(trial)
-        self._judge = Judge(self.geometry, trial)
+        self._judge = judge_of(self.geometry, trial, strict=self.strict)
         self._actions: list[bytes] = []
         self.trajectory = Trajectory(trial, self.town.sha256)
         self.steps = self._sub_steps = 0

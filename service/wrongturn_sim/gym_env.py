@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_protocol import Fault, FaultKind, Track, Traffic, Trial, Weather
+from wrongturn_protocol import Fault, FaultKind, Task, Track, Traffic, Trial, Weather
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.errors import EpisodeNotStartedError, InvalidActionError
@@ -34,6 +34,9 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         trial: this trial each time; an id needs ``suite`` too.
         weather: of the drawn trials; of several, each trial draws its own.
         traffic: of the drawn trials, as ``{"vehicles": 20, "pedestrians": 10}``.
+        task: draw journeys of this task (``cruise``, or one of CoRL 2017's), instead of single junctions.
+        journeys: further arguments of :func:`wrongturn_networks.draw_cruise`, such as ``{"near_junctions": 0.4}``.
+        strict: a journey ends where the car leaves its road or lane, or stands; for training.
         render_mode: ``rgb_array`` for pictures by ``render``, whatever the track shows.
         camera: of the tracks that have one, and of ``render``; the benchmark's own by default.
 
@@ -54,6 +57,9 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         trial: Trial | str | None = None,
         weather: Weather | str | Sequence[Weather | str] = Weather.CLEAR_NOON,
         traffic: Traffic | Mapping[str, int] = Traffic(),  # noqa: B008 - immutable
+        task: Task | str | None = None,
+        journeys: Mapping[str, Any] | None = None,
+        strict: bool = False,
         render_mode: str | None = None,
         camera: "Camera | None" = None,
     ) -> None:
@@ -61,8 +67,17 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if render_mode not in {None, "rgb_array"}:
             raise ValueError(f"render_mode: {render_mode!r} is not known; take rgb_array, or leave it None")
         self._source = TrialSource(
-            town, approach=approach, fault=fault, suite=suite, trial=trial, weather=weather, traffic=traffic
+            town,
+            approach=approach,
+            fault=fault,
+            suite=suite,
+            trial=trial,
+            weather=weather,
+            traffic=traffic,
+            task=task,
+            journeys=journeys,
         )
+        self.strict = strict
         self.render_mode = render_mode
         self._camera = camera
         size = IMAGE_SHAPE if camera is None else (camera.height, camera.width)
@@ -86,7 +101,7 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed)
         given = (options or {}).get("trial")
         trial = self._source.draw(self.np_random) if given is None else self._source.find(given)
-        self.episode = Episode(trial, self.track, simulator=self._simulator, camera=self._camera)
+        self.episode = Episode(trial, self.track, simulator=self._simulator, camera=self._camera, strict=self.strict)
         return self.episode.reset(), {"trial": trial.id, "town": trial.town}
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:

@@ -1,8 +1,9 @@
 """Where the car should go: the route planner and the commands of the route. It needs no SUMO.
 
 The route leads through the trial's approach by the trial's exit and then onward, each further exit drawn from the
-trial's seed, or to a journey's goal by the shortest way. It is planned anew after any exit, from the lane that the car is in. The route's command is named from
-15 m before a stop line until 5 m past the exit line, by the body's centre; elsewhere it is LANE_FOLLOW.
+trial's seed, or to a journey's goal by the shortest way. It is planned anew after any exit, from the lane that the car
+is in. The route's command is named from 15 m before a stop line until 5 m past the exit line, by the body's centre;
+elsewhere it is LANE_FOLLOW.
 """
 
 import math
@@ -97,6 +98,24 @@ def set_out(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64])
     progress[guide.P_GATE] = roads.gate_of(leg, trial.route)
     progress[guide.P_AFTER] = -1
     return guide.draws(random.Random(f"route {trial.seed}"))  # of its own: no other draw shifts the route
+
+
+def lanes_ahead(town: Town, trial: Trial, metres: float) -> tuple[str, ...]:
+    """The ids of the lanes that a route leads along, until so many metres of whole lanes lie behind the first."""
+    roads = roads_of(town)
+    names = tuple(roads.legs)
+    progress = np.empty(guide.PROGRESS_INTS, np.int64)
+    words = set_out(roads, town, trial, progress)
+    way = way_to(town, trial.journey.goal if trial.journey is not None else None)
+    lanes = [names[int(progress[guide.P_LEG])]]
+    while progress[guide.P_GATE] >= 0 and metres > 0.0:
+        guide.leave(
+            roads.ints, roads.floats, words, way, progress, np.zeros(guide.PROGRESS_FLOATS), int(progress[guide.P_GATE])
+        )
+        leg = int(progress[guide.P_LEG])
+        lanes.append(names[leg])
+        metres -= roads.lanes[leg].length
+    return tuple(lanes)
 
 
 class Navigator:

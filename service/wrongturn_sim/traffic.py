@@ -12,7 +12,7 @@ from typing import Final
 from wrongturn_networks import Town
 from wrongturn_protocol import Trial
 from wrongturn_sim.errors import TrafficTooDenseError
-from wrongturn_sim.route import Pose
+from wrongturn_sim.route import Pose, lanes_ahead
 from wrongturn_sim.sidewalks import length_of, sidewalks_of
 from wrongturn_sim.slots import FIRST, JITTER, Slots, car_slots, pedestrian_slots
 
@@ -20,6 +20,9 @@ DRIVE_LENGTH: Final = 1200.0
 """Every car has so many metres before it: more than it can drive before the time is out."""
 WALK_LENGTH: Final = 200.0
 """And every pedestrian so many."""
+DRIVE_PACE: Final = 15.0
+WALK_PACE: Final = 1.7
+"""Over a journey they have as many as its time takes them at most, m/s."""
 COLOURS: Final = 256
 """Colour numbers run from 0 to below this."""
 
@@ -103,16 +106,23 @@ def plan_traffic(town: Town, trial: Trial, start: Pose) -> TrafficPlan | None:
     """
     if not (trial.traffic.vehicles or trial.traffic.pedestrians):
         return None
-    approach = town.approach(trial.approach)
-    lanes = (approach.lane, approach.exits[trial.route].lane)
+    time_limit = 0.0
+    if trial.journey is None:
+        approach = town.approach(trial.approach)
+        lanes: tuple[str, ...] = (approach.lane, approach.exits[trial.route].lane)
+    else:
+        time_limit = trial.journey.time_limit
+        # Half as far again as the goal: by then a car has arrived, or has lost its way.
+        lanes = lanes_ahead(town, trial, 1.5 * trial.journey.length or DRIVE_PACE * time_limit)
+    drive, walk = max(DRIVE_LENGTH, DRIVE_PACE * time_limit), max(WALK_LENGTH, WALK_PACE * time_limit)
     return TrafficPlan(
-        _cars(town, trial.traffic.vehicles, start, random.Random(f"vehicles {trial.seed}")),
-        _pedestrians(town, trial.traffic.pedestrians, start, random.Random(f"pedestrians {trial.seed}")),
+        _cars(town, trial.traffic.vehicles, start, drive, random.Random(f"vehicles {trial.seed}")),
+        _pedestrians(town, trial.traffic.pedestrians, start, walk, random.Random(f"pedestrians {trial.seed}")),
         tuple(town.lanes[lane].edge for lane in lanes),
     )
 
 
-def _cars(town: Town, count: int, start: Pose, draw: random.Random) -> tuple[Car, ...]:
+def _cars(town: Town, count: int, start: Pose, metres: float, draw: random.Random) -> tuple[Car, ...]:
     entries = sorted(lane.id for lane in town.lanes.values() if lane.start_junction is None)
     cars = []
     # Within a lane the foremost first: SUMO lets nobody in before a car that could not brake in time.
@@ -121,13 +131,13 @@ def _cars(town: Town, count: int, start: Pose, draw: random.Random) -> tuple[Car
     ):
         body = draw.choices(BODIES, [body.share for body in BODIES])[0]
         at = (front + draw.uniform(0.0, JITTER)) / town.lanes[name].length
-        cars.append(Car(body, _trips(town, Trip(name, at, ()), entries, draw), draw.randrange(COLOURS)))
+        cars.append(Car(body, _trips(town, Trip(name, at, ()), entries, metres, draw), draw.randrange(COLOURS)))
     return tuple(cars)
 
 
-def _trips(town: Town, first: Trip, entries: list[str], draw: random.Random) -> tuple[Trip, ...]:
+def _trips(town: Town, first: Trip, entries: list[str], metres: float, draw: random.Random) -> tuple[Trip, ...]:
     trips = []
-    trip, left = first, DRIVE_LENGTH
+    trip, left = first, metres
     while True:
         lane = town.lanes[trip.lane]
         edges = [lane.edge]
@@ -143,7 +153,7 @@ def _trips(town: Town, first: Trip, entries: list[str], draw: random.Random) -> 
         trip = Trip(entry, FIRST / town.lanes[entry].length, ())
 
 
-def _pedestrians(town: Town, count: int, start: Pose, draw: random.Random) -> tuple[Pedestrian, ...]:
+def _pedestrians(town: Town, count: int, start: Pose, metres: float, draw: random.Random) -> tuple[Pedestrian, ...]:
     if not count:
         return ()
     walks = sidewalks_of(town)
@@ -151,7 +161,7 @@ def _pedestrians(town: Town, count: int, start: Pose, draw: random.Random) -> tu
     for edge, along in _sample(draw, pedestrian_slots(town), count, start, "pedestrians", town):
         length = length_of(walks.lines[edge])
         forward = draw.random() < 0.5
-        edges, left = [edge], WALK_LENGTH - (length - along if forward else along)
+        edges, left = [edge], metres - (length - along if forward else along)
         area = walks.ends[edge][forward]
         until = float(forward)
         while left > 0.0:

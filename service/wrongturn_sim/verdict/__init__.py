@@ -7,7 +7,7 @@ from wrongturn_sim.verdict.errors import GeometryMismatchError, JudgeError, RowE
 from wrongturn_sim.verdict.geometry import ExitLane, JudgeGeometry, LaneStrip
 from wrongturn_sim.verdict.journey import JOURNEY_THRESHOLDS, JourneyJudge, JourneyThresholds
 from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
-from wrongturn_sim.verdict.judge import Judge, Zone, judge
+from wrongturn_sim.verdict.judge import Judge, Zone, judge, judge_of
 from wrongturn_sim.verdict.reaction import on_missing_side, reaction_of
 from wrongturn_sim.verdict.thresholds import THRESHOLDS, Thresholds
 
@@ -27,6 +27,7 @@ __all__ = [
     "Thresholds",
     "Zone",
     "judge",
+    "judge_of",
     "on_missing_side",
     "reaction_of",
 ]

@@ -14,9 +14,9 @@ from wrongturn_sim.ego import VEHICLE, Vehicle
 from wrongturn_sim.verdict import decide, journey_kernels
 from wrongturn_sim.verdict.errors import GeometryMismatchError, RowError
 from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
-from wrongturn_sim.verdict.judge import FLAGS, VERDICTS
 from wrongturn_sim.verdict.packing import CLOCK_TOLERANCE, Floats, numbers_of
 from wrongturn_sim.verdict.thresholds import THRESHOLDS, Thresholds
+from wrongturn_sim.verdict.words import FLAGS, VERDICTS
 
 if TYPE_CHECKING:
     from wrongturn_sim.trajectory import Row

@@ -112,7 +112,7 @@ def _lane_cells(grid: Grid, lanes: list[Floats]) -> tuple[NDArray[np.int16], NDA
         bounds[where] |= edge
         for i, k in np.argwhere(inner | edge).tolist():
             near.setdefault((where[0].start + i, where[1].start + k), []).append(row)
-    listed = [near[cell] for cell in map(tuple, np.argwhere(bounds).tolist())]
+    listed = [near[i, k] for i, k in np.argwhere(bounds).tolist()]
     width = max((len(one) for one in listed), default=1)
     candidates = np.array([one + [-1] * (width - len(one)) for one in listed], np.int64).reshape(-1, width)
     there[bounds] = -1 - np.arange(len(listed))

@@ -9,26 +9,22 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_protocol import DIRECTIONS, Flag, Outcome, Trial, Verdict
+from wrongturn_protocol import DIRECTIONS, Outcome, Trial
 from wrongturn_sim.ego import VEHICLE, Vehicle
 from wrongturn_sim.verdict import decide
 from wrongturn_sim.verdict.errors import GeometryMismatchError, RowError
 from wrongturn_sim.verdict.geometry import JudgeGeometry
+from wrongturn_sim.verdict.journey import JourneyJudge
+from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
 from wrongturn_sim.verdict.packing import Floats, numbers_of
 from wrongturn_sim.verdict.reaction import reaction_of
 from wrongturn_sim.verdict.thresholds import THRESHOLDS, Thresholds
+from wrongturn_sim.verdict.words import FLAGS, VERDICTS
 
 if TYPE_CHECKING:
     from wrongturn_sim.trajectory import Row, Trajectory
 
 _NOBODY: Final = np.empty((0, 6))
-VERDICTS: Final = (None, *Verdict)
-FLAGS: Final = {
-    decide.KERB_BITE: Flag.KERB_BITE,
-    decide.LANE_INVASION: Flag.LANE_INVASION,
-    decide.WRONG_WAY_FLAG: Flag.WRONG_WAY,
-    decide.OVER_LINE: Flag.OVER_LINE,
-}
 
 
 class Zone(IntEnum):
@@ -54,7 +50,7 @@ class Judge:
         vehicle: whose body the rows' positions are of.
 
     Raises:
-        GeometryMismatchError: the geometry's exits are not those of the trial's junction type.
+        GeometryMismatchError: the geometry's exits are not those of the trial's junction type, or it is a journey.
     """
 
     def __init__(
@@ -64,6 +60,10 @@ class Judge:
         thresholds: Thresholds = THRESHOLDS,
         vehicle: Vehicle = VEHICLE,
     ) -> None:
+        if trial.journey is not None:
+            raise GeometryMismatchError(
+                f"geometry: it is of one junction, but trial {trial.id} is a journey; take JourneyGeometry.of(town)"
+            )
         if frozenset(geometry.exits) != trial.junction_type.exits:
             names = ", ".join(direction.name for direction in geometry.exits)
             raise GeometryMismatchError(
@@ -155,9 +155,27 @@ def conclude(
     )
 
 
+def judge_of(
+    geometry: JudgeGeometry | JourneyGeometry,
+    trial: Trial,
+    thresholds: Thresholds = THRESHOLDS,
+    vehicle: Vehicle = VEHICLE,
+    *,
+    strict: bool = False,
+) -> Judge | JourneyJudge:
+    """The judge that a geometry is for.
+
+    Raises:
+        GeometryMismatchError: the geometry is not that of the trial.
+    """
+    if isinstance(geometry, JourneyGeometry):
+        return JourneyJudge(geometry, trial, thresholds, vehicle, strict=strict)
+    return Judge(geometry, trial, thresholds, vehicle)
+
+
 def judge(
     trajectory: Trajectory,
-    geometry: JudgeGeometry,
+    geometry: JudgeGeometry | JourneyGeometry,
     thresholds: Thresholds = THRESHOLDS,
     vehicle: Vehicle = VEHICLE,
 ) -> Outcome:
@@ -172,7 +190,7 @@ def judge(
             f"trajectory.town_sha256: {trajectory.town_sha256} is not the geometry's town, {geometry.town_sha256}; "
             "judge it with the town that it was driven in"
         )
-    watching = Judge(geometry, trajectory.trial, thresholds, vehicle)
+    watching = judge_of(geometry, trajectory.trial, thresholds, vehicle)
     for row in trajectory.rows:
         outcome = watching.observe(row)
         if outcome is not None:
