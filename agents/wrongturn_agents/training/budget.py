@@ -41,8 +41,8 @@ class Budget:
                 raise TrainingError(f"{name}: is {value}; give a number above 0")
         self.steps = NO_LIMIT if steps is None else steps
         self.seconds = None if minutes is None else 60.0 * minutes
-        self.reserve = 0.0
-        """Seconds kept for what comes after learning: the last evaluation and writing the files."""
+        self.reserve = 0.0 if self.seconds is None else min(60.0, 0.1 * self.seconds)
+        """Seconds kept for what comes after learning, the last evaluation: a guess, until there was one."""
         self._clock = clock
         self._begin = clock() - used
 
@@ -59,3 +59,7 @@ class Budget:
     def over(self, steps: int = 0) -> bool:
         """Whether learning is to end now."""
         return self.fraction(steps) >= 1.0
+
+    def out_of_time(self) -> bool:
+        """Whether all minutes are used but for writing the files."""
+        return self.seconds is not None and self.used >= self.seconds - min(2.0, 0.02 * self.seconds)

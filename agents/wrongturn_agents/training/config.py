@@ -79,6 +79,9 @@ class PPOConfig:
     patience: float = 30.0
     """Seconds for which a car may stand still in an evaluation before its journey is given up as failed."""
 
+    save_every: float = 10.0
+    """Minutes after which ``last.pt`` and the state to resume from are written, beside each evaluation."""
+
     bf16: bool = True
     """Encoders compute in bfloat16 where the device is CUDA; heads and losses always in float32."""
     compile: bool = False
@@ -103,6 +106,21 @@ class PPOConfig:
     def auxiliary_loss(self) -> bool:
         """Whether the segmentation's loss joins PPO's."""
         return False
+
+    @property
+    def predicted_share(self) -> float:
+        """Share of each minibatch whose segmentation is predicted."""
+        return 0.0
+
+    @property
+    def statistics(self) -> bool:
+        """Whether batch normalisation learns its statistics from what is driven."""
+        return False
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether what the policy sees is changed at random."""
+        return self.augmented or self.masked > 0.0
 
     @property
     def variant(self) -> str | None:
@@ -187,6 +205,11 @@ class ImageConfig(PPOConfig):
         return self.augment
 
     @property
+    def statistics(self) -> bool:
+        """Those of a pretrained encoder stay as they are."""
+        return not self.pretrained
+
+    @property
     def variant(self) -> str | None:
         """``without-pretraining``, ``without-augmentation``, both or None."""
         return _without(pretraining=self.pretrained, augmentation=self.augment)
@@ -218,6 +241,16 @@ class AuxiliaryConfig(PPOConfig):
     def auxiliary_loss(self) -> bool:
         """As :attr:`auxiliary`."""
         return self.auxiliary
+
+    @property
+    def predicted_share(self) -> float:
+        """As :attr:`auxiliary_share`."""
+        return self.auxiliary_share
+
+    @property
+    def statistics(self) -> bool:
+        """They are learned all along."""
+        return True
 
     @property
     def variant(self) -> str | None:

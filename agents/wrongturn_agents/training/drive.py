@@ -30,7 +30,7 @@ class Drive(NamedTuple):
 
     trial: Trial
     outcome: Outcome | None
-    """None where the car stood still for so long that the drive was given up."""
+    """None where the drive was given up."""
     reward: float
     """The sum of the paper's reward."""
 
@@ -51,6 +51,7 @@ def drive_all(
     threads: int = 1,
     batch: int | None = None,
     patience: float | None = None,
+    stop: Callable[[], bool] = lambda: False,
     on_end: Callable[[Drive], None] = lambda _: None,
 ) -> list[Drive]:
     """Drive trials of one or more towns, none with other road users.
@@ -64,6 +65,7 @@ def drive_all(
         threads: share the simulation.
         batch: how many are driven side by side; 16 on the CPU, else 256.
         patience: give a drive up whose car stood still for so many seconds running; None never does.
+        stop: give up all that is not over yet.
         on_end: told of each drive when it is over.
 
     Returns:
@@ -80,7 +82,7 @@ def drive_all(
     found: list[Drive | None] = [None] * len(trials)
     by_town = sorted(range(len(trials)), key=lambda i: trials[i].town)
     for town, numbers in groupby(by_town, key=lambda i: trials[i].town):
-        for i, driven in _in_town(model, town, list(numbers), trials, device, width, patience, options):
+        for i, driven in _in_town(model, town, list(numbers), trials, device, width, patience, stop, options):
             found[i] = driven
             on_end(driven)
     return [driven for driven in found if driven is not None]
@@ -94,12 +96,11 @@ def _in_town(
     device: torch.device,
     width: int,
     patience: float | None,
+    stop: Callable[[], bool],
     options: dict[str, Any],
 ) -> Iterator[tuple[int, Drive]]:
     count = min(width, len(numbers))
-    envs = WrongturnVectorEnv(
-        count, town, **options, record=False, copy=False, autoreset_mode=AutoresetMode.DISABLED
-    )
+    envs = WrongturnVectorEnv(count, town, **options, record=False, copy=False, autoreset_mode=AutoresetMode.DISABLED)
     # The longest first: so fewer egos idle while the last ones finish.
     waiting = sorted(numbers, key=lambda i: -_time_limit(trials[i]))
     driving: list[int | None] = [waiting.pop(0) for _ in range(count)]
@@ -112,6 +113,10 @@ def _in_town(
             ended = terminated | truncated
             rewards += earned
             stood = np.where(np.asarray(observation["speed"])[:, 0] < _STANDING, stood + 1, 0)
+            if stop():
+                left = [number for number in (*driving, *waiting) if number is not None]
+                yield from ((number, Drive(trials[number], None, 0.0)) for number in left)
+                return
             given_up = np.zeros(count, np.bool_) if patience is None else stood >= patience * _PER_SECOND
             anew = np.zeros(count, np.bool_)
             for k in np.flatnonzero(ended | given_up).tolist():

@@ -9,9 +9,11 @@ from gymnasium import spaces
 from stable_baselines3.common.distributions import DiagGaussianDistribution, Distribution
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from torch import Tensor, nn
+from torch import Tensor
 
+from wrongturn_agents.models import ActorCritic, Homoscedastic
 from wrongturn_agents.training.rollout import Observations
+from wrongturn_agents.training.seen_env import FEATURES
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 _LOG_ROOT = 0.5 * math.log(2.0 * math.pi)
@@ -34,6 +36,7 @@ class WrongturnPolicy(ActorCriticPolicy):  # type: ignore[misc]
         model: makes the actor-critic.
         bf16: the encoder computes in bfloat16 on CUDA; what follows it in float32 everywhere.
         compiled: the encoder is compiled.
+        joined: another loss is joined to PPO's, by weights that are learned.
         stopwatch: counts forward passes while driving as ``policy``.
     """
 
@@ -43,15 +46,17 @@ class WrongturnPolicy(ActorCriticPolicy):  # type: ignore[misc]
         action_space: spaces.Box,
         lr_schedule: Callable[[float], float],
         *,
-        model: Callable[[], nn.Module],
+        model: Callable[[], ActorCritic],
         bf16: bool = True,
         compiled: bool = False,
+        joined: bool = False,
         stopwatch: Stopwatch | None = None,
         **_: Any,
     ) -> None:
         self._make = model
         self._bf16 = bf16
         self._compiled = compiled
+        self._joined = joined
         self._stopwatch = stopwatch or Stopwatch(torch.device("cpu"))
         super().__init__(
             observation_space, action_space, lr_schedule, net_arch={}, features_extractor_class=_NoExtractor
@@ -59,16 +64,24 @@ class WrongturnPolicy(ActorCriticPolicy):  # type: ignore[misc]
 
     def _build(self, lr_schedule: Callable[[float], float]) -> None:
         self.model = self._make()
-        parameters = [parameter for parameter in self.model.parameters() if parameter.requires_grad]
+        if self._joined:
+            self.homoscedastic = Homoscedastic()
+        parameters = [parameter for parameter in self.parameters() if parameter.requires_grad]
         self.optimizer = torch.optim.Adam(parameters, lr=lr_schedule(1), eps=1e-5)
-        self._encode: Callable[[Observations], Tensor] = self.model.features
+        self._encode: Callable[[Observations], Tensor] = self.model.encode
         if self._compiled:
-            self._encode = torch.compile(self.model.features)
+            self._encode = torch.compile(self.model.encode)
 
     def features(self, observation: Observations) -> Tensor:
-        """(b, F) float32."""
+        """(b, F) float32 of pictures, or of what a frozen encoder made of them."""
+        return self.model.join(self.encode(observation), observation)
+
+    def encode(self, observation: Observations) -> Tensor:
+        """(b, width) of pictures; what is encoded already is given back."""
+        if FEATURES in observation:
+            return observation[FEATURES]
         with self.precision(observation):
-            return self._encode(observation).float()
+            return self._encode(observation)
 
     def precision(self, observation: Observations) -> torch.autocast:
         """In which the encoder computes."""
@@ -78,17 +91,15 @@ class WrongturnPolicy(ActorCriticPolicy):  # type: ignore[misc]
     def forward(self, obs: Observations, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
         """Actions (b, 2), values (b,) and log-probabilities (b,)."""
         with self._stopwatch.part("policy"):
-            features = self.features(obs)
-            mean = self.model.act(features, obs["command"])
+            mean, values = self.model(self.features(obs), obs["command"])
             actions = mean if deterministic else mean + torch.exp(self.model.log_std) * torch.randn_like(mean)
-            return actions, self.model.value(features, obs["command"]), self._log_prob(mean, actions)
+            return actions, values, self._log_prob(mean, actions)
 
     def evaluate_actions(self, obs: Observations, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Values (b,), log-probabilities (b,) of these actions, and the entropy ()."""
-        features = self.features(obs)
-        mean = self.model.act(features, obs["command"])
+        mean, values = self.model(self.features(obs), obs["command"])
         entropy = (self.model.log_std + 0.5 + _LOG_ROOT).sum()
-        return self.model.value(features, obs["command"]), self._log_prob(mean, actions), entropy
+        return values, self._log_prob(mean, actions), entropy
 
     def predict_values(self, obs: Observations) -> Tensor:
         """(b,)"""

@@ -11,7 +11,7 @@ from torch.nn import functional
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.config import PPOConfig
 from wrongturn_agents.training.policy import WrongturnPolicy
-from wrongturn_agents.training.rollout import DeviceRolloutBuffer, Samples
+from wrongturn_agents.training.rollout import DeviceRolloutBuffer, Observations, Samples
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 
@@ -57,10 +57,12 @@ class WrongturnPPO(PPO):  # type: ignore[misc]
             max_grad_norm=config.max_grad_norm,
             target_kl=config.kl_stop,
             rollout_buffer_class=DeviceRolloutBuffer,
+            rollout_buffer_kwargs={"stopwatch": stopwatch},
             policy_kwargs={
                 "model": model,
                 "bf16": config.bf16,
                 "compiled": config.compile,
+                "joined": config.auxiliary_loss,
                 "stopwatch": stopwatch,
             },
             **more,
@@ -78,6 +80,9 @@ class WrongturnPPO(PPO):  # type: ignore[misc]
         """Learn from the rollout."""
         with self.stopwatch.part("learn"):
             self._learn()
+            if self.config.statistics:
+                samples = next(self.rollout_buffer.get(self.config.batch_size))
+                self.policy.model.update_statistics(samples.observations)
 
     def _learn(self) -> None:
         policy, config = self.policy, self.config
@@ -140,14 +145,14 @@ class WrongturnPPO(PPO):  # type: ignore[misc]
         terms = {"policy_loss": policy_loss, "value_loss": value_loss, "clip_fraction": outside}
         if config.auxiliary_loss:
             auxiliary = self._auxiliary_loss(samples.observations)
-            loss = self.policy.model.homoscedastic(loss, auxiliary)
+            loss = self.policy.homoscedastic(loss, auxiliary)
             terms["auxiliary_loss"] = auxiliary
         return loss, {name: term.detach() for name, term in terms.items()}, divergence
 
-    def _auxiliary_loss(self, observations: dict[str, Tensor]) -> Tensor:
+    def _auxiliary_loss(self, observations: Observations) -> Tensor:
         """Cross-entropy of the segmentation that is predicted for the first frames of a minibatch."""
-        count = max(1, round(self.config.auxiliary_share * len(observations["speed"])))  # type: ignore[attr-defined]
+        count = max(1, round(self.config.predicted_share * len(observations["speed"])))
         chosen = {name: tensor[:count] for name, tensor in observations.items()}
         with self.policy.precision(chosen):
-            logits = self.policy.model.segmentation_logits(chosen)
-        return functional.cross_entropy(logits.float(), chosen["segmentation"].long())
+            loss: Tensor = self.policy.model.segmentation_loss(chosen)
+        return loss

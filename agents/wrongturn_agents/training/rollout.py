@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.buffers import RolloutBuffer
 from torch import Tensor
 
+from wrongturn_agents.training.stopwatch import Stopwatch
+
 Observations = dict[str, Tensor]
 
 _KINDS = {
@@ -46,6 +48,10 @@ class DeviceRolloutBuffer(RolloutBuffer):  # type: ignore[misc]
 
     observation_space: spaces.Dict
 
+    def __init__(self, *arguments: Any, stopwatch: Stopwatch | None = None, **options: Any) -> None:
+        self._stopwatch = stopwatch or Stopwatch(torch.device("cpu"))
+        super().__init__(*arguments, **options)
+
     def reset(self) -> None:
         """Begin anew; the tensors stay where they are."""
         if not hasattr(self, "_tensors"):
@@ -78,13 +84,14 @@ class DeviceRolloutBuffer(RolloutBuffer):  # type: ignore[misc]
         log_prob: Tensor,
     ) -> None:
         """Keep one decision of all environments, (n_envs, ...) each."""
-        for name, tensor in self.observations.items():
-            tensor[self.pos].copy_(torch.as_tensor(obs[name]), non_blocking=True)
-        self.actions[self.pos].copy_(torch.as_tensor(action))
-        self.rewards[self.pos].copy_(torch.as_tensor(reward))
-        self.episode_starts[self.pos].copy_(torch.as_tensor(episode_start))
-        self.values[self.pos].copy_(value.flatten())
-        self.log_probs[self.pos].copy_(log_prob)
+        with self._stopwatch.part("buffer"):
+            for name, tensor in self.observations.items():
+                tensor[self.pos].copy_(torch.as_tensor(obs[name]))
+            self.actions[self.pos].copy_(torch.as_tensor(action))
+            self.rewards[self.pos].copy_(torch.as_tensor(reward))
+            self.episode_starts[self.pos].copy_(torch.as_tensor(episode_start))
+            self.values[self.pos].copy_(value.flatten())
+            self.log_probs[self.pos].copy_(log_prob)
         self.pos += 1
         self.full = self.pos == self.buffer_size
 

@@ -1,0 +1,68 @@
+"""``wrongturn train`` and ``wrongturn score``; nothing heavy is imported before one of them runs."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+_Threads = Annotated[
+    int | None, typer.Option(help="Threads of the simulation and of torch on the CPU; all by default.")
+]
+_Device = Annotated[str, typer.Option(help="cpu, cuda or auto.")]
+
+
+def train(
+    algorithm: Annotated[str, typer.Argument(help="ppo-segmentation, ppo-image or ppo-auxiliary.")],
+    seed: Annotated[int, typer.Option(help="Of weights, drives and actions.")] = 1,
+    steps: Annotated[int | None, typer.Option(help="Environment steps; the algorithm's own by default.")] = None,
+    minutes: Annotated[float | None, typer.Option(help="Wall clock for everything, kept exactly.")] = None,
+    device: _Device = "auto",
+    directory: Annotated[Path | None, typer.Option(help="Of the run; runs/ALGORITHM-SEED by default.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the directory.")] = False,
+    num_envs: Annotated[int | None, typer.Option(help="Egos driven side by side.")] = None,
+    threads: _Threads = None,
+    option: Annotated[list[str] | None, typer.Option(help="name=value of the algorithm's configuration.")] = None,
+) -> None:
+    """Train one of the paper's agents: overnight on a laptop, in minutes on a GPU."""
+    from wrongturn_agents.training.display import Display  # noqa: PLC0415
+    from wrongturn_agents.training.train import train as run  # noqa: PLC0415
+
+    options = [*(option or []), *([] if num_envs is None else [f"num_envs={num_envs}"])]
+    folder = directory or Path("runs") / f"{algorithm}-{seed}"
+    with Display(algorithm) as display:
+        best = run(
+            algorithm,
+            directory=folder,
+            seed=seed,
+            steps=steps,
+            minutes=minutes,
+            device=device,
+            resume=resume,
+            threads=threads,
+            options=options,
+            on_row=display.row,
+            on_pretraining=display.pretraining,
+        )
+    typer.echo(f"The best is {best}.")
+
+
+def score(
+    checkpoint: Annotated[Path, typer.Argument(help="best.pt or last.pt of a run.")],
+    suite: Annotated[str, typer.Option(help="The suite's id.")] = "wrong-command@1",
+    json: Annotated[Path | None, typer.Option(help="Write the results there.")] = None,
+    device: _Device = "auto",
+    threads: _Threads = None,
+    batch: Annotated[int | None, typer.Option(help="Trials driven side by side.")] = None,
+) -> None:
+    """Drive a suite with a checkpoint in this process, and tell what each trial came to."""
+    from wrongturn_agents.training.score import score as run  # noqa: PLC0415
+    from wrongturn_agents.training.score import summary, write_results  # noqa: PLC0415
+
+    begin = time.monotonic()
+    results = run(checkpoint, suite, device=device, threads=threads, batch=batch)
+    for line in summary(results):
+        typer.echo(line)
+    typer.echo(f"{len(results['trials'])} trials in {time.monotonic() - begin:.0f} s.")
+    if json is not None:
+        write_results(json, results)

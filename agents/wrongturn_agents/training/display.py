@@ -1,0 +1,61 @@
+"""What a run looks like while it runs: a bar in a terminal, a line now and then elsewhere."""
+
+import sys
+import time
+from types import TracebackType
+from typing import Any, Self
+
+_EVERY = 10.0
+"""Seconds between two lines where there is no terminal."""
+
+
+class Display:
+    """Tells of a run's rows.
+
+    Args:
+        title: of the run.
+    """
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+        self._told_at = -_EVERY
+        self._status: Any = None
+
+    def __enter__(self) -> Self:
+        if sys.stdout.isatty():
+            from rich.console import Console  # noqa: PLC0415 - machines without a terminal need not have it
+
+            self._status = Console().status(f"{self._title}: begins")
+            self._status.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+    def row(self, row: dict[str, Any]) -> None:
+        """Tell of a row of ``progress.csv``."""
+        reward = row["reward_mean"]
+        text = (
+            f"{row['minutes']:.1f} min, {row['step']:,} steps, {row['steps_per_second']:,.0f}/s, reward of an episode "
+            + ("-" if reward is None else f"{reward:,.0f}")
+        )
+        held_out = row.get("success_heldout")
+        if held_out is not None:
+            text += f", held-out journeys {held_out:.0%} (clean {row['clean_heldout']:.0%})"
+        self._tell(text, keep=held_out is not None)
+
+    def pretraining(self, frames: int, loss: float) -> None:
+        """Tell of the encoder."""
+        self._tell(f"pretraining, {frames:,} frames, loss {loss:.3f}", keep=False)
+
+    def _tell(self, text: str, *, keep: bool) -> None:
+        if self._status is not None:
+            self._status.update(f"{self._title}: {text}")
+            if keep:
+                self._status.console.print(text, highlight=False)
+        elif keep or time.monotonic() - self._told_at >= _EVERY:
+            self._told_at = time.monotonic()
+            print(f"{self._title}: {text}", flush=True)

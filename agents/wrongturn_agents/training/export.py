@@ -1,0 +1,205 @@
+"""A checkpoint as one ONNX file that holds the whole agent; its contract is ``docs/models.md``."""
+
+import hashlib
+import logging
+import os
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import onnx
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from wrongturn_agents.onnx_agent import ACTION, open_session
+from wrongturn_agents.shipped import SHIPPED
+from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
+from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.quantisation import halve, quantise
+from wrongturn_agents.training.recording import record_observations
+from wrongturn_protocol import Track
+
+OPSET: Final = 18
+"""Of the files: torch's exporter writes it without a conversion, and every onnxruntime since 1.14 reads it."""
+LICENCE: Final = "Apache-2.0"
+CALIBRATION: Final = 200
+"""Observations that int8's ranges are taken from."""
+_CALIBRATION_SEED: Final = 20_001
+_MEASURED: Final = ("speed", "steering", "command")
+
+Observations = Mapping[str, NDArray[Any]]
+
+
+class Precision(StrEnum):
+    """How weights are stored, and what is computed in."""
+
+    FP32 = "fp32"
+    """As trained."""
+    FP16 = "fp16"
+    """Weights stored in half precision, computed in single: half the file, the same speed."""
+    INT8 = "int8"
+    """Convolutions and the wide layer behind them in 8 bits, the rest as fp16: a quarter of the file, faster."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How far a file's actions are from the checkpoint's, over some observations: steer, throttle, brake."""
+
+    mean: tuple[float, float, float]
+    """Mean absolute differences."""
+    greatest: tuple[float, float, float]
+    """Greatest absolute differences."""
+    observations: int
+
+
+class _Driver(nn.Module):
+    """The agent as the graph has it: an observation in, steer, throttle and brake out."""
+
+    def __init__(self, model: nn.Module) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, observation: dict[str, Tensor]) -> Tensor:
+        action: Tensor = self.model.drive(observation)  # type: ignore[operator]
+        return action
+
+
+def export(
+    checkpoint: Path | str,
+    file: Path | str,
+    precision: Precision | str = Precision.FP32,
+    *,
+    name: str | None = None,
+    observations: Observations | None = None,
+) -> None:
+    """Write a checkpoint as an ONNX file.
+
+    Args:
+        checkpoint: a run's ``best.pt`` or ``last.pt``.
+        file: what to write.
+        precision: of the weights.
+        name: of the agent, for the leaderboard; the algorithm's by default.
+        observations: what int8 is calibrated by, (n, ...) for each input; recorded by default.
+
+    Raises:
+        TrainingError: the checkpoint is none, or the file cannot be written.
+    """
+    file = Path(file)
+    if file.is_dir() or not file.absolute().parent.is_dir():
+        raise TrainingError(f"FILE: {file} cannot be written; name a file in a directory that exists")
+    told = load_checkpoint(Path(checkpoint))
+    algorithm, precision = told["algorithm"], Precision(precision)
+    keys = inputs_of(algorithm)
+    graph = _graph(model_of(told), keys)
+    if precision is Precision.INT8:
+        recorded = observations or record_observations(SHIPPED[algorithm].track, CALIBRATION, seed=_CALIBRATION_SEED)
+        graph = quantise(graph, {key: np.asarray(recorded[key]) for key in keys})
+    if precision is not Precision.FP32:
+        halve(graph)
+    onnx.helper.set_model_props(
+        graph,
+        {
+            "name": name or algorithm,
+            "track": str(SHIPPED[algorithm].track),
+            "description": SHIPPED[algorithm].description,
+            "algorithm": algorithm,
+            "seed": str(told["seed"]),
+            "steps": str(told["steps"]),
+            "precision": str(precision),
+            "licence": LICENCE,
+        },
+    )
+    onnx.checker.check_model(graph, full_check=True)
+    beside = file.with_name(file.name + ".part")
+    try:
+        beside.write_bytes(graph.SerializeToString(deterministic=True))
+        os.replace(beside, file)
+    except OSError as error:
+        raise TrainingError(f"FILE: {file} cannot be written ({error.strerror}); name another") from error
+
+
+def inputs_of(algorithm: str) -> tuple[str, ...]:
+    """The observation keys that an algorithm's agent drives by."""
+    seen = "segmentation" if SHIPPED[algorithm].track is Track.SEGMENTATION else "rgb"
+    return (*_MEASURED, seen)
+
+
+def agreement(checkpoint: Path | str, file: Path | str, observations: Observations) -> Agreement:
+    """Compare a file's actions with its checkpoint's.
+
+    Args:
+        checkpoint: what the file was made from.
+        file: the ONNX file.
+        observations: (n, ...) for each input.
+    """
+    told = load_checkpoint(Path(checkpoint))
+    keys = inputs_of(told["algorithm"])
+    model, session = model_of(told), open_session(Path(file))
+    differences = []
+    for i in range(len(observations[keys[0]])):  # one at a time, as an agent drives
+        one = {key: np.asarray(observations[key][i : i + 1]) for key in keys}
+        with torch.inference_mode():
+            wanted = model.drive({key: torch.from_numpy(array) for key, array in one.items()})  # type: ignore[operator]
+        differences.append(np.abs(session.run([ACTION], one)[0] - wanted.numpy())[0])
+    mean, greatest = np.mean(differences, 0).tolist(), np.max(differences, 0).tolist()
+    return Agreement(tuple(mean), tuple(greatest), len(differences))
+
+
+def sha256(file: Path | str) -> str:
+    """Of a file's bytes, in hexadecimal."""
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+
+
+def _graph(model: nn.Module, keys: tuple[str, ...]) -> onnx.ModelProto:
+    """The agent's graph in single precision, its batch axis free."""
+    shapes = {"speed": (1,), "steering": (1,), "command": (1,), "rgb": (64, 192, 3), "segmentation": (64, 192)}
+    dtypes = {"speed": torch.float32, "steering": torch.float32, "command": torch.int64}
+    # Two of them: an axis of one would be taken for one that is always one.
+    example = {key: torch.ones((2, *shapes[key]), dtype=dtypes.get(key, torch.uint8)) for key in keys}
+    batch = torch.export.Dim("batch", min=1, max=4096)
+    with _quiet():
+        program = torch.onnx.export(
+            _Driver(model.to(memory_format=torch.contiguous_format)).eval(),  # type: ignore[call-overload]
+            kwargs={"observation": example},
+            dynamo=True,
+            opset_version=OPSET,
+            dynamic_shapes={"observation": {key: {0: batch} for key in keys}},
+            input_names=list(keys),
+            output_names=[ACTION],
+            verbose=False,
+        )
+    assert program is not None
+    proto: onnx.ModelProto = program.model_proto
+    _strip(proto)
+    return proto
+
+
+def _strip(proto: onnx.ModelProto) -> None:
+    """Drop the notes of where in which source each node came from: they name this machine's folders."""
+    proto.producer_name, proto.producer_version, proto.doc_string = "wrongturn", "", ""
+    graph = proto.graph
+    graph.doc_string = ""
+    for part in (proto, graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer):
+        del part.metadata_props[:]
+        part.doc_string = ""
+    del proto.functions[:]
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the exporter from telling of packages that it does without, and of its own deprecations."""
+    logger = logging.getLogger("torch.onnx._internal.exporter._registration")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)

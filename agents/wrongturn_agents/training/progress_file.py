@@ -1,0 +1,78 @@
+"""``progress.csv``: a row for each update of a run."""
+
+import csv
+from pathlib import Path
+from typing import Any, Final
+
+COLUMNS: Final = (
+    "step",
+    "minutes",
+    "reward_mean",
+    "episode_length",
+    "reward_per_decision",
+    "off_road",
+    "collision",
+    "wrong_way",
+    "not_engaged",
+    "timeout",
+    "success_heldout",
+    "clean_heldout",
+    "reward_heldout",
+    "steps_per_second",
+    "seconds_env",
+    "seconds_render",
+    "seconds_encode",
+    "seconds_policy",
+    "seconds_buffer",
+    "seconds_learn",
+    "seconds_evaluate",
+    "seconds_rest",
+    "learning_rate",
+    "divergence",
+    "epochs",
+    "minibatches",
+    "clip_fraction",
+    "policy_loss",
+    "value_loss",
+    "auxiliary_loss",
+    "explained_variance",
+    "std_steer",
+    "std_accelerate",
+)
+"""Rewards are the paper's, of an episode or a decision; verdicts are shares of the episodes that ended; seconds are
+those of the row."""
+
+
+class ProgressFile:
+    """Rows that are on the disk as soon as they are told.
+
+    Args:
+        path: of the file.
+        resumed_at: rows after so many steps are of the run that was interrupted, and dropped; None begins anew.
+    """
+
+    def __init__(self, path: Path, *, resumed_at: int | None = None) -> None:
+        self.path = path
+        kept = [] if resumed_at is None else [row for row in read_rows(path) if int(row["step"]) <= resumed_at]
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, COLUMNS, restval="")
+            writer.writeheader()
+            writer.writerows(kept)
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Write a row; what it lacks stays empty."""
+        known = {name: _short(row[name]) for name in COLUMNS if row.get(name) is not None}
+        with self.path.open("a", newline="", encoding="utf-8") as file:
+            csv.DictWriter(file, COLUMNS, restval="").writerow(known)
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """The rows of a file; none where there is none."""
+    if not path.is_file():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def _short(value: Any) -> Any:
+    return f"{value:.6g}" if isinstance(value, float) else value

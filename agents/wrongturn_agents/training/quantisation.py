@@ -1,0 +1,104 @@
+"""Smaller weights in an ONNX graph: halves, and 8 bits where convolutions are."""
+
+import logging
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+from onnx import TensorProto, helper, numpy_helper
+
+_WORTH: Final = 1_000
+"""Weights of fewer numbers stay as they are."""
+_WIDE: Final = 1_000_000
+"""A linear layer of more weights than this is quantised too: it is the one between a picture and the heads."""
+
+
+def halve(model: onnx.ModelProto) -> None:
+    """Store float32 weights as float16, in place; a cast before each makes them float32 again when it is loaded.
+
+    onnxruntime has no half-precision convolutions on most processors: they would be slower, not faster.
+    """
+    graph = model.graph
+    casts = []
+    for tensor in list(graph.initializer):
+        if tensor.data_type != TensorProto.FLOAT or np.prod(tensor.dims) < _WORTH:
+            continue
+        half = numpy_helper.from_array(numpy_helper.to_array(tensor).astype(np.float16), f"{tensor.name}.half")
+        graph.initializer.remove(tensor)
+        graph.initializer.append(half)
+        casts.append(helper.make_node("Cast", [half.name], [tensor.name], to=TensorProto.FLOAT))
+    nodes = [*casts, *graph.node]
+    del graph.node[:]
+    graph.node.extend(nodes)
+
+
+def quantise(model: onnx.ModelProto, observations: Mapping[str, NDArray[Any]]) -> onnx.ModelProto:
+    """The graph with its convolutions, and the wide layer behind them, in 8 bits; the heads stay in float.
+
+    Static, by quantise-dequantise pairs, weights per output channel. Weights take 7 of the 8 bits: on processors
+    without instructions of their own for it (VNNI), sums of 8-bit products saturate, and an agent would drive
+    differently there.
+
+    Args:
+        model: in float32.
+        observations: (n, ...) for each input; the range of each activation is what it takes on over them.
+    """
+    from onnxruntime.quantization import (  # noqa: PLC0415 - slow to load
+        CalibrationDataReader,
+        QuantFormat,
+        QuantType,
+        quantize_static,
+    )
+
+    number = len(next(iter(observations.values())))
+
+    class Reader(CalibrationDataReader):  # type: ignore[misc]
+        def __init__(self) -> None:
+            self.left = iter(range(number))
+
+        def get_next(self) -> dict[str, NDArray[Any]] | None:
+            i = next(self.left, None)
+            return None if i is None else {key: array[i : i + 1] for key, array in observations.items()}
+
+    with tempfile.TemporaryDirectory() as folder, _quiet():
+        plain, quantised = Path(folder, "plain.onnx"), Path(folder, "quantised.onnx")
+        onnx.save(model, plain)
+        quantize_static(
+            plain,
+            quantised,
+            Reader(),
+            quant_format=QuantFormat.QDQ,
+            nodes_to_quantize=[node.name for node in model.graph.node if _is_wide(node, model.graph)],
+            per_channel=True,
+            reduce_range=True,
+            activation_type=QuantType.QUInt8,
+            weight_type=QuantType.QInt8,
+        )
+        small: onnx.ModelProto = onnx.load(quantised)
+    small.producer_name, small.producer_version = model.producer_name, model.producer_version
+    del small.metadata_props[:]
+    return small
+
+
+def _is_wide(node: onnx.NodeProto, graph: onnx.GraphProto) -> bool:
+    if node.op_type == "Conv":
+        return True
+    weights = {tensor.name: np.prod(tensor.dims) for tensor in graph.initializer}
+    return node.op_type in {"Gemm", "MatMul"} and any(weights.get(name, 0) > _WIDE for name in node.input)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep onnxruntime from advising what the exporter has done already."""
+    logger = logging.getLogger()
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)

@@ -1,0 +1,63 @@
+"""Observations to calibrate by and to compare with, drawn anew each time they are wanted rather than kept in files."""
+
+from typing import Any, Final
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from wrongturn_agents.training.config import TRAINING_WEATHERS
+from wrongturn_protocol import Track
+from wrongturn_sim import WrongturnVectorEnv
+
+_EGOS: Final = 20
+_APART: Final = 4
+"""Decisions between two observations of an ego that are kept."""
+
+
+def record_observations(track: Track | str, number: int, *, seed: int = 0, town: str = "Town01") -> dict[str, Any]:
+    """What cars see that cruise about a town, steered by chance; the same for the same arguments.
+
+    They start beside the lane's centre, aslant and at any speed, near junctions and bends above all, in the weathers of
+    the training, and begin anew where they leave the road: so the road is seen from everywhere a driver gets to.
+
+    Args:
+        track: whose observations.
+        number: how many, at least 1.
+        seed: of starts, weathers, commands and steering.
+        town: where.
+
+    Returns:
+        One array (``number``, ...) for each key of the track.
+
+    Raises:
+        ValueError: the number is below 1.
+    """
+    if number < 1:
+        raise ValueError(f"number: is {number}; record 1 observation or more")
+    random = np.random.default_rng(seed)
+    envs = WrongturnVectorEnv(
+        _EGOS,
+        town,
+        track,
+        task="cruise",
+        strict=True,
+        record=False,
+        weather=TRAINING_WEATHERS,
+        autoreset_mode=AutoresetMode.SAME_STEP,
+    )
+    kept: list[dict[str, NDArray[Any]]] = []
+    try:
+        observation, _ = envs.reset(seed=seed)
+        speeds = random.uniform(2.0, 9.0, _EGOS)
+        steer = np.zeros(_EGOS)
+        while len(kept) * _EGOS < number:
+            kept.append({key: np.array(array) for key, array in observation.items()})
+            for _ in range(_APART):
+                steer = np.clip(0.8 * steer + random.normal(0.0, 0.08, _EGOS), -1.0, 1.0)
+                pedal = np.clip((speeds - np.asarray(observation["speed"])[:, 0]) * 0.3, -1.0, 1.0)
+                actions = np.stack([steer, np.maximum(pedal, 0.0), np.maximum(-pedal, 0.0)], 1).astype(np.float32)
+                observation, *_ = envs.step(actions)
+    finally:
+        envs.close()
+    return {key: np.concatenate([one[key] for one in kept])[:number] for key in kept[0]}
