@@ -204,6 +204,11 @@ class Client:
         path = path_of("v1", "evaluations", evaluation, "episodes") + "?state=open"
         return _model(EpisodeList, self._transport.call("GET", path)).episodes
 
+    def finished_episodes(self, evaluation: str) -> tuple[EpisodeDetail, ...]:
+        """The evaluation's finished episodes; their trials and outcomes are shown once all of it is finished."""
+        path = path_of("v1", "evaluations", evaluation, "episodes") + "?state=finished"
+        return _model(EpisodeList, self._transport.call("GET", path)).episodes
+
     def put_results(
         self,
         evaluation: str,

@@ -21,7 +21,7 @@ _CONDITIONS: Final = {
     Condition.TRAINING: "training\n ",
     Condition.NEW_WEATHER: "new\nweather",
     Condition.NEW_TOWN: "new\ntown",
-    Condition.NEW_TOWN_AND_WEATHER: "new town,\nweather",
+    Condition.NEW_TOWN_AND_WEATHER: "both\nnew",
 }
 
 
@@ -36,7 +36,7 @@ def navigation_table(name: str, metrics: NavigationMetrics) -> Table:
         metrics: of its finished evaluation.
     """
     conditions = _conditions([metrics])
-    table = plain_table(f"{name}: success in %, and clean: without any infraction")
+    table = plain_table(f"{name}: success and clean, in %")
     table.add_column("task", no_wrap=True)
     for condition in conditions:
         table.add_column(_CONDITIONS[condition], justify="right", no_wrap=True)
@@ -63,13 +63,16 @@ def navigation_table(name: str, metrics: NavigationMetrics) -> Table:
 def navigation_leaderboard(leaderboard: Leaderboard) -> Table:
     """The ranking on a suite of journeys: for each agent a row for each task, success in percent by condition.
 
-    ``success`` counts the goals that were reached, with Wilson's 95% interval below; ``clean`` those of them without
-    any infraction; ``=`` behind a rank says that it is shared.
+    ``success`` is that of all journeys, with Wilson's 95% interval below; ``clean`` without any infraction; ``=``
+    behind a rank says that it is shared.
+
+    Args:
+        leaderboard: with one entry of journeys at least.
     """
     entries = [(entry, entry.navigation) for entry in leaderboard.entries if entry.navigation is not None]
     found = [metrics for _, metrics in entries]
     conditions, tasks = _conditions(found), _tasks(found)
-    table = plain_table(f"{leaderboard.suite}: success in %")
+    table = plain_table(f"{leaderboard.suite}: success in % of {found[0].total.episodes} journeys")
     table.add_column("rank", justify="right", no_wrap=True)
     table.add_column(
         "agent", overflow="fold", min_width=max((len(entry.agent.track) for entry, _ in entries), default=0)
@@ -85,7 +88,7 @@ def navigation_leaderboard(leaderboard: Leaderboard) -> Table:
         low, high = total.ci95
         heads = [(rank, entry.agent.name), ("", entry.agent.track.value)]
         totals = [
-            (f"{total.success}/{total.episodes} {100 * total.rate:.0f}%", f"{total.clean}/{total.episodes}"),
+            (f"{100 * total.rate:.0f}%", f"{100 * total.clean / total.episodes:.0f}%"),
             (f"[{100 * low:.0f}, {100 * high:.0f}]%", ""),
         ]
         # The totals take two rows, however few tasks there are.

@@ -75,6 +75,15 @@ def test_only_approaches_that_admit_the_fault_are_drawn() -> None:
         _make(service, token="t", fault="infeasible", route=3).reset()
 
 
+def test_journeys_are_practised_by_their_task() -> None:
+    service = FakeService()
+    _make(service, token="t", task="navigation").reset(seed=1)
+    _make(service, token="t", task="straight", town="Town02", approach="J1-S").reset(seed=1)
+    asked = [(request["town"], request["task"], request.get("approach")) for request in service.practice]
+    assert asked == [("Town01", "navigation", None), ("Town02", "straight", "J1-S")]
+    assert not service.paths("GET"), "no approach had to be looked up"
+
+
 def test_an_episode_that_is_left_is_given_up() -> None:
     service = FakeService()
     env = _make(service, token="t", approach="J1-S")
@@ -104,6 +113,8 @@ def test_a_suites_trial_is_practised() -> None:
         {"trial": "one"},
         {"suite": "smoke@1", "town": "Town01"},
         {"fault": "nothing"},
+        {"task": "wander"},
+        {"suite": "smoke@1", "task": "straight"},
         {"weather": "Fog"},
         {"traffic": {"vehicles": -1}},
         {"route": 9},
@@ -111,7 +122,7 @@ def test_a_suites_trial_is_practised() -> None:
 )
 def test_names_that_do_not_go_together_are_refused_before_any_call(options: dict[str, Any]) -> None:
     service = FakeService()
-    with pytest.raises(ValueError, match=r"trial|suite|nothing|Fog|vehicles|9"):
+    with pytest.raises(ValueError, match=r"trial|suite|nothing|wander|Fog|vehicles|9"):
         _make(service, **options)
     assert service.requests == []
 

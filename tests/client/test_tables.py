@@ -104,3 +104,65 @@ def test_an_evaluation_has_the_same_layout(change: dict[str, Any], seen: list[st
     assert "me [x]: unsafe episodes" in shown
     for words in seen:
         assert words in shown
+
+
+def _count(success: int, clean: int) -> dict[str, Any]:
+    rates = {"off_road": 0.125, "wrong_lane": 0.25, "collisions": 0.0}
+    figures = {"rate": success / 25, "ci95": [0.7, 0.95], "completion": 0.9, "distance": 12.5, "per_km": rates}
+    return {"episodes": 25, "success": success, "clean": clean, **figures}
+
+
+NAVIGATION = {
+    "total": _count(22, 19),
+    "table": {
+        "straight": {"training": _count(25, 24), "new_town_and_weather": _count(23, 21)},
+        "navigation_dynamic": {"training": _count(13, 5)},
+    },
+}
+OF_JOURNEYS = {**METRICS, "table": {}, "excess_unsafe_rate": None, "navigation": NAVIGATION}
+
+
+def test_journeys_have_corl_s_table() -> None:
+    lines = _shown(evaluation_table("me", Metrics.model_validate(OF_JOURNEYS))).splitlines()
+    assert lines[0] == "me: success and clean, in %"
+    assert lines[1].index("training") < lines[1].index("both")
+    assert [line.split() for line in lines if line.startswith(("straight", "nav."))] == [
+        ["straight", "100", "96", "92", "84"],
+        ["nav.", "dynamic", "52", "20", "-", "-"],
+    ]
+    shown = " ".join(lines)
+    assert "22 of 25 reached their goal, 95% CI [70, 95]%; 19 without any infraction; 90% of the way" in shown
+    assert "12.5 km: 0.12 times off the road, 0.25 in an oncoming lane, 0.00 collisions" in shown
+
+
+def test_who_did_not_move_has_no_rates() -> None:
+    still = {**_count(0, 0), "distance": 0.0, "per_km": None}
+    metrics = Metrics.model_validate({**OF_JOURNEYS, "navigation": {"total": still, "table": {"straight": {}}}})
+    assert "km" not in _shown(evaluation_table("parked", metrics))
+
+
+def test_a_leaderboard_of_journeys_has_a_row_for_each_task() -> None:
+    one = _entry("careful", 1, **{**OF_JOURNEYS, "tied_with": ["other"]})
+    two = _entry("an-agent-with-a-rather-long-name", 1, **OF_JOURNEYS)
+    for width in (80, 132):
+        lines = _shown(leaderboard_table(_leaderboard(one, two)), width).splitlines()
+        assert lines[0] == "wrong-command@1: success in % of 25 journeys"
+        at = next(number for number, line in enumerate(lines) if "careful" in line)
+        assert lines[at].split() == ["1=", "careful", "straight", "100", "92", "88%", "76%"]
+        assert lines[at + 1].split() == ["privileged", "nav.", "dynamic", "52", "-", "[70,", "95]%"]
+
+
+def test_all_of_navigation_fits_into_80_columns() -> None:
+    table = {
+        task: dict.fromkeys(("training", "new_weather", "new_town", "new_town_and_weather"), _count(25, 25))
+        for task in ("straight", "one_turn", "navigation", "navigation_dynamic")
+    }
+    total = {**_count(25, 25), "episodes": 400, "success": 400, "clean": 400}
+    metrics = {**OF_JOURNEYS, "navigation": {"total": total, "table": table}}
+    for shown in (
+        _shown(evaluation_table("me", Metrics.model_validate(metrics)), 80),
+        _shown(leaderboard_table(_leaderboard(_entry("ignores-commands", 1, **metrics))), 80),
+    ):
+        assert "…" not in shown
+        assert "nav. dynamic" in shown
+        assert "clean" in shown
