@@ -1,0 +1,1 @@
+"""What the stored results come to, beside the paper's figures: ``wrongturn results``."""

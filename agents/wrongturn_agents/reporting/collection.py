@@ -1,0 +1,147 @@
+"""All results that are stored, checked before anything is counted."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Final, Self
+
+from pydantic import TypeAdapter, ValidationError
+
+from wrongturn_agents.reporting.errors import ResultsError
+from wrongturn_agents.reporting.paper import ALGORITHMS
+from wrongturn_agents.reporting.results_file import ResultsFile
+from wrongturn_agents.reporting.suites import SuiteOf, SuiteTrials
+
+STORED: Final = Path(__file__).parents[1] / "results"
+"""The results that come with the package."""
+SHIPPED: Final = "shipped.json"
+"""Beside them: the training seed of each agent whose weights come with the package."""
+_NAMED: Final = 3
+
+
+@dataclass(frozen=True)
+class Collection:
+    """Results of agents and seeds on suites; each is complete, and there is one of each kind at most."""
+
+    files: tuple[ResultsFile, ...]
+    """Sorted by the names under which they are kept."""
+    shipped: dict[str, int]
+    """The training seed of each agent whose weights are shipped."""
+    suite_of: SuiteOf
+
+    @classmethod
+    def read(cls, directory: Path, suite_of: SuiteOf) -> Self:
+        """Read a directory's files.
+
+        Raises:
+            ResultsError: the directory is missing; a file is none, of another version of its suite, incomplete, or
+                there twice. The file is named.
+        """
+        if not directory.is_dir():
+            raise ResultsError(f"--directory: {directory} is no directory; name one that holds results files")
+        paths = sorted(path for path in directory.glob("*.json") if path.name != SHIPPED)
+        found: dict[str, tuple[Path, ResultsFile]] = {}
+        for path in paths:
+            file = ResultsFile.read(path)
+            check(path.name, file, suite_of(file.suite))
+            if file.stem in found:
+                raise ResultsError(
+                    f"{path.name}: {describe(file)} stands in {found[file.stem][0].name} already; remove one of them",
+                )
+            found[file.stem] = (path, file)
+        return cls(tuple(found[stem][1] for stem in sorted(found)), _shipped(directory / SHIPPED), suite_of)
+
+    def of(self, suite: str, agent: str, variant: str | None = None) -> dict[int | None, ResultsFile]:
+        """An agent's results on a suite by training seed; in process where a seed was driven both ways."""
+        return {file.seed: file for file in self._sorted(suite, agent, variant, last="in process")}
+
+    def of_shipped(self, suite: str, agent: str) -> ResultsFile | None:
+        """The shipped weights' results, over the service where they were driven both ways.
+
+        An agent that is not trained has no seed, and is shipped as it is.
+        """
+        seed = self.shipped.get(agent)
+        files = {file.seed: file for file in self._sorted(suite, agent, None, last="over the service")}
+        return files.get(seed)
+
+    def agents(self, suite: str) -> tuple[str, ...]:
+        """Who has results on a suite as it is, no variant: the paper's algorithms first, then by name."""
+        names = {file.agent for file in self.files if file.suite == suite and file.variant is None}
+        return tuple(sorted(names, key=lambda name: (_place(name), name)))
+
+    @cached_property
+    def variants(self) -> tuple[tuple[str, str], ...]:
+        """Agents and variants of ablations."""
+        found = {(file.agent, file.variant) for file in self.files if file.variant is not None}
+        return tuple(sorted(found, key=lambda one: (_place(one[0]), *one)))
+
+    def differences(self) -> Iterator[tuple[ResultsFile, int]]:
+        """Results that were driven both ways, and the number of trials with different verdicts."""
+        by_kind = {(file.agent, file.seed, file.variant, file.suite, file.driven): file for file in self.files}
+        for (agent, seed, variant, suite, driven), file in by_kind.items():
+            other = by_kind.get((agent, seed, variant, suite, "over the service"))
+            if driven == "in process" and other is not None:
+                yield file, sum(one.verdict != other.trials[name].verdict for name, one in file.trials.items())
+
+    def missing(self, suites: Iterable[str]) -> tuple[str, ...]:
+        """What the tables lack, a line each."""
+        lines = []
+        for suite in suites:
+            absent = [agent for agent in ALGORITHMS if not self.of(suite, agent)]
+            if absent:
+                lines.append(f"no results on {suite}: {', '.join(absent)}")
+        seeds = {agent: {seed for suite in suites for seed in self.of(suite, agent)} for agent in ALGORITHMS}
+        for suite in suites:
+            for agent in ALGORITHMS:
+                have = self.of(suite, agent)
+                lacking = sorted(str(seed) for seed in seeds[agent] - set(have))
+                if have and lacking:
+                    lines.append(f"{agent} has no results on {suite} of seed {', '.join(lacking)}")
+        unshipped = [agent for agent in ALGORITHMS if seeds[agent] and agent not in self.shipped]
+        if unshipped:
+            lines.append(f"{SHIPPED} names no seed of {', '.join(unshipped)}")
+        return tuple(lines)
+
+    def _sorted(self, suite: str, agent: str, variant: str | None, *, last: str) -> list[ResultsFile]:
+        files = [file for file in self.files if (file.suite, file.agent, file.variant) == (suite, agent, variant)]
+        return sorted(files, key=lambda file: (-1 if file.seed is None else file.seed, file.driven == last))
+
+
+def check(name: str, file: ResultsFile, suite: SuiteTrials) -> None:
+    """See that a file is of the suite as it is installed, and has all its trials and no others.
+
+    Raises:
+        ResultsError: it is not.
+    """
+    if file.suite_sha256 != suite.sha256:
+        raise ResultsError(
+            f"{name}: suite_sha256: it is of another {file.suite} ({file.suite_sha256[:12]}) than the one installed "
+            f"({suite.sha256[:12]}); drive it again on that one",
+        )
+    for what, ids in (("lacks", suite.trials.keys() - file.trials), ("has unknown", file.trials.keys() - suite.trials)):
+        if ids:
+            some = ", ".join(sorted(ids)[:_NAMED]) + (", …" if len(ids) > _NAMED else "")
+            raise ResultsError(
+                f"{name}: trials: {what} {len(ids)} of {file.suite}'s {len(suite.trials)} ({some}); "
+                "drive the whole suite again",
+            )
+
+
+def describe(file: ResultsFile) -> str:
+    """A file in words."""
+    words = [file.agent, file.variant, None if file.seed is None else f"seed {file.seed}", f"on {file.suite}"]
+    return " ".join(word for word in (*words, file.driven) if word is not None)
+
+
+def _place(agent: str) -> int:
+    return ALGORITHMS.index(agent) if agent in ALGORITHMS else len(ALGORITHMS)
+
+
+def _shipped(path: Path) -> dict[str, int]:
+    if not path.is_file():
+        return {}
+    try:
+        return TypeAdapter(dict[str, int]).validate_json(path.read_bytes())
+    except ValidationError as error:
+        raise ResultsError(f"{path.name}: give each agent's seed, as {{'ppo-image': 3}} in JSON ({error})") from error
