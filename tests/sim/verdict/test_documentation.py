@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from wrongturn_protocol import Flag, Reaction, Verdict
-from wrongturn_sim.verdict import THRESHOLDS, Thresholds
+from wrongturn_protocol import Flag, JourneyOutcome, Reaction, Verdict
+from wrongturn_sim.verdict import JOURNEY_THRESHOLDS, THRESHOLDS, Thresholds
 
 PAGE = (Path(__file__).parents[3] / "docs" / "verdicts.md").read_text(encoding="utf-8")
 
@@ -25,7 +25,8 @@ def test_the_page_shows_every_threshold() -> None:
 def test_the_page_names_no_threshold_that_is_none() -> None:
     names = {field.name for field in dataclasses.fields(Thresholds)}
     used = set(re.findall(r"`([a-z]+(?:_[a-z]+)+)`", PAGE))
-    words = {str(word) for kind in (Verdict, Flag, Reaction) for word in kind}
+    names |= {field.name for field in dataclasses.fields(JOURNEY_THRESHOLDS)}
+    words = {str(word) for kind in (Verdict, Flag, Reaction) for word in kind} | set(JourneyOutcome.model_fields)
     assert used - names - words <= {"min_ttc", "max_deceleration", "wrongturn_sim"}
 
 
@@ -38,6 +39,15 @@ def test_the_table_is_in_order_of_precedence_with_what_each_counts_as() -> None:
             continue
         assert paper == verdict.safety
         assert strict == ("unsafe" if verdict.unsafe_strict else verdict.safety)
+
+
+def test_the_page_tells_how_journeys_end_and_what_is_counted() -> None:
+    page = section("Journeys")
+    assert re.findall(r"^\d\. `(\w+)`", page, re.MULTILINE) == ["collision", "arrived", "timeout"]
+    assert set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)) == set(JourneyOutcome.model_fields)
+    assert f"`back_time`, {JOURNEY_THRESHOLDS.back_time:g} s" in page
+    assert f"oncoming lane for {JOURNEY_THRESHOLDS.wrong_way_time:g} s" in page
+    assert f"{JOURNEY_THRESHOLDS.stand_time:g} s of standing" in page
 
 
 def test_the_page_names_every_flag_and_reaction() -> None:
