@@ -59,9 +59,10 @@ class Augmentation(nn.Module):
         batch, height, width, _ = rgb.shape
         dtype = torch.float16 if rgb.is_cuda else torch.float32  # half of the traffic, and finer than uint8
         with torch.autocast(rgb.device.type, enabled=False):
-            pictures = rgb.permute(0, 3, 1, 2).reshape(batch, 3, height * width).to(dtype)
-            pictures = torch.bmm(self._colour(draws[:, :3]).to(dtype), pictures).clamp(0, 255)
-            pictures = self._blurred(pictures.view(batch, 3, height, width), draws[:, 3:5])
+            pictures = rgb.permute(0, 3, 1, 2).to(dtype)
+            matrix = self._colour(draws[:, :3]).to(dtype).view(batch, 3, 3, 1, 1)
+            red, green, blue = (pictures[:, i : i + 1] * matrix[:, :, i] for i in range(3))
+            pictures = self._blurred((red + green + blue).clamp(0, 255), draws[:, 3:5])
             fill = (draws[:, 5:8] * 255).to(dtype).view(batch, 3, 1, 1)
             pictures = torch.where(self._erased(draws[:, 8:13], height, width), fill, pictures)
         return pictures.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
