@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import nn
 
+from wrongturn_agents.models import ActorCritic, build
 from wrongturn_agents.training.config import PPOConfig, config_of
 from wrongturn_agents.training.errors import TrainingError
 
@@ -44,12 +45,10 @@ def load_checkpoint(path: Path | str) -> dict[str, Any]:
     return found
 
 
-def model_of(checkpoint: dict[str, Any], device: torch.device | str = "cpu") -> nn.Module:
+def model_of(checkpoint: dict[str, Any], device: torch.device | str = "cpu") -> ActorCritic:
     """The agent of a checkpoint, ready to drive."""
-    from wrongturn_agents.models import build  # noqa: PLC0415 - who reads a checkpoint's figures needs no model
-
     config_of(checkpoint["algorithm"])  # names an unknown one
-    model: nn.Module = build(checkpoint["algorithm"])
+    model = build(checkpoint["algorithm"])
     model.load_state_dict(checkpoint["state_dict"])
     return model.to(device).eval()
 

@@ -6,9 +6,7 @@ from typing import Annotated
 
 import typer
 
-_Threads = Annotated[
-    int | None, typer.Option(help="Threads of the simulation and of torch on the CPU; all by default.")
-]
+_Threads = Annotated[int | None, typer.Option(help="Of the simulation and of torch on the CPU; all by default.")]
 _Device = Annotated[str, typer.Option(help="cpu, cuda or auto.")]
 
 

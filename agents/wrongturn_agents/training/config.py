@@ -57,7 +57,7 @@ class PPOConfig:
     reward_divisor: float = 300.0
     """The paper's reward divided by it is what is learnt: returns are then of the order of 1."""
     failure_penalty: float = 2.0
-    """Taken off the (divided) reward of a drive that ends off the road, in a collision, in an oncoming lane or standing.
+    """Taken off the (divided) reward where a drive ends off the road, in a collision, in an oncoming lane or standing.
 
     Not in the paper: by its formula a car that stands still earns reward for as long as it does.
     """

@@ -1,6 +1,6 @@
 """Drive given trials by an agent's mean action, many side by side in this process."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any, Literal, NamedTuple, Protocol
 
@@ -21,7 +21,7 @@ _PER_SECOND = 10
 class Driver(Protocol):
     """What drives: an agent of ``wrongturn_agents.models``."""
 
-    def drive(self, observation: dict[str, Tensor]) -> Tensor:
+    def drive(self, observation: Mapping[str, Tensor]) -> Tensor:
         """Steer, throttle and brake, (b, 3)."""
 
 

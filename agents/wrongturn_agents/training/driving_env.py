@@ -52,7 +52,8 @@ class DrivingVecEnv(WrongturnVecEnv):
         self.keys = tuple(keys)
         self.device = torch.device(device)
         self.stopwatch = stopwatch or Stopwatch(self.device)
-        self.observation_space = spaces.Dict({key: self.observation_space[key] for key in keys})
+        whole: Any = self.envs.single_observation_space
+        self.observation_space = spaces.Dict({key: whole[key] for key in keys})
         self.action_space = ACTION_SPACE
         self._divisor = reward_divisor
         self._penalty = failure_penalty

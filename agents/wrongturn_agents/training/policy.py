@@ -19,14 +19,14 @@ from wrongturn_agents.training.stopwatch import Stopwatch
 _LOG_ROOT = 0.5 * math.log(2.0 * math.pi)
 
 
-class _NoExtractor(BaseFeaturesExtractor):  # type: ignore[misc]
+class _NoExtractor(BaseFeaturesExtractor):
     """In the place of Stable-Baselines3's own, which would be made in vain."""
 
     def __init__(self, observation_space: spaces.Space[Any]) -> None:
         super().__init__(observation_space, features_dim=1)
 
 
-class WrongturnPolicy(ActorCriticPolicy):  # type: ignore[misc]
+class WrongturnPolicy(ActorCriticPolicy):
     """An actor-critic of ``wrongturn_agents.models`` with a Gaussian over steer and accelerate.
 
     Args:
@@ -39,6 +39,9 @@ class WrongturnPolicy(ActorCriticPolicy):  # type: ignore[misc]
         joined: another loss is joined to PPO's, by weights that are learned.
         stopwatch: counts forward passes while driving as ``policy``.
     """
+
+    model: ActorCritic
+    homoscedastic: Homoscedastic
 
     def __init__(
         self,
@@ -102,7 +105,7 @@ class WrongturnPolicy(ActorCriticPolicy):  # type: ignore[misc]
         return values, self._log_prob(mean, actions), entropy
 
     def predict_values(self, obs: Observations) -> Tensor:
-        """(b,)"""
+        """Values (b,)."""
         value: Tensor = self.model.value(self.features(obs), obs["command"])
         return value
 

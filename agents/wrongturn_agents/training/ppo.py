@@ -15,7 +15,7 @@ from wrongturn_agents.training.rollout import DeviceRolloutBuffer, Observations,
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 
-class WrongturnPPO(PPO):  # type: ignore[misc]
+class WrongturnPPO(PPO):
     """Stable-Baselines3's PPO, whose loop over minibatches is written anew.
 
     That is for three things: the segmentation's loss joins PPO's (paper, equation for l); a run's budget is kept
@@ -28,6 +28,8 @@ class WrongturnPPO(PPO):  # type: ignore[misc]
         stopwatch: counts updates as ``learn``.
         more: as ``PPO``'s.
     """
+
+    policy: WrongturnPolicy
 
     def __init__(
         self, config: PPOConfig, env: VecEnv, *, model: Any, budget: Budget, stopwatch: Stopwatch, **more: Any
@@ -101,7 +103,7 @@ class WrongturnPPO(PPO):  # type: ignore[misc]
                 if stopped:
                     break
                 policy.optimizer.zero_grad(set_to_none=True)
-                loss.backward()
+                torch.autograd.backward(loss)
                 torch.nn.utils.clip_grad_norm_(trained, config.max_grad_norm)
                 policy.optimizer.step()
                 batches += 1

@@ -9,9 +9,11 @@ import torch
 from torch import Tensor
 
 from wrongturn_agents.models import ActorCritic
+from wrongturn_agents.models.encoders import ImageEncoder
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.config import TRAINING_WEATHERS, ImageConfig
 from wrongturn_agents.training.driving_env import DrivingVecEnv
+from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.rollout import Observations
 
 POOL = 16_384
@@ -73,7 +75,10 @@ def pretrain(
     envs.seed(seed)
     random = np.random.default_rng(seed)
     frames = _Frames(min(POOL, config.pretraining_frames), device)
-    model.encoder.freeze(False)
+    encoder = model.encoder
+    if not isinstance(encoder, ImageEncoder):
+        raise TrainingError(f"pretraining: {model.algorithm} is trained from scratch; choose ppo-image")
+    encoder.freeze(False)
     model.train()
     total = max(1, round(config.pretraining_frames * config.pretraining_passes / config.pretraining_batch))
     optimizer = torch.optim.AdamW(
@@ -95,7 +100,7 @@ def pretrain(
             with torch.autocast(device.type, torch.bfloat16, enabled=config.bf16 and device.type == "cuda"):
                 loss = model.segmentation_loss(batch, augment=config.augment)
             optimizer.zero_grad(set_to_none=True)
-            loss.backward()  # type: ignore[no-untyped-call]
+            torch.autograd.backward(loss)
             optimizer.step()
             schedule.step()
             done += 1
@@ -104,7 +109,7 @@ def pretrain(
     model.eval()
     found = _examined(model, envs, random, config)
     envs.close()
-    model.encoder.freeze()
+    encoder.freeze()
     return Pretraining(rendered, done, *found)
 
 

@@ -57,7 +57,7 @@ def quantise(model: onnx.ModelProto, observations: Mapping[str, NDArray[Any]]) -
 
     number = len(next(iter(observations.values())))
 
-    class Reader(CalibrationDataReader):  # type: ignore[misc]
+    class Reader(CalibrationDataReader):
         def __init__(self) -> None:
             self.left = iter(range(number))
 

@@ -39,7 +39,7 @@ class Samples(NamedTuple):
     """(b,)"""
 
 
-class DeviceRolloutBuffer(RolloutBuffer):  # type: ignore[misc]
+class DeviceRolloutBuffer(RolloutBuffer):
     """What ``DictRolloutBuffer`` is, as tensors of one device, made once.
 
     Stable-Baselines3's own keeps numpy arrays, so that every minibatch of pictures would be carried to the device
@@ -68,7 +68,7 @@ class DeviceRolloutBuffer(RolloutBuffer):  # type: ignore[misc]
 
         self._tensors = True
         self.observations: Observations = {
-            name: make(*space.shape, kind=_KINDS[space.dtype]) for name, space in self.observation_space.items()
+            name: make(*(space.shape or ()), kind=_KINDS[space.dtype]) for name, space in self.observation_space.items()
         }
         self.actions = make(self.action_dim)
         self.rewards, self.returns, self.advantages = make(), make(), make()
@@ -123,5 +123,5 @@ class DeviceRolloutBuffer(RolloutBuffer):  # type: ignore[misc]
             tensor.flatten(0, 1)
             for tensor in (self.actions, self.values, self.log_probs, self.advantages, self.returns)
         ]
-        for chosen in order.split(batch_size or count):
+        for chosen in torch.split(order, batch_size or count):
             yield Samples({name: tensor[chosen] for name, tensor in flat.items()}, *(tensor[chosen] for tensor in rest))

@@ -20,7 +20,7 @@ from wrongturn_agents.training.progress_file import ProgressFile
 Row = dict[str, Any]
 
 
-class RunCallback(BaseCallback):  # type: ignore[misc]
+class RunCallback(BaseCallback):
     """Keeps a run's files, and ends it in time.
 
     Args:

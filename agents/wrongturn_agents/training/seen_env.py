@@ -1,6 +1,6 @@
 """What the policy sees of the environments: pictures augmented or masked, and encoded where the encoder is frozen."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ FEATURES = "features"
 """The key of a frozen encoder's features, in the place of the picture."""
 
 
-class SeenVecEnv(VecEnvWrapper):  # type: ignore[misc]
+class SeenVecEnv(VecEnvWrapper):
     """Environments as the policy sees them.
 
     It is the frame that the policy acted on that is kept and learnt from: augmentation belongs to the world that is
@@ -35,7 +35,7 @@ class SeenVecEnv(VecEnvWrapper):  # type: ignore[misc]
         self,
         envs: VecEnv,
         *,
-        disturb: Callable[[Observations], Observations] | None = None,
+        disturb: Callable[[Observations], Mapping[str, Tensor]] | None = None,
         encode: Callable[[Observations], Tensor] | None = None,
         width: int = 0,
         stopwatch: Stopwatch | None = None,
@@ -67,7 +67,7 @@ class SeenVecEnv(VecEnvWrapper):  # type: ignore[misc]
     @torch.no_grad()
     def _seen(self, observation: Observations) -> Observations:
         with self._stopwatch.part("encode"):
-            seen = observation if self._disturb is None else self._disturb(observation)
+            seen = observation if self._disturb is None else dict(self._disturb(observation))
             return seen if self._encode is None else {**_without_rgb(seen), FEATURES: self._encoded(seen)}
 
     @torch.no_grad()

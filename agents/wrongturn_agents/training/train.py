@@ -73,7 +73,7 @@ def train(
     folder = Path(directory)
     config = config_of(algorithm).with_options(options)
     if resume:
-        config, seed, steps, minutes = _found(folder, config, seed, steps, minutes, tuple(options))
+        config, seed, steps, minutes = _found(folder, config, steps, minutes, tuple(options))
     elif (folder / "config.json").exists():
         raise TrainingError(f"directory {folder}: holds a run already; resume it, or name another")
     state = read(folder / "state.pt") if resume else None
@@ -194,12 +194,13 @@ def _encoder(
 ) -> None:
     """Pretrain the encoder, or take another run's."""
     if config.encoder:
-        agent.encoder.load_state_dict(read(Path(config.encoder))["state_dict"])
-        agent.encoder.freeze()
+        # What follows the encoder is each run's own.
+        agent.encoder.load_state_dict(agent.encoder.state_dict() | read(Path(config.encoder))["state_dict"])
         return
     torch.manual_seed(seed)
     found = pretrain(agent, config, device=device, seed=seed, budget=budget, on_progress=on_progress, **shared)
     content = {name: tensor.detach().cpu() for name, tensor in agent.encoder.state_dict().items()}
+    content = {name: tensor for name, tensor in content.items() if name.startswith(("network.", "decoder."))}
     write(folder / "encoder.pt", {"state_dict": content, **dataclasses.asdict(found)})
     (folder / "pretraining.json").write_text(json.dumps(dataclasses.asdict(found), indent=1) + "\n", "utf-8")
 
@@ -250,7 +251,7 @@ def _write_config(
 
 
 def _found(
-    folder: Path, config: PPOConfig, seed: int, steps: int | None, minutes: float | None, options: tuple[str, ...]
+    folder: Path, config: PPOConfig, steps: int | None, minutes: float | None, options: tuple[str, ...]
 ) -> tuple[PPOConfig, int, int | None, float | None]:
     """What the run in a folder was begun with; steps and minutes may be given anew, to go on for longer."""
     path = folder / "config.json"
