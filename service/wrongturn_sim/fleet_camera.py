@@ -1,13 +1,22 @@
 """The pictures of a fleet: one batch for each decision."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from wrongturn_protocol import Track, Weather
+from wrongturn_protocol import Track, Trial, Weather
 from wrongturn_protocol.observations import Observation
-from wrongturn_sim.camera import Camera, World, look_of, render_batch
+from wrongturn_sim.camera import Camera, CameraError, World, look_of, render_batch
 from wrongturn_sim.fleet import Fleet
+
+if TYPE_CHECKING:
+    from wrongturn_sim.camera.cuda import CudaRenderer
+
+Backend = Literal["cpu", "cuda"]
+BACKENDS: Final = ("cpu", "cuda")
+
+_KINDS: Final = {weather: kind for kind, weather in enumerate(Weather)}
 
 
 class FleetCamera:
@@ -18,17 +27,35 @@ class FleetCamera:
         camera: of all of them.
         track: ``camera`` or ``segmentation``.
         threads: how many share the work; no byte hangs on it.
+        backend: ``cpu``, or ``cuda``: then the pictures are made and stay on a GPU, as
+            :class:`~wrongturn_sim.camera.cuda.DeviceImages`.
+
+    Raises:
+        CameraError: no such backend; there is no GPU.
     """
 
-    def __init__(self, fleet: Fleet, camera: Camera, track: Track, threads: int) -> None:
+    def __init__(
+        self, fleet: Fleet, camera: Camera, track: Track, threads: int, backend: Backend | str = "cpu"
+    ) -> None:
+        if backend not in BACKENDS:
+            raise CameraError(f"backend: is {backend!r}; give one of {', '.join(BACKENDS)}")
         self._fleet = fleet
         self._camera = camera
         self._threads = threads
         self._world = World.of(fleet.town)
+        self._table = np.array([look_of(weather) for weather in Weather])
+        self._painted: list[Trial | None] = [None] * fleet.count
+        self._kinds = np.zeros(fleet.count, np.int64)
+        self._seeds = np.zeros(fleet.count, np.int64)
+        self._gpu = self._on_gpu() if backend == "cuda" else None
         shape = (fleet.count, camera.height, camera.width)
-        self._rgb = np.zeros((*shape, 3), np.uint8)
-        self._segmentation = np.zeros(shape, np.uint8)
-        self._looks = {weather: look_of(weather) for weather in Weather}
+        rgb: Any
+        segmentation: Any
+        if self._gpu is None:
+            rgb, segmentation = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.uint8)
+        else:
+            rgb, segmentation = self._gpu.rgb, self._gpu.segmentation
+        self._rgb, self._segmentation = rgb, segmentation
         self.pictures: Observation = {"rgb": self._rgb}
         """(n, height, width, 3) and, in the segmentation track, (n, height, width); the next pictures overwrite it."""
         if track is Track.SEGMENTATION:
@@ -37,15 +64,36 @@ class FleetCamera:
     def paint(self, which: Sequence[int] | None = None) -> None:
         """Paint anew what all egos see, or only these; each has begun a trial."""
         fleet = self._fleet
-        chosen = list(range(fleet.count)) if which is None else list(which)
-        trials = [trial for trial in (fleet.trials[i] for i in chosen) if trial is not None]
-        looks = np.array([self._looks[trial.weather] for trial in trials])
-        seeds = np.array([trial.seed for trial in trials], np.int64)
-        poses, ticks = fleet.poses[chosen], fleet.steps[chosen]
+        chosen = np.arange(fleet.count) if which is None else np.array(which, np.int64)
+        if not len(chosen):
+            return
+        for i in chosen.tolist():
+            trial = fleet.trials[i]
+            if trial is not None and trial is not self._painted[i]:
+                self._painted[i], self._kinds[i], self._seeds[i] = trial, _KINDS[trial.weather], trial.seed & 0x3FFFFFFF
+        kinds, seeds, poses, ticks = self._kinds[chosen], self._seeds[chosen], fleet.poses[chosen], fleet.steps[chosen]
+        if self._gpu is not None:
+            self._gpu.render(self._table, seeds, poses, ticks, kinds=kinds, targets=chosen)
+            return
         whole = len(chosen) == fleet.count
         rgb = self._rgb if whole else np.empty((len(chosen), *self._rgb.shape[1:]), np.uint8)
         segmentation = self._segmentation if whole else np.empty((len(chosen), *rgb.shape[1:3]), np.uint8)
+        looks = self._table[kinds]
         render_batch(self._world, self._camera, looks, seeds, poses, ticks, rgb, segmentation, threads=self._threads)
         if not whole:
             self._rgb[chosen] = rgb
             self._segmentation[chosen] = segmentation
+
+    def last(self, which: Sequence[int]) -> list[Observation]:
+        """What some egos saw last, to keep; on a GPU, until such an ego's is kept again."""
+        if self._gpu is None:
+            return [{name: array[i].copy() for name, array in self.pictures.items()} for i in which]
+        kept: dict[str, Any] = dict(zip(("rgb", "segmentation"), self._gpu.keep(np.array(which)), strict=True))
+        return [{name: kept[name][i] for name in self.pictures} for i in which]
+
+    def _on_gpu(self) -> "CudaRenderer":
+        try:
+            from wrongturn_sim.camera.cuda import CudaRenderer  # noqa: PLC0415 - who has no GPU need not have it
+        except ImportError as error:
+            raise CameraError(f"backend: 'cuda' needs numba-cuda: {error}; install it, or give backend='cpu'") from None
+        return CudaRenderer(self._world, self._camera, self._fleet.count)

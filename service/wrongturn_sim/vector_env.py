@@ -49,6 +49,9 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         weather: of the drawn trials; of several, each trial draws its own.
         camera: its place and optics, in the tracks that have one; the benchmark's own by default.
         threads: how many share the work of a step; no byte hangs on it.
+        backend: where pictures are made: ``cpu``; or ``cuda``, an NVIDIA GPU. They stay there then:
+            ``torch.as_tensor(observation["rgb"], device="cuda")`` shares their memory, and pictures in ``final_obs``
+            last until that environment ends again.
         task: draw journeys of this task (``cruise``, or one of CoRL 2017's), instead of single junctions.
         journeys: further arguments of :func:`wrongturn_networks.draw_cruise`, such as ``{"near_junctions": 0.4}``.
         strict: a journey ends where the car leaves its road or lane, or stands; for training.
@@ -78,6 +81,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         weather: Weather | str | Sequence[Weather | str] = Weather.CLEAR_NOON,
         camera: "Camera | None" = None,
         threads: int = 1,
+        backend: str = "cpu",
         task: Task | str | None = None,
         journeys: Mapping[str, Any] | None = None,
         strict: bool = False,
@@ -89,6 +93,8 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         for name, number in (("num_envs", num_envs), ("threads", threads)):
             if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 1:
                 raise ValueError(f"{name}: is {number!r}; give a whole number, 1 or more")
+        if backend not in {"cpu", "cuda"}:
+            raise ValueError(f"backend: is {backend!r}; give cpu or cuda")
         if render_mode is not None:
             raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
         self.track = Track(track)
@@ -112,7 +118,8 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self._fleet = Fleet(
             load_town(self._source.towns[0]), num_envs, self.track, threads=threads, strict=strict, record=record
         )
-        self._camera = self._camera_of(camera, threads) if self.track in {Track.CAMERA, Track.SEGMENTATION} else None
+        painted = self.track in {Track.CAMERA, Track.SEGMENTATION}
+        self._camera = self._camera_of(camera, threads, backend) if painted else None
         size = IMAGE_SHAPE if camera is None else (camera.height, camera.width)
         space = observation_space(self.track, size)
         self.single_observation_space = space
@@ -220,11 +227,11 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         """End the threads."""
         self._fleet.close()
 
-    def _camera_of(self, camera: "Camera | None", threads: int) -> "FleetCamera":
+    def _camera_of(self, camera: "Camera | None", threads: int, backend: str) -> "FleetCamera":
         from wrongturn_sim.camera import Camera  # noqa: PLC0415 - who shows no pictures need not wait for it
         from wrongturn_sim.fleet_camera import FleetCamera  # noqa: PLC0415
 
-        return FleetCamera(self._fleet, camera or Camera(), self.track, threads)
+        return FleetCamera(self._fleet, camera or Camera(), self.track, threads, backend)
 
     def _draw(self, i: int, given: Trial | str | None = None) -> Trial:
         random = self._randoms[i]
@@ -243,11 +250,14 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
     def _finish(self, ended: list[int], infos: dict[str, Any]) -> None:
         """Tell of the episodes that ended, and begin the next ones where that is to be at once."""
         at_once = self.autoreset_mode is AutoresetMode.SAME_STEP
-        for i in ended:
+        pictures: list[Observation] = [{} for _ in ended]
+        if at_once and self._camera is not None:
+            pictures = self._camera.last(ended)
+        for i, seen in zip(ended, pictures, strict=True):
             outcome = self._fleet.told(i)
             told = {"verdict": outcome["verdict"], "outcome": outcome}
             if at_once:
-                last = {name: array[i].copy() for name, array in self._arrays().items()}
+                last = {**{name: array[i].copy() for name, array in self._fleet.observation.items()}, **seen}
                 self._note(infos, i, final_obs=last)
                 self._note(infos.setdefault("final_info", {}), i, **told)
                 infos["_final_info"] = infos["_final_obs"]

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 
 from wrongturn_protocol import SegmentationClass
-from wrongturn_sim.camera.kernels import HAZE, LOWER, REACH, SLOPES, UPPER, clamp, haze_at, kernel, noise, put
+from wrongturn_sim.camera.kernels import HAZE, LOWER, REACH, SLOPES, UPPER, clamp, floor, haze_at, kernel, noise, put
 from wrongturn_sim.camera.weathers import HEAD
 
 _SKY = int(SegmentationClass.SKY)
 _VEGETATION = int(SegmentationClass.VEGETATION)
+_UNSIGNED = (1 << 63) - 1
 
 
 @kernel
@@ -59,11 +60,11 @@ def sky_pixel(
 def code_at(x: float, y: float, ground: Any, frame: Any) -> int:
     """The ground's code at a place; grass beyond the raster."""
     # Unsigned: what lies before the first cell becomes a number beyond the last.
-    row, column = np.uint64(int((y - frame[1]) * frame[2])), np.uint64(int((x - frame[0]) * frame[2]))
+    row = np.uint64(int((y - frame[1]) * frame[2]) & _UNSIGNED)
+    column = np.uint64(int((x - frame[0]) * frame[2]) & _UNSIGNED)
     if row >= np.uint64(ground.shape[0]) or column >= np.uint64(ground.shape[1]):
-        return int(3.0 + 7.0 * noise(math.floor(x * 0.5), math.floor(y * 0.5), 5)) & 15
-    code: int = ground[row, column] & 255
-    return code
+        return int(3.0 + 7.0 * noise(floor(x * 0.5), floor(y * 0.5), 5)) & 15
+    return int(ground[row, column] & 255)
 
 
 @kernel
@@ -149,13 +150,16 @@ def ground_pixel(
 
 
 @kernel
-def set_row(v: int, slope: float, camera: Any, look: Any, work: Any) -> None:
-    """What the ground's pixels of a row have in common."""
+def set_row(v: int, camera: Any, look: Any, rows: Any) -> None:
+    """What the pixels of a row have in common: how their rays rise for each metre of depth, and where they end."""
+    slope = (camera[2] - v) / camera[0]
+    if camera[9] < 0.5:
+        slope = slope * camera[6] - camera[7]
     eye, third = camera[5], 0.33 / camera[0]
-    work[SLOPES, v] = slope
+    rows[SLOPES, v] = slope
     if slope < -1e-4:
         t = -eye / slope
-        work[REACH, v] = t
-        work[UPPER, v] = min(eye / max(-third - slope, 1e-5), 3.0 * t)
-        work[LOWER, v] = eye / (third - slope)
-        work[HAZE, v] = haze_at(t, look)
+        rows[REACH, v] = t
+        rows[UPPER, v] = min(eye / max(-third - slope, 1e-5), 3.0 * t)
+        rows[LOWER, v] = eye / (third - slope)
+        rows[HAZE, v] = haze_at(t, look)

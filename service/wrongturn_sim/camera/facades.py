@@ -1,10 +1,9 @@
 """Upright faces: houses with windows, walls of bricks, hedges, fences."""
 
-import math
 from typing import Any
 
 from wrongturn_protocol import SegmentationClass
-from wrongturn_sim.camera.kernels import clamp, grain, haze_at, kernel, noise, put
+from wrongturn_sim.camera.kernels import clamp, floor, grain, haze_at, kernel, noise, put
 from wrongturn_sim.camera.solids import (
     B2,
     BAY_X,
@@ -38,7 +37,7 @@ _VEGETATION = int(SegmentationClass.VEGETATION)
 @kernel
 def pulse(x: float, low: float, high: float) -> float:
     """Integral from 0 to x of what is 1 between low and high of each whole step, else 0."""
-    whole = math.floor(x)
+    whole = floor(x)
     return whole * (high - low) + clamp(x - whole - low, 0.0, high - low)
 
 
@@ -84,7 +83,7 @@ def house_run(
     # A bar in the middle of the window, where it is near enough to be seen.
     bars = (pulse(x + step / 2, 0.48, 0.52) - pulse(x - step / 2, 0.48, 0.52)) / step
     panes -= bars
-    place = math.floor(x)
+    place = floor(x)
     bays = int(2 * half / bay + 0.5)
     door = not along_x and place == bays // 2
     shop = int(row[SHOP]) if not along_x else 0
@@ -103,7 +102,7 @@ def house_run(
     per_storey = 1.0 / storey
     part = foot * per_storey
     per_part = storey / foot
-    column = math.floor(s * 3.0)
+    column = floor(s * 3.0)
     corner = clamp((half - abs(s)) * 2.0, 0.0, 1.0)
     base = 0.92 + 0.08 * corner
     above = -1000
@@ -117,7 +116,7 @@ def house_run(
     for v in range(a, b):
         z = eye + slopes[v] * t
         y = z * per_storey
-        level = math.floor(y)
+        level = floor(y)
         if z > eaves:
             share_in = share_out = 0.0
         else:
@@ -131,11 +130,11 @@ def house_run(
                 min(max(up, bottom - edge_z), top + edge_z) - min(max(down, bottom - edge_z), top + edge_z)
             ) * per_part
         if brick:
-            course = math.floor(z * 6.0)
+            course = floor(z * 6.0)
             stretch = s * 2.6 + 0.5 * (course & 1)
-            tone = base + mortar * (grain(math.floor(stretch), course, seed) - 0.5)
+            tone = base + mortar * (grain(floor(stretch), course, seed) - 0.5)
         else:
-            tone = base + rough * (grain(column, math.floor(z * 3.0), seed) - 0.5)
+            tone = base + rough * (grain(column, floor(z * 3.0), seed) - 0.5)
         # Splashed foot, and the soft shade under the eaves.
         if z < 0.6:
             tone *= 0.74 + 0.2 * max(z, 0.0)
@@ -215,9 +214,9 @@ def wall_run(
     for v in range(a, b):
         z = eye + slopes[v] * t
         if kind == WALL:
-            course = math.floor(z * 4.0)
+            course = floor(z * 4.0)
             stretch = s * 2.0 + 0.5 * (course & 1)
-            stone = math.floor(stretch)
+            stone = floor(stretch)
             tone = 0.92 + near * 0.24 * (grain(int(stone), course, seed) - 0.5)
             if t < 22.0 and (stretch - stone < 0.07 or z * 4.0 - course < 0.13):
                 tone *= 1.0 - 0.25 * clamp(1.6 - t / 14.0, 0.0, 1.0)
@@ -228,8 +227,8 @@ def wall_run(
             tone *= 0.8 + 0.2 * clamp(z * 2.0, 0.0, 1.0)
             seen = _WALL
         else:
-            leaf = grain(math.floor(s * 5.0), math.floor(z * 5.0), seed)
-            bush = grain(math.floor(s * 1.3), math.floor(z * 1.6), seed + 3)
+            leaf = grain(floor(s * 5.0), floor(z * 5.0), seed)
+            bush = grain(floor(s * 1.3), floor(z * 1.6), seed + 3)
             tone = (0.58 + 0.42 * clamp(z / height, 0.0, 1.0)) * (0.9 + near * 0.55 * (leaf - 0.45) + 0.2 * bush)
             seen = _VEGETATION
         put(
@@ -262,13 +261,13 @@ def top_pixel(
     near = clamp(1.0 - t / 70.0, 0.0, 1.0)
     seed = int(row[SEED])
     if kind == HEDGE:
-        tone = 0.95 + near * 0.5 * (grain(math.floor(x * 5.0), math.floor(y * 5.0), seed) - 0.45)
+        tone = 0.95 + near * 0.5 * (grain(floor(x * 5.0), floor(y * 5.0), seed) - 0.45)
         red, green, blue, seen = row[R] * tone, row[G] * tone, row[B] * tone, _VEGETATION
     elif kind == WALL:
         tone = 1.1
         red, green, blue, seen = row[R] * tone, row[G] * tone, row[B] * tone, _WALL
     else:
-        tiles = grain(math.floor(x * 2.5), math.floor(y * 3.0), seed)
+        tiles = grain(floor(x * 2.5), floor(y * 3.0), seed)
         tone = 0.95 + near * 0.22 * (tiles - 0.5)
         red, green, blue, seen = row[R2] * tone, row[G2] * tone, row[B2] * tone, _BUILDING
     put(

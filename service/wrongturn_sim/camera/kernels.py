@@ -23,9 +23,13 @@ NEAR: Final = 0.25
 HITS: Final = 48
 """Solids that a column can meet; of more, the nearest are kept."""
 
-# Rows of the work area, each as long as the picture is high (and at least HITS).
-SLOPES, DEPTH, SHADE, FIRST, LAST, WHICH, REACH, UPPER, LOWER, HAZE = range(10)
-WORK: Final = 10
+# What all pixels of a row have in common.
+SLOPES, REACH, UPPER, LOWER, HAZE = range(5)
+ROWS: Final = 5
+
+# Rows of a column's work area, each as long as the picture is high (and at least HITS).
+DEPTH, SHADE, FIRST, LAST, WHICH = range(5)
+WORK: Final = 5
 
 
 class Scene(NamedTuple):
@@ -46,6 +50,8 @@ class Scene(NamedTuple):
 class Scratch(NamedTuple):
     """What is written on while a picture is painted."""
 
+    rows: Any
+    """(ROWS, rows)"""
     work: Any
     """(WORK, rows)"""
     place: Any
@@ -93,6 +99,18 @@ def grain(x: int, y: int, seed: int) -> float:
 
 
 @kernel
+def floor(value: float) -> int:
+    """The whole number below; on a GPU, ``math.floor`` gives no whole number."""
+    return int(math.floor(value))  # noqa: RUF046
+
+
+@kernel
+def ceil(value: float) -> int:
+    """The whole number above; likewise."""
+    return int(math.ceil(value))  # noqa: RUF046
+
+
+@kernel
 def clamp(value: float, low: float, high: float) -> float:
     """The nearest number from low to high."""
     return min(max(value, low), high)
@@ -101,7 +119,7 @@ def clamp(value: float, low: float, high: float) -> float:
 @kernel
 def put(canvas: Any, u: int, v: int, red: float, green: float, blue: float, seen: int) -> None:
     """Writes a pixel; colours from 0, cut at 255."""
-    canvas[v, u] = int(min(red, 255.0)) | int(min(green, 255.0)) << 8 | int(min(blue, 255.0)) << 16 | seen << 24
+    canvas[v, u] = int(min(red, 255.0)) | int(min(green, 255.0)) << 8 | int(min(blue, 255.0)) << 16 | int(seen) << 24
 
 
 @kernel
@@ -114,7 +132,7 @@ def first_row(limit: float, v0: int, v1: int, focal: float, cy: float, slopes: A
         return v0
     if row >= v1:
         return v1
-    return math.ceil(row)
+    return ceil(row)
 
 
 @kernel

@@ -5,7 +5,7 @@ from typing import Any
 
 from wrongturn_sim.camera.backdrop import code_at
 from wrongturn_sim.camera.facades import house_run, lit, top_pixel, wall_run
-from wrongturn_sim.camera.kernels import DEPTH, SLOPES, Scene, first_row, kernel
+from wrongturn_sim.camera.kernels import Scene, first_row, kernel
 from wrongturn_sim.camera.solids import COS, HALF_X, HALF_Y, HEIGHT, HOUSE, KIND, RISE, SIN
 
 
@@ -40,11 +40,11 @@ def solid(
     row: Any,
     look: Any,
     scene: Scene,
-    work: Any,
+    slopes: Any,
+    depth: Any,
     canvas: Any,
 ) -> int:
     """Paints a solid above row ``hidden``; returns the row that it covers down from."""
-    slopes, depth = work[SLOPES], work[DEPTH]
     ldx, ldy = row[COS] * dx + row[SIN] * dy, row[COS] * dy - row[SIN] * dx
     half_x, half_y = row[HALF_X], row[HALF_Y]
     kind = int(row[KIND])

@@ -84,7 +84,7 @@ def paint_others(
 ) -> None:
     """Paints what does not cover a column from the ground up, where it is the nearest."""
     focal, cy, eye = camera[0], camera[2], camera[5]
-    slopes, depth, shade = scratch.work[SLOPES], scratch.work[DEPTH], scratch.work[SHADE]
+    slopes, depth, shade = scratch.rows[SLOPES], scratch.work[DEPTH], scratch.work[SHADE]
     place, listed, canvas = scratch.place, scratch.lists[u], scratch.canvas
     still = scenery.shape[0]
     for position in range(scratch.counts[u]):
@@ -121,8 +121,8 @@ def cast(
 ) -> None:
     """Paints rows v0 to v1 of a column, whose rays go the way (dx, dy) on the flat for each metre of depth."""
     focal, cy, eye = camera[0], camera[2], camera[5]
-    work, place, canvas = scratch.work, scratch.place, scratch.canvas
-    slopes, depth, shade = work[SLOPES], work[DEPTH], work[SHADE]
+    rows, work, place, canvas = scratch.rows, scratch.work, scratch.place, scratch.canvas
+    slopes, depth, shade = rows[SLOPES], work[DEPTH], work[SHADE]
     first, last, which = work[FIRST], work[LAST], work[WHICH]
     for v in range(v0, v1):
         depth[v] = 1e9
@@ -150,7 +150,8 @@ def cast(
             scene.scenery[item],
             look,
             scene,
-            work,
+            slopes,
+            depth,
             canvas,
         )
         if hidden <= v0:
@@ -161,7 +162,7 @@ def cast(
     base, top = (cy + focal * eye / first[0], v0) if met > 0 else (1e9, v1)
     single = v1 - v0 == 1
     length = math.sqrt(dx * dx + dy * dy)
-    reach, upper, lower, haze = work[REACH], work[UPPER], work[LOWER], work[HAZE]
+    reach, upper, lower, haze = rows[REACH], rows[UPPER], rows[LOWER], rows[HAZE]
     for v in range(v0, v1):
         if depth[v] < 1e8:
             continue
@@ -197,24 +198,69 @@ def cast(
 
 
 @kernel
-def rain(look: Any, seed: int, tick: int, rgb: Any) -> None:
-    """Streaks over the picture, others at each tick."""
+def column_into(
+    u: int, px: float, py: float, fx: float, fy: float, camera: Any, look: Any, scene: Scene, scratch: Scratch
+) -> None:
+    """Paints a column, whose solids are listed and whose rows are set, on the canvas."""
+    height = scratch.canvas.shape[0]
+    focal, cx, cy = camera[0], camera[1], camera[2]
+    # A third of a column to the right.
+    ex, ey = 0.33 * fy / focal, -0.33 * fx / focal
+    a = (cx - u) / focal
+    # A level camera's columns are cast whole, those of a pitched one pixel by pixel.
+    level = camera[9] > 0.5
+    for part in range(1 if level else height):
+        ahead, v0, v1 = 1.0, 0, height
+        if not level:
+            ahead, v0, v1 = camera[6] + (cy - part) / focal * camera[7], part, part + 1
+        cast(u, v0, v1, fx * ahead - fy * a, fy * ahead + fx * a, ex, ey, px, py, camera, look, scene, scratch)
+
+
+@kernel
+def show(v: int, u: int, canvas: Any, rgb: Any, segmentation: Any) -> None:
+    """A pixel of the canvas as colours and class."""
+    pixel = canvas[v, u]
+    rgb[v, u, 0] = pixel & 255
+    rgb[v, u, 1] = pixel >> 8 & 255
+    rgb[v, u, 2] = pixel >> 16 & 255
+    segmentation[v, u] = pixel >> 24
+
+
+@kernel
+def streak(drop: int, begin: int, end: int, look: Any, seed: int, tick: int, rgb: Any) -> None:
+    """A drop of rain, as far as it falls in columns begin to end."""
     height, width = rgb.shape[0], rgb.shape[1]
-    count = int(look[24] * width * height / 64.0)
-    for drop in range(count):
-        u = int(noise(drop, tick, seed) * (width - 0.01))
-        v = int(noise(drop, tick, seed + 7919) * (height + 8)) - 8
-        near = noise(drop, tick, seed + 104729)
-        length = int(look[25] * (0.5 + near)) + 1
-        alpha = 0.10 + 0.20 * near
-        lean = noise(drop, tick, seed + 1299709) < 0.35
-        for step in range(length):
-            row = v + step
-            column = u + (1 if lean and 2 * step > length else 0)
-            if row >= 0 and row < height and column < width:
-                for channel in range(3):
-                    value = rgb[row, column, channel] + 0.0
-                    rgb[row, column, channel] = int(value + (0.5 * look[12 + channel] + 112.0 - value) * alpha)
+    u = int(noise(drop, tick, seed) * (width - 0.01))
+    if u + 1 < begin or u >= end:
+        return
+    v = int(noise(drop, tick, seed + 7919) * (height + 8)) - 8
+    near = noise(drop, tick, seed + 104729)
+    length = int(look[25] * (0.5 + near)) + 1
+    alpha = 0.10 + 0.20 * near
+    lean = noise(drop, tick, seed + 1299709) < 0.35
+    for step in range(length):
+        row = v + step
+        column = u + (1 if lean and 2 * step > length else 0)
+        if row >= 0 and row < height and column >= begin and column < end:
+            for channel in range(3):
+                value = rgb[row, column, channel] + 0.0
+                rgb[row, column, channel] = int(value + (0.5 * look[12 + channel] + 112.0 - value) * alpha)
+
+
+@kernel
+def rain(begin: int, end: int, look: Any, seed: int, tick: int, rgb: Any) -> None:
+    """Streaks over columns begin to end, others at each tick."""
+    for drop in range(int(look[24] * rgb.shape[1] * rgb.shape[0] / 64.0)):
+        streak(drop, begin, end, look, seed, tick, rgb)
+
+
+@kernel
+def eye_of(x: float, y: float, yaw: float, camera: Any) -> tuple[float, float, float, float]:
+    """Where the camera of a car stands, and which way it looks on the flat."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    px = x + camera[3] * cos - camera[4] * sin
+    py = y + camera[3] * sin + camera[4] * cos
+    return px, py, math.cos(yaw + camera[8]), math.sin(yaw + camera[8])
 
 
 @kernel
@@ -232,12 +278,7 @@ def frame_into(
 ) -> None:
     """Paints one picture."""
     height, width = segmentation.shape
-    focal, cx, cy = camera[0], camera[1], camera[2]
-    yaw = pose[2]
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    px = pose[0] + camera[3] * cos - camera[4] * sin
-    py = pose[1] + camera[3] * sin + camera[4] * cos
-    fx, fy = math.cos(yaw + camera[8]), math.sin(yaw + camera[8])
+    px, py, fx, fy = eye_of(pose[0], pose[1], pose[2], camera)
     for u in range(width):
         scratch.counts[u] = 0
     still = scene.scenery.shape[0]
@@ -247,33 +288,14 @@ def frame_into(
         row = scratch.users[other]
         row_of_other(others[other], row)
         in_sight(still + other, row, px, py, fx, fy, camera, width, height, scratch)
-    # A third of a column to the right.
-    ex, ey = 0.33 * fy / focal, -0.33 * fx / focal
-    level = camera[9] > 0.5
-    tilt_cos, tilt_sin = camera[6], camera[7]
-    if level:
-        for v in range(height):
-            set_row(v, (cy - v) / focal, camera, look, scratch.work)
+    for v in range(height):
+        set_row(v, camera, look, scratch.rows)
     for u in range(width):
-        a = (cx - u) / focal
-        # A level camera's columns are cast whole, those of a pitched one pixel by pixel.
-        for part in range(1 if level else height):
-            ahead, v0, v1 = 1.0, 0, height
-            if not level:
-                b = (cy - part) / focal
-                set_row(part, b * tilt_cos - tilt_sin, camera, look, scratch.work)
-                ahead, v0, v1 = tilt_cos + b * tilt_sin, part, part + 1
-            cast(u, v0, v1, fx * ahead - fy * a, fy * ahead + fx * a, ex, ey, px, py, camera, look, scene, scratch)
-    canvas = scratch.canvas
+        column_into(u, px, py, fx, fy, camera, look, scene, scratch)
     for v in range(height):
         for u in range(width):
-            pixel = canvas[v, u]
-            rgb[v, u, 0] = pixel
-            rgb[v, u, 1] = pixel >> 8
-            rgb[v, u, 2] = pixel >> 16
-            segmentation[v, u] = pixel >> 24
-    if look[24] > 0.0:
-        rain(look, seed, tick, rgb)
+            show(v, u, scratch.canvas, rgb, segmentation)
+    rain(0, width, look, seed, tick, rgb)
 
 
 def _digest() -> int:
@@ -297,6 +319,7 @@ def _compiled(version: int) -> Any:
         scenery: Any,
         shops: Any,
         cover: Any,
+        rows: Any,
         work: Any,
         place: Any,
         counts: Any,
@@ -309,7 +332,7 @@ def _compiled(version: int) -> Any:
         """Paints pictures, one after the other; of picture i the road users are rows begins[i] to begins[i + 1]."""
         # Made here of plain arrays: to look through a named tuple, numba takes a quarter of a picture's time.
         scene = Scene(ground, frame, scenery, shops, cover)
-        scratch = Scratch(work, place, counts, lists, users, canvas)
+        scratch = Scratch(rows, work, place, counts, lists, users, canvas)
         for i in range(poses.shape[0]):
             users_of = others[begins[i] : begins[i + 1]]
             frame_into(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wrongturn_protocol import Weather
 from wrongturn_sim.camera.errors import CameraError
-from wrongturn_sim.camera.kernels import HITS, WORK, Scene, Scratch
+from wrongturn_sim.camera.kernels import HITS, ROWS, WORK, Scene, Scratch
 from wrongturn_sim.camera.noise import clouds
 from wrongturn_sim.camera.pinhole import Camera
 from wrongturn_sim.camera.raycast import frames_into
@@ -35,6 +35,7 @@ def _scratch(world: World, camera: Camera, others: int) -> Scratch:
     """For each thread its own."""
     items = max(len(world.scenery) + others, 1)
     return Scratch(
+        rows=np.zeros((ROWS, camera.height)),
         work=np.zeros((WORK, max(camera.height, HITS))),
         place=np.zeros((items, 2)),
         counts=np.zeros(camera.width, np.int64),

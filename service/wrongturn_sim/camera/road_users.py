@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from wrongturn_protocol import SegmentationClass
-from wrongturn_sim.camera.kernels import clamp, first_row, haze_at, kernel, noise, put
+from wrongturn_sim.camera.kernels import clamp, first_row, floor, haze_at, kernel, noise, put
 from wrongturn_sim.camera.solids import (
     B2,
     BOUND,
@@ -334,7 +334,7 @@ def walker(
     clear = 1.0 - haze
     # A stride that goes with the way that was walked.
     phase = (row[X] * row[COS] + row[Y] * row[SIN]) * 1.3
-    stride = 0.25 + 0.75 * abs(2.0 * (phase - math.floor(phase)) - 1.0)
+    stride = 0.25 + 0.75 * abs(2.0 * (phase - floor(phase)) - 1.0)
     for v in range(a, b):
         if t >= depth[v]:
             continue

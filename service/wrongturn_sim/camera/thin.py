@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from wrongturn_protocol import SegmentationClass
-from wrongturn_sim.camera.kernels import clamp, first_row, grain, haze_at, kernel, put
+from wrongturn_sim.camera.kernels import clamp, first_row, floor, grain, haze_at, kernel, put
 from wrongturn_sim.camera.solids import (
     B2,
     COS,
@@ -66,11 +66,11 @@ def tree(
         # The normal tells which side of the trunk the sun is on.
         nx, ny = (ox + t * dx) / trunk, (oy + t * dy) / trunk
         sun = max(0.0, nx * look[0] + ny * look[1])
-        cross = math.floor((dx * oy - dy * ox) * 12.0)
+        cross = floor((dx * oy - dy * ox) * 12.0)
         for v in range(a, b):
             if t < depth[v]:
                 depth[v] = t
-                tone = 0.8 + 0.3 * grain(cross, math.floor((eye + slopes[v] * t) * 2.5), seed)
+                tone = 0.8 + 0.3 * grain(cross, floor((eye + slopes[v] * t) * 2.5), seed)
                 put(
                     canvas,
                     u,
@@ -109,12 +109,12 @@ def tree(
         if t <= 0.3 or t >= depth[v]:
             continue
         wx, wy, wz = ox + t * dx, oy + t * dy, oz + t * slope
-        ix, iy, iz = math.floor(wx * fine), math.floor(wy * fine), math.floor(wz * fine)
+        ix, iy, iz = floor(wx * fine), floor(wy * fine), floor(wz * fine)
         leaf = grain(ix + iz * 57, iy, seed)
         rim = c + 1.0 - bb * bb / aa
         bough = grain(
-            math.floor(wx * 1.1 + 0.5) + 31 * math.floor(wz * 1.1 + 0.5),
-            math.floor(wy * 1.1 + 0.5),
+            floor(wx * 1.1 + 0.5) + 31 * floor(wz * 1.1 + 0.5),
+            floor(wy * 1.1 + 0.5),
             seed + 5,
         )
         if rim + 0.30 * leaf + 0.22 * bough > 1.16:
@@ -170,7 +170,7 @@ def fence(
     haze = haze_at(t, look)
     clear = 1.0 - haze
     place = (s + row[HALF_X]) / 1.7
-    post = place - math.floor(place) < 0.085 or row[HALF_X] - abs(s) < 0.14
+    post = place - floor(place) < 0.085 or row[HALF_X] - abs(s) < 0.14
     for v in range(a, b):
         if t >= depth[v]:
             continue

@@ -1,0 +1,227 @@
+"""Pictures of many egos at once, made on a GPU and left there."""
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_sim.camera import cuda_kernels as kernels
+from wrongturn_sim.camera.errors import CameraError
+from wrongturn_sim.camera.kernels import HITS, ROWS, WORK
+from wrongturn_sim.camera.noise import clouds
+from wrongturn_sim.camera.pinhole import Camera
+from wrongturn_sim.camera.solids import COLUMNS, shop_colours
+from wrongturn_sim.camera.weathers import SIZE
+from wrongturn_sim.camera.world import World
+
+device: Any = kernels.cuda
+
+THREADS: Final = 64
+"""Of a block: neighbouring columns, which mostly do the same."""
+
+
+class DeviceImages:
+    """An array of bytes on the GPU.
+
+    What knows ``__cuda_array_interface__`` shares its memory, without a copy: ``torch.as_tensor(images,
+    device="cuda")``, ``cupy.asarray(images)``. All is done on the default stream, which is PyTorch's too.
+    ``numpy.asarray(images)`` copies it to the host.
+    """
+
+    def __init__(self, array: Any, index: int | slice | None = None) -> None:
+        self._whole = array
+        self._index = index
+
+    @property
+    def _array(self) -> Any:
+        # Not before it is asked for: to make a view takes Numba longer than a GPU a picture.
+        return self._whole if self._index is None else self._whole[self._index]
+
+    @property
+    def __cuda_array_interface__(self) -> dict[str, Any]:
+        interface: dict[str, Any] = self._array.__cuda_array_interface__
+        return interface
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the array."""
+        return tuple(self._array.shape)
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return len(self.shape)
+
+    @property
+    def dtype(self) -> np.dtype[np.uint8]:
+        """Always uint8."""
+        return np.dtype(np.uint8)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, index: int | slice) -> "DeviceImages":
+        """One or some, sharing the memory."""
+        return DeviceImages(self._array, index)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        if copy is False:
+            raise ValueError("the pictures are on the GPU; numpy cannot share them, only copy")
+        host: NDArray[Any] = self._array.copy_to_host()
+        return host if dtype is None else host.astype(dtype)
+
+    def copy(self) -> "DeviceImages":
+        """Another on the GPU."""
+        fresh = device.device_array(self.shape, np.uint8)
+        fresh.copy_to_device(self._array)
+        return DeviceImages(fresh)
+
+
+def require_gpu() -> None:
+    """See to it that there is one.
+
+    Raises:
+        CameraError: there is none, or none that numba can use; names the remedy.
+    """
+    if not device.is_available():
+        raise CameraError(
+            "backend: 'cuda' finds no GPU; it needs an NVIDIA GPU, its driver and `pip install numba-cuda[cu13]` (or "
+            "[cu12], as the driver is), or give backend='cpu'"
+        )
+
+
+class CudaRenderer:
+    """A camera in a world, for so many cars that do not see each other.
+
+    Segmentations are those of :func:`~wrongturn_sim.camera.render_batch`; colours may differ by 1, where a GPU rounds
+    otherwise. Everything is allocated here, once.
+
+    Args:
+        world: of all of them.
+        camera: of all of them.
+        number: of pictures at once, at most.
+
+    Raises:
+        CameraError: there is no GPU; no number of pictures.
+    """
+
+    def __init__(self, world: World, camera: Camera, number: int) -> None:
+        if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 1:
+            raise CameraError(f"number is {number!r}; give a whole number of pictures, 1 or more")
+        require_gpu()
+        self._camera = camera
+        self._number = number
+        self._looks: NDArray[np.float64] | None = None
+        self._looks_there: Any = None
+        self._numbers = device.pinned_array((number, kernels.NUMBERS), np.float64)
+        self._numbers_there = device.device_array((number, kernels.NUMBERS), np.float64)
+        self._packed = device.to_device(camera.packed())
+        height, width = camera.height, camera.width
+        self._items = len(world.scenery)
+        # There are no arrays of nothing.
+        items = max(self._items, 1)
+        scenery = world.scenery if self._items else np.zeros((1, COLUMNS))
+        # Copied: of an array that may not be written, numba would compile another kernel.
+        scene = (world.ground, world.frame, scenery, shop_colours(), clouds())
+        self._scene = tuple(device.to_device(array.copy()) for array in scene)
+        self._rows = device.device_array((number, ROWS, height), np.float64)
+        self._place = device.device_array((number, items, 2), np.float64)
+        self._spans = device.to_device(np.zeros((number, items, 2), np.int16))
+        self._lists = (
+            device.device_array((number, width), np.int32),
+            device.device_array((number, items, width), np.int16),
+            device.device_array((1, COLUMNS), np.float64),
+            device.device_array((number, height, width), np.uint32),
+        )
+        low = max(height, HITS) <= kernels.LOW
+        self._work = () if low else (device.device_array((number, WORK, max(height, HITS), width), np.float64),)
+        self._paint = kernels.paint_low if low else kernels.paint_tall
+        self._images = (
+            device.device_array((number, height, width, 3), np.uint8),
+            device.device_array((number, height, width), np.uint8),
+        )
+        self.rgb = DeviceImages(self._images[0])
+        """(number, height, width, 3); the next pictures overwrite it."""
+        self.segmentation = DeviceImages(self._images[1])
+        """(number, height, width); likewise."""
+        self._kept: tuple[Any, Any] | None = None
+
+    def render(
+        self,
+        looks: NDArray[np.float64],
+        seeds: NDArray[np.integer[Any]],
+        poses: NDArray[np.float64],
+        ticks: NDArray[np.integer[Any]],
+        *,
+        kinds: NDArray[np.integer[Any]] | None = None,
+        targets: NDArray[np.integer[Any]] | None = None,
+    ) -> None:
+        """Write the pictures of N cars; it returns before they are there, and what asks for them waits.
+
+        Args:
+            looks: (N, SIZE) rows of :func:`~wrongturn_sim.camera.look_of`; with ``kinds``, a table of them that is
+                sent to the GPU when it is another object than the last time.
+            seeds: (N,) whole numbers.
+            poses: (N, 3): x, y, yaw.
+            ticks: (N,) whole numbers.
+            kinds: (N,): which row of ``looks`` is whose.
+            targets: (N,): where to write each, all different; the first N by default.
+
+        Raises:
+            CameraError: an array has another shape, or a number is not finite or out of its range.
+        """
+        count = len(poses)
+        if not 1 <= count <= self._number:
+            raise CameraError(f"poses: {count} of them; give 1 to {self._number}")
+        looks_kept = np.asarray(looks, np.float64)
+        if looks_kept.ndim != 2 or looks_kept.shape[1] != SIZE or (kinds is None and len(looks_kept) != count):
+            raise CameraError(f"looks have the shape {looks_kept.shape}; give ({count}, {SIZE}): a row of look_of each")
+        chosen = np.arange(count) if kinds is None else np.asarray(kinds)
+        places = np.arange(count) if targets is None else np.asarray(targets)
+        for name, given, below in (("kinds", chosen, len(looks_kept)), ("targets", places, self._number)):
+            if given.shape != (count,) or given.min() < 0 or given.max() >= below:
+                raise CameraError(f"{name}: give {count} whole numbers from 0 to {below - 1}")
+        numbers = self._numbers[:count]
+        poses = np.asarray(poses, np.float64)
+        if poses.shape != (count, 3) or not (np.abs(poses) < 1e7).all():
+            raise CameraError(f"poses: give ({count}, 3) finite numbers below 1e7 in size: x, y, yaw")
+        if len(seeds) != count or len(ticks) != count:
+            raise CameraError(f"seeds and ticks: give {count} of each, as many as poses")
+        numbers[:, : kernels.SEED] = poses
+        numbers[:, kernels.SEED] = np.asarray(seeds) & 0x3FFFFFFF
+        numbers[:, kernels.TICK] = ticks
+        numbers[:, kernels.LOOK] = chosen
+        numbers[:, kernels.TARGET] = places
+        if kinds is None or looks is not self._looks:
+            self._looks_there = device.to_device(np.array(looks_kept, order="C"))
+            self._looks = looks
+        self._launch(count, rain=bool((looks_kept[chosen, 24] > 0.0).any()))
+
+    def _launch(self, count: int, *, rain: bool) -> None:
+        sent = self._numbers_there[:count]
+        sent.copy_to_device(self._numbers[:count])
+        camera = self._camera
+        kernels.look_around[count, 2 * THREADS](
+            sent, self._looks_there, self._packed, self._scene[2], self._items, camera.width, camera.height, self._rows,
+            self._place, self._spans,
+        )  # fmt: skip
+        columns = (count, -(-camera.width // THREADS))
+        self._paint[columns, THREADS](
+            sent, self._looks_there, self._packed, *self._scene, self._rows, self._place, self._spans, *self._lists,
+            *self._work, *self._images,
+        )  # fmt: skip
+        if rain:
+            kernels.rain_down[columns, THREADS](sent, self._looks_there, self._images[0])
+
+    def keep(self, which: NDArray[np.integer[Any]]) -> tuple[DeviceImages, DeviceImages]:
+        """Copy some pictures; RGB and segmentation, each at its own place, until it is kept anew.
+
+        Args:
+            which: (K,) numbers of pictures, all different.
+        """
+        if self._kept is None:
+            rgb, segmentation = (device.device_array(image.shape, np.uint8) for image in self._images)
+            self._kept = rgb, segmentation
+        chosen = device.to_device(np.array(which, np.int64))
+        kernels.keep[len(chosen), 4 * THREADS](chosen, *self._images, *self._kept)
+        return DeviceImages(self._kept[0]), DeviceImages(self._kept[1])
