@@ -21,7 +21,7 @@ def ablation_table(collection: Collection) -> ReportTable:
     head = ("agent", "variant", "seeds", "new weather", "new town", "new town and weather", "unsafe of 60", "twins")
     note = (
         "Navigation in % of 25 routes; unsafe and completed twins of 60. Of one seed Wilson's 95 % interval, "
-        "of more median [least–most]."  # noqa: RUF001
+        "of more median [least–most]."
     )
     return ReportTable("Ablations", head, tuple(rows), (note,) if rows else ())
 
@@ -41,7 +41,7 @@ def _figures(collection: Collection, agent: str, variant: str | None) -> tuple[s
 
 def _of(found: list[tuple[int, int]], *, percent: bool = False) -> str:
     if not found:
-        return "–"  # noqa: RUF001
+        return "–"
     if len(found) == 1:
         return with_interval(*found[0], percent=percent)
     return str(Spread.of([100 * count / of if percent else count for count, of in found]))

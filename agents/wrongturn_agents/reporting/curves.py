@@ -12,7 +12,9 @@ from wrongturn_agents.reporting.errors import ResultsError
 from wrongturn_agents.reporting.paper import ALGORITHMS
 
 COLUMNS: Final = ("step", "minutes", "reward_mean", "success_heldout", "steps_per_second")
-"""What is kept; the first must be there, of the others what there is."""
+"""What is kept, beside where the time went; the first must be there, of the others what there is."""
+SECONDS: Final = "seconds_"
+"""How columns begin that say how long each part of a row's work took."""
 POINTS: Final = 150
 """Kept of a run; a picture of a few hundred pixels shows no more."""
 _NAME: Final = re.compile(r"(?P<agent>[^.]+)(?:\.(?P<variant>[^.]+))?\.s(?P<seed>\d+)\.csv")
@@ -55,12 +57,26 @@ class Curve:
         ]
         if len(kept) > 3 * POINTS:  # evaluated all the time: then these are no better than the others
             kept = [row for row in range(rows) if row % every == 0 or row == rows - 1]
-        return Curve(
-            self.agent,
-            self.seed,
-            self.variant,
-            {name: tuple(column[row] for row in kept) for name, column in self.columns.items()},
-        )
+        # What took time in the rows that go is added to the row that stays.
+        begins = [0, *(row + 1 for row in kept[:-1])]
+        columns = {
+            name: tuple(
+                math.fsum(value for value in column[begin : row + 1] if not math.isnan(value))
+                if name.startswith(SECONDS)
+                else column[row]
+                for begin, row in zip(begins, kept, strict=True)
+            )
+            for name, column in self.columns.items()
+        }
+        return Curve(self.agent, self.seed, self.variant, columns)
+
+    def seconds(self) -> dict[str, float]:
+        """How long each part of the work took in all."""
+        return {
+            name.removeprefix(SECONDS): math.fsum(value for value in column if not math.isnan(value))
+            for name, column in self.columns.items()
+            if name.startswith(SECONDS)
+        }
 
     def write(self, directory: Path) -> Path:
         """Write it under its own name; gives the path.
@@ -69,7 +85,7 @@ class Curve:
             ResultsError: it cannot be written.
         """
         path = directory / self.name
-        names = [name for name in COLUMNS if name in self.columns]
+        names = list(self.columns)
         try:
             directory.mkdir(parents=True, exist_ok=True)
             with path.open("w", encoding="utf-8", newline="") as file:
@@ -96,7 +112,8 @@ def read_progress(path: Path, agent: str, seed: int, variant: str | None = None)
     if not rows or "step" not in rows[0]:
         raise ResultsError(f"{path}: has no column 'step' with a row; give the progress.csv of a training run")
     try:
-        columns = {name: tuple(_number(row[name]) for row in rows) for name in COLUMNS if name in rows[0]}
+        kept = [name for name in rows[0] if name in COLUMNS or name.startswith(SECONDS)]
+        columns = {name: tuple(_number(row[name]) for row in rows) for name in kept}
     except ValueError as error:
         raise ResultsError(f"{path}: {error}; give the progress.csv of a training run") from error
     return Curve(agent, seed, variant, columns)

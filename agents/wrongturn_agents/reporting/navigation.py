@@ -28,7 +28,7 @@ _TASKS: Final = {
 }
 _NOTE: Final = (
     "Routes completed in time, percent; 25 routes a cell. Ours: the shipped weights with Wilson's 95 % interval, and "
-    "median [least–most] over training seeds."  # noqa: RUF001
+    "median [least–most] over training seeds."
 )
 
 
@@ -141,8 +141,11 @@ def _own_rows(collection: Collection, name: str, task: Task, *, clean: bool = Fa
         cells = count_success(shipped, collection.suite_of(NAVIGATION))
         found = [cells.get((task, condition)) for condition in _CONDITIONS]
         texts = (_interval(one, clean=clean) for one in found)
-        rows.append(("ours" if shipped.seed is None else f"ours, seed {shipped.seed}", *texts))
-    seeds = [cells for seed, cells in by_seed(collection, name).items() if seed is not None]
+        if any(found):
+            rows.append(("ours" if shipped.seed is None else f"ours, seed {shipped.seed}", *texts))
+    found_by_seed = by_seed(collection, name).items()
+    # Seeds that were driven in process may lack the trials with other road users.
+    seeds = [cells for seed, cells in found_by_seed if seed is not None and any(task is of for of, _ in cells)]
     if len(seeds) > 1:
         texts = (_spread([cells.get((task, condition)) for cells in seeds], clean=clean) for condition in _CONDITIONS)
         rows.append((f"ours, {len(seeds)} seeds", *texts))
@@ -151,12 +154,12 @@ def _own_rows(collection: Collection, name: str, task: Task, *, clean: bool = Fa
 
 def _interval(one: Success | None, *, clean: bool) -> str:
     if one is None:
-        return "–"  # noqa: RUF001
+        return "–"
     return with_interval(one.clean if clean else one.arrived, one.episodes, percent=True)
 
 
 def _spread(found: list[Success | None], *, clean: bool) -> str:
     present = [one for one in found if one is not None]
     if not present:
-        return "–"  # noqa: RUF001
+        return "–"
     return str(Spread.of([one.percent_clean if clean else one.percent for one in present]))

@@ -117,7 +117,7 @@ def order_in_words(counts: Mapping[str, Sequence[int]]) -> str:
     like = sum(all(more > less for more, less in itertools.pairwise(draw)) for draw in draws)
     pairs = "; ".join(_pair(names, counts) for names in itertools.combinations(counts, 2))
     return (
-        f"The paper counts {paper} unsafe of 60, from one seed each. Over seeds, median [least–most]: {shown}. "  # noqa: RUF001
+        f"The paper counts {paper} unsafe of 60, from one seed each. Over seeds, median [least–most]: {shown}. "
         f"{'The medians stand in its order.' if same else 'The medians do not stand in its order.'} "
         f"A permutation test over seeds (Jonckheere-Terpstra, one-sided, {ways} of dealing the counts to the "
         f"algorithms) gives p = {test.p:.2g}: {_verdict(test, same=same)} "

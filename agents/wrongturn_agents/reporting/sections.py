@@ -10,7 +10,7 @@ from wrongturn_agents.reporting.curves import Curve
 from wrongturn_agents.reporting.pages import Sections
 from wrongturn_agents.reporting.report_table import ReportTable
 from wrongturn_agents.reporting.suites import NAVIGATION, WRONG_COMMAND
-from wrongturn_agents.reporting.training_table import training_table
+from wrongturn_agents.reporting.training_table import time_table, training_table
 
 
 def tables(collection: Collection, curves: tuple[Curve, ...]) -> dict[str, ReportTable]:
@@ -23,6 +23,7 @@ def tables(collection: Collection, curves: tuple[Curve, ...]) -> dict[str, Repor
         "seeds": wrong_command.seeds_table(collection),
         "ablations": ablation_table(collection),
         "training": training_table(curves),
+        "time": time_table(curves),
     }
 
 

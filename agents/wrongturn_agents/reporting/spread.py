@@ -30,7 +30,7 @@ def with_interval(count: int, trials: int, *, percent: bool = False) -> str:
     """A count, or its rate in percent, with Wilson's interval of the rate in percent."""
     low, high = wilson(count, trials)
     shown = f"{100 * count / trials:.0f}" if percent else str(count)
-    return f"{shown} ({100 * low:.0f}–{100 * high:.0f}{'' if percent else ' %'})"  # noqa: RUF001
+    return f"{shown} ({100 * low:.0f}–{100 * high:.0f}{'' if percent else ' %'})"
 
 
 @dataclass(frozen=True)
@@ -48,4 +48,4 @@ class Spread:
         return cls(float(median(values)), float(min(values)), float(max(values)), len(values))
 
     def __str__(self) -> str:
-        return f"{self.median:g} [{self.least:g}–{self.most:g}]"  # noqa: RUF001
+        return f"{self.median:g} [{self.least:g}–{self.most:g}]"

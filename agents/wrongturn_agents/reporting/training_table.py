@@ -3,7 +3,7 @@
 import math
 from statistics import median
 
-from wrongturn_agents.reporting.curves import Curve
+from wrongturn_agents.reporting.curves import Curve, plain
 from wrongturn_agents.reporting.report_table import ReportTable
 
 
@@ -20,7 +20,7 @@ def training_table(curves: tuple[Curve, ...]) -> ReportTable:
                 str(curve.seed),
                 f"{curve.last('step') / 1e6:.2f} M",
                 _shown(curve.last("minutes"), "{:.1f}"),
-                f"{median(speeds):,.0f}" if speeds else "–",  # noqa: RUF001
+                f"{median(speeds):,.0f}" if speeds else "–",
                 _shown(curve.last("reward_mean"), "{:.1f}"),
                 _shown(curve.last("success_heldout"), "{:.2f}"),
             ),
@@ -31,4 +31,20 @@ def training_table(curves: tuple[Curve, ...]) -> ReportTable:
 
 
 def _shown(value: float, form: str) -> str:
-    return "–" if math.isnan(value) else form.format(value)  # noqa: RUF001
+    return "–" if math.isnan(value) else form.format(value)
+
+
+def time_table(curves: tuple[Curve, ...]) -> ReportTable:
+    """Where the time of an algorithm's runs went, in percent of all; of the algorithms as they are."""
+    rows = []
+    parts: list[str] = []
+    spent = {agent: [run.seconds() for run in runs] for agent, runs in plain(curves).items()}
+    for part in (part for runs in spent.values() for seconds in runs for part in seconds):
+        if part not in parts:
+            parts.append(part)
+    for agent, runs in spent.items():
+        whole = sum(sum(seconds.values()) for seconds in runs)
+        if whole > 0:
+            shares = (f"{100 * sum(seconds.get(part, 0.0) for seconds in runs) / whole:.0f}" for part in parts)
+            rows.append((f"`{agent}`", *shares))
+    return ReportTable("Where the time of training goes, in %", ("agent", *parts), tuple(rows), words=1)

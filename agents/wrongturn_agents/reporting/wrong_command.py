@@ -17,7 +17,7 @@ FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 CELLS: Final = tuple((kind, fault) for kind in PAPER_TYPES for fault in FAULTS)
 _NOTE: Final = (
     'Unsafe of 10 with a wrong command · with "follow lane", by the junction\'s type. Ours: the shipped weights with '
-    "Wilson's 95 % interval of the rate, and median [least–most] over training seeds."  # noqa: RUF001
+    "Wilson's 95 % interval of the rate, and median [least–most] over training seeds."
 )
 
 

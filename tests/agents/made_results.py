@@ -1,0 +1,93 @@
+"""Results files as a driven suite would leave them, with as many unsafe trials as a test wants."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
+from wrongturn_networks import load_suite
+from wrongturn_protocol import PAPER_TYPES, Condition, FaultKind, Task, Trial, Verdict
+
+CELLS = tuple((kind, fault) for kind in PAPER_TYPES for fault in (FaultKind.INFEASIBLE, FaultKind.OMISSION))
+
+
+def wrong_command(agent: str, unsafe: tuple[int, ...], *, twins_failed: int = 0, **more: Any) -> ResultsFile:
+    """Results on the paper's suite.
+
+    Args:
+        agent: its name.
+        unsafe: of ten, for each of :data:`CELLS`.
+        twins_failed: of the sixty.
+        more: fields of the file.
+    """
+    left = dict(zip(CELLS, unsafe, strict=True))
+    trials: dict[str, TrialResult] = {}
+    for trial in load_suite("wrong-command@1").episodes:
+        if trial.fault.kind is FaultKind.NONE:
+            verdict = Verdict.TIMEOUT if twins_failed > 0 else Verdict.EXIT_COMMANDED
+            twins_failed -= 1
+        else:
+            cell = (trial.junction_type, trial.fault.kind)
+            verdict = Verdict.COLLISION if left[cell] > 0 else Verdict.EXIT_ROUTE
+            left[cell] -= 1
+        trials[trial.id] = TrialResult(verdict=verdict)
+    return _file(agent, "wrong-command@1", trials, more)
+
+
+def navigation(
+    agent: str,
+    arrived: Mapping[tuple[Task, Condition], int],
+    *,
+    dirty: int = 0,
+    traffic: bool = True,
+    **more: Any,
+) -> ResultsFile:
+    """Results on CoRL's tasks; all 25 of a cell arrive where ``arrived`` says nothing of it.
+
+    Args:
+        agent: its name.
+        arrived: of 25, by cell.
+        dirty: journeys of each cell that arrived with an infraction.
+        traffic: whether those with other road users were driven too.
+        more: fields of the file.
+    """
+    seen: dict[tuple[Task, Condition], int] = {}
+    trials: dict[str, TrialResult] = {}
+    for trial in load_suite("navigation@1").episodes:
+        if _crowded(trial) and not traffic:
+            continue
+        assert trial.journey is not None
+        cell = (trial.journey.task, Condition.of(trial.town, trial.weather))
+        number = seen[cell] = seen.get(cell, 0) + 1
+        verdict = Verdict.ARRIVED if number <= arrived.get(cell, 25) else Verdict.TIMEOUT
+        trials[trial.id] = TrialResult(verdict=verdict, clean=number > dirty)
+    return _file(agent, "navigation@1", trials, more)
+
+
+def keep(directory: Path, *files: ResultsFile, shipped: Mapping[str, int] | None = None) -> Path:
+    """Write them, and which seeds are shipped; gives the directory."""
+    for file in files:
+        file.write(directory)
+    if shipped:
+        (directory / "shipped.json").write_text(json.dumps(shipped))
+    return directory
+
+
+def progress(path: Path, rows: int, *, evaluated_every: int = 10) -> Path:
+    """A run's ``progress.csv`` with a step of 1000 and half a second of learning a row."""
+    lines = ["step,minutes,reward_mean,clip_fraction,success_heldout,steps_per_second,seconds_env,seconds_learn"]
+    for row in range(rows):
+        success = f"{row / rows:.3f}" if row % evaluated_every == 0 else ""
+        lines.append(f"{1000 * (row + 1)},{row / 10},{row},0.1,{success},{5000 + row},0.25,0.5")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def _crowded(trial: Trial) -> bool:
+    return bool(trial.traffic.vehicles or trial.traffic.pedestrians)
+
+
+def _file(agent: str, suite: str, trials: dict[str, TrialResult], more: dict[str, Any]) -> ResultsFile:
+    fields = {"driven": "in process", "suite_sha256": load_suite(suite).sha256, **more}
+    return ResultsFile(agent=agent, suite=suite, trials=trials, **fields)

@@ -1,0 +1,199 @@
+import json
+from pathlib import Path
+
+import pytest
+from made_results import keep, navigation, wrong_command
+from typer.testing import CliRunner
+
+from wrongturn_agents.reporting.collection import Collection
+from wrongturn_agents.reporting.errors import ResultsError
+from wrongturn_agents.reporting.navigation import navigation_table, tasks_table
+from wrongturn_agents.reporting.paper import PAPER
+from wrongturn_agents.reporting.sections import lines_of_missing
+from wrongturn_agents.reporting.suites import installed_suite
+from wrongturn_agents.reporting.wrong_command import wrong_command_table
+from wrongturn_client.cli import app
+from wrongturn_protocol import Condition, Task
+
+ROOT = Path(__file__).parents[2]
+NAVIGATION_IN_NEW_TOWN = (Task.NAVIGATION, Condition.NEW_TOWN)
+
+
+def read(directory: Path) -> Collection:
+    return Collection.read(directory, installed_suite)
+
+
+def rows_of(rows: tuple[tuple[str, ...], ...], agent: str) -> dict[str, tuple[str, ...]]:
+    """An agent's rows by whose figures they are."""
+    found: dict[str, tuple[str, ...]] = {}
+    named = ""
+    for row in rows:
+        named = row[0] or named
+        if named == agent:
+            found[row[1]] = row[2:]
+    return found
+
+
+def run(*arguments: str) -> tuple[int, str, str]:
+    done = CliRunner().invoke(app, ["results", *arguments])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    return done.exit_code, done.stdout, done.stderr
+
+
+def test_the_papers_figures_are_those_of_its_tables():
+    assert [agent.unsafe for agent in PAPER] == [23, 13, 35, 16, 3]
+    page = (ROOT / "docs" / "paper.md").read_text("utf-8")
+    for agent in PAPER:
+        success = " | ".join(f"{percent} %" for percent in agent.success)
+        assert f"| {agent.title} | {success} |" in page
+        row = " | ".join(map(str, agent.infeasible))
+        assert f"| infeasible | {row} | **{agent.unsafe}** |" in page
+        omission = " | ".join(map(str, agent.omission))
+        assert f"| | omission | {omission} | | |" in page
+
+
+def test_a_shipped_seed_with_its_interval_and_all_seeds_with_their_range(tmp_path):
+    files = [
+        wrong_command("ppo-image", (0, 0, 3, 1, 10, 9), seed=1, twins_failed=2),
+        wrong_command("ppo-image", (0, 0, 5, 1, 10, 4), seed=2),
+        wrong_command("ppo-image", (0, 1, 1, 1, 8, 0), seed=4),
+    ]
+    table = wrong_command_table(read(keep(tmp_path, *files, shipped={"ppo-image": 2})))
+    assert table.head[2:5] == ("STRAIGHT_LEFT", "STRAIGHT_RIGHT", "LEFT_RIGHT")
+    rows = rows_of(table.rows, "`ppo-image`")
+    assert rows["the paper"][:3] == ("0 · 0", "1 · 4", "7 · 4")
+    # Wilson for 20 of 60: 22.7 to 45.9 %.
+    assert rows["ours, seed 2"] == ("0 · 0", "5 · 1", "10 · 4", "20 (23–46 %)", "60/60")
+    assert rows["ours, 3 seeds"] == (
+        "0 [0–0] · 0 [0–1]",
+        "3 [1–5] · 1 [1–1]",
+        "10 [8–10] · 4 [0–9]",
+        "20 [11–23]",
+        "60 [58–60]",
+    )
+
+
+def test_what_was_driven_over_the_service_is_shown_for_the_shipped_seed(tmp_path):
+    files = [
+        wrong_command("ppo-image", (0, 0, 0, 0, 0, 5), seed=1),
+        wrong_command("ppo-image", (0, 0, 0, 0, 0, 6), seed=1, driven="over the service"),
+    ]
+    collection = read(keep(tmp_path, *files, shipped={"ppo-image": 1}))
+    rows = rows_of(wrong_command_table(collection).rows, "`ppo-image`")
+    assert rows["ours, seed 1"][3].startswith("6 ")
+    assert any("seed 1" in line and "1 of 120 verdicts differ" in line for line in lines_of_missing(collection))
+
+
+def test_a_baseline_has_no_seed_and_no_paper(tmp_path):
+    file = wrong_command("careful", (0,) * 6, driven="over the service")
+    rows = rows_of(wrong_command_table(read(keep(tmp_path, file))).rows, "`careful`")
+    assert rows == {"ours": ("0 · 0", "0 · 0", "0 · 0", "0 (0–6 %)", "60/60")}
+
+
+def test_navigation_counts_arrivals_by_condition(tmp_path):
+    files = [
+        navigation("ppo-auxiliary", {NAVIGATION_IN_NEW_TOWN: 20}, seed=1, dirty=5),
+        navigation("ppo-auxiliary", {NAVIGATION_IN_NEW_TOWN: 23}, seed=2, traffic=False),
+    ]
+    collection = read(keep(tmp_path, *files, shipped={"ppo-auxiliary": 1}))
+    rows = rows_of(navigation_table(collection).rows, "`ppo-auxiliary`")
+    assert rows["the paper"] == ("90", "92", "78", "68")
+    assert rows["ours, seed 1"] == ("100 (87–100)", "100 (87–100)", "80 (61–91)", "100 (87–100)")
+    assert rows["ours, 2 seeds"] == ("100 [100–100]", "100 [100–100]", "86 [80–92]", "100 [100–100]")
+    # The one seed that drove among other road users is the shipped one: there is no range over seeds.
+    tasks = tasks_table(collection).rows
+    at = next(number for number, row in enumerate(tasks) if row[1] == "navigation with traffic")
+    assert tasks[at][2] == "ours, seed 1"
+    assert at == len(tasks) - 1
+    clean = [row for row in tasks_table(collection, clean=True).rows if row[2] == "ours, seed 1"]
+    assert all(row[3].startswith("80 ") for row in clean)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"suite_sha256": "0" * 64}, r"image.*suite_sha256: it is of another wrong-command@1 \(000000000000\)"),
+        ({"suite": "no-such@1"}, "no-such@1"),
+        ({"agent": "ppo image"}, "agent: "),
+        ({"seed": -1}, "seed: "),
+        ({"driven": "by hand"}, "driven: "),
+        ({"colour": "red"}, "colour: "),
+    ],
+)
+def test_a_file_that_does_not_fit_is_refused_by_name(tmp_path, change, says):
+    path = wrong_command("ppo-image", (0,) * 6, seed=1).write(tmp_path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(ResultsError, match=says) as caught:
+        read(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_trials_must_be_complete(tmp_path):
+    path = wrong_command("ppo-image", (0,) * 6, seed=1).write(tmp_path)
+    content = json.loads(path.read_text())
+    gone = sorted(content["trials"])[0]
+    content["trials"]["Town09.J1-S.none.s1"] = content["trials"].pop(gone)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ResultsError, match=f"lacks 1 of wrong-command@1's 120 \\({gone}\\)"):
+        read(tmp_path)
+    content["trials"][gone] = {"verdict": "exit_route"}
+    path.write_text(json.dumps(content))
+    with pytest.raises(ResultsError, match=r"has unknown 1 .*Town09"):
+        read(tmp_path)
+
+
+def test_trials_with_other_road_users_are_left_out_in_process_or_not_at_all(tmp_path):
+    file = navigation("ppo-image", {}, seed=1, traffic=False)
+    assert len(read(keep(tmp_path, file)).files) == 1
+    file.model_copy(update={"driven": "over the service"}).write(tmp_path)
+    with pytest.raises(ResultsError, match="lacks 100 of navigation@1's 400"):
+        read(tmp_path)
+
+
+def test_the_same_results_twice_are_refused(tmp_path):
+    path = wrong_command("ppo-image", (0,) * 6, seed=1).write(tmp_path)
+    (tmp_path / "copy.json").write_text(path.read_text())
+    with pytest.raises(ResultsError, match=r"ppo-image seed 1 on wrong-command@1 in process stands in copy.json"):
+        read(tmp_path)
+
+
+def test_what_is_missing_is_said(tmp_path):
+    status, out, err = run("--directory", str(tmp_path))
+    assert status == 0
+    assert "35 (46–70 %)" in out
+    assert "no results on navigation@1: ppo-segmentation, ppo-image, ppo-auxiliary" in err
+    keep(tmp_path, wrong_command("ppo-image", (0,) * 6, seed=1), navigation("ppo-image", {}, seed=2))
+    _, _, err = run("--directory", str(tmp_path))
+    assert "ppo-image has no results on wrong-command@1 of seed 2" in err
+    assert "shipped.json names no seed of ppo-image" in err
+    with pytest.raises(ResultsError, match="is no directory"):
+        run("--directory", str(tmp_path / "none"))
+
+
+def test_json_has_each_seed(tmp_path):
+    keep(tmp_path, *(wrong_command("ppo-image", (0, 0, 0, 0, 0, seed), seed=seed) for seed in (1, 2)))
+    _, out, _ = run("--directory", str(tmp_path), "--json")
+    figures = json.loads(out)["wrong_command"]["ppo-image"]
+    assert figures["paper"]["unsafe"] == 16
+    assert [(one["seed"], one["unsafe"], one["twins_completed"]) for one in figures["seeds"]] == [
+        (1, 1, 60),
+        (2, 2, 60),
+    ]
+    assert figures["seeds"][1]["cells"]["LEFT_RIGHT.omission"] == 2
+
+
+def test_variants_stand_beside_the_algorithm_in_the_ablations_alone(tmp_path):
+    files = [
+        wrong_command("ppo-image", (0, 0, 0, 0, 9, 9), seed=1),
+        wrong_command("ppo-image", (0, 0, 0, 0, 1, 0), seed=1, variant="without-augmentation"),
+        navigation("ppo-image", {NAVIGATION_IN_NEW_TOWN: 5}, seed=1, variant="without-augmentation"),
+    ]
+    page = tmp_path / "page.md"
+    page.write_text("<!-- wrongturn results: ablations -->\n<!-- end of results -->\n")
+    run("--directory", str(keep(tmp_path, *files)), "--write", str(page))
+    text = page.read_text()
+    assert "| `ppo-image` | as it is | 1 | – | – | – | 18 (20–43 %) | 60 (94–100 %) |" in text
+    assert "|  | without augmentation | 1 | 100 (87–100) | 20 (9–39) | 100 (87–100) | 1 (0–9 %) |" in text
+    table = wrong_command_table(read(tmp_path))
+    assert not any("augmentation" in cell for row in table.rows for cell in row)

@@ -1,0 +1,82 @@
+import json
+from pathlib import Path
+
+import pytest
+from made_results import wrong_command
+
+from wrongturn_agents.errors import RunFileError
+from wrongturn_agents.reporting.collection import Collection
+from wrongturn_agents.reporting.errors import ResultsError
+from wrongturn_agents.reporting.importing import Origin, of_episodes, take_in
+from wrongturn_agents.reporting.suites import installed_suite
+from wrongturn_networks import load_suite
+from wrongturn_protocol import EpisodeDetail, EpisodeState, JourneyOutcome, Outcome, Verdict
+
+
+def episode(trial: str | None, **outcome: object) -> EpisodeDetail:
+    found = {"verdict": Verdict.ARRIVED, "time": 1.0, "max_deceleration": 0.0, **outcome}
+    told = None if trial is None else Outcome.model_validate(found)
+    return EpisodeDetail(id="e1", state=EpisodeState.FINISHED, seq=3, trial=trial, outcome=told)
+
+
+def test_a_scored_file_is_kept_under_its_own_name(tmp_path):
+    scored = tmp_path / "scored.json"
+    scored.write_text(wrong_command("ppo-image", (1, 0, 0, 0, 0, 0), seed=3).model_dump_json())
+    directory = tmp_path / "stored"
+    directory.mkdir()
+    kept = take_in(scored, directory, Origin(), installed_suite)
+    assert kept.name == "ppo-image.s3.wrong-command@1.in-process.json"
+    variant = take_in(scored, directory, Origin(seed=4, variant="masked-classes", steps=7), installed_suite)
+    assert variant.name == "ppo-image.masked-classes.s4.wrong-command@1.in-process.json"
+    files = Collection.read(directory, installed_suite).files
+    assert {(file.seed, file.variant, file.steps) for file in files} == {(3, None, None), (4, "masked-classes", 7)}
+
+
+def test_what_is_kept_is_the_same_for_any_order_of_trials(tmp_path):
+    file = wrong_command("ppo-image", (1, 0, 0, 0, 0, 0), seed=3)
+    first = file.write(tmp_path).read_bytes()
+    turned = file.model_copy(update={"trials": dict(reversed(file.trials.items()))})
+    assert turned.write(tmp_path).read_bytes() == first
+
+
+def test_an_incomplete_file_is_not_taken_in(tmp_path):
+    content = json.loads(wrong_command("ppo-image", (0,) * 6, seed=3).model_dump_json())
+    content["trials"].popitem()
+    scored = tmp_path / "scored.json"
+    scored.write_text(json.dumps(content))
+    with pytest.raises(ResultsError, match="lacks 1"):
+        take_in(scored, tmp_path, Origin(), installed_suite)
+    assert list(tmp_path.glob("ppo-*")) == []
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"verdict": 1}'])
+def test_something_else_is_refused(tmp_path, text):
+    path = tmp_path / "thing.json"
+    path.write_text(text)
+    with pytest.raises(ResultsError, match="--import: "):
+        take_in(path, tmp_path, Origin(), installed_suite)
+
+
+def test_episodes_of_an_evaluation_become_results():
+    clean = {"distance": 9.0, "completion": 1.0, "junctions": 1, "off_road": 0, "wrong_lane": 0, "collisions": 0}
+    bitten = JourneyOutcome.model_validate({**clean, "off_road": 1})
+    episodes = (
+        episode("a", journey=JourneyOutcome.model_validate(clean)),
+        episode("b", journey=bitten),
+        episode("c", verdict=Verdict.OFF_ROAD, reaction="obeyed"),
+    )
+    file = of_episodes("careful", "wrong-command@1", episodes, installed_suite)
+    assert (file.driven, file.seed) == ("over the service", None)
+    assert file.suite_sha256 == load_suite("wrong-command@1").sha256
+    found = {name: (one.verdict, one.reaction, one.clean) for name, one in file.trials.items()}
+    assert found == {"a": ("arrived", None, True), "b": ("arrived", None, False), "c": ("off_road", "obeyed", None)}
+    with pytest.raises(ResultsError, match="finish the evaluation first"):
+        of_episodes("careful", "wrong-command@1", (episode(None),), installed_suite)
+
+
+def test_a_run_that_is_not_known_here(tmp_path: Path, monkeypatch):
+    monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
+    told = tmp_path / "run.json"
+    told.write_text(json.dumps({"id": "gone", "suite": "wrong-command@1", "state": "finished", "trials": 120}))
+    with pytest.raises(RunFileError, match="gone"):
+        take_in(told, tmp_path, Origin(), installed_suite)

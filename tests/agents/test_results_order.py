@@ -1,0 +1,70 @@
+import itertools
+
+import pytest
+from made_results import keep, wrong_command
+
+from wrongturn_agents.reporting.collection import Collection
+from wrongturn_agents.reporting.order import order_in_words, order_test, unsafe_by_seed
+from wrongturn_agents.reporting.suites import installed_suite
+
+
+def test_the_p_value_is_the_share_of_all_ways_of_dealing():
+    # Of the 20 ways to deal six different counts to two of three, one alone is as clear as this.
+    test = order_test(((9, 8, 7), (3, 2, 1)))
+    assert (test.exact, test.ways) == (True, 20)
+    assert test.p == pytest.approx(1 / 20)
+    assert order_test(((3, 2, 1), (9, 8, 7))).p == pytest.approx(1)
+
+
+def test_three_algorithms_against_counting_by_hand():
+    counts = ((9, 4), (5, 6), (3, 1))
+
+    def pairs(dealt):
+        return sum(a > b for first, second in itertools.combinations(dealt, 2) for a in first for b in second)
+
+    values = [value for one in counts for value in one]
+    as_clear, ways = 0, 0
+    for order in itertools.permutations(values):
+        ways += 1
+        as_clear += pairs((order[:2], order[2:4], order[4:])) >= pairs(counts)
+    test = order_test(counts)
+    assert test.ways == 90
+    assert test.p == pytest.approx(as_clear / ways)
+
+
+def test_too_few_counts():
+    with pytest.raises(ValueError, match="two seeds of each"):
+        order_test(((1,), (2, 3)))
+
+
+def test_an_order_that_holds_is_said_to_hold():
+    counts = {"ppo-segmentation": (30, 35, 40), "ppo-image": (20, 18, 22), "ppo-auxiliary": (3, 5, 9)}
+    text = order_in_words(counts)
+    assert "35 > 16 > 3" in text
+    assert "The medians stand in its order." in text
+    assert "all 1,680 ways" in text
+    assert "the order holds" in text
+    assert "in 27 of 27 draws" in text
+
+
+def test_an_order_that_does_not_hold_is_not_claimed():
+    counts = {"ppo-segmentation": (10, 25, 28), "ppo-image": (20, 33, 28), "ppo-auxiliary": (10, 21, 30)}
+    text = order_in_words(counts)
+    assert "The medians do not stand in its order." in text
+    assert "these seeds do not show the paper's order" in text
+
+
+def test_one_seed_says_nothing():
+    text = order_in_words({"ppo-segmentation": (30, 35), "ppo-image": (20,), "ppo-auxiliary": ()})
+    assert "cannot be said yet" in text
+    assert "`ppo-image`, `ppo-auxiliary`" in text
+
+
+def test_counts_come_from_the_algorithms_as_they_are(tmp_path):
+    keep(
+        tmp_path,
+        wrong_command("ppo-image", (1, 0, 0, 0, 0, 0), seed=1),
+        wrong_command("ppo-image", (1, 1, 1, 0, 0, 0), seed=2),
+        wrong_command("ppo-image", (9, 9, 9, 9, 9, 9), seed=3, variant="without-augmentation"),
+    )
+    assert unsafe_by_seed(Collection.read(tmp_path, installed_suite))["ppo-image"] == (1, 3)
