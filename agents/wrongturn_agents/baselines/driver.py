@@ -1,4 +1,4 @@
-"""The driving that all baselines share: keeping to a path by pure pursuit, and keeping to a speed.
+"""The driving that all baselines share: keeping to a path by pure pursuit, to a speed, and behind others.
 
 What a baseline adds is its choice at a junction, :meth:`Driver.choose`.
 """
@@ -12,11 +12,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from wrongturn_agents.baselines.following import speed_behind
 from wrongturn_agents.baselines.path import Path
 from wrongturn_agents.baselines.view import View
 from wrongturn_protocol import Action, AgentKind, Command, Track
 from wrongturn_protocol.observations import Observation
 
+_PASSED: Final = 5.0  # metres past the stop line from which another one that is seen is the next junction's
 _COMMITTED: Final = 30.0  # metres past the stop line within which a chosen path is kept
 
 
@@ -28,6 +30,8 @@ class Car:
     """Metres; the rear axle is half of it behind the body's centre."""
     nose: float = 2.3
     """From the body's centre to the front bumper, metres."""
+    half_width: float = 0.95
+    """Of the body, metres."""
     max_wheel_angle: float = math.radians(35.0)
     """Of the front wheels at full steering, radians."""
     acceleration: float = 3.5
@@ -102,7 +106,10 @@ class Driver(ABC):
         """The path to follow and, where the car shall stop, the stop's distance along it."""
         if self._path is not None and self._line is not None:
             past = self._path.project(view.x, view.y) - self._line
-            if 0.0 < past < _COMMITTED:
+            if past > _PASSED and view.near_junction:
+                # Within a junction no stop line is seen: it is the next one's, and the path leads on past it.
+                self._forget()
+            elif 0.0 < past < _COMMITTED:
                 return self._path, None if self._choice is not None else self._line
         if not view.near_junction:
             self._forget()
@@ -138,8 +145,11 @@ class Driver(ABC):
         speed = min(manner.cruise, path.speed_limit(here, manner.lateral, manner.braking))
         if stop is not None:
             speed = min(speed, math.sqrt(2.0 * manner.braking * max(0.0, stop - here)))
-            if speed < 0.5:
-                return -self.car.braking
+        if len(view.road_users):
+            body = {"nose": self.car.nose, "half_width": self.car.half_width}
+            speed = min(speed, speed_behind(path, here, view.road_users, braking=manner.braking, **body))
+        if speed < 0.5:
+            return -self.car.braking
         return manner.gain * (speed - view.speed)
 
 

@@ -32,6 +32,8 @@ class View:
     """Metres ahead of the body's centre; -1 where there is none within 60 m."""
     exits: dict[Command, NDArray[np.floating]]
     """The permitted paths from the stop line on, (60, 2) each, in the order LEFT, RIGHT, STRAIGHT."""
+    road_users: NDArray[np.floating]
+    """(N, 6): x, y, yaw, length, width, speed of the others in sight; metres, radians, metres a second."""
 
     @classmethod
     def of(cls, observation: Observation) -> "View":
@@ -47,6 +49,7 @@ class View:
             lane=observation["lane"],
             stop_line=float(observation["stop_line"][0]),
             exits={direction: paths[i] for i, direction in enumerate(DIRECTIONS) if mask[i]},
+            road_users=observation["road_users"][: int(observation["road_users_count"][0])],
         )
 
     @property

@@ -1,0 +1,54 @@
+"""Keeping behind others: how fast a car may be for the sake of those who are in its way."""
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_agents.baselines.path import Path
+
+_CLEARANCE: Final = 0.4  # metres to either side of the body that nobody may be in
+_STAND: Final = 2.5  # metres from bumper to bumper when standing behind somebody
+_SIGHT: Final = 50.0  # metres along the path within which others matter
+_FORESIGHT: Final = (0.0, 0.7, 1.4)  # seconds ahead, at their present speed, at which they may be in the way
+
+
+def speed_behind(
+    path: Path,
+    here: float,
+    road_users: NDArray[np.floating],
+    *,
+    nose: float,
+    half_width: float,
+    braking: float,
+) -> float:
+    """The speed from which a car can still stop behind whoever is in its way, m/s; infinite where nobody is.
+
+    Args:
+        path: that the car follows.
+        here: where it is, metres along the path.
+        road_users: (N, 6) x, y, yaw, length, width, speed; metres, radians, m/s.
+        nose: from the car's middle to its front bumper, metres.
+        half_width: of the car, metres.
+        braking: its deceleration, m/s2.
+    """
+    limit = math.inf
+    for x, y, yaw, length, width, speed in road_users.tolist():
+        for seconds in _FORESIGHT if speed > 0.1 else _FORESIGHT[:1]:
+            there_x = x + seconds * speed * math.cos(yaw)
+            there_y = y + seconds * speed * math.sin(yaw)
+            along = path.project(there_x, there_y)
+            if not 0.0 < along - here < _SIGHT:
+                continue
+            on_x, on_y = path.at(along)
+            ahead_x, ahead_y = path.at(along + 0.5)
+            turned = yaw - math.atan2(ahead_y - on_y, ahead_x - on_x)
+            across = abs(length * math.sin(turned)) / 2 + abs(width * math.cos(turned)) / 2
+            if math.hypot(there_x - on_x, there_y - on_y) > half_width + across + _CLEARANCE:
+                continue
+            reach = abs(length * math.cos(turned)) / 2 + abs(width * math.sin(turned)) / 2
+            gap = along - here - reach - nose - _STAND
+            away = max(0.0, speed * math.cos(turned))
+            limit = min(limit, math.sqrt(max(0.0, 2.0 * braking * gap + away * away)))
+    return limit
