@@ -7,7 +7,7 @@ The contract, the same for ``wrongturn run FILE.onnx`` and for a model that is h
   not take every key. Its track is the smallest that has all of its inputs, unless its metadata names a greater one.
 * One output is called ``action``: float32 (1, 3) in the order steer, throttle, brake; out of range it is clipped.
 * The model's metadata may hold ``name``, ``track`` and ``description``.
-* The model keeps no memory between steps.
+* The model keeps no memory between steps, so that one may drive several episodes at a time.
 
 onnxruntime comes with the extra: ``python -m pip install 'wrongturn-agents[onnx]'``.
 """
@@ -25,7 +25,8 @@ from wrongturn_protocol import Action, AgentKind, Track
 from wrongturn_protocol.observations import FIELDS, Observation
 
 _TRACKS: Final = (Track.STATE, Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)  # the smaller ones first
-_OUTPUT: Final = "action"
+ACTION: Final = "action"
+"""The output's name."""
 
 
 class OnnxAgent:
@@ -36,22 +37,11 @@ class OnnxAgent:
         ModelFileError: the file is missing, no ONNX model, or does not keep to the contract.
     """
 
+    memoryless = True
+    """Whether :meth:`act` depends on nothing but the observation, and may be called in several threads at a time."""
+
     def __init__(self, file: Path) -> None:
-        try:
-            import onnxruntime  # noqa: PLC0415 - an optional extra, and heavy
-        except ImportError:
-            raise OnnxRuntimeMissingError(
-                f"{file}: an ONNX model needs onnxruntime; install it with: "
-                f"{python()} -m pip install 'wrongturn-agents[onnx]'",
-            ) from None
-        if not file.is_file():
-            raise ModelFileError(f"{file}: there is no such file; name an .onnx file")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1  # so that the same observation gives the same action
-        try:
-            self._session: Any = onnxruntime.InferenceSession(str(file), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime raises a different class for each way of being broken
-            raise ModelFileError(f"{file}: onnxruntime cannot load it: {error}") from error
+        self._session: Any = open_session(file)
         said: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
         self._inputs: tuple[str, ...] = tuple(put.name for put in self._session.get_inputs())
         self.track: Track = _track(file, self._inputs, said.get("track"))
@@ -59,8 +49,8 @@ class OnnxAgent:
         self.kind = AgentKind.SUBMITTED
         self.description: str = said.get("description", f"ONNX model {file.name}")
         outputs = [put.name for put in self._session.get_outputs()]
-        if _OUTPUT not in outputs:
-            raise ModelFileError(f"{file}: outputs: {', '.join(outputs)}; the contract wants one called {_OUTPUT}")
+        if ACTION not in outputs:
+            raise ModelFileError(f"{file}: outputs: {', '.join(outputs)}; the contract wants one called {ACTION}")
         self._file = file
 
     def reset(self, observation_space: spaces.Space[Any]) -> None:
@@ -73,14 +63,38 @@ class OnnxAgent:
             ModelFileError: the model fails on the observation, or its action has another shape or is not finite.
         """
         try:
-            (batch,) = self._session.run([_OUTPUT], {name: observation[name][None] for name in self._inputs})
+            (batch,) = self._session.run([ACTION], {name: observation[name][None] for name in self._inputs})
         except Exception as error:
             raise ModelFileError(f"{self._file}: the model fails on an observation: {error}") from error
         action = np.asarray(batch, np.float64)
         if action.shape != (1, 3) or not all(map(math.isfinite, action[0])):
-            raise ModelFileError(f"{self._file}: output {_OUTPUT} is {action.tolist()}; it must be finite and (1, 3)")
+            raise ModelFileError(f"{self._file}: output {ACTION} is {action.tolist()}; it must be finite and (1, 3)")
         steer, throttle, brake = np.clip(action[0], (-1.0, 0.0, 0.0), 1.0).tolist()
         return Action(steer=steer, throttle=throttle, brake=brake)
+
+
+def open_session(file: Path) -> Any:
+    """An ``onnxruntime.InferenceSession`` that gives the same action for the same observation, on one thread.
+
+    Raises:
+        OnnxRuntimeMissingError: onnxruntime is not installed.
+        ModelFileError: the file is missing or no ONNX model.
+    """
+    try:
+        import onnxruntime  # noqa: PLC0415 - an optional extra, and heavy
+    except ImportError:
+        raise OnnxRuntimeMissingError(
+            f"{file}: an ONNX model needs onnxruntime; install it with: "
+            f"{python()} -m pip install 'wrongturn-agents[onnx]'",
+        ) from None
+    if not file.is_file():
+        raise ModelFileError(f"{file}: there is no such file; name an .onnx file")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1  # so that the same observation gives the same action
+    try:
+        return onnxruntime.InferenceSession(str(file), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime raises a different class for each way of being broken
+        raise ModelFileError(f"{file}: onnxruntime cannot load it: {error}") from error
 
 
 def _track(file: Path, inputs: tuple[str, ...], said: str | None) -> Track:

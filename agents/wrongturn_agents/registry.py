@@ -26,12 +26,13 @@ from wrongturn_agents.errors import (
     NotAnAgentError,
     UnknownAgentError,
 )
+from wrongturn_agents.shipped import SHIPPED, ShippedAgent
 from wrongturn_protocol import AgentKind, Track
 
 AGENTS: Final = MappingProxyType(
     {agent.name: agent for agent in (Parked, AlwaysStops, IgnoresCommands, ObeysBlindly, Careful)},
 )
-"""The shipped agents' classes by name."""
+"""The baselines' classes by name."""
 
 
 class AgentListing(BaseModel):
@@ -59,10 +60,10 @@ class AgentSource:
 
 
 def list_agents() -> list[AgentListing]:
-    """The shipped agents."""
+    """The baselines and the trained agents."""
     return [
         AgentListing(name=name, track=agent.track, kind=agent.kind, description=agent.description)
-        for name, agent in AGENTS.items()
+        for name, agent in (*AGENTS.items(), *SHIPPED.items())
     ]
 
 
@@ -77,15 +78,17 @@ def resolve(named: str) -> AgentSource:
         AgentImportError: the class cannot be imported.
         NotAnAgentError: the class lacks ``reset``, ``act`` or ``track``.
         ModelFileError: the file is missing, broken or does not keep to the contract.
-        OnnxRuntimeMissingError: the extra ``onnx`` is not installed.
+        OnnxRuntimeMissingError: the extra ``onnx`` is not installed; of a trained agent it is told when it is made.
     """
     if named in AGENTS:
         return _source(named, AGENTS[named])
+    if named in SHIPPED:
+        return _shipped(SHIPPED[named])
     if named.endswith(".onnx"):
         return _model(Path(named))
     if ":" in named:
         return _source(named, _imported(named))
-    known = ", ".join(AGENTS)
+    known = ", ".join((*AGENTS, *SHIPPED))
     raise UnknownAgentError(
         f"agent: there is no agent called {named!r}; known are {known}; or name package.module:Class or a .onnx file",
     )
@@ -141,6 +144,10 @@ def _make(named: str, agent: Callable[[], Any]) -> Agent:
     except Exception as error:
         raise AgentFailedError(f"agent: {named} raised {type(error).__name__} when it was made: {error}") from error
     return made
+
+
+def _shipped(agent: ShippedAgent) -> AgentSource:
+    return AgentSource(agent.name, agent.track, agent.kind, agent.description, make=agent.make)
 
 
 def _model(file: Path) -> AgentSource:

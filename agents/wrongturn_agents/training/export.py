@@ -2,7 +2,6 @@
 
 import hashlib
 import logging
-import os
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -119,7 +118,7 @@ def export(
     beside = file.with_name(file.name + ".part")
     try:
         beside.write_bytes(graph.SerializeToString(deterministic=True))
-        os.replace(beside, file)
+        beside.replace(file)
     except OSError as error:
         raise TrainingError(f"FILE: {file} cannot be written ({error.strerror}); name another") from error
 
@@ -145,7 +144,7 @@ def agreement(checkpoint: Path | str, file: Path | str, observations: Observatio
     for i in range(len(observations[keys[0]])):  # one at a time, as an agent drives
         one = {key: np.asarray(observations[key][i : i + 1]) for key in keys}
         with torch.inference_mode():
-            wanted = model.drive({key: torch.from_numpy(array) for key, array in one.items()})  # type: ignore[operator]
+            wanted = model.drive({key: torch.from_numpy(array) for key, array in one.items()})
         differences.append(np.abs(session.run([ACTION], one)[0] - wanted.numpy())[0])
     mean, greatest = np.mean(differences, 0).tolist(), np.max(differences, 0).tolist()
     return Agreement(tuple(mean), tuple(greatest), len(differences))

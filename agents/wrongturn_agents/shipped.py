@@ -1,0 +1,93 @@
+"""The trained agents that are shipped: ONNX files in this package, each with a card beside it.
+
+They need onnxruntime, which comes with the extra: ``python -m pip install 'wrongturn-agents[onnx]'``.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
+from wrongturn_client.invocation import program, python
+from wrongturn_protocol import AgentKind, Track
+
+if TYPE_CHECKING:
+    from wrongturn_agents.onnx_agent import OnnxAgent
+
+WEIGHTS: Final = Path(__file__).parent / "weights"
+"""Where the files and their cards lie."""
+
+
+@dataclass(frozen=True)
+class ShippedAgent:
+    """One of the paper's agents, trained here.
+
+    ``kind`` tells the leaderboard that it shows a published method.
+    """
+
+    name: str
+    track: Track
+    description: str
+    kind: AgentKind = AgentKind.REFERENCE
+
+    @property
+    def file(self) -> Path:
+        """The weights."""
+        return WEIGHTS / f"{self.name}.onnx"
+
+    @property
+    def card(self) -> Path:
+        """What they are, how they were trained and how they drive, in Markdown."""
+        return WEIGHTS / f"{self.name}.md"
+
+    def make(self) -> "OnnxAgent":
+        """Load it.
+
+        Raises:
+            ModelFileError: the weights are missing or broken.
+            OnnxRuntimeMissingError: onnxruntime is not installed.
+        """
+        from wrongturn_agents.onnx_agent import OnnxAgent  # noqa: PLC0415 - loads an optional extra
+
+        if not self.file.is_file():
+            raise ModelFileError(
+                f"agent: the weights of {self.name} are not in this installation; install wrongturn-agents again, or "
+                f"train it ('{program()} train {self.name}'), '{program()} export' it and run the .onnx file",
+            )
+        try:
+            return OnnxAgent(self.file)
+        except OnnxRuntimeMissingError:
+            raise OnnxRuntimeMissingError(
+                f"agent: {self.name} needs onnxruntime; install it with: "
+                f"{python()} -m pip install 'wrongturn-agents[onnx]'",
+            ) from None
+        except ModelFileError as error:
+            raise ModelFileError(
+                f"agent: the weights of {self.name} are broken; install wrongturn-agents again ({error})",
+            ) from error
+
+
+SHIPPED: Final = MappingProxyType(
+    {
+        agent.name: agent
+        for agent in (
+            ShippedAgent(
+                "ppo-segmentation",
+                Track.SEGMENTATION,
+                "Learned by PPO to drive by the true segmentation, with a head for each command.",
+            ),
+            ShippedAgent(
+                "ppo-image",
+                Track.CAMERA,
+                "Learned by PPO to drive by pictures, with a ResNet-34 that had learned segmentation beforehand.",
+            ),
+            ShippedAgent(
+                "ppo-auxiliary",
+                Track.CAMERA,
+                "Learned by PPO to drive by pictures and, at the same time, to segment them.",
+            ),
+        )
+    },
+)
+"""The trained agents by name."""
