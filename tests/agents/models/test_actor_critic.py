@@ -73,6 +73,8 @@ def test_the_segmentation_agent_tells_no_segmentation(segmentation, batch):
 
 def test_the_whole_agent_is_one_graph(model, batch):
     """Nothing in it sends the compiler back to Python, and it computes the same."""
+    if model.algorithm == "ppo-image":
+        pytest.skip("it drives by the same graph as ppo-auxiliary, which takes seconds")
     torch._dynamo.reset()
     whole = torch.compile(model.drive, backend="eager", fullgraph=True)
     torch.testing.assert_close(whole(batch(2)), model.drive(batch(2)))
