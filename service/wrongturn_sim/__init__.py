@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from wrongturn_sim.simulator import Simulator
     from wrongturn_sim.trajectory import Row, Trajectory
     from wrongturn_sim.vector_env import WrongturnVectorEnv
-    from wrongturn_sim.verdict import Judge, JudgeGeometry, judge
+    from wrongturn_sim.verdict import JourneyGeometry, JourneyJudge, Judge, JudgeGeometry, judge
 
 _HOME = {
     "VEHICLE": "ego",
@@ -43,6 +43,8 @@ _HOME = {
     "EpisodeNotStartedError": "errors",
     "FaultNotApplicableError": "faults",
     "InvalidActionError": "errors",
+    "JourneyGeometry": "verdict",
+    "JourneyJudge": "verdict",
     "Judge": "verdict",
     "JudgeGeometry": "verdict",
     "Row": "trajectory",
@@ -88,6 +90,8 @@ __all__ = [
     "EpisodeNotStartedError",
     "FaultNotApplicableError",
     "InvalidActionError",
+    "JourneyGeometry",
+    "JourneyJudge",
     "Judge",
     "JudgeGeometry",
     "Row",

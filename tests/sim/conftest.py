@@ -1,7 +1,9 @@
 """What the simulation's tests share: trials to drive, and a plain driver that follows paths."""
 
 import math
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,8 @@ import pytest
 from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Track, Trial
 from wrongturn_sim import Episode
+
+sys.path.insert(0, str(Path(__file__).parent))  # the files beside this one are imported by their plain names
 
 TOWN = "junctions"
 
@@ -71,3 +75,9 @@ def _drive(trial: Trial, direction: Command | None = None, steps: int = 400) -> 
 def drive() -> Callable[..., Episode]:
     """Drive a trial to its end by the paths that the privileged track shows."""
     return _drive
+
+
+@pytest.fixture(scope="session")
+def steer() -> Callable[[np.ndarray, np.ndarray], float]:
+    """The steering that leads a pose to a path, by pure pursuit."""
+    return _steer

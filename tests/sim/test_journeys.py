@@ -1,0 +1,233 @@
+"""Drives across a town: in single episodes, among many egos, among SUMO's road users."""
+
+import math
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from test_vector_env import compare, drawn_actions
+
+from wrongturn_networks import draw_journey, load_town
+from wrongturn_protocol import DIRECTIONS, Command, Task, Track, Traffic, Verdict
+from wrongturn_sim import Episode, JourneyGeometry, Trajectory, WrongturnSimEnv, WrongturnVectorEnv, judge
+from wrongturn_sim.route import start_pose
+from wrongturn_sim.traffic import plan_traffic
+
+TOWNS = ("Town01", "Town02")
+
+
+class Pilot:
+    """Follows the lanes, and at junctions the exit that was commanded, by what the privileged track shows."""
+
+    def __init__(self, steer, *, pace=6.0, errs=False):
+        self._steer = steer
+        self._pace = pace
+        self._errs = errs  # takes another exit at the first junction
+        self._exit = None
+        self._windows = 0
+        self._within = False
+
+    def act(self, seen):
+        stop_line, command = float(seen["stop_line"][0]), int(seen["command"][0])
+        within = command in list(DIRECTIONS)
+        self._windows += within and not self._within
+        self._within = within
+        if within:
+            self._exit = command - 1
+            if self._errs and self._windows == 1 and seen["exits_mask"].any():
+                self._exit = next(k for k in range(3) if seen["exits_mask"][k] and k != command - 1)
+        by_exit = stop_line < 4.0 and self._exit is not None and seen["exits_mask"][self._exit]
+        path = seen["exits"][self._exit] if by_exit else seen["lane"]
+        pace = 0.0 if self._blocked(seen) else self._pace
+        throttle, brake = (0.5, 0.0) if float(seen["speed"][0]) < pace else (0.0, 0.1 if pace else 1.0)
+        return self._steer(seen["pose"], path.astype(float)), throttle, brake
+
+    def _blocked(self, seen):
+        x, y, yaw = seen["pose"]
+        c, s = math.cos(yaw), math.sin(yaw)
+        for other in seen["road_users"][: int(seen["road_users_count"][0])]:
+            dx, dy = other[0] - x, other[1] - y
+            ahead, aside, turned = dx * c + dy * s, dy * c - dx * s, math.remainder(other[2] - yaw, math.tau)
+            if 0.0 < ahead < 14.0 and abs(aside) < 1.8 and abs(turned) < 1.6:
+                return True
+        return False
+
+
+@pytest.fixture(scope="module")
+def travel(steer):
+    """Drive a trial to its end; ``swerve`` names decisions with a steering of their own."""
+
+    def driven(trial, swerve=None, **arguments):
+        episode = Episode(trial, Track.PRIVILEGED, strict=arguments.pop("strict", False))
+        pilot = Pilot(steer, **arguments)
+        seen = episode.reset()
+        rewards = []
+        while episode.outcome is None:
+            action = pilot.act(seen)
+            if swerve and episode.steps in swerve:
+                action = (swerve[episode.steps], *action[1:])
+            step = episode.step(*action)
+            seen = step.observation
+            rewards.append((step.reward, int(seen["command"][0])))
+        assert (step.terminated, step.truncated) == (not episode._judge.ran_out, episode._judge.ran_out)
+        episode.rewards = rewards
+        return episode
+
+    return driven
+
+
+def actions_of(episode):
+    """What led to an episode's end, one action for each decision."""
+    return [row[8:11] for row in episode.trajectory.rows[1::2]]
+
+
+def replayed(episodes, **arguments):
+    """The same drives among many egos of one town: the environment, and what was told of each end."""
+    trials = [episode.trial for episode in episodes]
+    envs = WrongturnVectorEnv(len(trials), trials[0].town, "privileged", autoreset_mode="Disabled", **arguments)
+    envs.reset(options={"trial": trials})
+    inputs = [actions_of(episode) for episode in episodes]
+    told = [None] * len(trials)
+    while None in told:
+        actions = np.array([given[min(int(k), len(given) - 1)] for given, k in zip(inputs, envs.steps, strict=True)])
+        *_, terminated, truncated, infos = envs.step(actions)
+        ended = terminated | truncated
+        for i in np.flatnonzero(ended):
+            if told[i] is None:
+                told[i] = (infos["outcome"][i], envs.episode(i) if arguments.get("record", True) else None)
+        if ended.any():  # those that ended drive their trial once more, since all are stepped
+            envs.reset(options={"trial": trials, "reset_mask": ended})
+    return envs, told
+
+
+@pytest.mark.parametrize("track", ["state", "privileged"])
+@pytest.mark.parametrize("town", TOWNS)
+def test_cruises_of_many_egos_are_those_of_single_environments(town, track):
+    arguments = {"town": town, "task": "cruise", "track": track, "journeys": {"time_limit": 9.0}}
+    weathers = ["ClearNoon", "HardRainNoon"]
+    actions = drawn_actions(8, 150)
+    strict = compare(actions, strict=True, threads=2, weather=weathers, **arguments)
+    assert {"off_road", "timeout"} <= set(strict)
+    lax = compare(actions, mode=AutoresetMode.SAME_STEP, weather=weathers, **arguments)
+    assert set(lax) <= {"collision", "timeout"}
+
+
+@pytest.mark.parametrize("town", TOWNS)
+def test_a_pilot_arrives_and_many_egos_drive_the_same(town, travel):
+    built = load_town(town)
+    trials = [draw_journey(built, task, 3) for task in (Task.STRAIGHT, Task.ONE_TURN, Task.NAVIGATION)]
+    episodes = [travel(trial) for trial in trials]
+    for episode in episodes:
+        outcome = episode.outcome
+        assert outcome.verdict is Verdict.ARRIVED, episode.trial.id
+        assert outcome.journey.clean
+        assert outcome.journey.completion == 1.0
+        assert outcome.journey.distance == pytest.approx(episode.trial.journey.length, rel=0.03)
+        assert judge(Trajectory.from_json(episode.trajectory.to_json()), JourneyGeometry.of(built)) == outcome
+    assert episodes[2].outcome.journey.junctions > 2
+    envs, told = replayed(episodes)
+    for episode, (outcome, record) in zip(episodes, told, strict=True):
+        assert record.trajectory.to_json() == episode.trajectory.to_json()
+        assert record.outcome == episode.outcome
+        assert record.actions_sha256 == episode.actions_sha256
+        assert outcome == episode.outcome.model_dump(mode="json", exclude_none=True)
+    envs.close()
+
+
+def test_without_a_record_outcomes_are_the_same_and_nothing_is_kept(travel):
+    trial = draw_journey(load_town("Town02"), Task.ONE_TURN, 5)
+    episode = travel(trial)
+    envs, ((outcome, _),) = replayed([episode], record=False)
+    assert outcome == episode.outcome.model_dump(mode="json", exclude_none=True)
+    with pytest.raises(ValueError, match="record=True"):
+        envs.episode(0)
+    kept = [getattr(envs._fleet._egos, name) for name in ("states", "commands", "inputs")]
+    assert not any(array.size for array in kept)
+
+
+@pytest.mark.parametrize("town", TOWNS)
+def test_after_a_wrong_turn_the_way_is_planned_anew(town, travel):
+    trial = draw_journey(load_town(town), Task.NAVIGATION, 8)
+    straight, lost = travel(trial), travel(trial, errs=True)
+    assert lost.outcome.verdict is Verdict.ARRIVED
+    assert lost.outcome.journey.clean
+    assert lost.outcome.journey.distance > straight.outcome.journey.distance + 20.0
+    (_, (_, record)) = replayed([straight, lost])[1]
+    assert record.trajectory.to_json() == lost.trajectory.to_json()
+
+
+def test_infractions_are_counted_and_strict_ends_with_the_first(travel):
+    trial = draw_journey(load_town("Town01"), Task.STRAIGHT, 2)
+    swerve = dict.fromkeys(range(60, 72), -0.25)
+    episode = travel(trial, swerve)
+    assert episode.outcome.verdict is Verdict.ARRIVED
+    assert not episode.outcome.journey.clean
+    assert episode.outcome.journey.wrong_lane >= 1
+    strict = travel(trial, dict.fromkeys(range(60, 90), -0.25), strict=True)
+    assert strict.outcome.verdict is Verdict.OFF_ROAD
+    assert strict.outcome.journey.completion < 1.0
+
+
+def test_time_runs_out():
+    arguments = {"town": "Town01", "task": "cruise", "journeys": {"time_limit": 3.0}}
+    envs, single = WrongturnVectorEnv(2, **arguments), WrongturnSimEnv(**arguments)
+    envs.reset(seed=7)
+    single.reset(seed=7)
+    for step in range(1, 31):
+        _, _, terminated, truncated, infos = envs.step(np.zeros((2, 3), np.float32))
+        _, _, *ended, info = single.step(np.zeros(3, np.float32))
+        assert not terminated.any()
+        assert ended == [terminated[0], truncated[0]]
+        assert truncated.tolist() == [step == 30] * 2
+    assert infos["verdict"].tolist() == ["timeout"] * 2
+    assert info["outcome"] == infos["outcome"][0]
+
+
+def test_the_reward_is_that_of_every_junction_on_the_way(travel):
+    episode = travel(draw_journey(load_town("Town02"), Task.NAVIGATION, 4))
+    assert episode.outcome.journey.junctions > 2
+    for (value, command), row in list(zip(episode.rewards, episode.trajectory.rows[2::2], strict=False))[:-1]:
+        target = 35.0 if command == Command.LANE_FOLLOW else 15.0
+        speed = target - abs(target - 3.6 * row.v)
+        # A good driver is within a metre of its path and 25 degrees of its direction, here as there.
+        assert speed + 0.0 - 1.0 <= value <= speed + 11.5
+
+
+def test_a_drive_among_other_road_users(travel):
+    town = load_town("Town02")
+    trial = draw_journey(town, Task.NAVIGATION_DYNAMIC, 2, traffic=Traffic(vehicles=15, pedestrians=20))
+    plan = plan_traffic(town, trial, start_pose(town, trial))
+    assert plan.ego[0] == town.lanes[town.approach(trial.approach).lane].edge
+    assert town.lanes[trial.journey.goal].edge in plan.ego
+    assert all(
+        sum(_lengths(town, trip.edges) for trip in car.trips) > 10 * trial.journey.time_limit for car in plan.cars
+    )
+    episode = travel(trial)
+    assert episode.outcome.verdict is Verdict.ARRIVED
+    assert episode.outcome.journey.collisions == 0
+    assert any(row.road_users for row in episode.trajectory.rows[-200:])
+    assert travel(trial).trajectory.sha256 == episode.trajectory.sha256
+
+
+def _lengths(town, edges):
+    by_edge = {lane.edge: lane.length for lane in town.lanes.values()}
+    return sum(by_edge[edge] for edge in edges)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"task": "cruise"}, "town"),
+        ({"task": "cruise", "suite": "smoke@1"}, "task"),
+        ({"town": "Town02", "task": "racing"}, "racing"),
+        ({"town": "Town02", "journeys": {"time_limit": 5.0}}, "journeys"),
+        ({"town": "Town02", "task": "cruise", "journeys": {"colour": "red"}}, "colour"),
+        ({"town": "Town02", "task": "cruise", "approach": "J2-S"}, "approach"),
+        ({"town": "Town02", "task": "navigation", "fault": "omission"}, "fault"),
+        ({"town": "Town02", "task": "cruise", "journeys": {"near_junctions": 2.0}}, "near_junctions"),
+    ],
+)
+def test_what_cannot_be_drawn_says_why(arguments, named):
+    for make in (WrongturnSimEnv, lambda **more: WrongturnVectorEnv(2, **more)):
+        with pytest.raises(ValueError, match=named):
+            make(**arguments)
