@@ -6,7 +6,6 @@ from typing import Any, Final
 import numpy as np
 import torch
 from gymnasium import spaces
-from numpy.typing import NDArray
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor
 
@@ -59,6 +58,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         self._penalty = failure_penalty
         self._returns = np.zeros(num_envs)
         self._lengths = np.zeros(num_envs, np.int64)
+        self._shared: dict[str, tuple[Any, Tensor]] = {}
         self._watch_pictures()
 
     def reset(self) -> Observations:
@@ -105,11 +105,16 @@ class DrivingVecEnv(WrongturnVecEnv):
 
     def _tensors(self, observation: Any) -> Observations:
         """Copies on the device, for the next step writes the arrays over; those made there never leave it."""
-        return {key: self._tensor(observation[key]) for key in self.keys}
+        return {key: self._shared_tensor(key, observation[key]).to(self.device, copy=True) for key in self.keys}
 
-    def _tensor(self, array: NDArray[Any] | Any) -> Tensor:
-        shared = torch.as_tensor(array, device=self.device if hasattr(array, "__cuda_array_interface__") else None)
-        return shared.to(self.device, copy=True)
+    def _shared_tensor(self, key: str, array: Any) -> Tensor:
+        """The memory of an array of the environments; they fill the same ones again and again."""
+        known, tensor = self._shared.get(key, (None, None))
+        if known is not array or tensor is None:
+            there = hasattr(type(array), "__cuda_array_interface__")
+            tensor = torch.as_tensor(array, device=self.device if there else None)
+            self._shared[key] = array, tensor
+        return tensor
 
     def _watch_pictures(self) -> None:
         """Let the camera's work be counted apart."""

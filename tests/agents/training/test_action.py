@@ -1,0 +1,36 @@
+import warnings
+
+import numpy as np
+import pytest
+from stable_baselines3.common.env_checker import check_env
+
+from wrongturn_agents.training.action import ACTION_SPACE, SteerAccelerate, controls
+from wrongturn_sim import WrongturnSimEnv
+
+
+@pytest.mark.parametrize(
+    ("action", "expected"),
+    [
+        ((0.25, 0.5), (0.25, 0.5, 0.0)),
+        ((-0.25, -0.5), (-0.25, 0.0, 0.5)),
+        ((0.0, 0.0), (0.0, 0.0, 0.0)),
+        ((3.0, 7.0), (1.0, 1.0, 0.0)),
+        ((-3.0, -7.0), (-1.0, 0.0, 1.0)),
+    ],
+)
+def test_accelerate_is_throttle_or_brake(action, expected):
+    assert controls(np.array(action)).tolist() == list(expected)
+
+
+def test_many_at_once():
+    assert controls(np.zeros((5, 2))).shape == (5, 3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("track", ["state", "segmentation"])
+def test_stable_baselines_accepts_the_single_environment(track):
+    env = SteerAccelerate(WrongturnSimEnv("junctions", track))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # advice on images and on symmetric actions
+        check_env(env, warn=True)
+    assert env.action_space == ACTION_SPACE

@@ -1,0 +1,50 @@
+import pytest
+
+from wrongturn_agents.training.budget import Budget
+from wrongturn_agents.training.errors import TrainingError
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+def test_whichever_is_further_on_counts():
+    clock = Clock()
+    budget = Budget(1000, 10.0, clock=clock)
+    budget.reserve = 0.0
+    assert budget.fraction(250) == 0.25
+    clock.now += 300.0
+    assert budget.fraction(250) == 0.5
+    assert not budget.over(999)
+    assert budget.over(1000)
+    clock.now += 300.0
+    assert budget.over(0)
+
+
+def test_the_last_evaluation_is_within_the_minutes():
+    clock = Clock()
+    budget = Budget(None, 1.0, clock=clock)
+    budget.reserve = 12.0
+    clock.now += 48.0
+    assert budget.over()
+    assert not budget.out_of_time()
+    clock.now += 11.0
+    assert budget.out_of_time()
+
+
+def test_a_resumed_run_goes_on_with_what_it_used():
+    clock = Clock()
+    budget = Budget(None, 1.0, used=30.0, clock=clock)
+    budget.reserve = 0.0
+    assert budget.fraction(10**9) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("steps", "minutes", "field"), [(None, None, "steps"), (0, None, "steps"), (5, -1.0, "minutes")]
+)
+def test_a_run_must_end(steps, minutes, field):
+    with pytest.raises(TrainingError, match=field):
+        Budget(steps, minutes)

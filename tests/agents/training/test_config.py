@@ -1,0 +1,55 @@
+import ast
+import inspect
+
+import pytest
+
+from wrongturn_agents.training import config as module
+from wrongturn_agents.training.config import ALGORITHMS, TRAINING_WEATHERS, config_of
+from wrongturn_agents.training.errors import TrainingError
+
+
+def test_every_field_is_documented():
+    classes = [node for node in ast.parse(inspect.getsource(module)).body if isinstance(node, ast.ClassDef)]
+    fields = 0
+    for node in classes:
+        for here, following in zip(node.body, [*node.body[1:], None], strict=True):
+            if isinstance(here, ast.AnnAssign) and "ClassVar" not in ast.unparse(here.annotation):
+                fields += 1
+                assert isinstance(following, ast.Expr), f"{node.name}.{ast.unparse(here.target)} has no docstring"
+    assert fields > 30
+
+
+def test_the_papers_training_conditions():
+    assert TRAINING_WEATHERS == ("ClearNoon", "WetNoon", "HardRainNoon", "ClearSunset")
+    assert [config_of(name).variant for name in ALGORITHMS] == [None] * 3
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "option", "variant"),
+    [
+        ("ppo-auxiliary", "auxiliary=false", "without-auxiliary-loss"),
+        ("ppo-auxiliary", "augment=no", "without-augmentation"),
+        ("ppo-image", "augment=0", "without-augmentation"),
+        ("ppo-image", "pretrained=False", "without-pretraining"),
+        ("ppo-segmentation", "masked_classes=0.3", "masked-classes"),
+        ("ppo-segmentation", "n_epochs=2", None),
+    ],
+)
+def test_ablations_name_their_variant(algorithm, option, variant):
+    assert config_of(algorithm).with_options([option]).variant == variant
+
+
+def test_options_are_read_by_their_kind():
+    config = config_of("ppo-image").with_options(["steps=1_000", "gamma=0.9", "augment=true"])
+    assert (config.steps, config.gamma, config.augment) == (1000, 0.9, True)
+
+
+@pytest.mark.parametrize("option", ["steps", "colour=3", "steps=many", "bf16=perhaps"])
+def test_options_that_cannot_be(option):
+    with pytest.raises(TrainingError, match=option.partition("=")[0]):
+        config_of("ppo-image").with_options([option])
+
+
+def test_an_algorithm_that_is_not_there():
+    with pytest.raises(TrainingError, match="ppo-auxiliary"):
+        config_of("dqn")

@@ -1,0 +1,15 @@
+from wrongturn_agents.training.progress_file import COLUMNS, ProgressFile, read_rows
+
+
+def test_rows_of_an_interrupted_run_are_kept_up_to_its_checkpoint(tmp_path):
+    path = tmp_path / "progress.csv"
+    rows = ProgressFile(path)
+    for step in (10, 20, 30):
+        rows.add({"step": step, "reward_mean": step / 7})
+    again = ProgressFile(path, resumed_at=20)
+    again.add({"step": 31, "something_else": 1})
+    found = read_rows(path)
+    assert [row["step"] for row in found] == ["10", "20", "31"]
+    assert found[0]["reward_mean"] == "1.42857"
+    assert found[2]["reward_mean"] == ""
+    assert tuple(found[0]) == COLUMNS
