@@ -158,14 +158,15 @@ def test_after_a_wrong_turn_the_way_is_planned_anew(town, travel):
 
 def test_infractions_are_counted_and_strict_ends_with_the_first(travel):
     trial = draw_journey(load_town("Town01"), Task.STRAIGHT, 2)
-    swerve = dict.fromkeys(range(60, 72), -0.25)
+    swerve = dict.fromkeys(range(108, 120), -0.25)
     episode = travel(trial, swerve)
     assert episode.outcome.verdict is Verdict.ARRIVED
     assert not episode.outcome.journey.clean
     assert episode.outcome.journey.wrong_lane >= 1
-    strict = travel(trial, dict.fromkeys(range(60, 90), -0.25), strict=True)
-    assert strict.outcome.verdict is Verdict.OFF_ROAD
-    assert strict.outcome.journey.completion < 1.0
+    for steering, verdict in ((0.25, Verdict.OFF_ROAD), (-0.25, Verdict.WRONG_WAY)):
+        strict = travel(trial, dict.fromkeys(range(108, 150), steering), strict=True)
+        assert strict.outcome.verdict is verdict
+        assert strict.outcome.journey.completion < 1.0
 
 
 def test_time_runs_out():
