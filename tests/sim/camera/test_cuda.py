@@ -1,0 +1,133 @@
+"""The GPU's pictures are the CPU's; without a GPU, Numba's simulator runs the kernels on small ones."""
+
+import os
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+
+from wrongturn_protocol import Weather
+from wrongturn_sim.camera import Camera, CameraError, World, look_of, render_batch
+from wrongturn_sim.vector_env import WrongturnVectorEnv
+
+LOW = {"width": 12, "height": 8, "focal": 8.0, "cx": 6.0, "cy": 3.5}
+TALL = {"width": 3, "height": 70, "focal": 40.0, "cx": 1.5, "cy": 30.0}
+PITCHED = {**LOW, "pitch": 0.1, "yaw": 0.3}
+KINDS = (Weather.HARD_RAIN_NOON, Weather.CLEAR_SUNSET)
+
+OTHER_CLASSES = 1e-5
+"""Share of pixels whose class may differ: those through whose middle an edge goes, to a GPU's rounding."""
+OFF_BY_MORE = 1e-3
+"""Share of pixels whose colour may differ by more than 1: as above, and edges within a texture."""
+
+SCRIPT = """
+import sys
+import numpy as np
+from wrongturn_networks import load_town
+from wrongturn_sim.camera import Camera, World
+from wrongturn_sim.camera.cuda import CudaRenderer
+
+given = np.load(sys.argv[1], allow_pickle=True)
+world, number = World.of(load_town("junctions")), len(given["poses"])
+made = {}
+for i, camera in enumerate(given["cameras"]):
+    renderer = CudaRenderer(world, Camera(**camera), number + 1)
+    targets = np.arange(number, 0, -1)
+    renderer.render(
+        given["looks"], given["seeds"], given["poses"], given["ticks"], kinds=given["kinds"], targets=targets
+    )
+    made[f"rgb{i}"] = np.asarray(renderer.rgb)[targets]
+    made[f"segmentation{i}"] = np.asarray(renderer.segmentation)[targets]
+    if i == 0:
+        rgb, segmentation = renderer.keep(np.array([2]))
+        # Another picture in its place: what was kept stays.
+        renderer.render(given["looks"][:1], given["seeds"][:1], given["poses"][1:2], [9], targets=[2])
+        made["kept"], made["new"] = np.asarray(rgb[2]), np.asarray(renderer.rgb[2])
+        made["kept_segmentation"] = np.asarray(segmentation[2])
+np.savez(sys.argv[2], **made)
+"""
+
+
+def on_cpu(world, camera, looks, seeds, poses, ticks):
+    shape = len(poses), camera.height, camera.width
+    rgb, segmentation = np.empty((*shape, 3), np.uint8), np.empty(shape, np.uint8)
+    render_batch(world, camera, looks, seeds, poses, ticks, rgb, segmentation)
+    return rgb, segmentation
+
+
+def test_simulated_kernels_paint_what_the_cpu_paints(world, town, before, tmp_path):
+    approaches = list(town.approaches.values())
+    poses = np.array([before(approaches[0], 12.0), before(approaches[2], 3.0)])
+    poses[1, 2] += 0.4
+    looks, kinds = np.array([look_of(kind) for kind in KINDS]), np.array([1, 0])
+    seeds, ticks = np.array([3, 2**40 + 4]), np.array([5, 6])
+    cameras = [LOW, TALL, PITCHED]
+    given, made = tmp_path / "given.npz", tmp_path / "made.npz"
+    np.savez(given, looks=looks, kinds=kinds, seeds=seeds, poses=poses, ticks=ticks, cameras=np.array(cameras, object))
+    environment = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, "-W", "error::RuntimeWarning", "-c", textwrap.dedent(SCRIPT), str(given), str(made)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    painted = np.load(made)
+    for i, camera in enumerate(cameras):
+        rgb, segmentation = on_cpu(world, Camera(**camera), looks[kinds], seeds, poses, ticks)
+        assert len(np.unique(segmentation)) > 3
+        np.testing.assert_array_equal(painted[f"segmentation{i}"], segmentation)
+        assert np.abs(painted[f"rgb{i}"].astype(int) - rgb).max() <= 1
+    np.testing.assert_array_equal(painted["kept"], painted["rgb0"][0])
+    np.testing.assert_array_equal(painted["kept_segmentation"], painted["segmentation0"][0])
+    assert (painted["new"] != painted["kept"]).any()
+
+
+def _has_gpu() -> bool:
+    from wrongturn_sim.camera.cuda import device
+
+    return bool(device.is_available())
+
+
+gpu = pytest.mark.skipif(not _has_gpu(), reason="there is no NVIDIA GPU that numba.cuda can use")
+
+
+@pytest.mark.skipif(_has_gpu(), reason="there is a GPU")
+def test_without_a_gpu_the_error_tells_what_to_do():
+    with pytest.raises(CameraError, match=r"finds no GPU.*give backend='cpu'"):
+        WrongturnVectorEnv(2, town="junctions", track="camera", backend="cuda")
+
+
+def test_unknown_backend_is_told():
+    with pytest.raises(ValueError, match="backend: is 'metal'; give cpu or cuda"):
+        WrongturnVectorEnv(2, town="junctions", track="camera", backend="metal")
+
+
+@gpu
+@pytest.mark.parametrize("camera", [Camera(), Camera(pitch=0.1), Camera(width=320, height=120, cx=160.0, cy=50.0)])
+def test_gpu_paints_what_the_cpu_paints(world: World, town, before, camera):
+    from wrongturn_sim.camera.cuda import CudaRenderer
+
+    approaches = list(town.approaches.values())
+    poses = np.array([before(approaches[i % len(approaches)], 2.0 + 1.3 * i) for i in range(24)]).repeat(6, axis=0)
+    looks = np.array([look_of(weather) for weather in Weather] * 24)
+    numbers = np.arange(len(poses))
+    rgb, segmentation = on_cpu(world, camera, looks, numbers, poses, numbers)
+    renderer = CudaRenderer(world, camera, len(poses))
+    renderer.render(looks, numbers, poses, numbers)
+    assert (np.asarray(renderer.segmentation) != segmentation).mean() <= OTHER_CLASSES
+    off = np.abs(np.asarray(renderer.rgb).astype(int) - rgb).max(axis=3)
+    assert (off > 1).mean() <= OFF_BY_MORE
+
+
+@gpu
+def test_torch_shares_the_memory_of_a_gpus_observations():
+    torch = pytest.importorskip("torch")
+    env = WrongturnVectorEnv(2, town="junctions", track="segmentation", backend="cuda", copy=False)
+    cpu = WrongturnVectorEnv(2, town="junctions", track="segmentation")
+    seen, _ = env.reset(seed=5)
+    wanted, _ = cpu.reset(seed=5)
+    shared = torch.as_tensor(seen["segmentation"], device="cuda")
+    actions = np.array([[0.0, 1.0, 0.0], [0.3, 1.0, 0.0]], np.float32)
+    for _ in range(3):
+        np.testing.assert_array_equal(shared.cpu().numpy(), wanted["segmentation"])
+        env.step(actions)
+        wanted = cpu.step(actions)[0]
