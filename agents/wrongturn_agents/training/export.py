@@ -1,11 +1,12 @@
 """A checkpoint as one ONNX file that holds the whole agent; its contract is ``docs/models.md``."""
 
 import hashlib
+import json
 import logging
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
@@ -76,7 +77,8 @@ def export(
     *,
     name: str | None = None,
     observations: Observations | None = None,
-) -> None:
+    compared: Observations | None = None,
+) -> Agreement | None:
     """Write a checkpoint as an ONNX file.
 
     Args:
@@ -85,6 +87,10 @@ def export(
         precision: of the weights.
         name: of the agent, for the leaderboard; the algorithm's by default.
         observations: what int8 is calibrated by, (n, ...) for each input; recorded by default.
+        compared: observations on which the file's actions are compared with the checkpoint's; its metadata tells.
+
+    Returns:
+        How the actions compare, where that was asked for.
 
     Raises:
         TrainingError: the checkpoint is none, or the file cannot be written.
@@ -101,20 +107,29 @@ def export(
         graph = quantise(graph, {key: np.asarray(recorded[key]) for key in keys})
     if precision is not Precision.FP32:
         halve(graph)
-    onnx.helper.set_model_props(
-        graph,
-        {
-            "name": name or algorithm,
-            "track": str(SHIPPED[algorithm].track),
-            "description": SHIPPED[algorithm].description,
-            "algorithm": algorithm,
-            "seed": str(told["seed"]),
-            "steps": str(told["steps"]),
-            "precision": str(precision),
-            "licence": LICENCE,
-        },
-    )
+    facts = {
+        "name": name or algorithm,
+        "track": str(SHIPPED[algorithm].track),
+        "description": SHIPPED[algorithm].description,
+        "algorithm": algorithm,
+        "seed": str(told["seed"]),
+        "steps": str(told["steps"]),
+        "precision": str(precision),
+        "licence": LICENCE,
+        **{field: json.dumps(told[field], sort_keys=True) for field in ("config", "evaluation", "versions")},
+    }
     onnx.checker.check_model(graph, full_check=True)
+    _write(file, graph, facts)
+    if compared is None:
+        return None
+    found = agreement(checkpoint, file, compared)
+    _write(file, graph, facts | {"agreement": json.dumps(asdict(found), sort_keys=True)})
+    return found
+
+
+def _write(file: Path, graph: onnx.ModelProto, facts: dict[str, str]) -> None:
+    """Write it in one go, with these words about itself."""
+    onnx.helper.set_model_props(graph, facts)
     beside = file.with_name(file.name + ".part")
     try:
         beside.write_bytes(graph.SerializeToString(deterministic=True))

@@ -35,12 +35,9 @@ def export(
             f"export: {error.name} is not installed; install what it needs with: "
             f"{python()} -m pip install 'wrongturn-agents[training]'",
         ) from error
-    exporting.export(checkpoint, file, precision, name=name)
+    compared = record_observations("segmentation", _COMPARED, seed=1) if compare else None
+    found = exporting.export(checkpoint, file, precision, name=name, compared=compared)
     typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")
-    if compare:
-        found = exporting.agreement(checkpoint, file, record_observations("segmentation", _COMPARED, seed=1))
-        for number, control in enumerate(("steer", "throttle", "brake")):
-            typer.echo(
-                f"{control:8} differs from the checkpoint's by {found.mean[number]:.2g} in the mean, "
-                f"{found.greatest[number]:.2g} at most",
-            )
+    if found is not None:
+        for control, mean, greatest in zip(("steer", "throttle", "brake"), found.mean, found.greatest, strict=True):
+            typer.echo(f"{control}: differs from the checkpoint's by {mean:.2g} in the mean, {greatest:.2g} at most")

@@ -1,0 +1,81 @@
+"""The trained agents: listed, made from their files, and told clearly where something is missing."""
+
+import builtins
+import importlib.util
+
+import numpy as np
+import pytest
+
+from wrongturn_agents import list_agents, resolve
+from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
+from wrongturn_agents.shipped import SHIPPED
+from wrongturn_protocol import AgentKind, Track
+from wrongturn_protocol.observations import observation_space
+
+NAMES = sorted(SHIPPED)
+
+
+def needs_weights(name: str) -> None:
+    if not SHIPPED[name].file.is_file():
+        pytest.skip(f"the weights of {name} are not there yet")
+
+
+def test_the_three_are_listed_as_references_after_the_baselines():
+    listed = {agent.name: agent for agent in list_agents()}
+    assert list(listed)[-3:] == ["ppo-segmentation", "ppo-image", "ppo-auxiliary"]
+    tracks = [listed[name].track for name in ("ppo-segmentation", "ppo-image", "ppo-auxiliary")]
+    assert tracks == [Track.SEGMENTATION, Track.CAMERA, Track.CAMERA]
+    assert {listed[name].kind for name in SHIPPED} == {AgentKind.REFERENCE}
+
+
+def test_missing_weights_are_told_with_the_remedy(monkeypatch, tmp_path):
+    monkeypatch.setattr("wrongturn_agents.shipped.WEIGHTS", tmp_path)
+    with pytest.raises(ModelFileError, match=r"weights of ppo-image are not in this installation; install .* again"):
+        resolve("ppo-image").make()
+
+
+def test_broken_weights_are_told_with_the_remedy(monkeypatch, tmp_path):
+    pytest.importorskip("onnxruntime")
+    monkeypatch.setattr("wrongturn_agents.shipped.WEIGHTS", tmp_path)
+    (tmp_path / "ppo-image.onnx").write_text("not a model")
+    with pytest.raises(ModelFileError, match="weights of ppo-image are broken; install wrongturn-agents again"):
+        resolve("ppo-image").make()
+
+
+def test_missing_onnxruntime_is_told_with_the_remedy(monkeypatch, tmp_path):
+    monkeypatch.setattr("wrongturn_agents.shipped.WEIGHTS", tmp_path)
+    (tmp_path / "ppo-image.onnx").write_text("never read")
+    real_import = builtins.__import__
+
+    def no_onnxruntime(name, *args, **kwargs):
+        if name == "onnxruntime":
+            raise ImportError(name)
+        return real_import(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", no_onnxruntime)
+    with pytest.raises(OnnxRuntimeMissingError, match=r"ppo-image needs onnxruntime; .* 'wrongturn-agents\[onnx\]'"):
+        resolve("ppo-image").make()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("onnxruntime") is None, reason="onnxruntime is not installed")
+@pytest.mark.parametrize("name", NAMES)
+def test_the_weights_are_that_agent(name):
+    needs_weights(name)
+    source = resolve(name)
+    agent = source.make()
+    assert (agent.name, agent.track) == (name, source.track)
+    space = observation_space(source.track)
+    agent.reset(space)
+    space.seed(0)
+    observation = space.sample()
+    observation["command"] = np.array([4], np.int64)
+    action = agent.act(observation)
+    assert -1.0 <= action.steer <= 1.0
+    assert min(action.throttle, action.brake) == 0.0
+    assert agent.act(observation) == action
+
+
+def test_the_weights_are_small_enough_for_a_package():
+    if not all(SHIPPED[name].file.is_file() for name in NAMES):
+        pytest.skip("not all weights are there yet")
+    assert sum(SHIPPED[name].file.stat().st_size for name in NAMES) < 60e6
