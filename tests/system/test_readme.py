@@ -40,3 +40,16 @@ def test_each_command_it_shows_has_help() -> None:
             check=True,
         )
         assert "Usage" in shown.stdout
+
+
+@pytest.mark.system
+def test_its_figures_are_those_of_the_stored_results() -> None:
+    checked = subprocess.run(
+        [sys.executable, "-m", "wrongturn_client", "results", "--check"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+    )
+    assert checked.returncode == 0, checked.stderr
+    assert "README.md, docs/results.md, docs/training.md" in checked.stdout

@@ -48,7 +48,7 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
             _draw_agent(axes[0, column], axes[1, column], runs)
             axes[0, column].set_title(agent)
             axes[1, column].set_xlabel("environment steps, million")
-        axes[0, 0].set_ylabel("reward a step, mean")
+        axes[0, 0].set_ylabel("reward of a drive, mean")
         axes[1, 0].set_ylabel("held-out routes completed")
         note = {"Date": None, "Title": "Learning curves", "Description": f"curves sha256:{digest(curves)}"}
         try:

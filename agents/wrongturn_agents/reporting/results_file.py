@@ -80,7 +80,9 @@ class ResultsFile(BaseModel):
         """
         path = directory / f"{self.stem}.json"
         content = self.model_dump(mode="json") | {
-            "trials": {name: self.trials[name].model_dump(mode="json") for name in sorted(self.trials)},
+            "trials": {
+                name: self.trials[name].model_dump(mode="json", exclude_none=True) for name in sorted(self.trials)
+            },
         }
         # A line for each trial: short to store, and a change of one is a change of one line.
         trials = ",\n".join(f"  {json.dumps(name)}: {json.dumps(one)}" for name, one in content.pop("trials").items())

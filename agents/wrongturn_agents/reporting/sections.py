@@ -6,7 +6,8 @@ from typing import Any
 from wrongturn_agents.reporting import navigation, order, wrong_command
 from wrongturn_agents.reporting.ablations import ablation_table
 from wrongturn_agents.reporting.collection import Collection, describe
-from wrongturn_agents.reporting.curves import Curve
+from wrongturn_agents.reporting.curve_picture import PICTURE
+from wrongturn_agents.reporting.curves import Curve, plain
 from wrongturn_agents.reporting.pages import Sections
 from wrongturn_agents.reporting.report_table import ReportTable
 from wrongturn_agents.reporting.suites import NAVIGATION, WRONG_COMMAND
@@ -31,7 +32,7 @@ def sections(collection: Collection, curves: tuple[Curve, ...]) -> Sections:
     """What makes each section's Markdown."""
     made = {name: partial(_markdown, table) for name, table in tables(collection, curves).items()}
     order_text = partial(_order, collection)
-    return {**made, "order": order_text, "missing": partial(_missing, collection)}
+    return {**made, "order": order_text, "curves": partial(_picture, curves), "missing": partial(_missing, collection)}
 
 
 def lines_of_missing(collection: Collection) -> tuple[str, ...]:
@@ -70,6 +71,13 @@ def as_json(collection: Collection) -> dict[str, Any]:
 
 def _markdown(table: ReportTable) -> str:
     return table.markdown() if table.rows else "*Nothing is stored yet.*\n"
+
+
+def _picture(curves: tuple[Curve, ...]) -> str:
+    """For pages of ``docs/``."""
+    if not plain(curves):
+        return "*No learning curve is stored yet.*\n"
+    return f"![Reward and held-out success of every seed over environment steps]({PICTURE.relative_to('docs')})\n"
 
 
 def _order(collection: Collection) -> str:
