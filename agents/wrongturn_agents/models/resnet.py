@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from typing import Final
 
 from torch import Tensor, nn
-from transformers import ResNetConfig, ResNetModel
+
+from wrongturn_client.invocation import python
 
 WIDTHS: Final = (64, 128, 256, 512)
 """Channels after each of the four stages; on a 64 x 192 picture they measure 16 x 48, 8 x 24, 4 x 12 and 2 x 6."""
@@ -23,10 +24,19 @@ class ResNet34(nn.Module):
     Attributes:
         stem: (B, 3, 64, 192) to (B, 64, 16, 48).
         stages: four; see :data:`WIDTHS`.
+
+    Raises:
+        ModuleNotFoundError: transformers is not installed.
     """
 
     def __init__(self) -> None:
         super().__init__()
+        try:
+            # Seconds to import, and the segmentation agent has no need of it.
+            from transformers import ResNetConfig, ResNetModel  # noqa: PLC0415
+        except ImportError as error:
+            remedy = f"{python()} -m pip install 'wrongturn-agents[training]'"
+            raise ModuleNotFoundError(f"ResNet-34 is made by transformers; install it with: {remedy}") from error
         whole = ResNetModel(
             ResNetConfig(embedding_size=64, hidden_sizes=list(WIDTHS), depths=[3, 4, 6, 3], layer_type="basic")
         )

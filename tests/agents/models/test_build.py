@@ -1,3 +1,5 @@
+import sys
+
 import pytest
 import torch
 
@@ -48,3 +50,10 @@ def test_it_begins_near_doing_nothing_with_the_given_spread(algorithm, batch):
 def test_what_an_algorithm_does_not_have_is_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         build(**arguments)
+
+
+def test_without_transformers_it_says_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "transformers", None)
+    with pytest.raises(ModuleNotFoundError, match=r"transformers; install it with: .*'wrongturn-agents\[training\]'"):
+        build("ppo-image")
+    build("ppo-segmentation")  # needs none of it
