@@ -1,9 +1,13 @@
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
+# The helpers beside these tests are imported by their plain names.
+sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture(scope="package", autouse=True)

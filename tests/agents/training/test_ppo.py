@@ -1,0 +1,101 @@
+import pytest
+import torch
+from small_run import rolled, small_ppo
+
+from wrongturn_agents.training.seen_env import FEATURES
+
+
+def weights(ppo):
+    return {name: tensor.clone() for name, tensor in ppo.policy.model.state_dict().items()}
+
+
+def changed(ppo, before):
+    return {name for name, tensor in ppo.policy.model.state_dict().items() if not torch.equal(tensor, before[name])}
+
+
+def test_an_update_changes_the_policy_and_tells_of_it():
+    ppo = rolled(small_ppo("ppo-segmentation"))
+    before = weights(ppo)
+    ppo.train()
+    assert changed(ppo, before)
+    assert ppo.told["minibatches"] == 4
+    assert ppo.told["epochs"] == 2
+    assert ppo.told["std_steer"] == pytest.approx(0.24, abs=0.01)
+
+
+def test_the_policy_that_drove_has_not_diverged():
+    ppo = rolled(small_ppo("ppo-segmentation"))
+    samples = next(ppo.rollout_buffer.get(12))
+    _, terms, divergence = ppo._loss(samples)
+    assert divergence.item() == pytest.approx(0.0, abs=1e-6)
+    assert terms["clip_fraction"] == 0.0
+
+
+def test_an_update_stops_where_the_policy_has_gone_too_far():
+    ppo = rolled(small_ppo("ppo-segmentation", "kl_stop=-1"))
+    before = weights(ppo)
+    ppo.train()
+    assert ppo.told["minibatches"] == 0
+    assert not changed(ppo, before)
+
+
+def test_the_learning_rate_falls_to_a_tenth():
+    ppo = rolled(small_ppo("ppo-segmentation", "learning_rate=1e-3", steps=1000))
+    rates = []
+    for steps in (0, 500, 1000):
+        ppo._update_current_progress_remaining(steps, 0)
+        ppo._update_learning_rate(ppo.policy.optimizer)
+        rates.append(ppo.policy.optimizer.param_groups[0]["lr"])
+    assert rates == pytest.approx([1e-3, 5.5e-4, 1e-4])
+
+
+def gradients(ppo):
+    """Which parts of the agent a minibatch's loss teaches."""
+    ppo.policy.set_training_mode(True)
+    ppo.policy.optimizer.zero_grad(set_to_none=True)
+    loss, terms, _ = ppo._loss(next(ppo.rollout_buffer.get(4)))
+    loss.backward()
+    taught = {
+        name for name, parameter in ppo.policy.named_parameters() if parameter.grad is not None and parameter.grad.any()
+    }
+    return taught, terms
+
+
+def test_the_auxiliary_loss_teaches_the_decoder_and_both_sigmas():
+    taught, terms = gradients(rolled(small_ppo("ppo-auxiliary", "augment=false")))
+    assert any(name.startswith("model.encoder.decoder.") for name in taught)
+    assert any(name.startswith("model.encoder.segmenting.") for name in taught)
+    assert any(name.startswith("model.branches.") for name in taught)
+    assert {"homoscedastic.sigma_rl", "homoscedastic.sigma_aux"} <= taught
+    assert terms["auxiliary_loss"] > 0.5
+
+
+def test_without_it_they_learn_nothing():
+    ppo = rolled(small_ppo("ppo-auxiliary", "augment=false", "auxiliary=false"))
+    taught, terms = gradients(ppo)
+    assert taught
+    assert not any(".decoder." in name or ".segmenting." in name or "sigma" in name for name in taught)
+    assert "auxiliary_loss" not in terms
+
+
+def test_a_frozen_encoder_is_buffered_by_its_features_and_stays():
+    ppo = rolled(small_ppo("ppo-image", "augment=false"))
+    assert set(ppo.rollout_buffer.observations) == {"speed", "steering", "command", FEATURES}
+    assert ppo.rollout_buffer.observations[FEATURES].dtype == torch.bfloat16
+    before = weights(ppo)
+    ppo.train()
+    found = changed(ppo, before)
+    assert any(name.startswith("encoder.projection") for name in found)
+    assert not any(name.startswith("encoder.network") for name in found)
+
+
+def test_augmented_frames_are_what_is_kept():
+    ppo = small_ppo("ppo-auxiliary")
+    torch.manual_seed(3)
+    ppo.env.seed(7)
+    seen = ppo.env.reset()
+    ppo.env.seed(7)
+    plain = ppo.env.venv.reset()
+    assert seen["rgb"].dtype == torch.uint8
+    assert not torch.equal(seen["rgb"], plain["rgb"])
+    assert torch.equal(seen["segmentation"], plain["segmentation"])
