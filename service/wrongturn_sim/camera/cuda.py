@@ -1,5 +1,6 @@
 """Pictures of many egos at once, made on a GPU and left there."""
 
+import warnings
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +19,9 @@ device: Any = kernels.cuda
 
 THREADS: Final = 64
 """Of a block: neighbouring columns, which mostly do the same."""
+
+_MANY: Final = 128
+"""Blocks of a grid of which Numba does not warn."""
 
 
 class DeviceImages:
@@ -195,7 +199,14 @@ class CudaRenderer:
         if kinds is None or looks is not self._looks:
             self._looks_there = device.to_device(np.array(looks_kept, order="C"))
             self._looks = looks
-        self._launch(count, rain=bool((looks_kept[chosen, 24] > 0.0).any()))
+        rain = bool((looks_kept[chosen, 24] > 0.0).any())
+        if count >= _MANY:
+            self._launch(count, rain=rain)
+            return
+        with warnings.catch_warnings():
+            # Numba warns of a grid that leaves most of a GPU idle, as the few egos that begin anew do.
+            warnings.filterwarnings("ignore", "Grid size")
+            self._launch(count, rain=rain)
 
     def _launch(self, count: int, *, rain: bool) -> None:
         sent = self._numbers_there[:count]
@@ -223,5 +234,5 @@ class CudaRenderer:
             rgb, segmentation = (device.device_array(image.shape, np.uint8) for image in self._images)
             self._kept = rgb, segmentation
         chosen = device.to_device(np.array(which, np.int64))
-        kernels.keep[len(chosen), 4 * THREADS](chosen, *self._images, *self._kept)
+        kernels.keep[(len(chosen), _MANY), 2 * THREADS](chosen, *self._images, *self._kept)
         return DeviceImages(self._kept[0]), DeviceImages(self._kept[1])

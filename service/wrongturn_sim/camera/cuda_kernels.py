@@ -170,10 +170,11 @@ def rain_down(numbers: Any, looks: Any, rgb: Any) -> None:
 
 @cuda.jit
 def keep(which: Any, rgb: Any, segmentation: Any, kept_rgb: Any, kept_segmentation: Any) -> None:
-    """Copies some pictures, a block for each."""
+    """Copies some pictures, a row of blocks for each."""
     i = int(which[cuda.blockIdx.x])
     width = segmentation.shape[2]
-    for place in range(cuda.threadIdx.x, segmentation.shape[1] * width, cuda.blockDim.x):
+    first, step = cuda.blockIdx.y * cuda.blockDim.x + cuda.threadIdx.x, cuda.gridDim.y * cuda.blockDim.x
+    for place in range(first, segmentation.shape[1] * width, step):
         v, u = place // width, place % width
         for channel in range(3):
             kept_rgb[i, v, u, channel] = rgb[i, v, u, channel]
