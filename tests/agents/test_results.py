@@ -6,6 +6,7 @@ from made_results import keep, navigation, wrong_command
 from typer.testing import CliRunner
 
 from wrongturn_agents.reporting.collection import Collection
+from wrongturn_agents.reporting.endings import endings_table
 from wrongturn_agents.reporting.errors import ResultsError
 from wrongturn_agents.reporting.navigation import navigation_table, tasks_table
 from wrongturn_agents.reporting.paper import PAPER
@@ -197,3 +198,14 @@ def test_variants_stand_beside_the_algorithm_in_the_ablations_alone(tmp_path):
     assert "|  | without augmentation | 1 | 100 (87–100) | 20 (9–39) | 100 (87–100) | 1 (0–9 %) |" in text
     table = wrong_command_table(read(tmp_path))
     assert not any("augmentation" in cell for row in table.rows for cell in row)
+
+
+def test_how_trials_ended(tmp_path):
+    table = endings_table(read(keep(tmp_path, wrong_command("ppo-image", (0, 0, 0, 0, 9, 3), seed=1))))
+    assert table.head[3:10] == (
+        "collision", "off road", "stopped in it", "wrong way", "stopped before", "an exit", "other",
+    )  # fmt: skip
+    assert [row[1:10] for row in table.rows] == [
+        ("wrong", "30", "30", "0", "0", "0", "0", "70", "0"),
+        ("follow lane", "30", "10", "0", "0", "0", "0", "90", "0"),
+    ]

@@ -43,7 +43,7 @@ def test_an_order_that_holds_is_said_to_hold():
     assert "35 > 16 > 3" in text
     assert "The medians stand in its order." in text
     assert "all 1,680 ways" in text
-    assert "the order holds" in text
+    assert "the order holds, each agent told from the next" in text
     assert "in 27 of 27 draws" in text
 
 
@@ -52,6 +52,12 @@ def test_an_order_that_does_not_hold_is_not_claimed():
     text = order_in_words(counts)
     assert "The medians do not stand in its order." in text
     assert "these seeds do not show the paper's order" in text
+
+
+def test_a_trend_that_leaves_neighbours_alike_is_called_no_order():
+    counts = {"ppo-segmentation": (30, 31, 32), "ppo-image": (29, 33, 28), "ppo-auxiliary": (3, 5, 9)}
+    text = order_in_words(counts)
+    assert "there is a trend in its direction, which does not tell `ppo-segmentation` from `ppo-image`." in text
 
 
 def test_one_seed_says_nothing():

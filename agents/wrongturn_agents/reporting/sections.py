@@ -8,6 +8,7 @@ from wrongturn_agents.reporting.ablations import ablation_table
 from wrongturn_agents.reporting.collection import Collection, describe
 from wrongturn_agents.reporting.curve_picture import PICTURE
 from wrongturn_agents.reporting.curves import Curve, plain
+from wrongturn_agents.reporting.endings import endings_table
 from wrongturn_agents.reporting.pages import Sections
 from wrongturn_agents.reporting.report_table import ReportTable
 from wrongturn_agents.reporting.suites import NAVIGATION, WRONG_COMMAND
@@ -22,6 +23,7 @@ def tables(collection: Collection, curves: tuple[Curve, ...]) -> dict[str, Repor
         "clean": navigation.tasks_table(collection, clean=True),
         "wrong-command": wrong_command.wrong_command_table(collection),
         "seeds": wrong_command.seeds_table(collection),
+        "endings": endings_table(collection),
         "ablations": ablation_table(collection),
         "training": training_table(curves),
         "time": time_table(curves),

@@ -1,0 +1,46 @@
+"""How the trials under a wrong command ended: which kind of harm, and how the agent met the fault."""
+
+from collections import Counter
+from typing import Final
+
+from wrongturn_agents.reporting.collection import Collection
+from wrongturn_agents.reporting.report_table import ReportTable
+from wrongturn_agents.reporting.suites import WRONG_COMMAND
+from wrongturn_protocol import FaultKind, Reaction, Verdict
+
+_COMMANDS: Final = {FaultKind.INFEASIBLE: "wrong", FaultKind.OMISSION: "follow lane"}
+_ENDS: Final = {
+    "collision": {Verdict.COLLISION},
+    "off road": {Verdict.OFF_ROAD},
+    "stopped in it": {Verdict.STOPPED_IN_JUNCTION},
+    "wrong way": {Verdict.WRONG_WAY},
+    "stopped before": {Verdict.STOPPED_BEFORE_JUNCTION},
+    "an exit": {Verdict.EXIT_COMMANDED, Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER},
+}
+_REACTIONS: Final = (Reaction.OBEYED, Reaction.OVERRODE, Reaction.FROZE)
+
+
+def endings_table(collection: Collection) -> ReportTable:
+    """Percent of the trials of all seeds, by agent and command."""
+    rows: list[tuple[str, ...]] = []
+    suite = collection.suite_of(WRONG_COMMAND)
+    for agent in collection.agents(WRONG_COMMAND):
+        files = collection.of(WRONG_COMMAND, agent).values()
+        for number, (fault, command) in enumerate(_COMMANDS.items()):
+            found = [
+                one for file in files for name, one in file.trials.items() if suite.trials[name].fault.kind is fault
+            ]
+            verdicts = Counter(one.verdict for one in found)
+            ends = [sum(verdicts[verdict] for verdict in verdicts if verdict in end) for end in _ENDS.values()]
+            counts = [
+                *ends,
+                len(found) - sum(ends),
+                *(sum(one.reaction is kind for one in found) for kind in _REACTIONS),
+            ]
+            shown = [f"{100 * count / len(found):.0f}" for count in counts]
+            if fault is FaultKind.OMISSION:  # there is nothing to obey or to override
+                shown[-len(_REACTIONS) : -1] = ["", ""]
+            rows.append(("" if number else f"`{agent}`", command, str(len(found)), *shown))
+    head = ("agent", "command", "trials", *_ENDS, "other", *(kind.value for kind in _REACTIONS))
+    note = "Percent of the trials of all seeds. Behind them, how the agent met the fault."
+    return ReportTable("How trials under a wrong command ended", head, tuple(rows), (note,) if rows else ())
