@@ -4,6 +4,8 @@ import asyncio
 from collections.abc import Callable
 from typing import TypeVar
 
+import numpy as np
+
 from wrongturn_networks import (
     FaultNotApplicableError,
     NetworkError,
@@ -96,8 +98,6 @@ def _practice_trial(request: PracticeRequest) -> Trial:
 def _journey(where: Town, task: Task, request: PracticeRequest) -> Trial:
     weather, traffic = request.weather, request.traffic
     if task is Task.CRUISE:
-        import numpy as np  # noqa: PLC0415 - nothing else of the web process needs it
-
         return draw_cruise(where, np.random.default_rng(request.seed), weather=weather, traffic=traffic)
     try:
         return draw_journey(where, task, request.seed, weather=weather, traffic=traffic, approach=request.approach)
