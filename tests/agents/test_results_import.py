@@ -3,12 +3,16 @@ from pathlib import Path
 
 import pytest
 from made_results import wrong_command
+from typer.testing import CliRunner
 
+import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
 from wrongturn_agents.errors import RunFileError
 from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.errors import ResultsError
 from wrongturn_agents.reporting.importing import Origin, of_episodes, take_in
 from wrongturn_agents.reporting.suites import installed_suite
+from wrongturn_client import LocalService
+from wrongturn_client.cli import app
 from wrongturn_networks import load_suite
 from wrongturn_protocol import EpisodeDetail, EpisodeState, JourneyOutcome, Outcome, Verdict
 
@@ -80,3 +84,20 @@ def test_a_run_that_is_not_known_here(tmp_path: Path, monkeypatch):
     told.write_text(json.dumps({"id": "gone", "suite": "wrong-command@1", "state": "finished", "trials": 120}))
     with pytest.raises(RunFileError, match="gone"):
         take_in(told, tmp_path, Origin(), installed_suite)
+
+
+@pytest.mark.slow
+def test_a_run_over_a_service_is_kept_trial_by_trial(tmp_path: Path, monkeypatch):
+    monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
+    monkeypatch.delenv("WRONGTURN_TOKEN", raising=False)
+    told = tmp_path / "run.json"
+    with LocalService(database=f"sqlite+aiosqlite:///{tmp_path / 'own.db'}") as service:
+        command = ["run", "always-stops", "--suite", "smoke@1", "--url", service.url, "--json", str(told)]
+        assert CliRunner().invoke(app, command).exit_code == 0
+        kept = take_in(told, tmp_path, Origin(), installed_suite)
+    assert kept.name == "always-stops.smoke@1.over-the-service.json"
+    kept.rename(tmp_path / "kept.json")
+    told.unlink()
+    (file,) = Collection.read(tmp_path, installed_suite).files
+    assert file.trials.keys() == {trial.id for trial in load_suite("smoke@1").episodes}
+    assert {one.verdict for one in file.trials.values()} == {Verdict.STOPPED_BEFORE_JUNCTION}
