@@ -19,6 +19,8 @@ class Agent(Protocol):
     ``name``        how it appears on the leaderboard; by default the class's name
     ``kind``        an :class:`AgentKind`; by default ``submitted``
     ``description`` one sentence for the leaderboard; by default the docstring's first line
+    ``memoryless``  True where an action depends on nothing but the observation, and ``act`` may be called in several
+                    threads at a time: episodes are then driven side by side
     ==============  ==================================================================================
 
     The class is made without arguments, once for a whole evaluation. An agent may keep a memory within an episode and

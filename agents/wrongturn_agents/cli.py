@@ -46,6 +46,14 @@ def run(
         str | None,
         typer.Option(metavar="ID|FILE", help="Go on with a run that was interrupted.", show_default=False),
     ] = None,
+    parallel: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Episodes at a time; by default one for each processor where the agent keeps no memory, else one.",
+            show_default=False,
+        ),
+    ] = None,
     progress: Annotated[
         ProgressStyle,
         typer.Option(help="How to tell the progress, on stderr: a bar, lines, or JSON lines for a program."),
@@ -64,7 +72,14 @@ def run(
 
     try:
         shown, evaluation = _run(
-            agent, suite=suite, url=url, name=name, json_file=json_file, resume=resume, progress=progress
+            agent,
+            suite=suite,
+            url=url,
+            name=name,
+            json_file=json_file,
+            resume=resume,
+            parallel=parallel,
+            progress=progress,
         )
     except AgentFailedError as error:
         if error.__cause__ is not None:  # it is the user's own program: show where it broke
@@ -84,6 +99,7 @@ def _run(
     name: str | None,
     json_file: Path | None,
     resume: str | None,
+    parallel: int | None,
     progress: ProgressStyle,
 ) -> tuple[str, "EvaluationDetail"]:
     """Run it; gives the agent's name on the leaderboard and the finished evaluation."""
@@ -94,7 +110,7 @@ def _run(
     from wrongturn_agents.progress import report  # noqa: PLC0415
     from wrongturn_agents.registry import resolve  # noqa: PLC0415
     from wrongturn_agents.run_file import RunFile  # noqa: PLC0415
-    from wrongturn_agents.worker import OPERATOR_TOKEN, RunRequest, begin, drive, service_at  # noqa: PLC0415
+    from wrongturn_agents.worker import OPERATOR_TOKEN, RunRequest, begin, drive, service_at, side_by_side  # noqa: PLC0415
     from wrongturn_client import settings  # noqa: PLC0415
     from wrongturn_client.invocation import program  # noqa: PLC0415
 
@@ -116,6 +132,7 @@ def _run(
     source = resolve(agent)
     made = source.make()  # what cannot be made takes no name and begins no evaluation
     source = replace(source, make=lambda: made)
+    parallel = side_by_side(made, parallel)
     token = settings.token() if url is not None else None
     if run_file is None and token is not None and name is not None:
         raise RunError("--name: WRONGTURN_TOKEN is the token of an agent that has its name; leave out one of the two")
@@ -127,7 +144,7 @@ def _run(
         typer.echo(f"{shown} on {suite} at {at}: evaluation {run_file.evaluation}", err=True)
         try:
             with report(progress, shown) as told:
-                evaluation = drive(run_file, source, at, told)
+                evaluation = drive(run_file, source, at, told, parallel=parallel)
         except BaseException:
             typer.echo(f"Not finished. To go on with it: {program()} run --resume {run_file.evaluation}", err=True)
             raise

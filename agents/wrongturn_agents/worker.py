@@ -1,6 +1,7 @@
 """The worker: puts one agent on one suite of a service and sees it through."""
 
 import contextlib
+import os
 import secrets
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -93,16 +94,46 @@ def begin(request: RunRequest, source: AgentSource, url: str, operator_token: st
     return run_file
 
 
-def drive(run_file: RunFile, source: AgentSource, url: str, progress: Progress) -> EvaluationDetail:
-    """Drive an evaluation to its end, from wherever it is.
+def side_by_side(agent: Agent, wanted: int | None) -> int:
+    """How many episodes an agent drives at a time: by default one for each processor if it keeps no memory, else one.
 
     Raises:
+        RunError: several are wanted of an agent that does not say that it keeps none.
+    """
+    if getattr(agent, "memoryless", False) is True:
+        return wanted or len(os.sched_getaffinity(0))
+    if wanted is not None and wanted > 1:
+        raise RunError("--parallel: the agent may keep a memory between steps; leave it out, or set memoryless = True")
+    return 1
+
+
+def drive(
+    run_file: RunFile, source: AgentSource, url: str, progress: Progress, *, parallel: int | None = None
+) -> EvaluationDetail:
+    """Drive an evaluation to its end, from wherever it is.
+
+    Args:
+        run_file: which one.
+        source: the agent.
+        url: of the service.
+        progress: told after each episode.
+        parallel: episodes at a time; by default as :func:`side_by_side`.
+
+    Raises:
+        RunError: as :func:`side_by_side`.
         AgentFailedError: the agent raised something; the episode counts as aborted, and the run can be resumed.
         WrongturnError: the service refuses, or cannot be reached any more; the run can be resumed.
     """
-    policy = _Guarded(source.name, source.make())
+    agent = source.make()
+    policy = _Guarded(source.name, agent)
     with Client(url, run_file.token) as client:
-        return client.evaluate(policy, run_file.suite, evaluation=run_file.evaluation, progress=progress)
+        return client.evaluate(
+            policy,
+            run_file.suite,
+            evaluation=run_file.evaluation,
+            progress=progress,
+            parallel=side_by_side(agent, parallel),
+        )
 
 
 def _register(

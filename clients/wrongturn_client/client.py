@@ -232,6 +232,7 @@ class Client:
         evaluation: str | None = None,
         progress: Progress | None = None,
         versions: dict[str, str] | None = None,
+        parallel: int = 1,
     ) -> EvaluationDetail:
         """Drive a policy through all trials of a suite.
 
@@ -241,6 +242,8 @@ class Client:
             evaluation: one that was begun before: its open episodes go on from their last reply.
             progress: called with the numbers of finished and of all episodes, at the beginning and after each.
             versions: software of the agent, by name, for the record.
+            parallel: episodes driven at a time, each in a thread of its own; above 1 the policy must keep no memory
+                between steps, and its ``act`` be callable in several threads at a time.
 
         Returns:
             The finished evaluation with its metrics.
@@ -249,7 +252,9 @@ class Client:
             PolicyError: the policy gave something that is no action.
             Exception: whatever the policy raises. The episode counts as aborted then; the evaluation can be resumed.
         """
-        return drive_evaluation(self, policy, suite, evaluation=evaluation, progress=progress, versions=versions)
+        return drive_evaluation(
+            self, policy, suite, evaluation=evaluation, progress=progress, versions=versions, parallel=parallel
+        )
 
     # Episodes
 

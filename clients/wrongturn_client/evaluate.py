@@ -5,8 +5,10 @@ import hashlib
 import platform
 import statistics
 import struct
+import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from importlib import metadata
 from typing import TYPE_CHECKING, Final
@@ -64,6 +66,35 @@ class Record:
         )
 
 
+class _StoppedError(Exception):
+    """Another thread failed, or the user has had enough; the episode stays open for later."""
+
+
+@dataclass
+class _Tally:
+    """What the threads of one evaluation share."""
+
+    trials: int
+    finished: int
+    progress: Progress | None
+    records: list[EpisodeRecord] = field(default_factory=list)
+    stop: threading.Event = field(default_factory=threading.Event)
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def add(self, record: Record | None) -> None:
+        """Count an episode that is over; one without a record too."""
+        with self.lock:
+            if record is not None:
+                self.records.append(record.message())
+            self.finished += 1
+            self.tell()
+
+    def tell(self) -> None:
+        """Tell the progress."""
+        if self.progress is not None:
+            self.progress(min(self.finished, self.trials), self.trials)
+
+
 def drive_evaluation(
     client: "Client",
     policy: Policy,
@@ -72,52 +103,69 @@ def drive_evaluation(
     evaluation: str | None = None,
     progress: Progress | None = None,
     versions: dict[str, str] | None = None,
+    parallel: int = 1,
 ) -> EvaluationDetail:
     """See :meth:`wrongturn_client.Client.evaluate`."""
+    if parallel < 1:
+        raise ValueError(f"parallel: is {parallel}; drive 1 episode at a time or more")
     detail = client.create_evaluation(suite) if evaluation is None else client.evaluation(evaluation)
     if detail.suite != suite:
         raise WrongturnError(f"evaluation: {detail.id} is on the suite {detail.suite}, not on {suite}")
     if detail.state is EvaluationState.CANCELLED:
         raise WrongturnError(f"evaluation: {detail.id} was cancelled; begin a new one")
-    finished = detail.finished
-    records: list[EpisodeRecord] = []
-
-    def told(count: int) -> None:
-        if progress is not None:
-            progress(min(count, detail.trials), detail.trials)
-
-    told(finished)
+    tally = _Tally(detail.trials, detail.finished, progress)
+    tally.tell()
     if evaluation is not None and detail.state is EvaluationState.RUNNING:
         for episode in client.open_episodes(detail.id):
             with contextlib.suppress(EpisodeLostError):
                 _resume(client, policy, episode.id)
-                finished += 1
-                told(finished)
-    since = time.monotonic()
-    while detail.state is EvaluationState.RUNNING:
+                tally.add(None)
+    if detail.state is EvaluationState.RUNNING:
+        if parallel == 1:
+            _drive_trials(client, policy, detail.id, tally)
+        else:
+            _drive_in_threads(client, policy, detail.id, tally, parallel)
+    if tally.records:
+        client.put_results(detail.id, tally.records, {**_versions(), **(versions or {})})
+    return client.evaluation(detail.id)
+
+
+def _drive_in_threads(client: "Client", policy: Policy, evaluation: str, tally: _Tally, parallel: int) -> None:
+    with ThreadPoolExecutor(parallel) as threads:
+        jobs = [threads.submit(_drive_trials, client, policy, evaluation, tally) for _ in range(parallel)]
         try:
-            reply = client.next_episode(detail.id)
+            done, _ = wait(jobs, return_when=FIRST_EXCEPTION)
+        finally:  # Ctrl-C too
+            tally.stop.set()
+    errors = [error for job in done if (error := job.exception()) is not None]
+    if errors:
+        raise errors[0]
+
+
+def _drive_trials(client: "Client", policy: Policy, evaluation: str, tally: _Tally) -> None:
+    """Drive one trial after another until none is left."""
+    since = time.monotonic()
+    while not tally.stop.is_set():
+        try:
+            reply = client.next_episode(evaluation)
         except EvaluationFinishedError:
-            break
+            return
         except NoTrialAvailableError as error:
             if time.monotonic() - since > _STALLED_AFTER:
                 raise EvaluationStalledError(
-                    f"no trial of evaluation {detail.id} could be had for {_STALLED_AFTER:.0f} s; another worker "
+                    f"no trial of evaluation {evaluation} could be had for {_STALLED_AFTER:.0f} s; another worker "
                     f"holds the rest: look at its open episodes, or resume it later by its id",
                 ) from error
             time.sleep(min(1.0 if error.retry_after is None else error.retry_after, 10.0))
             continue
         try:
-            record = drive_episode(client, policy, reply.id, 0, reply.observation)
+            record = drive_episode(client, policy, reply.id, 0, reply.observation, stop=tally.stop)
         except EpisodeLostError:
             continue
-        records.append(record.message())
-        finished += 1
+        except _StoppedError:
+            return
         since = time.monotonic()
-        told(finished)
-    if records:
-        client.put_results(detail.id, records, {**_versions(), **(versions or {})})
-    return client.evaluation(detail.id)
+        tally.add(record)
 
 
 def drive_episode(
@@ -126,6 +174,8 @@ def drive_episode(
     episode: str,
     seq: int,
     observation: Observation,
+    *,
+    stop: threading.Event | None = None,
 ) -> Record:
     """Drive one episode to its end.
 
@@ -135,6 +185,7 @@ def drive_episode(
         episode: its id.
         seq: of the last reply.
         observation: of the last reply.
+        stop: leaves the episode as it is once it is set.
 
     Returns:
         What was done from here on.
@@ -151,6 +202,8 @@ def drive_episode(
         _abort(client, episode)
         raise
     while True:
+        if stop is not None and stop.is_set():
+            raise _StoppedError
         begin = time.perf_counter()
         try:
             action = policy.act(observation)

@@ -43,7 +43,7 @@ def checkpoint(tmp_path_factory):
                     "steps": 1000,
                     "state_dict": model.state_dict(),
                     "evaluation": {"success": 0.5},
-                    "versions": {"torch": torch.__version__},
+                    "versions": {"torch": "2.13.0"},
                 },
                 path,
             )

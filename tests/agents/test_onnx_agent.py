@@ -1,4 +1,5 @@
 import builtins
+import os
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ from tiny_onnx import write_concat_model
 
 from wrongturn_agents import resolve
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
+from wrongturn_agents.worker import side_by_side
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import Observation, observation_space
 
@@ -28,6 +30,13 @@ def test_a_model_drives(tmp_path):
     agent.reset(observation_space(Track.STATE))
     action = agent.act(observation(speed=0.25, steering=-0.5))
     assert (action.steer, action.throttle, action.brake) == (-0.5, 0.25, 0.25)
+
+
+def test_a_model_drives_several_episodes_at_a_time(tmp_path):
+    agent = resolve(str(write_concat_model(tmp_path / "tiny.onnx", ("steering", "speed", "speed")))).make()
+    assert side_by_side(agent, 3) == 3
+    assert side_by_side(agent, None) == len(os.sched_getaffinity(0))
+    assert side_by_side(resolve("careful").make(), None) == 1
 
 
 def test_an_action_out_of_range_is_clipped(tmp_path):

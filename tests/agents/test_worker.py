@@ -277,6 +277,7 @@ def test_a_token_of_another_track_is_refused(url):
         ({"agent": "careful", "json_file": Path("no/such/x.json")}, "--json: no/such/x.json cannot be written"),
         ({"agent": "careful", "json_file": Path()}, "--json: . cannot be written"),
         ({"resume": "ev-none"}, "--resume: no run 'ev-none'"),
+        ({"agent": "careful", "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
     ],
 )
 def test_mistakes_are_told_before_anything_starts(arguments, says):

@@ -1,6 +1,7 @@
 """A service in memory that keeps the interface's promises, for tests of the client without sockets."""
 
 import json
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -40,10 +41,12 @@ def metrics(trials: int = 6) -> dict[str, Any]:
 class FakeService:
     """Episodes of ``steps`` steps each; ``inject`` may answer, or break, any request before it is looked at."""
 
-    def __init__(self, *, track: Track = Track.STATE, trials: int = 4, steps: int = 3) -> None:
+    def __init__(self, *, track: Track = Track.STATE, trials: int = 4, steps: int = 3, parallel: int = 1) -> None:
         self.track = track
         self.trials = trials
         self.steps = steps
+        self.parallel = parallel
+        self.lock = threading.Lock()
         self.inject: Injection | None = None
         self.after: Injection | None = None
         """As ``inject``, once the request has had its effect: an answer that is lost."""
@@ -70,7 +73,8 @@ class FakeService:
         self.requests.append(request)
         answer = self.inject(request) if self.inject is not None else None
         if answer is None:
-            answer = self._answer(request)
+            with self.lock:
+                answer = self._answer(request)
             lost = self.after(request) if self.after is not None else None
             answer = lost if lost is not None else answer
         if isinstance(answer, Exception):
@@ -140,14 +144,14 @@ class FakeService:
             "state": "finished" if over else "running",
             "trials": self.trials,
             "finished": self.finished,
-            "max_parallel": 1,
+            "max_parallel": self.parallel,
             "metrics": metrics() if over else None,
         }
 
     def _next(self, request: httpx.Request) -> httpx.Response:
         if self.finished >= self.trials:
             return problem(ProblemType.EVALUATION_FINISHED, 409)
-        if self.open:
+        if len(self.open) >= min(self.parallel, self.trials - self.finished):
             return problem(ProblemType.NO_TRIAL_AVAILABLE, 409, headers={"retry-after": "0"})
         return self._begin(request)
 
