@@ -18,7 +18,7 @@ from wrongturn_sim.observation import observe_privileged, observe_state
 from wrongturn_sim.reward import reward
 from wrongturn_sim.route import Guidance, Navigator, start_pose
 from wrongturn_sim.simulator import Drive, Simulator
-from wrongturn_sim.traffic import plan_traffic
+from wrongturn_sim.traffic import EGO_LENGTH, plan_traffic
 from wrongturn_sim.trajectory import Row, Trajectory
 from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry, judge_of
 
@@ -125,6 +125,9 @@ class Episode:
         self._actions: list[bytes] = []
         self.trajectory = Trajectory(trial, self.town.sha256)
         self.steps = self._sub_steps = 0
+        # The edges by which others expect the car, as far as a journey leads: the one that it is on comes first.
+        self._expected = self._traffic.ego if self._traffic is not None and trial.journey is not None else ()
+        self._misled = False
         self._guide()
         users = self._drive.road_users()
         row = Row(0.0, *self._state, int(self._command), int(self._guidance.command), 0.0, 0.0, 0.0, users)
@@ -210,6 +213,21 @@ class Episode:
         """Ask the route, and the fault, for the command of the coming 0.1 s."""
         self._guidance: Guidance = self._navigator.update(self._state[0], self._state[1])
         self._command: Command = self._fault.deliver(self._sub_steps / _PER_SECOND, self._guidance)
+        if self._expected:
+            self._show_the_way()
+
+    def _show_the_way(self) -> None:
+        """Let others expect the car where it goes now, after a turn that was not the route's."""
+        edge = self.town.lanes[self._navigator.lane].edge
+        if edge != self._expected[0]:
+            self._expected = self._expected[1:]
+            if not self._expected or edge != self._expected[0]:
+                lanes = self._navigator.lanes_ahead(EGO_LENGTH)
+                self._expected = tuple(self.town.lanes[lane].edge for lane in lanes)
+                self._misled = True
+        if self._misled:
+            assert self._drive is not None
+            self._misled = not self._drive.lead(self._expected)
 
     def _observe(self) -> Observation:
         if self._privileged:

@@ -35,6 +35,8 @@ class Roads:
     """(legs, 3)"""
     legs: Mapping[str, int]
     """The row of each lane, by its id."""
+    names: tuple[str, ...]
+    """Ids, by row."""
     lanes: tuple[Path, ...]
     """Centre lines, by row."""
     approaches: tuple[Approach | None, ...]
@@ -105,4 +107,4 @@ def roads_of(town: Town) -> Roads:
     along = np.concatenate([line.along for line in lines])
     for array in (points, along, ints, floats, exits, mask):
         array.setflags(write=False)
-    return Roads(points, along, ints, floats, exits, mask, MappingProxyType(legs), lanes, approaches)
+    return Roads(points, along, ints, floats, exits, mask, MappingProxyType(legs), tuple(legs), lanes, approaches)

@@ -100,24 +100,6 @@ def set_out(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64])
     return guide.draws(random.Random(f"route {trial.seed}"))  # of its own: no other draw shifts the route
 
 
-def lanes_ahead(town: Town, trial: Trial, metres: float) -> tuple[str, ...]:
-    """The ids of the lanes that a route leads along, until so many metres of whole lanes lie behind the first."""
-    roads = roads_of(town)
-    names = tuple(roads.legs)
-    progress = np.empty(guide.PROGRESS_INTS, np.int64)
-    words = set_out(roads, town, trial, progress)
-    way = way_to(town, trial.journey.goal if trial.journey is not None else None)
-    lanes = [names[int(progress[guide.P_LEG])]]
-    while progress[guide.P_GATE] >= 0 and metres > 0.0:
-        guide.leave(
-            roads.ints, roads.floats, words, way, progress, np.zeros(guide.PROGRESS_FLOATS), int(progress[guide.P_GATE])
-        )
-        leg = int(progress[guide.P_LEG])
-        lanes.append(names[leg])
-        metres -= roads.lanes[leg].length
-    return tuple(lanes)
-
-
 class Navigator:
     """Follows the car along its route, decision by decision."""
 
@@ -135,6 +117,23 @@ class Navigator:
         """Take in where the body's centre is now."""
         found = guide.update(*self._tables, self._words, self._way, self._progress, self._places, x, y)
         return guidance_of(self._roads, *found)
+
+    @property
+    def lane(self) -> str:
+        """The id of the lane that the car is in, or came from into the junction."""
+        return self._roads.names[int(self._progress[guide.P_LEG])]
+
+    def lanes_ahead(self, metres: float) -> tuple[str, ...]:
+        """The ids of the lanes that the route leads along from here, until so many metres lie behind the first."""
+        ints, floats, progress = self._roads.ints, self._roads.floats, self._progress.copy()
+        places = self._places.copy()
+        lanes = [self.lane]
+        while progress[guide.P_GATE] >= 0 and metres > 0.0:
+            guide.leave(ints, floats, self._words, self._way, progress, places, int(progress[guide.P_GATE]))
+            leg = int(progress[guide.P_LEG])
+            lanes.append(self._roads.names[leg])
+            metres -= self._roads.lanes[leg].length
+        return tuple(lanes)
 
     @property
     def stop_line(self) -> float:

@@ -139,6 +139,10 @@ class Drive:
             _Process.net = _Process.holder = None
             raise SimulatorFailedError(f"SUMO refused a sub-step: {error}; reset the environment") from error
 
+    def lead(self, edges: tuple[str, ...]) -> bool:  # noqa: ARG002
+        """Let others expect the car to go along these edges from now on; whether that could be done yet."""
+        return True
+
     def road_users(self) -> tuple[RoadUser, ...]:
         """The others within 80 m of the car, nearest first."""
         return ()
@@ -154,10 +158,11 @@ class Drive:
 class _CrowdedDrive(Drive):
     """A drive with traffic."""
 
-    __slots__ = ("_crowd",)
+    __slots__ = ("_crowd", "_sumo")
 
-    def __init__(self, move: Callable[..., Any], step: Callable[..., Any], crowd: Crowd) -> None:
-        super().__init__(move, step)
+    def __init__(self, sumo: ModuleType, crowd: Crowd) -> None:
+        super().__init__(sumo.vehicle.moveToXY, sumo.simulationStep)
+        self._sumo = sumo
         self._crowd = crowd
 
     def move(self, x: float, y: float, yaw: float) -> None:
@@ -167,6 +172,12 @@ class _CrowdedDrive(Drive):
         except Exception as error:
             _Process.holder = None
             raise SimulatorFailedError(f"SUMO does not tell its traffic: {error}; reset the environment") from error
+
+    def lead(self, edges: tuple[str, ...]) -> bool:
+        if _Process.holder is not self or self._sumo.vehicle.getRoadID(EGO) != edges[0]:
+            return False
+        self._sumo.vehicle.setRoute(EGO, edges)
+        return True
 
     def road_users(self) -> tuple[RoadUser, ...]:
         return self._crowd.road_users()
@@ -240,7 +251,7 @@ class Simulator:
         except Exception as error:
             _Process.holder = None
             raise SimulatorFailedError(f"SUMO cannot place the traffic: {error}") from error
-        drive = _CrowdedDrive(sumo.vehicle.moveToXY, sumo.simulationStep, crowd)
+        drive = _CrowdedDrive(sumo, crowd)
         _Process.holder = drive
         for _ in range(_SETTLING):
             drive.move(x, y, yaw)

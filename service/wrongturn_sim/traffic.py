@@ -12,7 +12,7 @@ from typing import Final
 from wrongturn_networks import Town
 from wrongturn_protocol import Trial
 from wrongturn_sim.errors import TrafficTooDenseError
-from wrongturn_sim.route import Pose, lanes_ahead
+from wrongturn_sim.route import Navigator, Pose
 from wrongturn_sim.sidewalks import length_of, sidewalks_of
 from wrongturn_sim.slots import FIRST, JITTER, Slots, car_slots, pedestrian_slots
 
@@ -23,6 +23,8 @@ WALK_LENGTH: Final = 200.0
 DRIVE_PACE: Final = 15.0
 WALK_PACE: Final = 1.7
 """Over a journey they have as many as its time takes them at most, m/s."""
+EGO_LENGTH: Final = 2000.0
+"""And the car itself, on a journey, so many of which others know: more than any goal is away."""
 COLOURS: Final = 256
 """Colour numbers run from 0 to below this."""
 
@@ -112,8 +114,7 @@ def plan_traffic(town: Town, trial: Trial, start: Pose) -> TrafficPlan | None:
         lanes: tuple[str, ...] = (approach.lane, approach.exits[trial.route].lane)
     else:
         time_limit = trial.journey.time_limit
-        # Half as far again as the goal: by then a car has arrived, or has lost its way.
-        lanes = lanes_ahead(town, trial, 1.5 * trial.journey.length or DRIVE_PACE * time_limit)
+        lanes = Navigator(town, trial).lanes_ahead(EGO_LENGTH)
     drive, walk = max(DRIVE_LENGTH, DRIVE_PACE * time_limit), max(WALK_LENGTH, WALK_PACE * time_limit)
     return TrafficPlan(
         _cars(town, trial.traffic.vehicles, start, drive, random.Random(f"vehicles {trial.seed}")),

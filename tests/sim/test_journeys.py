@@ -57,7 +57,7 @@ class Pilot:
 def travel(steer):
     """Drive a trial to its end; ``swerve`` names decisions with a steering of their own."""
 
-    def driven(trial, swerve=None, **arguments):
+    def driven(trial, swerve=None, watch=None, **arguments):
         episode = Episode(trial, Track.PRIVILEGED, strict=arguments.pop("strict", False))
         pilot = Pilot(steer, **arguments)
         seen = episode.reset()
@@ -68,6 +68,8 @@ def travel(steer):
                 action = (swerve[episode.steps], *action[1:])
             step = episode.step(*action)
             seen = step.observation
+            if watch:
+                watch()
             rewards.append((step.reward, int(seen["command"][0])))
         assert (step.terminated, step.truncated) == (not episode._judge.ran_out, episode._judge.ran_out)
         episode.rewards = rewards
@@ -208,6 +210,28 @@ def test_a_drive_among_other_road_users(travel):
     assert episode.outcome.journey.collisions == 0
     assert any(row.road_users for row in episode.trajectory.rows[-200:])
     assert travel(trial).trajectory.sha256 == episode.trajectory.sha256
+
+
+def test_others_are_told_of_the_way_after_a_wrong_turn(travel):
+    import libsumo
+
+    town = load_town("Town02")
+    trial = draw_journey(town, Task.NAVIGATION_DYNAMIC, 8, traffic=Traffic(vehicles=2))
+    planned = plan_traffic(town, trial, start_pose(town, trial)).ego
+    routes = []
+
+    def note():
+        if not routes or routes[-1] != libsumo.vehicle.getRoute("ego"):
+            routes.append(libsumo.vehicle.getRoute("ego"))
+
+    episode = travel(trial, watch=note, errs=True)
+    assert episode.outcome.verdict is Verdict.ARRIVED
+    assert routes[0] == planned
+    others = [way for way in town.approach(trial.approach).exits.values() if way.direction is not trial.route]
+    # The new way leads on from where the car strayed to, and holds until it arrives.
+    (begin,) = {town.lanes[way.lane].edge for way in others} & set(routes[-1])
+    assert begin not in planned[:2]
+    assert town.lanes[trial.journey.goal].edge in routes[-1][routes[-1].index(begin) :]
 
 
 def _lengths(town, edges):
