@@ -1,0 +1,167 @@
+"""Whether Stable-Baselines3's loop is what limits training: it against a plain loop that does the same work.
+
+Both drive the same environments by the same policy and learn by the same loss from rollouts of the same size, in turns
+in one process, so that a busy machine is busy for both. The plain loop has no callbacks and no infos of episodes: it
+goes from tensor to tensor, and bootstraps all drives whose time ran out at once. Where the time goes in
+Stable-Baselines3's loop is told beside it; ``rest`` is what is neither environments, policy, buffer nor learning.
+
+    python benchmarks/training_loop.py [--algorithm ppo-segmentation] [--device auto] [--rollouts 4] [--repeats 3]
+        [--option num_envs=256] [--json FILE]
+"""
+
+import argparse
+import json
+import os
+import statistics
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from wrongturn_agents.models import build
+from wrongturn_agents.training.budget import Budget
+from wrongturn_agents.training.config import TRAINING_WEATHERS, config_of
+from wrongturn_agents.training.driving_env import DrivingVecEnv
+from wrongturn_agents.training.ppo import WrongturnPPO
+from wrongturn_agents.training.seen_env import SeenVecEnv
+from wrongturn_agents.training.stopwatch import Stopwatch
+
+
+def made(algorithm: str, device: torch.device, threads: int, options: list[str]) -> WrongturnPPO:
+    """An untrained agent and its environments."""
+    config = config_of(algorithm).with_options(options)
+    watch = Stopwatch(device)
+    agent = build(algorithm, seed=1).to(device)
+    driving = DrivingVecEnv(
+        config.num_envs,
+        keys=config.keys,
+        device=device,
+        reward_divisor=config.reward_divisor,
+        failure_penalty=config.failure_penalty,
+        stopwatch=watch,
+        town="Town01",
+        track=config.track,
+        task="cruise",
+        strict=True,
+        record=False,
+        weather=TRAINING_WEATHERS,
+        threads=threads,
+        **({"backend": "cuda"} if device.type == "cuda" else {}),
+    )
+    envs = SeenVecEnv(
+        driving,
+        disturb=agent.disturb if config.disturbed else None,
+        encode=agent.encode if config.frozen else None,
+        width=agent.encoder.width,
+        stopwatch=watch,
+    )
+    return WrongturnPPO(
+        config, envs, model=lambda: agent, budget=Budget(10**9, None), stopwatch=watch, seed=1, device=device
+    )
+
+
+class PlainLoop:
+    """The same work without Stable-Baselines3 around it."""
+
+    def __init__(self, ppo: WrongturnPPO) -> None:
+        self.ppo = ppo
+        self.seen: dict[str, torch.Tensor] | None = None
+        self.begun = np.ones(ppo.n_envs, np.bool_)
+
+    def rollout(self) -> None:
+        ppo = self.ppo
+        policy, buffer, config = ppo.policy, ppo.rollout_buffer, ppo.config
+        policy.model.eval()
+        buffer.reset()
+        if self.seen is None:
+            self.seen = ppo.env.reset()
+        for _ in range(config.n_steps):
+            with torch.no_grad():
+                mean, values = policy.model(policy.features(self.seen), self.seen["command"])
+                actions = mean + policy.model.log_std.exp() * torch.randn_like(mean)
+                log_prob = policy._log_prob(mean, actions)
+            following, rewards, dones, infos = ppo.env.step(actions.cpu().numpy())
+            late = [i for i in np.flatnonzero(dones).tolist() if "terminal_observation" in infos[i]]
+            if late:
+                last = [infos[i]["terminal_observation"] for i in late]
+                with torch.no_grad():
+                    ends = policy.predict_values({name: torch.stack([one[name] for one in last]) for name in last[0]})
+                rewards[late] += config.gamma * ends.cpu().numpy()
+            buffer.add(self.seen, actions, rewards, self.begun, values, log_prob)
+            self.seen, self.begun = following, dones
+        with torch.no_grad():
+            buffer.compute_returns_and_advantage(policy.predict_values(self.seen), dones)
+
+    def update(self) -> None:
+        ppo = self.ppo
+        policy, config = ppo.policy, ppo.config
+        policy.model.train()
+        parameters = policy.optimizer.param_groups[0]["params"]
+        for _ in range(config.n_epochs):
+            for samples in ppo.rollout_buffer.get(config.batch_size):
+                loss, _, divergence = ppo._loss(samples)
+                if divergence.item() > 1.5 * config.kl_stop:
+                    return
+                policy.optimizer.zero_grad(set_to_none=True)
+                loss.backward()
+                torch.nn.utils.clip_grad_norm_(parameters, config.max_grad_norm)
+                policy.optimizer.step()
+
+    def run(self, rollouts: int) -> None:
+        for _ in range(rollouts):
+            self.rollout()
+            self.update()
+
+
+def timed(work: Any, device: torch.device) -> float:
+    begin = time.perf_counter()
+    work()
+    if device.type == "cuda":
+        torch.cuda.synchronize()
+    return time.perf_counter() - begin
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--algorithm", default="ppo-segmentation")
+    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--rollouts", type=int, default=4)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--option", action="append", default=[])
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    device = torch.device(arguments.device)
+    # A learning rate near 0: so neither is stopped early by its divergence, and both learn as often.
+    options = ["learning_rate=1e-7", *arguments.option]
+    theirs, plain = (made(arguments.algorithm, device, arguments.threads, options) for _ in range(2))
+    steps = arguments.rollouts * theirs.config.n_steps * theirs.config.num_envs
+    loop = PlainLoop(plain)
+    theirs.learn(1, log_interval=None)  # compiles, allocates
+    loop.run(1)
+    rates: dict[str, list[float]] = {"stable_baselines3": [], "plain": []}
+    parts: dict[str, float] = {}
+    for _ in range(arguments.repeats):
+        theirs.stopwatch.lap()
+        seconds = timed(lambda: theirs.learn(steps, log_interval=None, reset_num_timesteps=False), device)
+        rates["stable_baselines3"].append(steps / seconds)
+        for part, value in theirs.stopwatch.lap().items():
+            parts[part] = parts.get(part, 0.0) + value
+        rates["plain"].append(steps / timed(lambda: loop.run(arguments.rollouts), device))
+    found = {name: statistics.median(values) for name, values in rates.items()}
+    print(f"{arguments.algorithm} on {device}, {theirs.config.num_envs} egos, {steps:,} steps a turn")
+    for name, rate in found.items():
+        print(f"  {name:18} {rate:10,.0f} steps/s (median of {arguments.repeats})")
+    print(f"  the plain loop is faster by {found['plain'] / found['stable_baselines3'] - 1:.0%}")
+    whole = parts.pop("whole")
+    shares = {part: value / whole for part, value in sorted(parts.items(), key=lambda item: -item[1])}
+    print("  " + ", ".join(f"{part} {share:.0%}" for part, share in shares.items()))
+    if arguments.json:
+        content = {"algorithm": arguments.algorithm, "device": str(device), "rates": rates, "shares": shares}
+        arguments.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

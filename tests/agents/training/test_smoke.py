@@ -1,0 +1,61 @@
+"""A short training on the CPU, as continuous integration runs it: what it learns must be worth something."""
+
+import numpy as np
+import pytest
+import torch
+
+from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
+from wrongturn_agents.training.config import TRAINING_WEATHERS
+from wrongturn_agents.training.driving_env import DrivingVecEnv
+from wrongturn_agents.training.train import train
+
+OPTIONS = (
+    "num_envs=16",
+    "n_steps=32",
+    "batch_size=128",
+    "n_epochs=4",
+    "learning_rate=1e-3",
+    "time_limit=15",
+    "journeys=2",
+    "patience=3",
+)
+
+
+def mean_reward(act, episodes=48):
+    """Of an episode of the paper's reward, of drives of at most 15 s that are not trained on."""
+    envs = DrivingVecEnv(
+        16,
+        keys=("speed", "steering", "command", "segmentation"),
+        town="Town01",
+        track="segmentation",
+        task="cruise",
+        strict=True,
+        record=False,
+        weather=TRAINING_WEATHERS,
+        journeys={"time_limit": 15.0},
+    )
+    envs.seed(10**6)
+    observation = envs.reset()
+    rewards = []
+    while len(rewards) < episodes:
+        observation, _, _, infos = envs.step(act(observation))
+        rewards += [info["episode"]["r"] for info in infos if info]
+    envs.close()
+    return float(np.mean(rewards))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_a_two_minute_training_beats_a_random_policy(tmp_path):
+    random = np.random.default_rng(1)
+    by_chance = mean_reward(lambda _: random.uniform(-1.0, 1.0, (16, 2)))
+    train("ppo-segmentation", directory=tmp_path, seed=1, steps=8192, device="cpu", options=OPTIONS)
+    model = model_of(load_checkpoint(tmp_path / "last.pt"))
+
+    @torch.inference_mode()
+    def learnt(observation):
+        return model.act(model.features(observation), observation["command"]).numpy()
+
+    trained = mean_reward(learnt)
+    print(f"random {by_chance:.0f}, trained {trained:.0f}")
+    assert trained > by_chance + 300.0
