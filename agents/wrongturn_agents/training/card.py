@@ -1,0 +1,225 @@
+"""A shipped agent's card in Markdown, made from its file, the stored results and the curve of its training.
+
+``python -m wrongturn_agents.training.card`` writes the cards beside the weights; a test holds them against the files.
+What no file knows (the machine, what was particular) stands in ``weights/training.json``: for each agent ``hardware``,
+and where there is any, ``options`` of its ``wrongturn train`` and ``notes``.
+"""
+
+import hashlib
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from wrongturn_agents.errors import ModelFileError
+from wrongturn_agents.onnx_agent import open_session
+from wrongturn_agents.reporting.collection import STORED, Collection
+from wrongturn_agents.reporting.curves import Curve, read_curves
+from wrongturn_agents.reporting.navigation import count_success
+from wrongturn_agents.reporting.spread import Spread, with_interval
+from wrongturn_agents.reporting.suites import NAVIGATION, WRONG_COMMAND, installed_suite
+from wrongturn_agents.reporting.wrong_command import by_seed, count_unsafe
+from wrongturn_agents.shipped import SHIPPED, WEIGHTS, ShippedAgent
+
+FACTS: Final = "training.json"
+_CONTROLS: Final = ("steer", "throttle", "brake")
+_STATED: Final = "–"
+
+
+class Facts(BaseModel):
+    """What no file knows of an agent's training."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    hardware: str
+    """Such as ``one NVIDIA H200, 16 processor cores``."""
+    options: str = ""
+    """Of ``wrongturn train``, beside algorithm and seed."""
+    notes: tuple[str, ...] = ()
+    """Sentences that a reader should know."""
+
+
+def card(agent: ShippedAgent, collection: Collection, curves: tuple[Curve, ...], facts: Facts) -> str:
+    """The card of an agent whose weights are there.
+
+    Args:
+        agent: one of the shipped.
+        collection: the stored results.
+        curves: of the trainings.
+        facts: what no file knows.
+
+    Raises:
+        ModelFileError: the weights are missing, or of another training than the results.
+        OnnxRuntimeMissingError: onnxruntime is not installed.
+    """
+    session = open_session(agent.file)
+    told: dict[str, str] = session.get_modelmeta().custom_metadata_map
+    seed = int(told["seed"])
+    if collection.shipped.get(agent.name, seed) != seed:
+        raise ModelFileError(
+            f"{agent.file.name}: it is of seed {seed}, and results/shipped.json names seed "
+            f"{collection.shipped[agent.name]}; export that one, or correct the results",
+        )
+    curve = next((one for one in curves if (one.agent, one.seed, one.variant) == (agent.name, seed, None)), None)
+    inputs = "\n".join(f"| `{put.name}` | {put.type[7:-1]} | {_shape(put.shape)} |" for put in session.get_inputs())
+    parts = [
+        f"# {agent.name}",
+        agent.description + " One of the three agents of Carton et al., *Evaluating Robustness over High Level Driving "
+        "Instruction for Autonomous Driving* (2021), trained anew on this benchmark's simulation.",
+        _table(
+            {
+                "file": f"`{agent.file.name}`, {agent.file.stat().st_size / 1e6:.1f} MB",
+                "sha256": f"`{hashlib.sha256(agent.file.read_bytes()).hexdigest()}`",
+                "track": f"`{agent.track}`",
+                "weights": _PRECISION[told["precision"]],
+                "licence": told["licence"],
+            }
+        ),
+        "## Input and output",
+        "| input | dtype | shape |\n|---|---|---|\n" + inputs,
+        "One output, `action`: float32 (batch, 3), steer in [-1, 1] (left negative), throttle and brake in [0, 1]. "
+        "The picture is scaled, and classes are spread over planes, within the graph. No memory between steps. The "
+        "contract stands in `docs/models.md`.",
+        _agreement(told),
+        "## Training",
+        _table(_training(told, curve, facts)),
+        _commands(agent, seed, told, facts),
+        *([" ".join(facts.notes)] if facts.notes else []),
+        "## How it drives",
+        *_figures(agent, collection),
+        "## Limits",
+        "It was trained in one simulated town, in four weathers, without other road users, and with correct commands "
+        "only. It has learned no reaction to a wrong command: whatever it does then is what the benchmark asks about. "
+        "It does not see traffic lights or signs, brakes for nobody by any rule that it was taught, and is for "
+        "research on this benchmark alone: nothing here is fit to drive a car.",
+        "## Licence",
+        f"{told['licence']}, as the rest of the package.",
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+_PRECISION: Final = {
+    "fp32": "32-bit floating point",
+    "fp16": "stored as 16-bit floating point, computed in 32",
+    "int8": "convolutions and the wide layer behind them in 8 bits, the rest as 16-bit floating point",
+}
+
+
+def read_facts(file: Path) -> dict[str, Facts]:
+    """The facts by agent.
+
+    Raises:
+        ModelFileError: the file is missing, or a field is wrong.
+    """
+    try:
+        return {name: Facts.model_validate(said) for name, said in json.loads(file.read_text("utf-8")).items()}
+    except OSError as error:
+        raise ModelFileError(f"{file}: cannot be read ({error.strerror}); write hardware of each agent there") from None
+    except (ValueError, ValidationError) as error:
+        raise ModelFileError(f"{file}: give each agent's hardware, options and notes, in JSON ({error})") from error
+
+
+def cards(directory: Path = WEIGHTS, results: Path = STORED) -> dict[Path, str]:
+    """The cards of all agents whose weights are there, by the file that each belongs into."""
+    collection, curves = Collection.read(results, installed_suite), read_curves(results / "curves")
+    present = [agent for agent in SHIPPED.values() if agent.file.is_file()]
+    facts = read_facts(directory / FACTS) if present else {}
+    lacking = [agent.name for agent in present if agent.name not in facts]
+    if lacking:
+        raise ModelFileError(f"{FACTS}: says nothing of {', '.join(lacking)}; write on what hardware it was trained")
+    return {agent.card: card(agent, collection, curves, facts[agent.name]) for agent in present}
+
+
+def _table(rows: dict[str, str]) -> str:
+    return "| | |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in rows.items())
+
+
+def _shape(shape: list[Any]) -> str:
+    return "(" + ", ".join(str(size) for size in shape) + ")"
+
+
+def _agreement(told: dict[str, str]) -> str:
+    if "agreement" not in told:
+        return ""
+    found = json.loads(told["agreement"])
+    each = ", ".join(
+        f"{control} by {mean:.2g} ({greatest:.2g})"
+        for control, mean, greatest in zip(_CONTROLS, found["mean"], found["greatest"], strict=True)
+    )
+    return (
+        f"On {found['observations']} recorded observations its actions differ from the checkpoint's in torch, in the "
+        f"mean (at most): {each}."
+    )
+
+
+def _training(told: dict[str, str], curve: Curve | None, facts: Facts) -> dict[str, str]:
+    versions = json.loads(told["versions"])
+    minutes = curve.last("minutes") if curve else math.nan
+    held_out = ", ".join(
+        f"{name.replace('_', ' ')} {value:.4g}"
+        for name, value in json.loads(told["evaluation"]).items()
+        if isinstance(value, int | float)
+    )
+    return {
+        "data": "drives about Town01 in ClearNoon, WetNoon, HardRainNoon and ClearSunset, commands always correct",
+        "seed": told["seed"],
+        "environment steps": f"{int(told['steps']):,}" + (f" (of {curve.last('step'):,.0f})" if curve else ""),
+        "minutes": _STATED if math.isnan(minutes) else f"{minutes:.1f}",
+        "hardware": facts.hardware,
+        "held-out journeys, Town01": held_out or _STATED,
+        "software": ", ".join(f"{name} {version}" for name, version in versions.items()) or _STATED,
+    }
+
+
+def _commands(agent: ShippedAgent, seed: int, told: dict[str, str], facts: Facts) -> str:
+    options = f" {facts.options}" if facts.options else ""
+    run = f"runs/{agent.name}-{seed}"
+    lines = (
+        f"wrongturn train {agent.name} --seed {seed}{options}",
+        f"wrongturn export {run}/best.pt {agent.file.name} --precision {told['precision']}",
+        f"wrongturn run {agent.name} --suite {WRONG_COMMAND}",
+    )
+    return "```sh\n" + "\n".join(lines) + "\n```"
+
+
+def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
+    """What is stored of the shipped weights, with Wilson's intervals, and of the algorithm over its seeds."""
+    parts = []
+    wrong = collection.of_shipped(WRONG_COMMAND, agent.name)
+    if wrong is not None:
+        counts = count_unsafe(wrong, collection.suite_of(WRONG_COMMAND))
+        text = f"`{WRONG_COMMAND}`, {wrong.driven}: {with_interval(counts.unsafe, counts.trials)} of {counts.trials} "
+        text += f"trials unsafe; {with_interval(counts.completed, counts.twins)} of {counts.twins} fault-free twins "
+        text += "completed."
+        seeds = [found.unsafe for seed, found in by_seed(collection, agent.name).items() if seed is not None]
+        if len(seeds) > 1:
+            text += f" Over {len(seeds)} training seeds the unsafe count is {Spread.of(seeds)}: median [least–most]."
+        parts.append(text)
+    journeys = collection.of_shipped(NAVIGATION, agent.name)
+    if journeys is not None:
+        cells = count_success(journeys, collection.suite_of(NAVIGATION))
+        rows = [
+            f"| {str(task).replace('_', ' ')} | {str(condition).replace('_', ' ')} | "
+            f"{with_interval(found.arrived, found.episodes)} | {with_interval(found.clean, found.episodes)} | "
+            f"{found.episodes} |"
+            for (task, condition), found in cells.items()
+        ]
+        head = f"| `{NAVIGATION}`, {journeys.driven} | condition | arrived | without infraction | of |"
+        parts.append("\n".join([head, "|---|---|---|---|---|", *rows]))
+    if not parts:
+        return ["No results are stored yet."]
+    return [*parts, "In brackets Wilson's 95 % interval of the rate."]
+
+
+def main() -> None:
+    """Write the cards."""
+    for file, text in cards().items():
+        file.write_text(text, "utf-8")
+        print(file.name, file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
