@@ -269,8 +269,11 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
     def _note(self, infos: dict[str, Any], i: int, **values: Any) -> None:
         """As ``_add_info``, but each value stays what it is: that one would spread a dict over arrays of numbers."""
         for name, value in values.items():
-            infos.setdefault(name, np.full(self.num_envs, None, object))[i] = value
-            infos.setdefault(f"_{name}", np.zeros(self.num_envs, np.bool_))[i] = True
+            if name not in infos:
+                infos[name] = np.full(self.num_envs, None, object)
+                infos[f"_{name}"] = np.zeros(self.num_envs, np.bool_)
+            infos[name][i] = value
+            infos[f"_{name}"][i] = True
 
     def _checked(self, actions: Any, driven: Flags) -> NDArray[np.float32]:
         """The actions of those that are driven, rounded to float32."""
