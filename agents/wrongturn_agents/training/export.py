@@ -31,6 +31,7 @@ LICENCE: Final = "Apache-2.0"
 CALIBRATION: Final = 200
 """Observations that int8's ranges are taken from."""
 _CALIBRATION_SEED: Final = 20_001
+_BATCH: Final = 50
 _MEASURED: Final = ("speed", "steering", "command")
 
 Observations = Mapping[str, NDArray[Any]]
@@ -155,12 +156,16 @@ def agreement(checkpoint: Path | str, file: Path | str, observations: Observatio
     told = load_checkpoint(Path(checkpoint))
     keys = inputs_of(told["algorithm"])
     model, session = model_of(told), open_session(Path(file))
+    inputs = {key: np.asarray(observations[key]) for key in keys}
+    number = len(inputs[keys[0]])
     differences = []
-    for i in range(len(observations[keys[0]])):  # one at a time, as an agent drives
-        one = {key: np.asarray(observations[key][i : i + 1]) for key in keys}
+    for first in range(0, number, _BATCH):
+        batch = {key: array[first : first + _BATCH] for key, array in inputs.items()}
         with torch.inference_mode():
-            wanted = model.drive({key: torch.from_numpy(array) for key, array in one.items()})
-        differences.append(np.abs(session.run([ACTION], one)[0] - wanted.numpy())[0])
+            wanted = model.drive({key: torch.from_numpy(array) for key, array in batch.items()}).numpy()
+        for i, action in enumerate(wanted):  # the file one at a time, as an agent drives
+            one = {key: array[i : i + 1] for key, array in batch.items()}
+            differences.append(np.abs(session.run([ACTION], one)[0][0] - action))
     mean, greatest = np.mean(differences, 0).tolist(), np.max(differences, 0).tolist()
     return Agreement(tuple(mean), tuple(greatest), len(differences))
 
