@@ -1,11 +1,12 @@
 import json
 from pathlib import Path
 
+import onnx
 import pytest
 from made_results import keep, navigation, wrong_command
 from typer.testing import CliRunner
 
-from wrongturn_agents.reporting.collection import Collection
+from wrongturn_agents.reporting.collection import STORED, Collection
 from wrongturn_agents.reporting.endings import endings_table
 from wrongturn_agents.reporting.errors import ResultsError
 from wrongturn_agents.reporting.navigation import navigation_table, tasks_table
@@ -13,6 +14,7 @@ from wrongturn_agents.reporting.paper import PAPER
 from wrongturn_agents.reporting.sections import lines_of_missing
 from wrongturn_agents.reporting.suites import installed_suite
 from wrongturn_agents.reporting.wrong_command import wrong_command_table
+from wrongturn_agents.shipped import SHIPPED
 from wrongturn_client.cli import app
 from wrongturn_protocol import Condition, Task
 
@@ -209,3 +211,9 @@ def test_how_trials_ended(tmp_path):
         ("wrong", "30", "30", "0", "0", "0", "0", "70", "0"),
         ("follow lane", "30", "10", "0", "0", "0", "0", "90", "0"),
     ]
+
+
+def test_the_seeds_called_shipped_are_those_of_the_weights():
+    for agent, seed in Collection.read(STORED, installed_suite).shipped.items():
+        model = onnx.load(SHIPPED[agent].file)
+        assert {entry.key: entry.value for entry in model.metadata_props}["seed"] == str(seed), agent
