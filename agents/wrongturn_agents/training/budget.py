@@ -43,6 +43,8 @@ class Budget:
         self.seconds = None if minutes is None else 60.0 * minutes
         self.reserve = 0.0 if self.seconds is None else min(60.0, 0.1 * self.seconds)
         """Seconds kept for what comes after learning, the last evaluation: a guess, until there was one."""
+        self.begun = 0.0
+        """Seconds used when learning began: compiling and pretraining are within the minutes, not the schedule."""
         self._clock = clock
         self._begin = clock() - used
 
@@ -52,8 +54,10 @@ class Budget:
         return self._clock() - self._begin
 
     def fraction(self, steps: int) -> float:
-        """How much is over after so many steps, 0 to 1."""
-        by_clock = 0.0 if self.seconds is None else self.used / max(self.seconds - self.reserve, 1e-9)
+        """How much of the learning is over after so many steps, 0 to 1."""
+        by_clock = 0.0
+        if self.seconds is not None:
+            by_clock = (self.used - self.begun) / max(self.seconds - self.reserve - self.begun, 1e-9)
         return min(1.0, max(steps / self.steps, by_clock))
 
     def over(self, steps: int = 0) -> bool:

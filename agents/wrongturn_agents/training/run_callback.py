@@ -155,6 +155,7 @@ class RunCallback(BaseCallback):
                 "steps": model.num_timesteps,
                 "updates": model._n_updates,
                 "seconds": model.budget.used,
+                "begun": model.budget.begun,
                 "policy": model.policy.state_dict(),
                 "optimizer": model.policy.optimizer.state_dict(),
                 "torch": torch.get_rng_state(),

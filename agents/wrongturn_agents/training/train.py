@@ -144,6 +144,7 @@ def train(
             stop=budget.out_of_time,
         )
 
+    budget.begun = state["begun"] if state else budget.used
     callback = RunCallback(
         folder,
         seed=seed,

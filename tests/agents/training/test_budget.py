@@ -35,6 +35,19 @@ def test_the_last_evaluation_is_within_the_minutes():
     assert budget.out_of_time()
 
 
+def test_the_schedule_begins_with_learning():
+    clock = Clock()
+    budget = Budget(None, 2.0, clock=clock)
+    budget.reserve = 20.0
+    clock.now += 60.0  # compiling, pretraining
+    budget.begun = budget.used
+    assert budget.fraction(0) == 0.0
+    clock.now += 20.0
+    assert budget.fraction(0) == 0.5
+    clock.now += 20.0
+    assert budget.over()
+
+
 def test_a_resumed_run_goes_on_with_what_it_used():
     clock = Clock()
     budget = Budget(None, 1.0, used=30.0, clock=clock)
