@@ -27,11 +27,15 @@ GATE_DEPTH = 30.0
 """An exit was taken by a car that is in its lane within so far of the exit line, metres."""
 LANE_FOLLOW = 4
 """The command outside windows."""
+BACK = 5.0
+"""A car that turned round is so far along its own street's other lane at least, metres."""
 _AT_END = 1e-6
+_ASTRAY = 3.0  # so far beside the route's path a journey's car is looked for on the other lanes, metres
 
 # A leg's ints: where its lane's points are, its approach (1: the lane leads into a junction), the direction that the
-# approach lacks (0: none), and its exits; for each exit direction, leg, and where its path's points are.
-L_FIRST, L_END, L_APPROACH, L_MISSING, L_GATES, L_GATE = 0, 1, 2, 3, 4, 5
+# approach lacks (0: none), the leg of its street's other lane (-1: none), and its exits; for each exit direction, leg,
+# and where its path's points are.
+L_FIRST, L_END, L_APPROACH, L_MISSING, L_BACK, L_GATES, L_GATE = 0, 1, 2, 3, 4, 5, 6
 GATE_INTS = 4
 G_DIRECTION, G_LEG, G_FIRST, G_END = 0, 1, 2, 3
 LEG_INTS = L_GATE + 3 * GATE_INTS
@@ -43,9 +47,10 @@ G_X, G_Y, G_UX, G_UY, G_HALF_WIDTH, G_INNER = 0, 1, 2, 3, 4, 5
 LEG_FLOATS = F_GATE + 3 * GATE_FLOATS
 
 # An ego's progress: the leg; which of its exits the route takes (-1: there is none); whether the car is in the
-# junction; the leg whose window still holds past its exit line (-1: none) and that window's command; draws made.
-P_LEG, P_GATE, P_INSIDE, P_AFTER, P_AFTER_COMMAND, P_DRAWN = 0, 1, 2, 3, 4, 5
-PROGRESS_INTS = 6
+# junction; the leg whose window still holds past its exit line (-1: none) and that window's command; draws made;
+# whether it is a journey, which is planned anew from wherever the car comes back to a lane.
+P_LEG, P_GATE, P_INSIDE, P_AFTER, P_AFTER_COMMAND, P_DRAWN, P_JOURNEY = 0, 1, 2, 3, 4, 5, 6
+PROGRESS_INTS = 7
 # Metres along the lane, or along the route's path in the junction; metres travelled in that window at its exit line.
 P_S, P_AFTER_TRAVELLED = 0, 1
 PROGRESS_FLOATS = 2
@@ -82,19 +87,47 @@ def choose(words: Array, progress: Array, count: int) -> Any:
 
 
 @njit(cache=True)
-def leave(ints: Array, floats: Array, words: Array, way: Array, progress: Array, places: Array, k: int) -> None:
-    """Plan anew from the lane of an exit that was taken, the route's or not."""
-    leg = progress[P_LEG]
-    progress[P_AFTER] = leg
-    progress[P_AFTER_COMMAND] = ints[leg, L_GATE + GATE_INTS * progress[P_GATE] + G_DIRECTION]
-    places[P_AFTER_TRAVELLED] = WINDOW_BEFORE + floats[leg, F_GATE + GATE_FLOATS * k + G_INNER]
-    leg = ints[leg, L_GATE + GATE_INTS * k + G_LEG]
+def enter(ints: Array, words: Array, way: Array, progress: Array, leg: int) -> None:
+    """Plan anew from a lane."""
     progress[P_LEG] = leg
     progress[P_INSIDE] = 0
     if way[leg] != DRAWN:
         progress[P_GATE] = way[leg]
     else:
         progress[P_GATE] = choose(words, progress, ints[leg, L_GATES]) if ints[leg, L_GATES] > 0 else NONE
+
+
+@njit(cache=True)
+def leave(ints: Array, floats: Array, words: Array, way: Array, progress: Array, places: Array, k: int) -> None:
+    """Plan anew from the lane of an exit that was taken, the route's or not."""
+    leg = progress[P_LEG]
+    progress[P_AFTER] = leg
+    progress[P_AFTER_COMMAND] = ints[leg, L_GATE + GATE_INTS * progress[P_GATE] + G_DIRECTION]
+    places[P_AFTER_TRAVELLED] = WINDOW_BEFORE + floats[leg, F_GATE + GATE_FLOATS * k + G_INNER]
+    enter(ints, words, way, progress, ints[leg, L_GATE + GATE_INTS * k + G_LEG])
+
+
+@compiled_with(polyline)
+def found_again(points: Array, along: Array, ints: Array, floats: Array, progress: Array, x: float, y: float) -> int:
+    """The leg on which a car is that left the junction otherwise than by an exit's first metres; -1 for none.
+
+    It may have come into an exit's lane late, or have turned round.
+    """
+    leg = progress[P_LEG]
+    back = ints[leg, L_BACK]
+    for k in range(ints[leg, L_GATES] + 1):
+        if k < ints[leg, L_GATES]:
+            half = floats[leg, F_GATE + GATE_FLOATS * k + G_HALF_WIDTH]
+            lane, least = ints[leg, L_GATE + GATE_INTS * k + G_LEG], GATE_DEPTH
+        elif back >= 0:
+            half = floats[leg, F_GATE + G_HALF_WIDTH]
+            lane, least = back, BACK
+        else:
+            break
+        s, lateral, _ = project(points, along, ints[lane, L_FIRST], ints[lane, L_END], x, y)
+        if least <= s < floats[lane, F_LENGTH] and -half <= lateral <= half:
+            return int(lane)
+    return -1
 
 
 @compiled_with(polyline)
@@ -127,6 +160,16 @@ def update(
                 leave(ints, floats, words, way, progress, places, k)
                 leg = progress[P_LEG]
                 break
+    if progress[P_INSIDE] and progress[P_JOURNEY]:
+        gate = L_GATE + GATE_INTS * progress[P_GATE]
+        s, lateral, heading = project(points, along, ints[leg, gate + G_FIRST], ints[leg, gate + G_END], x, y)
+        inner = floats[leg, F_GATE + GATE_FLOATS * progress[P_GATE] + G_INNER]
+        if abs(lateral) > _ASTRAY or s > inner + GATE_DEPTH:
+            lane = found_again(points, along, ints, floats, progress, x, y)
+            if lane >= 0:
+                enter(ints, words, way, progress, lane)
+                progress[P_AFTER] = -1
+                leg = lane
     if not progress[P_INSIDE]:
         s, lateral, heading = project(points, along, ints[leg, L_FIRST], ints[leg, L_END], x, y)
         places[P_S] = s

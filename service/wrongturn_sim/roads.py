@@ -81,6 +81,8 @@ def roads_of(town: Town) -> Roads:
             continue
         ints[leg, guide.L_APPROACH] = 1
         ints[leg, guide.L_MISSING] = approach.type.missing or 0
+        opposite = town.lanes[approach.lane].opposite
+        ints[leg, guide.L_BACK] = legs[opposite] if opposite is not None else -1
         ints[leg, guide.L_GATES] = len(approach.exits)
         for k, exit_ in enumerate(approach.exits.values()):
             onward = legs[exit_.lane]

@@ -2,8 +2,8 @@
 
 The route leads through the trial's approach by the trial's exit and then onward, each further exit drawn from the
 trial's seed, or to a journey's goal by the shortest way. It is planned anew after any exit, from the lane that the car
-is in. The route's command is named from 15 m before a stop line until 5 m past the exit line, by the body's centre;
-elsewhere it is LANE_FOLLOW.
+is in; a journey's also where the car comes into such a lane late, or turned round in the junction. The route's command
+is named from 15 m before a stop line until 5 m past the exit line, by the body's centre; elsewhere it is LANE_FOLLOW.
 """
 
 import math
@@ -97,6 +97,7 @@ def set_out(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64])
     progress[guide.P_LEG] = leg
     progress[guide.P_GATE] = roads.gate_of(leg, trial.route)
     progress[guide.P_AFTER] = -1
+    progress[guide.P_JOURNEY] = trial.journey is not None
     return guide.draws(random.Random(f"route {trial.seed}"))  # of its own: no other draw shifts the route
 
 

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from wrongturn_networks import load_town
-from wrongturn_protocol import Command
+from wrongturn_networks import draw_journey, load_town
+from wrongturn_protocol import Command, Task
 from wrongturn_sim.polyline import Path
 from wrongturn_sim.route import Navigator, start_pose
 
@@ -91,6 +91,32 @@ def test_a_lane_that_leads_nowhere_is_followed(make_trial):
     end = np.asarray(town.lanes[exit_.lane].centreline)[-1]
     assert navigator.lane_ahead()[-1] == pytest.approx(end, abs=1e-3) or math.dist((x, y), end) > 59
     navigator.update(*map(float, end + 30.0))
+
+
+@pytest.mark.parametrize("town_name", ["Town01", "Town02"])
+def test_a_journey_is_planned_anew_from_wherever_the_car_comes_back_to_a_lane(town_name):
+    town = load_town(town_name)
+    journey = draw_journey(town, Task.NAVIGATION, 1)
+    approach = town.approach(journey.approach)
+    late = [(way.lane, 40.0) for way in approach.exits.values() if town.lanes[way.lane].length > 50.0]
+    assert late
+    for lane, after in [*late, (town.lanes[approach.lane].opposite, 6.0)]:
+        path = Path(town.lanes[lane].centreline)
+        for trial, expected in ((journey, lane), (journey.model_copy(update={"journey": None}), approach.lane)):
+            navigator = Navigator(town, trial)
+            points, _, _ = passage(town, approach.id, trial.route)
+            for s, x, y in points:
+                if s > Path(town.lanes[approach.lane].centreline).length + 1.0:
+                    break
+                navigator.update(x, y)
+            # Into an exit's lane farther on than where exits are taken, or round to the own street's other lane.
+            for s in np.arange(after - 5.0, after + 3.0, 0.5):
+                x, y = (float(np.interp(s, path.along, path.points[:, k])) for k in (0, 1))
+                guidance = navigator.update(x, y)
+            assert navigator.lane == expected
+            if expected == lane:
+                assert abs(guidance.lateral) < 0.1
+                assert guidance.approach is town.approach_of_lane(lane)
 
 
 def test_the_start_is_where_the_trial_says(make_trial):
