@@ -1,10 +1,13 @@
 """``wrongturn train`` and ``wrongturn score``; nothing heavy is imported before one of them runs."""
 
 import time
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from wrongturn_agents.training.errors import TrainingError
 
 _Threads = Annotated[int | None, typer.Option(help="Of the simulation and of torch on the CPU; all by default.")]
 _Device = Annotated[str, typer.Option(help="cpu, cuda or auto.")]
@@ -23,6 +26,7 @@ def train(
     option: Annotated[list[str] | None, typer.Option(help="name=value of the algorithm's configuration.")] = None,
 ) -> None:
     """Train one of the paper's agents: overnight on a laptop, in minutes on a GPU."""
+    _require_extra()
     from wrongturn_agents.training.display import Display  # noqa: PLC0415
     from wrongturn_agents.training.train import train as run  # noqa: PLC0415
 
@@ -54,6 +58,7 @@ def score(
     batch: Annotated[int | None, typer.Option(help="Trials driven side by side.")] = None,
 ) -> None:
     """Drive a suite with a checkpoint in this process, and tell what each trial came to."""
+    _require_extra()
     from wrongturn_agents.training.score import score as run  # noqa: PLC0415
     from wrongturn_agents.training.score import summary, write_results  # noqa: PLC0415
 
@@ -64,3 +69,14 @@ def score(
     typer.echo(f"{len(results['trials'])} trials in {time.monotonic() - begin:.0f} s.")
     if json is not None:
         write_results(json, results)
+
+
+def _require_extra() -> None:
+    """See to it that what only training needs is there.
+
+    Raises:
+        TrainingError: it is not.
+    """
+    missing = [name for name in ("torch", "stable_baselines3", "wrongturn_sim") if find_spec(name) is None]
+    if missing:
+        raise TrainingError(f"{', '.join(missing)}: not installed; pip install 'wrongturn-agents[training]'")

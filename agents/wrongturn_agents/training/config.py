@@ -76,6 +76,11 @@ class PPOConfig:
     """Steps between two evaluations on held-out journeys."""
     journeys: int = 50
     """Held-out journeys of an evaluation."""
+    strict_evaluation: bool = True
+    """A held-out journey fails where the car leaves its road or lane, or stands: stricter than CoRL 2017, and quicker.
+
+    So the best is one that drives cleanly; the suites' journeys go on, and count it.
+    """
     patience: float = 30.0
     """Seconds for which a car may stand still in an evaluation before its journey is given up as failed."""
 

@@ -51,6 +51,7 @@ def drive_all(
     threads: int = 1,
     batch: int | None = None,
     patience: float | None = None,
+    strict: bool = False,
     stop: Callable[[], bool] = lambda: False,
     on_end: Callable[[Drive], None] = lambda _: None,
 ) -> list[Drive]:
@@ -65,6 +66,8 @@ def drive_all(
         threads: share the simulation.
         batch: how many are driven side by side; 16 on the CPU, else 256.
         patience: give a drive up whose car stood still for so many seconds running; None never does.
+        strict: a journey fails where the car leaves its road or lane, or stands for 10 s, as in training; what is
+            scored never is.
         stop: give up all that is not over yet.
         on_end: told of each drive when it is over.
 
@@ -76,6 +79,7 @@ def drive_all(
     options = {
         "track": Track(track),
         "threads": threads,
+        "strict": strict,
         **({"backend": "cuda"} if (backend or kind) == "cuda" else {}),
     }
     width = batch or (256 if kind == "cuda" else 16)

@@ -141,6 +141,7 @@ def train(
             device=place,
             threads=cores,
             patience=config.patience,
+            strict=config.strict_evaluation,
             stop=budget.out_of_time,
         )
 

@@ -108,6 +108,7 @@ def test_what_cannot_be_is_refused(run, tmp_path):
         load_checkpoint(tmp_path / "other.pt")
 
 
+@pytest.mark.slow
 def test_an_encoder_is_pretrained_once_and_taken_by_others(tmp_path):
     options = [*FAST, "pretraining_frames=16", "pretraining_batch=4", "pretraining_passes=1"]
     first, second = tmp_path / "first", tmp_path / "second"

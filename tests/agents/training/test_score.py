@@ -1,0 +1,38 @@
+import json
+
+import pytest
+from small_run import SMALL
+
+from wrongturn_agents.models import build
+from wrongturn_agents.training.checkpoint import save_checkpoint
+from wrongturn_agents.training.config import config_of
+from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.score import score, summary, write_results
+from wrongturn_networks import load_suite
+from wrongturn_protocol import Verdict
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory):
+    path = tmp_path_factory.mktemp("run") / "best.pt"
+    config = config_of("ppo-segmentation").with_options([*SMALL, "masked_classes=0.3"])
+    save_checkpoint(path, build("ppo-segmentation", seed=5), config, seed=5, steps=24, evaluation={"success": 0.0})
+    return path
+
+
+def test_every_trial_of_a_suite_has_its_verdict(checkpoint, tmp_path):
+    results = score(checkpoint, "smoke@1", device="cpu", threads=1)
+    suite = load_suite("smoke@1")
+    assert set(results["trials"]) == {trial.id for trial in suite.episodes}
+    assert {found["verdict"] for found in results["trials"].values()} <= set(Verdict)
+    assert (results["agent"], results["seed"], results["variant"]) == ("ppo-segmentation", 5, "masked-classes")
+    assert (results["suite"], results["suite_sha256"]) == (suite.id, suite.sha256)
+    assert (results["driven"], results["steps"], results["device"]) == ("in process", 24, "cpu")
+    write_results(tmp_path / "a" / "results.json", results)
+    assert json.loads((tmp_path / "a" / "results.json").read_text()) == results
+    assert any(line.startswith("Town01 infeasible: ") for line in summary(results))
+
+
+def test_devices_that_cannot_be(checkpoint):
+    with pytest.raises(TrainingError, match="device"):
+        score(checkpoint, "smoke@1", device="tpu")
