@@ -2,12 +2,14 @@
 
 import builtins
 import importlib.util
+import json
 
 import numpy as np
 import pytest
 
 from wrongturn_agents import list_agents, resolve
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
+from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped import SHIPPED
 from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.observations import observation_space
@@ -73,6 +75,18 @@ def test_the_weights_are_that_agent(name):
     assert -1.0 <= action.steer <= 1.0
     assert min(action.throttle, action.brake) == 0.0
     assert agent.act(observation) == action
+
+
+@pytest.mark.skipif(importlib.util.find_spec("onnxruntime") is None, reason="onnxruntime is not installed")
+@pytest.mark.parametrize("name", NAMES)
+def test_the_weights_drive_as_their_checkpoint_did(name):
+    """By what the export found on 200 recorded observations, and wrote down in the file."""
+    needs_weights(name)
+    told = open_session(SHIPPED[name].file).get_modelmeta().custom_metadata_map
+    found = json.loads(told["agreement"])
+    assert found["observations"] == 200
+    assert max(found["mean"]) <= 0.02
+    assert max(found["greatest"]) <= 0.2
 
 
 def test_the_weights_are_small_enough_for_a_package():
