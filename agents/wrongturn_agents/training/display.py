@@ -19,24 +19,28 @@ class Display:
     def __init__(self, title: str) -> None:
         self._title = title
         self._told_at = -_EVERY
-        self._status: Any = None
+        self._bar: Any = None
+        self._task: Any = None
 
     def __enter__(self) -> Self:
         if sys.stdout.isatty():
-            from rich.console import Console  # noqa: PLC0415 - machines without a terminal need not have it
+            # Machines without a terminal need not have it.
+            from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
 
-            self._status = Console().status(f"{self._title}: begins")
-            self._status.start()
+            columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+            self._bar = Progress(*columns)
+            self._task = self._bar.add_task(f"{self._title}: begins", total=1.0)
+            self._bar.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._status is not None:
-            self._status.stop()
+        if self._bar is not None:
+            self._bar.stop()
 
     def row(self, row: dict[str, Any]) -> None:
-        """Tell of a row of ``progress.csv``."""
+        """Tell of a row of ``progress.csv``, and of ``done``, the share of the run that is over."""
         reward = row["reward_mean"]
         text = (
             f"{row['minutes']:.1f} min, {row['step']:,} steps, {row['steps_per_second']:,.0f}/s, reward of an episode "
@@ -44,18 +48,18 @@ class Display:
         )
         held_out = row.get("success_heldout")
         if held_out is not None:
-            text += f", held-out journeys {held_out:.0%} (clean {row['clean_heldout']:.0%})"
-        self._tell(text, keep=held_out is not None)
+            text += f", held-out journeys {held_out:.0%}"
+        self._tell(text, row.get("done"), keep=held_out is not None)
 
     def pretraining(self, frames: int, loss: float) -> None:
         """Tell of the encoder."""
-        self._tell(f"pretraining, {frames:,} frames, loss {loss:.3f}", keep=False)
+        self._tell(f"pretraining, {frames:,} frames, loss {loss:.3f}", None, keep=False)
 
-    def _tell(self, text: str, *, keep: bool) -> None:
-        if self._status is not None:
-            self._status.update(f"{self._title}: {text}")
+    def _tell(self, text: str, done: float | None, *, keep: bool) -> None:
+        if self._bar is not None:
+            self._bar.update(self._task, description=f"{self._title}: {text}", completed=done)
             if keep:
-                self._status.console.print(text, highlight=False)
+                self._bar.console.print(text, highlight=False)
         elif keep or time.monotonic() - self._told_at >= _EVERY:
             self._told_at = time.monotonic()
             print(f"{self._title}: {text}", flush=True)

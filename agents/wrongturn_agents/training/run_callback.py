@@ -114,6 +114,7 @@ class RunCallback(BaseCallback):
         lengths = [length for _, length in self._recent]
         row: Row = {
             "step": model.num_timesteps,
+            "done": model.budget.fraction(model.num_timesteps),
             "minutes": model.budget.used / 60.0,
             "reward_mean": float(np.mean(rewards)) if rewards else None,
             "episode_length": float(np.mean(lengths)) if lengths else None,

@@ -1,0 +1,24 @@
+import sys
+
+from wrongturn_agents.training.display import Display
+
+ROW = {"minutes": 1.25, "step": 16384, "steps_per_second": 2048.4, "reward_mean": None, "done": 0.5}
+
+
+def test_evaluations_are_told_at_once_and_rows_now_and_then(capsys):
+    with Display("ppo-image") as display:
+        display.pretraining(4096, 0.5)
+        display.row(ROW)  # too soon after it
+        display.row({**ROW, "reward_mean": 1234.5, "success_heldout": 0.96})
+    assert capsys.readouterr().out.splitlines() == [
+        "ppo-image: pretraining, 4,096 frames, loss 0.500",
+        "ppo-image: 1.2 min, 16,384 steps, 2,048/s, reward of an episode 1,234, held-out journeys 96%",
+    ]
+
+
+def test_a_terminal_has_a_bar(capsys, monkeypatch):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    with Display("ppo-image") as display:
+        display.row({**ROW, "success_heldout": 0.5})
+        assert display._bar.tasks[0].completed == 0.5
+    assert "held-out journeys 50%" in capsys.readouterr().out
