@@ -45,7 +45,7 @@ def mean_reward(act, episodes=48):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1200)
+@pytest.mark.timeout(1800)
 def test_a_two_minute_training_beats_a_random_policy(tmp_path):
     random = np.random.default_rng(1)
     by_chance = mean_reward(lambda _: random.uniform(-1.0, 1.0, (16, 2)))
@@ -56,6 +56,5 @@ def test_a_two_minute_training_beats_a_random_policy(tmp_path):
     def learnt(observation):
         return model.act(model.features(observation), observation["command"]).numpy()
 
-    trained = mean_reward(learnt)
-    print(f"random {by_chance:.0f}, trained {trained:.0f}")
-    assert trained > by_chance + 300.0
+    # 732 by chance and 1,690 after it, when this was written.
+    assert mean_reward(learnt) > by_chance + 300.0
