@@ -56,10 +56,21 @@ class PPOConfig:
 
     reward_divisor: float = 300.0
     """The paper's reward divided by it is what is learnt: returns are then of the order of 1."""
-    failure_penalty: float = 2.0
-    """Taken off the (divided) reward where a drive ends off the road, in a collision, in an oncoming lane or standing.
+    failure_penalty: float = 0.0
+    """Taken off the (divided) reward of a drive that ends off the road, in a collision or in an oncoming lane.
+
+    What a failure costs is all that would have been earned after it; with more than that, cars were seen to learn to
+    stand still before junctions.
+    """
+    standing_penalty: float = 1.0
+    """Taken off where a drive ends because the car stood still.
 
     Not in the paper: by its formula a car that stands still earns reward for as long as it does.
+    """
+    accelerate: float = 0.5
+    """Mean of the action accelerate to begin with.
+
+    Brakes are stronger than the motor: a policy that begins at 0 stands still, and sees nothing of the town.
     """
     near_junctions: float = 0.4
     """Share of the drives that start shortly before a junction."""

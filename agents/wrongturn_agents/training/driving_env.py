@@ -14,8 +14,10 @@ from wrongturn_agents.training.rollout import Observations
 from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_agents.training.vec_env import WrongturnVecEnv
 
-FAILURES: Final = frozenset({"off_road", "collision", "wrong_way", "not_engaged"})
+FAILURES: Final = frozenset({"off_road", "collision", "wrong_way"})
 """Verdicts by which a drive failed."""
+STANDING: Final = "not_engaged"
+"""Verdict by which it ended because the car stood still."""
 _NOTHING: Final[dict[str, Any]] = {}
 
 
@@ -31,6 +33,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         device: where its tensors are.
         reward_divisor: the reward is divided by it.
         failure_penalty: taken off the divided reward of the decision with which a drive failed.
+        standing_penalty: likewise, where the car stood still.
         stopwatch: counts pictures as ``render`` and the rest as ``env``.
         options: as the vectorised environment's. ``backend="cuda"`` makes pictures on the device: they are not
             carried.
@@ -44,6 +47,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         device: torch.device | str = "cpu",
         reward_divisor: float = 1.0,
         failure_penalty: float = 0.0,
+        standing_penalty: float = 0.0,
         stopwatch: Stopwatch | None = None,
         **options: Any,
     ) -> None:
@@ -55,7 +59,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         self.observation_space = spaces.Dict({key: whole[key] for key in keys})
         self.action_space = ACTION_SPACE
         self._divisor = reward_divisor
-        self._penalty = failure_penalty
+        self._penalties = dict.fromkeys(FAILURES, failure_penalty) | {STANDING: standing_penalty}
         self._returns = np.zeros(num_envs)
         self._lengths = np.zeros(num_envs, np.int64)
         self._shared: dict[str, tuple[Any, Tensor]] = {}
@@ -92,8 +96,7 @@ class DrivingVecEnv(WrongturnVecEnv):
                 "verdict": verdict,
                 "TimeLimit.truncated": bool(truncated[i]),
             }
-            if verdict in FAILURES:
-                scaled[i] -= self._penalty
+            scaled[i] -= self._penalties.get(verdict, 0.0)
             if truncated[i]:
                 infos[i]["terminal_observation"] = self._terminal(told["final_obs"][i])
         self._returns[ended] = 0.0

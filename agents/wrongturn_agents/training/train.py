@@ -97,6 +97,7 @@ def train(
         device=place,
         reward_divisor=config.reward_divisor,
         failure_penalty=config.failure_penalty,
+        standing_penalty=config.standing_penalty,
         stopwatch=stopwatch,
         town="Town01",
         track=config.track,
@@ -181,7 +182,10 @@ def _agent(config: PPOConfig, seed: int) -> ActorCritic:
         more["masked_classes"] = config.masked_classes
     if isinstance(config, ImageConfig):
         more["frozen"] = config.frozen
-    return build(config.algorithm, seed=seed, **more)
+    agent = build(config.algorithm, seed=seed, **more)
+    with torch.no_grad():
+        agent.branches.policy.bias[..., 1] = config.accelerate
+    return agent
 
 
 def _encoder(

@@ -31,7 +31,7 @@ class JourneyThresholds:
 
     wrong_way_time: float = 1.0
     """Strict: a centre in an oncoming lane for this long without interruption ends the drive, s."""
-    stand_time: float = 10.0
+    stand_time: float = 5.0
     """Strict: standing for this long without interruption ends it, s."""
     back_time: float = 1.0
     """Who was back for so long leaves the road, or the lane, anew, s."""
