@@ -62,6 +62,10 @@ class FakeService:
         self.practice: list[dict[str, Any]] = []
         self.generator = np.random.default_rng(0)
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> "FakeService":
+        """Itself: Gymnasium's checker copies what an environment is made with, and a lock cannot be copied."""
+        return self
+
     @property
     def transport(self) -> httpx.MockTransport:
         return httpx.MockTransport(self.handle)
