@@ -67,6 +67,11 @@ class PPOConfig:
 
     Not in the paper: by its formula a car that stands still earns reward for as long as it does.
     """
+    standing_cost: float = 0.0
+    """Taken off the (divided) reward of each decision after which the car stands; at 0.04 standing earns nothing.
+
+    Nor is this in the paper. Unlike a penalty at the end, it is felt at once, however little the future counts.
+    """
     accelerate: float = 0.5
     """Mean of the action accelerate to begin with.
 

@@ -18,6 +18,10 @@ FAILURES: Final = frozenset({"off_road", "collision", "wrong_way"})
 """Verdicts by which a drive failed."""
 STANDING: Final = "not_engaged"
 """Verdict by which it ended because the car stood still."""
+VERDICTS: Final = (*sorted(FAILURES), STANDING, "timeout")
+"""By which a drive may end in training."""
+SLOW: Final = 0.3
+"""Slower than this a car stands, m/s."""
 _NOTHING: Final[dict[str, Any]] = {}
 
 
@@ -34,6 +38,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         reward_divisor: the reward is divided by it.
         failure_penalty: taken off the divided reward of the decision with which a drive failed.
         standing_penalty: likewise, where the car stood still.
+        standing_cost: taken off the divided reward of each decision after which a car stands.
         stopwatch: counts pictures as ``render`` and the rest as ``env``.
         options: as the vectorised environment's. ``backend="cuda"`` makes pictures on the device: they are not
             carried.
@@ -48,6 +53,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         reward_divisor: float = 1.0,
         failure_penalty: float = 0.0,
         standing_penalty: float = 0.0,
+        standing_cost: float = 0.0,
         stopwatch: Stopwatch | None = None,
         **options: Any,
     ) -> None:
@@ -60,6 +66,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         self.action_space = ACTION_SPACE
         self._divisor = reward_divisor
         self._penalties = dict.fromkeys(FAILURES, failure_penalty) | {STANDING: standing_penalty}
+        self._standing_cost = np.float32(standing_cost)
         self._returns = np.zeros(num_envs)
         self._lengths = np.zeros(num_envs, np.int64)
         self._shared: dict[str, tuple[Any, Tensor]] = {}
@@ -88,6 +95,8 @@ class DrivingVecEnv(WrongturnVecEnv):
         self._returns += rewards
         self._lengths += 1
         scaled = (rewards / self._divisor).astype(np.float32)
+        stands = np.asarray(observation["speed"])[:, 0] < SLOW
+        scaled -= self._standing_cost * (stands & ~ended)  # of those that ended it is the next drive's speed
         infos: list[dict[str, Any]] = [_NOTHING] * self.num_envs
         for i in np.flatnonzero(ended).tolist():
             verdict = told["final_info"]["verdict"][i]

@@ -12,7 +12,7 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
 from wrongturn_agents.training.checkpoint import save_checkpoint, write
-from wrongturn_agents.training.driving_env import FAILURES
+from wrongturn_agents.training.driving_env import VERDICTS
 from wrongturn_agents.training.held_out import Evaluation
 from wrongturn_agents.training.ppo import WrongturnPPO
 from wrongturn_agents.training.progress_file import ProgressFile
@@ -119,7 +119,7 @@ class RunCallback(BaseCallback):
             "reward_mean": float(np.mean(rewards)) if rewards else None,
             "episode_length": float(np.mean(lengths)) if lengths else None,
             "reward_per_decision": sum(rewards) / sum(lengths) if lengths else None,
-            **{verdict: self._verdicts[verdict] / ended for verdict in (*FAILURES, "timeout")},
+            **{verdict: self._verdicts[verdict] / ended for verdict in VERDICTS},
             "steps_per_second": steps / max(whole - seconds.get("evaluate", 0.0), 1e-9),
             **{f"seconds_{part}": value for part, value in seconds.items()},
             **model.told,

@@ -98,6 +98,7 @@ def train(
         reward_divisor=config.reward_divisor,
         failure_penalty=config.failure_penalty,
         standing_penalty=config.standing_penalty,
+        standing_cost=config.standing_cost,
         stopwatch=stopwatch,
         town="Town01",
         track=config.track,

@@ -67,8 +67,8 @@ def test_failures_are_penalised_and_told():
         envs.close()
 
 
-def test_a_car_that_stands_fails():
-    envs = DrivingVecEnv(2, keys=("speed",), failure_penalty=2.0, reward_divisor=300.0, **CRUISE)
+def test_a_car_that_stands_is_penalised():
+    envs = DrivingVecEnv(2, keys=("speed",), standing_penalty=2.0, reward_divisor=300.0, **CRUISE)
     envs.reset()
     verdicts = []
     for _ in range(140):
@@ -102,3 +102,22 @@ def test_observations_are_kept_from_being_written_over():
     assert list(first) == ["speed", "segmentation"]
     assert all(torch.equal(first[name], before[name]) for name in first)
     envs.close()
+
+
+def test_standing_costs_at_once():
+    plain, dear = (
+        DrivingVecEnv(4, keys=("speed",), standing_cost=cost, reward_divisor=300.0, **CRUISE) for cost in (0.0, 0.05)
+    )
+    stood = 0
+    for envs in (plain, dear):
+        envs.seed(2)
+        envs.reset()
+    for _ in range(30):
+        brake = np.tile(np.float32([0.0, -0.5]), (4, 1))
+        (observation, first, dones, _), (_, second, _, _) = plain.step(brake), dear.step(brake)
+        stands = (observation["speed"][:, 0].numpy() < 0.3) & ~dones
+        assert first - second == pytest.approx(np.where(stands, 0.05, 0.0), abs=1e-6)
+        stood += stands.sum()
+    assert stood > 20
+    for envs in (plain, dear):
+        envs.close()
