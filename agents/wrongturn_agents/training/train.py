@@ -83,6 +83,9 @@ def train(
     cores = threads or len(os.sched_getaffinity(0))
     if place.type == "cpu":
         torch.set_num_threads(cores)
+    else:
+        torch.backends.cudnn.benchmark = True  # few shapes, again and again
+        torch.set_float32_matmul_precision("high")
     shared: dict[str, Any] = {"threads": cores, **({"backend": "cuda"} if place.type == "cuda" else {})}
     folder.mkdir(parents=True, exist_ok=True)
     _write_config(folder, config, seed, limit, minutes, place)

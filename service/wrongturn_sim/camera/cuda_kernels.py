@@ -20,6 +20,9 @@ from wrongturn_sim.camera.kernels import WORK, Scene, Scratch, kernel
 from wrongturn_sim.camera.raycast import column_into, eye_of, rain, show
 from wrongturn_sim.camera.sight import span_of
 
+# It warns of each launch for a few pictures, such as of those whose drives begin anew; there is nothing to be done.
+numba.config.CUDA_LOW_OCCUPANCY_WARNINGS = 0
+
 LOW: Final = 64
 """Rows of the pictures whose columns fit a thread's own memory, which is the faster one."""
 
