@@ -25,17 +25,17 @@ class PPOConfig:
     keys: ClassVar[tuple[str, ...]]
     """What of it is kept in the rollout buffer."""
 
-    steps: int = 2_000_000
+    steps: int = 3_000_000
     """Environment steps of the whole run; the learning rate falls over them."""
-    num_envs: int = 256
+    num_envs: int = 512
     """Egos driven side by side."""
-    n_steps: int = 64
+    n_steps: int = 32
     """Decisions of each ego between two updates."""
     batch_size: int = 2_048
     """Frames of a minibatch."""
-    n_epochs: int = 3
+    n_epochs: int = 4
     """Passes over a rollout."""
-    learning_rate: float = 5e-4
+    learning_rate: float = 3e-4
     """Of Adam at the start; it falls linearly to ``final_learning_rate`` times that."""
     final_learning_rate: float = 0.1
     """Share of the learning rate that is left at the end."""
@@ -45,7 +45,7 @@ class PPOConfig:
     """Of the generalised advantage estimation (Schulman et al. 2016)."""
     clip_range: float = 0.2
     """Of the policy's ratio."""
-    ent_coef: float = 0.001
+    ent_coef: float = 0.0
     """Weight of the entropy bonus."""
     vf_coef: float = 0.5
     """Weight of the value's loss."""
@@ -67,7 +67,7 @@ class PPOConfig:
 
     Not in the paper: by its formula a car that stands still earns reward for as long as it does.
     """
-    standing_cost: float = 0.0
+    standing_cost: float = 0.05
     """Taken off the (divided) reward of each decision after which the car stands; at 0.04 standing earns nothing.
 
     Nor is this in the paper. Unlike a penalty at the end, it is felt at once, however little the future counts.
@@ -88,7 +88,7 @@ class PPOConfig:
     time_limit: float = 60.0
     """Of a drive, seconds; the value of what comes after is then bootstrapped."""
 
-    evaluate_every: int = 400_000
+    evaluate_every: int = 600_000
     """Steps between two evaluations on held-out journeys."""
     journeys: int = 50
     """Held-out journeys of an evaluation."""
@@ -198,7 +198,7 @@ class ImageConfig(PPOConfig):
     track: ClassVar[str] = "camera"
     keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb")
 
-    steps: int = 3_200_000
+    steps: int = 4_000_000
     """Environment steps of the whole run; the learning rate falls over them."""
     pretrained: bool = True
     """Ablation: without it the encoder begins at random and is trained by PPO's loss alone."""
@@ -246,6 +246,8 @@ class AuxiliaryConfig(PPOConfig):
 
     steps: int = 3_000_000
     """Environment steps of the whole run; the learning rate falls over them."""
+    n_epochs: int = 3
+    """Passes over a rollout; a ResNet learns slowly enough to count them."""
     auxiliary: bool = True
     """Ablation: without it there is no segmentation loss."""
     auxiliary_share: float = 0.25
