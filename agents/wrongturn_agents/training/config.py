@@ -35,7 +35,7 @@ class PPOConfig:
     """Frames of a minibatch."""
     n_epochs: int = 4
     """Passes over a rollout."""
-    learning_rate: float = 3e-4
+    learning_rate: float = 1e-3
     """Of Adam at the start; it falls linearly to ``final_learning_rate`` times that."""
     final_learning_rate: float = 0.1
     """Share of the learning rate that is left at the end."""
@@ -248,6 +248,8 @@ class AuxiliaryConfig(PPOConfig):
     """Environment steps of the whole run; the learning rate falls over them."""
     n_epochs: int = 3
     """Passes over a rollout; a ResNet learns slowly enough to count them."""
+    learning_rate: float = 5e-4
+    """Of Adam at the start; a whole ResNet takes smaller steps than what follows one."""
     auxiliary: bool = True
     """Ablation: without it there is no segmentation loss."""
     auxiliary_share: float = 0.25
