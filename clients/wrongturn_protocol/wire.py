@@ -1,0 +1,224 @@
+"""The messages of ``WS /v1/drive``: msgpack around raw arrays; ``docs/wire.md`` shows them byte by byte.
+
+A message holds one or more calls, its reply the result of each in the same order:
+
+- call message: ``[number, [call, …]]``; the number is the client's own, and its reply bears it again;
+- call: ``["step", episode, seq, steer, throttle, brake]``, ``["next", evaluation, key]``,
+  ``["practise", request, key]``, ``["look", episode]`` or ``["abort", episode]``;
+- reply message: ``[number, [result, …]]``; what concerns no call but the connection has the number nil;
+- result: ``[status, fields]`` or ``[status, fields, observation]``: the status and the fields of the REST call, or of
+  its problem, and the observation as one block.
+
+A *block* is an observation's arrays one after the other, in the order of
+:data:`~wrongturn_protocol.observations.FIELDS`, little-endian, each beginning at a multiple of 8 bytes, with zeros
+between.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+from typing import Any, Final
+
+import msgpack
+import numpy as np
+
+from wrongturn_protocol.observations import FIELDS, Observation
+from wrongturn_protocol.vocabulary import Track
+
+PATH: Final = "/v1/drive"
+SUBPROTOCOL: Final = "wrongturn.drive.v1"
+"""What both sides name in the handshake (``Sec-WebSocket-Protocol``); another version is another name."""
+CALLS: Final = 256
+"""Calls of a message at most, and calls of a connection that are answered at a time."""
+RETRY_AFTER: Final = "retry_after_s"
+"""A problem's field for what ``Retry-After`` says over HTTP, seconds."""
+_ALIGNMENT: Final = 8
+
+
+class Call(StrEnum):
+    """What a call asks for, with the REST call of the same meaning."""
+
+    STEP = "step"
+    """``POST /v1/episodes/{id}/step``"""
+    NEXT = "next"
+    """``POST /v1/evaluations/{id}/episodes``"""
+    PRACTISE = "practise"
+    """``POST /v1/episodes``"""
+    LOOK = "look"
+    """``GET /v1/episodes/{id}``; its last reply's observation is the block."""
+    ABORT = "abort"
+    """``DELETE /v1/episodes/{id}``"""
+
+
+class MalformedMessageError(ValueError):
+    """It is no message of this protocol."""
+
+
+class TruncatedMessageError(MalformedMessageError):
+    """It ends before it is complete."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One array of a block."""
+
+    name: str
+    dtype: "np.dtype[Any]"
+    shape: tuple[int, ...]
+    offset: int
+    """Of its first byte."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where a track's arrays lie in a block."""
+
+    track: Track
+    parts: tuple[Part, ...]
+    size: int
+    """Of the block, bytes."""
+
+
+@cache
+def layout(track: Track) -> Layout:
+    """A track's layout."""
+    parts, end = [], 0
+    for field in FIELDS[track]:
+        dtype = field.numpy_dtype.newbyteorder("<")
+        parts.append(Part(field.name, dtype, field.shape, end))
+        length = math.prod(field.shape) * dtype.itemsize
+        end += -(-length // _ALIGNMENT) * _ALIGNMENT
+    return Layout(track, tuple(parts), end)
+
+
+_LAYOUTS: Final = {layout(track).size: layout(track) for track in Track}
+assert len(_LAYOUTS) == len(Track), "a block's length tells its track"
+
+
+def block(observation: Observation, track: Track) -> bytes:
+    """An observation as one block.
+
+    Args:
+        observation: arrays of the track's dtypes and shapes.
+        track: whose.
+    """
+    pieces, end = [], 0
+    for part in layout(track).parts:
+        array = np.ascontiguousarray(observation[part.name], part.dtype)
+        if array.shape != part.shape:
+            raise ValueError(f"observation.{part.name}: has shape {array.shape}, the {track} track's is {part.shape}")
+        if part.offset != end:
+            pieces.append(bytes(part.offset - end))
+        pieces.append(array.data.cast("B"))
+        end = part.offset + array.nbytes
+    pieces.append(bytes(layout(track).size - end))
+    return b"".join(pieces)
+
+
+def track_of_block(size: int) -> Track:
+    """Which track a block of so many bytes is of.
+
+    Raises:
+        MalformedMessageError: of none.
+    """
+    found = _LAYOUTS.get(size)
+    if found is None:
+        raise MalformedMessageError(f"no track's observation is a block of {size} bytes")
+    return found.track
+
+
+def arrays(data: bytes | memoryview) -> Observation:
+    """The arrays of a block, the caller's own to keep and to change: they share one copy of it.
+
+    Raises:
+        MalformedMessageError: no track has blocks of this length.
+    """
+    found = _LAYOUTS.get(len(data))
+    if found is None:
+        raise MalformedMessageError(f"no track's observation is a block of {len(data)} bytes")
+    memory = bytearray(data)
+    return {part.name: np.ndarray(part.shape, part.dtype, memory, part.offset) for part in found.parts}
+
+
+def pack_calls(number: int, calls: Sequence[Sequence[Any]]) -> bytes:
+    """A message of calls.
+
+    Args:
+        number: 0 to 2**32 - 1, of none that is still to be answered.
+        calls: as the module describes.
+    """
+    packed: bytes = msgpack.packb((number, calls))
+    return packed
+
+
+def unpack_calls(data: bytes) -> tuple[int, list[Any]]:
+    """Number and calls of a message; the calls themselves are looked at one by one, by whoever answers them.
+
+    Raises:
+        TruncatedMessageError, MalformedMessageError.
+    """
+    message = _unpacked(data)
+    if not (isinstance(message, list) and len(message) == 2 and isinstance(message[1], list)):
+        raise MalformedMessageError("a message is an array of a number and an array of calls")
+    number, calls = message
+    if type(number) is not int or not 0 <= number < 2**32:
+        raise MalformedMessageError(f"a message's number is 0 to {2**32 - 1}")
+    if not 0 < len(calls) <= CALLS:
+        raise MalformedMessageError(f"a message holds 1 to {CALLS} calls, not {len(calls)}")
+    return number, calls
+
+
+def pack_result(status: int, fields: Mapping[str, Any], observation: bytes | None = None) -> bytes:
+    """One result, ready to be set into a reply message."""
+    packed: bytes = msgpack.packb((status, fields) if observation is None else (status, fields, observation))
+    return packed
+
+
+def join_results(number: int | None, results: Sequence[bytes]) -> bytes:
+    """A reply message of packed results."""
+    packer = msgpack.Packer(autoreset=False)
+    packer.pack_array_header(2)
+    packer.pack(number)
+    packer.pack_array_header(len(results))
+    return b"".join((packer.bytes(), *results))
+
+
+def unpack_results(data: bytes) -> tuple[int | None, list[Any]]:
+    """Number and results of a reply message.
+
+    Raises:
+        TruncatedMessageError, MalformedMessageError.
+    """
+    message = _unpacked(data)
+    try:
+        number, results = message
+        for result in results:
+            status, fields, *rest = result
+            if not (type(status) is int and isinstance(fields, dict) and len(rest) < 2):
+                raise MalformedMessageError("a result is an array of a status, a map and perhaps an observation")
+    except (TypeError, ValueError) as error:
+        raise MalformedMessageError(f"it is no reply message: {error}") from error
+    return number, results
+
+
+def _unpacked(data: bytes) -> Any:
+    try:
+        return msgpack.unpackb(data)
+    except (ValueError, TypeError, RecursionError, msgpack.UnpackException) as error:
+        if _ends_early(data):
+            raise TruncatedMessageError(f"the message ends after {len(data)} bytes, before it is complete") from error
+        raise MalformedMessageError(f"the message is no msgpack: {str(error)[:200] or type(error).__name__}") from error
+
+
+def _ends_early(data: bytes) -> bool:
+    unpacker = msgpack.Unpacker(max_buffer_size=max(1, len(data)))
+    unpacker.feed(data)
+    try:
+        unpacker.skip()
+    except msgpack.OutOfData:
+        return True
+    except (ValueError, RecursionError, msgpack.UnpackException):
+        return False
+    return False

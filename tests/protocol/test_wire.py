@@ -1,0 +1,107 @@
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wrongturn_protocol import Track, wire
+from wrongturn_protocol.observations import FIELDS, observation_space
+
+
+def _sample(track: Track) -> dict[str, np.ndarray]:
+    space = observation_space(track)
+    space.seed(5)
+    return dict(space.sample())
+
+
+@pytest.mark.parametrize("track", Track)
+def test_an_observation_survives_as_a_block(track: Track) -> None:
+    observation = _sample(track)
+
+    back = wire.arrays(wire.block(observation, track))
+
+    assert list(back) == [field.name for field in FIELDS[track]]
+    for field in FIELDS[track]:
+        assert back[field.name].dtype == field.numpy_dtype
+        np.testing.assert_array_equal(back[field.name], observation[field.name])
+
+
+@pytest.mark.parametrize("track", Track)
+def test_arrays_of_a_block_are_aligned_and_ones_own(track: Track) -> None:
+    data = wire.block(_sample(track), track)
+    first, second = wire.arrays(data), wire.arrays(data)
+
+    for array in first.values():
+        assert array.flags.aligned
+        array[...] = 0
+    assert data == wire.block(second, track)
+
+
+def test_a_blocks_length_tells_its_track() -> None:
+    for track in Track:
+        assert wire.track_of_block(wire.layout(track).size) is track
+    with pytest.raises(wire.MalformedMessageError, match="17 bytes"):
+        wire.track_of_block(17)
+    with pytest.raises(wire.MalformedMessageError, match="5 bytes"):
+        wire.arrays(b"12345")
+
+
+def test_a_block_refuses_another_shape_by_the_keys_name() -> None:
+    observation = _sample(Track.CAMERA)
+    observation["rgb"] = observation["rgb"][:10]
+    with pytest.raises(ValueError, match=r"observation\.rgb"):
+        wire.block(observation, Track.CAMERA)
+
+
+def test_calls_survive() -> None:
+    calls = [[wire.Call.STEP, "ep_1", 3, 0.5, 1.0, 0.0], [wire.Call.ABORT, "ep_2"]]
+    assert wire.unpack_calls(wire.pack_calls(9, calls)) == (9, calls)
+
+
+def test_results_survive() -> None:
+    packed = [wire.pack_result(200, {"seq": 1}, b"block"), wire.pack_result(404, {"title": "Unknown"})]
+    assert wire.unpack_results(wire.join_results(None, packed)) == (
+        None,
+        [[200, {"seq": 1}, b"block"], [404, {"title": "Unknown"}]],
+    )
+
+
+MESSAGE = wire.pack_calls(7, [["step", "ep_1", 1, 0.25, 1.0, 0.0], ["look", "ep_2"]])
+
+
+@pytest.mark.parametrize("length", range(len(MESSAGE)))
+def test_a_message_cut_short_is_called_truncated(length: int) -> None:
+    with pytest.raises(wire.TruncatedMessageError, match=f"after {length} bytes"):
+        wire.unpack_calls(MESSAGE[:length])
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b"\xc1",
+        MESSAGE + b"\x00",
+        msgpack.packb("text"),
+        msgpack.packb([1]),
+        msgpack.packb([1, 2]),
+        msgpack.packb([-1, [["look", "e"]]]),
+        msgpack.packb([2**32, [["look", "e"]]]),
+        msgpack.packb([True, [["look", "e"]]]),
+        msgpack.packb([1, []]),
+        msgpack.packb([1, [["look", "e"]] * (wire.CALLS + 1)]),
+        b"\x91" * 5000 + b"\x00",
+        b"\xa1\xff",
+    ],
+)
+def test_what_is_no_message_is_refused(message: bytes) -> None:
+    with pytest.raises(wire.MalformedMessageError) as caught:
+        wire.unpack_calls(message)
+    assert not isinstance(caught.value, wire.TruncatedMessageError)
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_message_or_refused(data: bytes) -> None:
+    for unpack in (wire.unpack_calls, wire.unpack_results):
+        try:
+            unpack(data)
+        except wire.MalformedMessageError:
+            continue
