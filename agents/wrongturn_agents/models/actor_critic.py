@@ -31,7 +31,7 @@ class ActorCritic(nn.Module):
         log_std: (2,), logarithms of the standard deviations of steer and accelerate, learned.
     """
 
-    def __init__(self, algorithm: str, encoder: Encoder) -> None:
+    def __init__(self, algorithm: str, encoder: Encoder, *, activation: str = "tanh") -> None:
         super().__init__()
         self.algorithm = algorithm
         self.encoder = encoder
@@ -39,7 +39,7 @@ class ActorCritic(nn.Module):
             nn.Linear(2, _MEASURED), nn.ReLU(), nn.Linear(_MEASURED, _MEASURED), nn.ReLU()
         )
         self.features_width = FEATURES + _MEASURED
-        self.branches = Branches(self.features_width)
+        self.branches = Branches(self.features_width, activation=activation)
         self.log_std = nn.Parameter(torch.tensor(_STD).log())
 
     def disturb(self, observation: Observation, generator: torch.Generator | None = None) -> Observation:

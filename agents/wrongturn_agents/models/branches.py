@@ -1,6 +1,7 @@
 """A head for each command (Codevilla et al., "End-to-end driving via conditional imitation learning", 2018)."""
 
 import math
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import torch
@@ -11,6 +12,18 @@ from wrongturn_protocol import Command
 
 COMMANDS: Final = (Command.LEFT, Command.RIGHT, Command.STRAIGHT, Command.LANE_FOLLOW)
 """The order of the branches."""
+
+ACTIVATIONS: Final[Mapping[str, Callable[[Tensor], Tensor]]] = {
+    "tanh": torch.tanh,
+    "elu": functional.elu,
+    "relu": functional.relu,
+}
+"""What layers of the heads end with.
+
+A branch is taught by the frames of its own command alone, and these have much in common: a few steps too large, and
+its ReLUs are all silent for all of them, for good. That was seen: one command of an agent that never learned, while
+the other three drove. The first two always have a slope.
+"""
 
 
 class Branches(nn.Module):
@@ -23,15 +36,22 @@ class Branches(nn.Module):
         features: width of what goes in.
         hidden: units of each layer.
         actions: how many numbers a mean action has.
+        activation: ``tanh``, ``elu`` or ``relu``.
+
+    Raises:
+        ValueError: there is no such activation.
     """
 
-    def __init__(self, features: int, hidden: int = 128, actions: int = 2) -> None:
+    def __init__(self, features: int, hidden: int = 128, actions: int = 2, activation: str = "tanh") -> None:
         super().__init__()
-        relu = math.sqrt(2)
-        self.common = _BranchedLinear(features, hidden, relu)
-        self.policy_hidden = _BranchedLinear(hidden, hidden, relu)
+        if activation not in ACTIVATIONS:
+            raise ValueError(f"activation: {activation!r} is none of {', '.join(ACTIVATIONS)}")
+        self._active = ACTIVATIONS[activation]
+        gain = math.sqrt(2)
+        self.common = _BranchedLinear(features, hidden, gain)
+        self.policy_hidden = _BranchedLinear(hidden, hidden, gain)
         self.policy = _BranchedLinear(hidden, actions, 0.01)
-        self.value_hidden = _BranchedLinear(hidden, hidden, relu)
+        self.value_hidden = _BranchedLinear(hidden, hidden, gain)
         self.value = _BranchedLinear(hidden, 1, 1.0)
 
     def forward(self, features: Tensor, command: Tensor) -> tuple[Tensor, Tensor]:
@@ -48,13 +68,13 @@ class Branches(nn.Module):
         return self._value(self._common(features), command)
 
     def _common(self, features: Tensor) -> Tensor:
-        return functional.relu(self.common(features.expand(len(COMMANDS), -1, -1)))
+        return self._active(self.common(features.expand(len(COMMANDS), -1, -1)))
 
     def _mean(self, common: Tensor, command: Tensor) -> Tensor:
-        return _commanded(self.policy(functional.relu(self.policy_hidden(common))), command)
+        return _commanded(self.policy(self._active(self.policy_hidden(common))), command)
 
     def _value(self, common: Tensor, command: Tensor) -> Tensor:
-        return _commanded(self.value(functional.relu(self.value_hidden(common))), command).squeeze(-1)
+        return _commanded(self.value(self._active(self.value_hidden(common))), command).squeeze(-1)
 
 
 class _BranchedLinear(nn.Module):

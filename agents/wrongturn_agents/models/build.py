@@ -19,6 +19,7 @@ def build(
     masked_classes: float = 0.0,
     frozen: bool | None = None,
     augmentation: AugmentationConfig | None = None,
+    activation: str = "tanh",
 ) -> ActorCritic:
     """Make an agent's networks, untrained, on the CPU, their convolutions with the channels last.
 
@@ -29,6 +30,7 @@ def build(
         frozen: ``ppo-image``: whether its ResNet stays as it is (it does, unless told otherwise). It learns
             segmentation unfrozen, drives frozen: ``encoder.freeze(...)``.
         augmentation: of the two that look at RGB: how much pictures are changed.
+        activation: of the heads, ``tanh``, ``elu`` or ``relu``.
 
     Raises:
         ValueError: there is no such algorithm, or an argument is none of its.
@@ -52,6 +54,6 @@ def build(
     with torch.random.fork_rng(devices=[], enabled=seed is not None):
         if seed is not None:
             torch.manual_seed(seed)
-        model = ActorCritic(algorithm, encoder())
+        model = ActorCritic(algorithm, encoder(), activation=activation)
     model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     return model

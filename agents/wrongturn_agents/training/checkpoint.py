@@ -48,7 +48,8 @@ def load_checkpoint(path: Path | str) -> dict[str, Any]:
 def model_of(checkpoint: dict[str, Any], device: torch.device | str = "cpu") -> ActorCritic:
     """The agent of a checkpoint, ready to drive."""
     config_of(checkpoint["algorithm"])  # names an unknown one
-    model = build(checkpoint["algorithm"])
+    # The first checkpoints do not tell: theirs were ReLUs.
+    model = build(checkpoint["algorithm"], activation=checkpoint["config"].get("activation", "relu"))
     model.load_state_dict(checkpoint["state_dict"])
     return model.to(device).eval()
 

@@ -37,6 +37,8 @@ class PPOConfig:
     """Passes over a rollout."""
     learning_rate: float = 1e-3
     """Of Adam at the start; it falls linearly to ``final_learning_rate`` times that."""
+    encoder_learning_rate: float = 1.0
+    """Share of the learning rate for the encoder's convolutions; what follows them has the whole of it."""
     final_learning_rate: float = 0.1
     """Share of the learning rate that is left at the end."""
     gamma: float = 0.97
@@ -53,6 +55,8 @@ class PPOConfig:
     """Longest gradient; a longer one is shortened."""
     kl_stop: float = 0.03
     """Passes over a rollout end where the policy's divergence from the one that drove is above this."""
+    kl_revert: float = 5.0
+    """An update is undone where that divergence comes to be above this many times ``kl_stop``."""
 
     reward_divisor: float = 300.0
     """The paper's reward divided by it is what is learnt: returns are then of the order of 1."""
@@ -72,6 +76,8 @@ class PPOConfig:
 
     Nor is this in the paper. Unlike a penalty at the end, it is felt at once, however little the future counts.
     """
+    activation: str = "tanh"
+    """Of the heads: ``tanh``, ``elu`` or ``relu``; with the last, a command's whole head was seen to die."""
     accelerate: float = 0.5
     """Mean of the action accelerate to begin with.
 
@@ -91,7 +97,9 @@ class PPOConfig:
     evaluate_every: int = 600_000
     """Steps between two evaluations on held-out journeys."""
     journeys: int = 50
-    """Held-out journeys of an evaluation."""
+    """Held-out journeys of the last evaluation, which decides among the best ones before it, too."""
+    brief_journeys: int = 20
+    """Of these the shortest, for the evaluations before it."""
     strict_evaluation: bool = True
     """A held-out journey fails where the car leaves its road or lane, or stands: stricter than CoRL 2017, and quicker.
 
@@ -200,6 +208,10 @@ class ImageConfig(PPOConfig):
 
     steps: int = 4_000_000
     """Environment steps of the whole run; the learning rate falls over them."""
+    learning_rate: float = 4e-4
+    """Of Adam at the start: a layer over 6,144 normalised numbers takes smaller steps than one over 512."""
+    encoder_learning_rate: float = 0.25
+    """Share of it for the encoder's convolutions, where they are trained at all."""
     pretrained: bool = True
     """Ablation: without it the encoder begins at random and is trained by PPO's loss alone."""
     augment: bool = True
@@ -249,7 +261,9 @@ class AuxiliaryConfig(PPOConfig):
     n_epochs: int = 3
     """Passes over a rollout; a ResNet learns slowly enough to count them."""
     learning_rate: float = 5e-4
-    """Of Adam at the start; a whole ResNet takes smaller steps than what follows one."""
+    """Of Adam at the start, for what follows the ResNet and for the decoder."""
+    encoder_learning_rate: float = 0.2
+    """Share of it for the ResNet's convolutions: they take smaller steps than what follows them."""
     auxiliary: bool = True
     """Ablation: without it there is no segmentation loss."""
     auxiliary_share: float = 0.25

@@ -37,6 +37,7 @@ class WrongturnPolicy(ActorCriticPolicy):
         bf16: the encoder computes in bfloat16 on CUDA; what follows it in float32 everywhere.
         compiled: the encoder is compiled.
         joined: another loss is joined to PPO's, by weights that are learned.
+        encoder_share: of the learning rate, for the convolutions that the policy goes by; see ``PPOConfig``.
         stopwatch: counts forward passes while driving as ``policy``.
     """
 
@@ -53,6 +54,7 @@ class WrongturnPolicy(ActorCriticPolicy):
         bf16: bool = True,
         compiled: bool = False,
         joined: bool = False,
+        encoder_share: float = 1.0,
         stopwatch: Stopwatch | None = None,
         **_: Any,
     ) -> None:
@@ -60,6 +62,7 @@ class WrongturnPolicy(ActorCriticPolicy):
         self._bf16 = bf16
         self._compiled = compiled
         self._joined = joined
+        self._encoder_share = encoder_share
         self._stopwatch = stopwatch or Stopwatch(torch.device("cpu"))
         super().__init__(
             observation_space, action_space, lr_schedule, net_arch={}, features_extractor_class=_NoExtractor
@@ -69,8 +72,15 @@ class WrongturnPolicy(ActorCriticPolicy):
         self.model = self._make()
         if self._joined:
             self.homoscedastic = Homoscedastic()
-        parameters = [parameter for parameter in self.parameters() if parameter.requires_grad]
-        self.optimizer = torch.optim.Adam(parameters, lr=lr_schedule(1), eps=1e-5)
+        groups: dict[float, list[torch.nn.Parameter]] = {1.0: []}
+        for name, parameter in self.named_parameters():
+            if parameter.requires_grad:
+                share = self._encoder_share if name.startswith("model.encoder.network.") else 1.0
+                groups.setdefault(share, []).append(parameter)
+        rate = lr_schedule(1)
+        self.optimizer = torch.optim.Adam(
+            [{"params": group, "share": share, "lr": rate * share} for share, group in groups.items()], eps=1e-5
+        )
         self._encode: Callable[[Observations], Tensor] = self.model.encode
         if self._compiled:
             self._encode = torch.compile(self.model.encode)

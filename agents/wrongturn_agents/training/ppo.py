@@ -12,14 +12,21 @@ from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.config import PPOConfig
 from wrongturn_agents.training.policy import WrongturnPolicy
 from wrongturn_agents.training.rollout import DeviceRolloutBuffer, Observations, Samples
+from wrongturn_agents.training.snapshot import Snapshot
 from wrongturn_agents.training.stopwatch import Stopwatch
+
+_LEAST_CAUTION = 1.0 / 64
 
 
 class WrongturnPPO(PPO):
     """Stable-Baselines3's PPO, whose loop over minibatches is written anew.
 
-    That is for three things: the segmentation's loss joins PPO's (paper, equation for l); a run's budget is kept
-    between minibatches too; and nothing is fetched from the device but once a minibatch, for the divergence.
+    That is for four things: the segmentation's loss joins PPO's (paper, equation for l); a run's budget is kept
+    between minibatches too; nothing is fetched from the device but once a minibatch, for the divergence; and an update
+    after which the policy is another one altogether is undone.
+
+    A single step of Adam was seen to do that to a ResNet whose batch normalisation goes by running statistics. After
+    an update that was undone the learning rate is halved, and finds its way back over the next dozens of updates.
 
     Args:
         config: of the algorithm.
@@ -39,6 +46,9 @@ class WrongturnPPO(PPO):
         self.stopwatch = stopwatch
         self.told: dict[str, float] = {}
         """Of the last update, by name."""
+        self.caution = 1.0
+        """Factor of the learning rate: less than 1 after updates that were undone."""
+        self._snapshot: Snapshot | None = None
 
         def learning_rate(remaining: float) -> float:
             left = config.final_learning_rate
@@ -65,6 +75,7 @@ class WrongturnPPO(PPO):
                 "bf16": config.bf16,
                 "compiled": config.compile,
                 "joined": config.auxiliary_loss,
+                "encoder_share": config.encoder_learning_rate,
                 "stopwatch": stopwatch,
             },
             **more,
@@ -78,18 +89,25 @@ class WrongturnPPO(PPO):
     def _update_current_progress_remaining(self, num_timesteps: int, total_timesteps: int) -> None:  # noqa: ARG002
         self._current_progress_remaining = 1.0 - self.budget.fraction(num_timesteps)
 
+    def _update_learning_rate(self, optimizers: Any) -> None:
+        """By the schedule, each group's own share of it."""
+        rate = self.caution * self.lr_schedule(self._current_progress_remaining)
+        for group in optimizers.param_groups:
+            group["lr"] = rate * group["share"]
+
     def train(self) -> None:
         """Learn from the rollout."""
         with self.stopwatch.part("learn"):
             self._learn()
-            if self.config.statistics:
-                samples = next(self.rollout_buffer.get(self.config.batch_size))
-                self.policy.model.update_statistics(samples.observations)
 
     def _learn(self) -> None:
         policy, config = self.policy, self.config
         policy.set_training_mode(True)
         self._update_learning_rate(policy.optimizer)
+        if self._snapshot is None:
+            self._snapshot = Snapshot(policy, policy.optimizer)
+        else:
+            self._snapshot.take()
         trained = [parameter for group in policy.optimizer.param_groups for parameter in group["params"]]
         sums: dict[str, Tensor] = {}
         batches = epochs = 0
@@ -99,7 +117,7 @@ class WrongturnPPO(PPO):
                 loss, terms, divergences = self._loss(samples)
                 divergence = divergences.item()
                 # As Stable-Baselines3 has it, half as much again: one minibatch's estimate is a noisy one.
-                stopped = divergence > 1.5 * config.kl_stop or self.budget.over()
+                stopped = not divergence <= 1.5 * config.kl_stop or self.budget.over()
                 if stopped:
                     break
                 policy.optimizer.zero_grad(set_to_none=True)
@@ -113,11 +131,18 @@ class WrongturnPPO(PPO):
                 break
             epochs += 1
             self._n_updates += 1
+        if not self._too_far(divergence):
+            divergence = self._final_divergence()
+        reverted = self._too_far(divergence)
+        if reverted:
+            self._snapshot.restore()
+        self.caution = max(_LEAST_CAUTION, 0.5 * self.caution) if reverted else min(1.0, 1.03 * self.caution)
         buffer = self.rollout_buffer
         unexplained = (buffer.returns - buffer.values).var() / buffer.returns.var().clamp_min(1e-8)
         steer, accelerate = policy.model.log_std.detach().exp().tolist()
         self.told = {
             "divergence": divergence,
+            "reverted": float(reverted),
             "epochs": float(epochs),
             "minibatches": float(batches),
             "explained_variance": 1.0 - unexplained.item(),
@@ -128,6 +153,19 @@ class WrongturnPPO(PPO):
         }
         for name, value in self.told.items():
             self.logger.record(f"train/{name}", value)
+
+    def _too_far(self, divergence: float) -> bool:
+        return not divergence <= self.config.kl_revert * abs(self.config.kl_stop)
+
+    @torch.no_grad()
+    def _final_divergence(self) -> float:
+        """Of the policy that will drive next, after the last step and with the statistics that it goes by."""
+        samples = next(self.rollout_buffer.get(self.config.batch_size))
+        if self.config.statistics:
+            with self.policy.precision(samples.observations):
+                self.policy.model.update_statistics(samples.observations)
+        _, log_prob, _ = self.policy.evaluate_actions(samples.observations, samples.actions)
+        return _divergence(log_prob - samples.old_log_prob).item()
 
     def _loss(self, samples: Samples) -> tuple[Tensor, dict[str, Tensor], Tensor]:
         """The loss of a minibatch, its terms, and how far the policy has gone from the one that drove."""
@@ -142,7 +180,7 @@ class WrongturnPPO(PPO):
         value_loss = functional.mse_loss(values.flatten(), samples.returns)
         loss = policy_loss + config.vf_coef * value_loss - config.ent_coef * entropy
         with torch.no_grad():
-            divergence = (ratio - 1.0 - log_ratio).mean()  # Schulman's estimator of low variance
+            divergence = _divergence(log_ratio)
             outside = ((ratio - 1.0).abs() > config.clip_range).float().mean()
         terms = {"policy_loss": policy_loss, "value_loss": value_loss, "clip_fraction": outside}
         if config.auxiliary_loss:
@@ -158,3 +196,8 @@ class WrongturnPPO(PPO):
         with self.policy.precision(chosen):
             loss: Tensor = self.policy.model.segmentation_loss(chosen)
         return loss
+
+
+def _divergence(log_ratio: Tensor) -> Tensor:
+    """Schulman's estimator of low variance, ()."""
+    return (log_ratio.exp() - 1.0 - log_ratio).mean()

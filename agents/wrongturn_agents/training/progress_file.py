@@ -29,6 +29,7 @@ COLUMNS: Final = (
     "seconds_rest",
     "learning_rate",
     "divergence",
+    "reverted",
     "epochs",
     "minibatches",
     "clip_fraction",

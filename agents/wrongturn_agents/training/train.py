@@ -181,7 +181,7 @@ def _device(name: str) -> torch.device:
 
 
 def _agent(config: PPOConfig, seed: int) -> ActorCritic:
-    more: dict[str, Any] = {}
+    more: dict[str, Any] = {"activation": config.activation}
     if isinstance(config, SegmentationConfig):
         more["masked_classes"] = config.masked_classes
     if isinstance(config, ImageConfig):

@@ -48,3 +48,31 @@ def test_alone_and_together_are_the_same(branches):
     torch.testing.assert_close(branches.estimate(features, command), value)
     assert mean.shape == (3, 2)
     assert value.shape == (3,)
+
+
+@pytest.mark.parametrize("activation", ["tanh", "elu"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_branch_is_ever_without_a_slope(activation, command):
+    """Not even where steps too large have taken all of its units to where a ReLU is silent."""
+    torch.manual_seed(0)
+    features = torch.rand(64, 576)  # as what ends with ReLUs gives them
+    dead = Branches(576, activation="relu")
+    branches = Branches(576, activation=activation)
+    for made in (dead, branches):
+        with torch.no_grad():
+            made.common.bias -= 6.0
+            made.policy_hidden.bias -= 6.0
+            made.value_hidden.bias -= 6.0
+            torch.nn.init.normal_(made.policy.weight, std=0.1)
+        mean, value = made(features, torch.full((64, 1), int(command)))
+        (mean.square().sum() + value.square().sum()).backward()
+    branch = COMMANDS.index(command)
+    assert not dead.common.weight.grad[branch].any()
+    assert not dead.policy_hidden.weight.grad[branch].any()
+    for name, parameter in branches.named_parameters():
+        assert parameter.grad[branch].abs().max() > 1e-7, name
+
+
+def test_an_activation_that_is_not_there():
+    with pytest.raises(ValueError, match="activation"):
+        Branches(8, activation="sine")

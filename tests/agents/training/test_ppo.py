@@ -1,3 +1,5 @@
+import copy
+
 import pytest
 import torch
 from small_run import rolled, small_ppo
@@ -14,13 +16,15 @@ def changed(ppo, before):
 
 
 def test_an_update_changes_the_policy_and_tells_of_it():
-    ppo = rolled(small_ppo("ppo-segmentation"))
+    ppo = rolled(small_ppo("ppo-segmentation", "learning_rate=1e-5"))
     before = weights(ppo)
     ppo.train()
     assert changed(ppo, before)
     assert ppo.told["minibatches"] == 4
     assert ppo.told["epochs"] == 2
     assert ppo.told["std_steer"] == pytest.approx(0.24, abs=0.01)
+    assert ppo.told["reverted"] == 0
+    assert 0 < ppo.told["divergence"] < 0.1
 
 
 def test_the_policy_that_drove_has_not_diverged():
@@ -37,6 +41,63 @@ def test_an_update_stops_where_the_policy_has_gone_too_far():
     ppo.train()
     assert ppo.told["minibatches"] == 0
     assert not changed(ppo, before)
+
+
+def test_an_update_that_loses_the_policy_is_undone():
+    ppo = rolled(small_ppo("ppo-segmentation", "learning_rate=1e-5"))
+    ppo.train()
+    assert ppo.told["reverted"] == 0
+    before, moments = weights(ppo), copy.deepcopy(ppo.policy.optimizer.state_dict()["state"])
+    ppo.lr_schedule = lambda _: 10.0
+    ppo.train()
+    assert ppo.told["reverted"] == 1
+    assert ppo.told["minibatches"] > 0
+    assert not changed(ppo, before)
+    after = ppo.policy.optimizer.state_dict()["state"]
+    assert after.keys() == moments.keys()
+    assert all(torch.equal(after[i][name], value) for i, kept in moments.items() for name, value in kept.items())
+    assert ppo.caution == 0.5
+    ppo.lr_schedule = lambda _: 1e-6
+    ppo.train()
+    assert ppo.told["reverted"] == 0
+    assert ppo.told["learning_rate"] == pytest.approx(0.5e-6)
+    assert changed(ppo, before)
+
+
+def test_the_very_first_update_can_be_undone():
+    ppo = rolled(small_ppo("ppo-segmentation", "learning_rate=100"))
+    before = weights(ppo)
+    ppo.train()
+    assert ppo.told["reverted"] == 1
+    assert not changed(ppo, before)
+    assert not ppo.policy.optimizer.state
+
+
+def test_the_last_step_is_looked_at_too():
+    ppo = rolled(small_ppo("ppo-segmentation", "learning_rate=100", "batch_size=12", "n_epochs=1"))
+    before = weights(ppo)
+    ppo.train()
+    assert ppo.told["minibatches"] == 1
+    assert ppo.told["reverted"] == 1
+    assert not changed(ppo, before)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "share"), [("ppo-segmentation", None), ("ppo-image", None), ("ppo-auxiliary", 0.2)]
+)
+def test_the_encoders_convolutions_have_their_own_learning_rate(algorithm, share):
+    ppo = small_ppo(algorithm)
+    ppo._update_current_progress_remaining(0, 0)
+    ppo._update_learning_rate(ppo.policy.optimizer)
+    of = {id(parameter): group["lr"] for group in ppo.policy.optimizer.param_groups for parameter in group["params"]}
+    rate = ppo.config.learning_rate
+    for name, parameter in ppo.policy.named_parameters():
+        convolution = name.startswith("model.encoder.network.")
+        if parameter.requires_grad:
+            assert of.pop(id(parameter)) == pytest.approx(rate * (share or 1.0) if convolution else rate), name
+        else:
+            assert convolution or name.startswith("model.encoder.decoder.")
+    assert not of
 
 
 def test_the_learning_rate_falls_to_a_tenth():
