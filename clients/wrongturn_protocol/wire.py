@@ -104,7 +104,8 @@ def block(observation: Observation, track: Track) -> bytes:
         observation: arrays of the track's dtypes and shapes.
         track: whose.
     """
-    pieces, end = [], 0
+    pieces: list[bytes | memoryview] = []
+    end = 0
     for part in layout(track).parts:
         array = np.ascontiguousarray(observation[part.name], part.dtype)
         if array.shape != part.shape:

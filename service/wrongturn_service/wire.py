@@ -1,4 +1,4 @@
-"""JSON or msgpack: how the replies of episode routes are put together.
+"""JSON, msgpack or raw arrays: how the replies of episode calls are put together.
 
 A simulator process encodes the observation; here it is only set between the other fields, byte for byte, so that the
 web process never decodes it.
@@ -6,12 +6,15 @@ web process never decodes it.
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import msgpack
 import orjson
 
 from wrongturn_protocol import Track, Verdict
+
+if TYPE_CHECKING:
+    from wrongturn_protocol.observations import Observation
 
 
 class Wire(StrEnum):
@@ -19,6 +22,8 @@ class Wire(StrEnum):
 
     JSON = "application/json"
     MSGPACK = "application/msgpack"
+    RAW = "application/vnd.wrongturn.result"
+    """A result of ``WS /v1/drive``, see :mod:`wrongturn_protocol.wire`; over HTTP nobody can ask for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +47,18 @@ class Reply:
 
     def render(self, wire: Wire) -> bytes:
         """The reply's body."""
-        observation = self.observation if wire is self.wire else _transcode(self.observation, self.track, wire)
-        return _json(self, observation) if wire is Wire.JSON else _msgpack(self, observation)
+        observation = (
+            self.observation if wire is self.wire else _transcode(self.observation, self.track, self.wire, wire)
+        )
+        match wire:
+            case Wire.JSON:
+                return _json(self, observation)
+            case Wire.MSGPACK:
+                return _msgpack(self, observation)
+            case Wire.RAW:
+                # A reset's reply begins with the episode's id.
+                status = 201 if self.head[0][0] == "id" else 200
+                return _pack_result(status, dict(self.head + self.tail), observation)
 
 
 def reset_reply(
@@ -105,11 +120,34 @@ def _msgpack(reply: Reply, observation: bytes) -> bytes:
     return b"".join((head, _OBSERVATION_MSGPACK, observation, packer.bytes()))
 
 
-def _transcode(observation: bytes, track: Track, wire: Wire) -> bytes:
+def _pack_result(status: int, fields: dict[str, object], observation: bytes) -> bytes:
+    packed: bytes = msgpack.packb((status, fields, observation))
+    return packed
+
+
+def _transcode(observation: bytes, track: Track, source: Wire, wire: Wire) -> bytes:
     # Only where a reply is asked for again in the other encoding; numpy and gymnasium are loaded for it then.
     from wrongturn_protocol import observations  # noqa: PLC0415
+    from wrongturn_protocol import wire as blocks  # noqa: PLC0415
 
-    message = msgpack.unpackb(observation) if wire is Wire.JSON else orjson.loads(observation)
+    match source:
+        case Wire.JSON:
+            arrays = observations.decode(orjson.loads(observation), track)
+        case Wire.MSGPACK:
+            arrays = observations.decode(msgpack.unpackb(observation), track)
+        case Wire.RAW:
+            arrays = blocks.arrays(observation)
+    return encoded(arrays, track, wire)
+
+
+def encoded(observation: "Observation", track: Track, wire: Wire) -> bytes:
+    """An observation's arrays as a reply of this encoding holds them."""
+    from wrongturn_protocol import observations  # noqa: PLC0415
+    from wrongturn_protocol import wire as blocks  # noqa: PLC0415
+
+    if wire is Wire.RAW:
+        return blocks.block(observation, track)
     binary = wire is Wire.MSGPACK
-    encoded = observations.encode(observations.decode(message, track), track, binary=binary)
-    return msgpack.packb(encoded) if binary else orjson.dumps(encoded)
+    message = observations.encode(observation, track, binary=binary)
+    packed: bytes = msgpack.packb(message) if binary else orjson.dumps(message)
+    return packed

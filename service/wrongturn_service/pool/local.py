@@ -126,12 +126,12 @@ class LocalSimulator(Simulator):
 
     @override
     async def reset(self, trial: str, track: Track, actions: bytes, wire: Wire) -> Frame:
-        request: list[object] = ["reset", trial, track.value, actions, wire is Wire.MSGPACK]
+        request: list[object] = ["reset", trial, track.value, actions, wire.value]
         return _frame(await self._call(request, self._timeout_s + replay_s(actions)))
 
     @override
     async def step(self, action: Action, wire: Wire) -> Frame:
-        return _frame(await self._call(["step", *action, wire is Wire.MSGPACK]))
+        return _frame(await self._call(["step", *action, wire.value]))
 
     @override
     async def abort(self) -> Final:

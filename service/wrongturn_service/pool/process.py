@@ -4,7 +4,7 @@ It serves one socket, whose other end the service has: one request at a time, on
 it ends, so no simulator outlives its service; a call that takes too long ends it too, by an alarm that works even
 while SUMO does not give Python the word.
 
-Requests: ``["reset", trial, track, actions, binary]``, ``["step", steer, throttle, brake, binary]``, ``["abort"]``.
+Requests: ``["reset", trial, track, actions, wire]``, ``["step", steer, throttle, brake, wire]``, ``["abort"]``.
 Replies: ``[OK, observation, reward, terminated, truncated, final]``, ``[REFUSED, name, message]``,
 ``[FAILED, name, message]``; ``final`` is None or ``[outcome, steps, trajectory, its sha256, the actions' sha256]``.
 """
@@ -17,13 +17,11 @@ import struct
 import sys
 from typing import Any, Final
 
-import msgpack
-import orjson
-
 from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import FaultKind, Outcome, Track, Trial, observations
 from wrongturn_service.pool import frames
 from wrongturn_service.pool.pool import replay_s
+from wrongturn_service.wire import Wire, encoded
 from wrongturn_sim import Episode
 
 REFUSALS: Final = frozenset({"FaultNotApplicableError", "TrafficTooDenseError"})
@@ -53,7 +51,7 @@ class Server:
         town = load_town("junctions")
         trial = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
         for track in (Track.PRIVILEGED, Track.SEGMENTATION):
-            self._reset(trial.model_dump_json(), track, _ACTION.pack(0.0, 0.5, 0.0) * 3, binary=False)
+            self._reset(trial.model_dump_json(), track, _ACTION.pack(0.0, 0.5, 0.0) * 3, Wire.JSON)
             self._driven().abort()
 
     def _driven(self) -> Episode:
@@ -61,18 +59,18 @@ class Server:
             raise RuntimeError("no episode: reset comes first")
         return self._episode
 
-    def _reset(self, trial: str, track: str, actions: bytes, binary: bool) -> list[Any]:
+    def _reset(self, trial: str, track: str, actions: bytes, wire: str) -> list[Any]:
         self._track = Track(track)
         self._episode = episode = Episode(Trial.model_validate_json(trial), self._track)
         observation = episode.reset()
         reward, terminated, truncated = 0.0, False, False
         for action in _ACTION.iter_unpack(actions):
             observation, reward, terminated, truncated = episode.step(*action)
-        return self._frame(observation, reward, terminated, truncated, binary)
+        return self._frame(observation, reward, terminated, truncated, wire)
 
-    def _step(self, steer: float, throttle: float, brake: float, binary: bool) -> list[Any]:
+    def _step(self, steer: float, throttle: float, brake: float, wire: str) -> list[Any]:
         observation, reward, terminated, truncated = self._driven().step(steer, throttle, brake)
-        return self._frame(observation, reward, terminated, truncated, binary)
+        return self._frame(observation, reward, terminated, truncated, wire)
 
     def _frame(
         self,
@@ -80,16 +78,21 @@ class Server:
         reward: float,
         terminated: bool,
         truncated: bool,
-        binary: bool,
+        wire: str,
     ) -> list[Any]:
-        message = observations.encode(observation, self._track, binary=binary)
-        encoded = msgpack.packb(message) if binary else orjson.dumps(message)
         final = None
         if terminated or truncated:
             episode = self._driven()
             assert episode.outcome is not None
             final = _final(episode, episode.outcome)
-        return [frames.OK, encoded, float(reward), bool(terminated), bool(truncated), final]
+        return [
+            frames.OK,
+            encoded(observation, self._track, Wire(wire)),
+            float(reward),
+            bool(terminated),
+            bool(truncated),
+            final,
+        ]
 
 
 def _final(episode: Episode, outcome: Outcome) -> list[Any]:
