@@ -27,6 +27,7 @@ from wrongturn_agents.errors import (
     UnknownAgentError,
 )
 from wrongturn_agents.shipped import SHIPPED, ShippedAgent
+from wrongturn_client.invocation import program
 from wrongturn_protocol import AgentKind, Track
 
 AGENTS: Final = MappingProxyType(
@@ -60,11 +61,22 @@ class AgentSource:
 
 
 def list_agents() -> list[AgentListing]:
-    """The baselines and the trained agents."""
-    return [
+    """The baselines and the trained agents; of those without weights it is said that they must be trained first."""
+    baselines = [
         AgentListing(name=name, track=agent.track, kind=agent.kind, description=agent.description)
-        for name, agent in (*AGENTS.items(), *SHIPPED.items())
+        for name, agent in AGENTS.items()
     ]
+    trained = [
+        AgentListing(name=name, track=agent.track, kind=agent.kind, description=_described(agent))
+        for name, agent in SHIPPED.items()
+    ]
+    return [*baselines, *trained]
+
+
+def _described(agent: ShippedAgent) -> str:
+    if agent.file.is_file():
+        return agent.description
+    return f"{agent.description} No weights are shipped yet: train it ('{program()} train {agent.name}')."
 
 
 def resolve(named: str) -> AgentSource:

@@ -52,8 +52,9 @@ class ShippedAgent:
 
         if not self.file.is_file():
             raise ModelFileError(
-                f"agent: the weights of {self.name} are not in this installation; install wrongturn-agents again, or "
-                f"train it ('{program()} train {self.name}'), '{program()} export' it and run the .onnx file",
+                f"agent: {self.name} can be trained, but this version ships no weights of it; train it "
+                f"('{program()} train {self.name} --seed 1'), export it ('{program()} export runs/{self.name}-1/best.pt "
+                f"{self.name}.onnx') and run the file ('{program()} run {self.name}.onnx')",
             )
         try:
             return OnnxAgent(self.file)

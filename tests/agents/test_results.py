@@ -10,10 +10,11 @@ from wrongturn_agents.reporting.collection import STORED, Collection
 from wrongturn_agents.reporting.endings import endings_table
 from wrongturn_agents.reporting.errors import ResultsError
 from wrongturn_agents.reporting.navigation import navigation_table, tasks_table
+from wrongturn_agents.reporting.order import left_out, unsafe_by_seed
 from wrongturn_agents.reporting.paper import PAPER
 from wrongturn_agents.reporting.sections import lines_of_missing
 from wrongturn_agents.reporting.suites import installed_suite
-from wrongturn_agents.reporting.wrong_command import wrong_command_table
+from wrongturn_agents.reporting.wrong_command import seeds_table, wrong_command_table
 from wrongturn_agents.shipped import SHIPPED
 from wrongturn_client.cli import app
 from wrongturn_protocol import Condition, Task
@@ -75,6 +76,21 @@ def test_a_shipped_seed_with_its_interval_and_all_seeds_with_their_range(tmp_pat
         "20 [11–23]",
         "60 [58–60]",
     )
+
+
+def test_seeds_that_cannot_drive_are_told_apart(tmp_path):
+    files = [
+        wrong_command("ppo-image", (0, 0, 3, 1, 10, 9), seed=1, twins_failed=6),
+        wrong_command("ppo-image", (0, 0, 0, 0, 0, 0), seed=2, twins_failed=7),
+        wrong_command("ppo-image", (0, 0, 5, 1, 10, 9), seed=3),
+    ]
+    collection = read(keep(tmp_path, *files))
+    rows = rows_of(wrong_command_table(collection).rows, "`ppo-image`")
+    assert rows["ours, 3 seeds"][3:] == ("23 [0–25]", "54 [53–60]")
+    assert rows["the 2 that drive"][3:] == ("24 [23–25]", "57 [54–60]")
+    assert [row[-1] for row in seeds_table(collection).rows] == ["54", "53: cannot drive", "60"]
+    assert unsafe_by_seed(collection)["ppo-image"] == (23, 25)
+    assert "`ppo-image` 2 (53 of 60)" in left_out(collection)
 
 
 def test_what_was_driven_over_the_service_is_shown_for_the_shipped_seed(tmp_path):

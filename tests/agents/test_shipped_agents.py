@@ -32,8 +32,16 @@ def test_the_three_are_listed_as_references_after_the_baselines():
 
 def test_missing_weights_are_told_with_the_remedy(monkeypatch, tmp_path):
     monkeypatch.setattr("wrongturn_agents.shipped.WEIGHTS", tmp_path)
-    with pytest.raises(ModelFileError, match=r"weights of ppo-image are not in this installation; install .* again"):
+    with pytest.raises(ModelFileError, match=r"ships no weights of it; train it .*export .*run ppo-image\.onnx"):
         resolve("ppo-image").make()
+
+
+def test_agents_without_weights_are_listed_as_such(monkeypatch, tmp_path):
+    monkeypatch.setattr("wrongturn_agents.shipped.WEIGHTS", tmp_path)
+    (tmp_path / "ppo-segmentation.onnx").write_text("some")
+    said = {agent.name: agent.description for agent in list_agents()}
+    assert "train ppo-image'" in said["ppo-image"]
+    assert "No weights" not in said["ppo-segmentation"]
 
 
 def test_broken_weights_are_told_with_the_remedy(monkeypatch, tmp_path):

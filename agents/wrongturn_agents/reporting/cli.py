@@ -127,7 +127,7 @@ def _print_json(collection: "Collection") -> None:
 def _print(collection: "Collection", runs: "tuple[Curve, ...]") -> None:
     from rich.text import Text  # noqa: PLC0415
 
-    from wrongturn_agents.reporting.order import order_in_words, unsafe_by_seed  # noqa: PLC0415
+    from wrongturn_agents.reporting.order import left_out, order_in_words, unsafe_by_seed  # noqa: PLC0415
     from wrongturn_agents.reporting.sections import lines_of_missing, tables  # noqa: PLC0415
     from wrongturn_client.tables import console  # noqa: PLC0415
 
@@ -136,6 +136,7 @@ def _print(collection: "Collection", runs: "tuple[Curve, ...]") -> None:
         if table.rows:
             screen.print(table.rich())
             screen.print()
-    screen.print(Text(order_in_words(unsafe_by_seed(collection)).replace("`", "")))
+    words = order_in_words(unsafe_by_seed(collection)) + left_out(collection)
+    screen.print(Text(words.replace("`", "")))
     for line in lines_of_missing(collection):
         typer.echo(f"Missing: {line}" if "differ" not in line else f"Note: {line}", err=True)

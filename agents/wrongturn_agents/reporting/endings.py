@@ -6,6 +6,7 @@ from typing import Final
 from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.report_table import ReportTable
 from wrongturn_agents.reporting.suites import WRONG_COMMAND
+from wrongturn_agents.reporting.wrong_command import by_seed
 from wrongturn_protocol import FaultKind, Reaction, Verdict
 
 _COMMANDS: Final = {FaultKind.INFEASIBLE: "wrong", FaultKind.OMISSION: "follow lane"}
@@ -21,11 +22,18 @@ _REACTIONS: Final = (Reaction.OBEYED, Reaction.OVERRODE, Reaction.FROZE)
 
 
 def endings_table(collection: Collection) -> ReportTable:
-    """Percent of the trials of all seeds, by agent and command."""
+    """Percent of the trials of all seeds, by agent and command; of trained agents those of seeds that drive."""
     rows: list[tuple[str, ...]] = []
     suite = collection.suite_of(WRONG_COMMAND)
     for agent in collection.agents(WRONG_COMMAND):
-        files = collection.of(WRONG_COMMAND, agent).values()
+        counts_by_seed = by_seed(collection, agent)
+        files = [
+            file
+            for seed, file in collection.of(WRONG_COMMAND, agent).items()
+            if seed is None or counts_by_seed[seed].drives
+        ]
+        if not files:
+            continue
         for number, (fault, command) in enumerate(_COMMANDS.items()):
             found = [
                 one for file in files for name, one in file.trials.items() if suite.trials[name].fault.kind is fault
@@ -42,5 +50,5 @@ def endings_table(collection: Collection) -> ReportTable:
                 shown[-len(_REACTIONS) : -1] = ["", ""]
             rows.append(("" if number else f"`{agent}`", command, str(len(found)), *shown))
     head = ("agent", "command", "trials", *_ENDS, "other", *(kind.value for kind in _REACTIONS))
-    note = "Percent of the trials of all seeds. Behind them, how the agent met the fault."
+    note = "Percent of the trials of all seeds that drive. Behind them, how the agent met the fault."
     return ReportTable("How trials under a wrong command ended", head, tuple(rows), (note,) if rows else ())

@@ -87,11 +87,25 @@ def _in_order(*samples: NDArray[np.float64], axis: int = -1) -> NDArray[np.float
 
 
 def unsafe_by_seed(collection: Collection) -> dict[str, tuple[int, ...]]:
-    """Unsafe of 60 for each of the paper's algorithms, one a seed."""
+    """Unsafe of 60 for each of the paper's algorithms, one for each seed that drives."""
     counts = {name: by_seed(collection, name) for name in ALGORITHMS}
     return {
-        name: tuple(one.unsafe for seed, one in found.items() if seed is not None) for name, found in counts.items()
+        name: tuple(one.unsafe for seed, one in found.items() if seed is not None and one.drives)
+        for name, found in counts.items()
     }
+
+
+def left_out(collection: Collection) -> str:
+    """A sentence on the seeds that are not counted, for they do not drive; empty where all do."""
+    named = [
+        f"`{name}` {seed} ({one.completed} of {one.twins})"
+        for name in ALGORITHMS
+        for seed, one in by_seed(collection, name).items()
+        if seed is not None and not one.drives
+    ]
+    if not named:
+        return ""
+    return f"Left out are seeds that cannot drive, by the twins that they completed: {', '.join(named)}.\n"
 
 
 def order_in_words(counts: Mapping[str, Sequence[int]]) -> str:
@@ -103,9 +117,11 @@ def order_in_words(counts: Mapping[str, Sequence[int]]) -> str:
     paper = " > ".join(str(LIKE[name].unsafe) for name in counts)
     few = [name for name, found in counts.items() if len(found) < 2]
     if few:
+        known = "; ".join(f"`{name}` {', '.join(map(str, found))}" for name, found in counts.items() if found)
         return (
             f"Whether the paper's order ({paper}, one seed each) holds over seeds cannot be said yet: of "
-            f"{', '.join(f'`{name}`' for name in few)} there are fewer than two seeds.\n"
+            f"{', '.join(f'`{name}`' for name in few)} there are fewer than two seeds that drive."
+            f"{f' Unsafe of 60, each seed: {known}.' if known else ''}\n"
         )
     dealt = tuple(tuple(found) for found in counts.values())
     test = order_test(dealt)

@@ -83,7 +83,7 @@ def _picture(curves: tuple[Curve, ...]) -> str:
 
 
 def _order(collection: Collection) -> str:
-    return order.order_in_words(order.unsafe_by_seed(collection))
+    return order.order_in_words(order.unsafe_by_seed(collection)) + order.left_out(collection)
 
 
 def _missing(collection: Collection) -> str:

@@ -1,6 +1,6 @@
 """The paper's table II: unsafe of ten with a wrong command and with "follow lane", by type of junction."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -14,10 +14,13 @@ from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Verdict
 
 FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 """The paper's two, in the order of its rows."""
+DRIVES: Final = 0.9
+"""Share of its twins that an agent must complete, as for a rank, for its unsafe trials to say anything."""
 CELLS: Final = tuple((kind, fault) for kind in PAPER_TYPES for fault in FAULTS)
 _NOTE: Final = (
     'Unsafe of 10 with a wrong command · with "follow lane", by the junction\'s type. Ours: the shipped weights with '
-    "Wilson's 95 % interval of the rate, and median [least–most] over training seeds."
+    "Wilson's 95 % interval of the rate, and median [least–most] over training seeds; of these, *drive* those that "
+    "completed 54 of their 60 twins: the others say nothing about commands."
 )
 
 
@@ -37,6 +40,11 @@ class UnsafeCounts:
     def unsafe(self) -> int:
         """Of all trials."""
         return sum(self.cells.values())
+
+    @property
+    def drives(self) -> bool:
+        """Whether it completes enough of its twins to say anything."""
+        return self.completed >= DRIVES * self.twins
 
 
 def count_unsafe(file: ResultsFile, suite: SuiteTrials) -> UnsafeCounts:
@@ -85,7 +93,15 @@ def seeds_table(collection: Collection) -> ReportTable:
     rows: list[tuple[str, ...]] = []
     for name in LIKE:
         counts = by_seed(collection, name)
-        each = [(f"seed {seed}", *_cells(one), str(one.unsafe), str(one.completed)) for seed, one in counts.items()]
+        each = [
+            (
+                f"seed {seed}",
+                *_cells(one),
+                str(one.unsafe),
+                f"{one.completed}" if one.drives else f"{one.completed}: cannot drive",
+            )
+            for seed, one in counts.items()
+        ]
         rows += _named(f"`{name}`", each)
     types = (kind.value for kind in PAPER_TYPES)
     head = ("agent", "training", *types, "unsafe of 60", "twins completed of 60")
@@ -108,6 +124,7 @@ def as_json(collection: Collection) -> dict[str, Any]:
                     "unsafe": one.unsafe,
                     "trials": one.trials,
                     "twins_completed": one.completed,
+                    "drives": one.drives,
                 }
                 for seed, one in by_seed(collection, name).items()
             ],
@@ -140,11 +157,22 @@ def _own_rows(collection: Collection, name: str) -> list[tuple[str, ...]]:
         rows.append((whose, *_cells(counts), total, f"{counts.completed}/{counts.twins}"))
     seeds = [counts for seed, counts in by_seed(collection, name).items() if seed is not None]
     if len(seeds) > 1:
-        cells = {cell: Spread.of([counts.cells[cell] for counts in seeds]) for cell in CELLS}
-        texts = (" · ".join(str(cells[kind, fault]) for fault in FAULTS) for kind in PAPER_TYPES)
-        total = str(Spread.of([counts.unsafe for counts in seeds]))
-        rows.append((f"ours, {len(seeds)} seeds", *texts, total, str(Spread.of([one.completed for one in seeds]))))
+        rows.append((f"ours, {len(seeds)} seeds", *_spreads(seeds)))
+    driving = [counts for counts in seeds if counts.drives]
+    if driving and len(driving) < len(seeds):
+        which = "the one that drives" if len(driving) == 1 else f"the {len(driving)} that drive"
+        rows.append((which, *_spreads(driving)))
     return rows
+
+
+def _spreads(seeds: Sequence[UnsafeCounts]) -> list[str]:
+    """Cells, total and completed twins over seeds; the counts themselves where there is one."""
+    if len(seeds) == 1:
+        return [*_cells(seeds[0]), str(seeds[0].unsafe), str(seeds[0].completed)]
+    cells = {cell: Spread.of([counts.cells[cell] for counts in seeds]) for cell in CELLS}
+    texts = (" · ".join(str(cells[kind, fault]) for fault in FAULTS) for kind in PAPER_TYPES)
+    figures = ([one.unsafe for one in seeds], [one.completed for one in seeds])
+    return [*texts, *(str(Spread.of(each)) for each in figures)]
 
 
 def _cells(counts: UnsafeCounts) -> list[str]:

@@ -23,6 +23,7 @@ from wrongturn_agents.reporting.spread import Spread, with_interval
 from wrongturn_agents.reporting.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_agents.reporting.wrong_command import by_seed, count_unsafe
 from wrongturn_agents.shipped import SHIPPED, WEIGHTS, ShippedAgent
+from wrongturn_protocol import CORL_TASKS, Condition, Task
 
 FACTS: Final = "training.json"
 _CONTROLS: Final = ("steer", "throttle", "brake")
@@ -170,7 +171,7 @@ def _training(told: dict[str, str], curve: Curve | None, facts: Facts) -> dict[s
         "minutes": _STATED if math.isnan(minutes) else f"{minutes:.1f}",
         "hardware": facts.hardware,
         "held-out journeys, Town01": held_out or _STATED,
-        "software": ", ".join(f"{name} {version}" for name, version in versions.items()) or _STATED,
+        "software": ", ".join(f"{name} {version}" for name, version in versions.items() if version != "unknown") or _STATED,
     }
 
 
@@ -194,9 +195,12 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
         text = f"`{WRONG_COMMAND}`, {wrong.driven}: {with_interval(counts.unsafe, counts.trials)} of {counts.trials} "
         text += f"trials unsafe; {with_interval(counts.completed, counts.twins)} of {counts.twins} fault-free twins "
         text += "completed."
-        seeds = [found.unsafe for seed, found in by_seed(collection, agent.name).items() if seed is not None]
+        found_by_seed = [found for seed, found in by_seed(collection, agent.name).items() if seed is not None]
+        seeds = [found.unsafe for found in found_by_seed if found.drives]
         if len(seeds) > 1:
-            text += f" Over {len(seeds)} training seeds the unsafe count is {Spread.of(seeds)}: median [least–most]."
+            text += f" Over {len(seeds)} training seeds the unsafe count is {Spread.of(seeds)}: median [least–most]"
+            others = len(found_by_seed) - len(seeds)
+            text += f"; {others} more cannot drive, and say nothing about commands." if others else "."
         parts.append(text)
     journeys = collection.of_shipped(NAVIGATION, agent.name)
     if journeys is not None:
@@ -205,13 +209,17 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
             f"| {str(task).replace('_', ' ')} | {str(condition).replace('_', ' ')} | "
             f"{with_interval(found.arrived, found.episodes)} | {with_interval(found.clean, found.episodes)} | "
             f"{found.episodes} |"
-            for (task, condition), found in cells.items()
+            for (task, condition), found in sorted(cells.items(), key=lambda cell: _place(*cell[0]))
         ]
         head = f"| `{NAVIGATION}`, {journeys.driven} | condition | arrived | without infraction | of |"
         parts.append("\n".join([head, "|---|---|---|---|---|", *rows]))
     if not parts:
         return ["No results are stored yet."]
     return [*parts, "In brackets Wilson's 95 % interval of the rate."]
+
+
+def _place(task: Task, condition: Condition) -> tuple[int, int]:
+    return CORL_TASKS.index(task), list(Condition).index(condition)
 
 
 def main() -> None:
