@@ -41,8 +41,13 @@ def drive(model: Driver, trials: Sequence[Trial], **options: Any) -> list[tuple[
     return [(one.trial, one.outcome) for one in driven if one.outcome is not None]
 
 
-def drive_all(
-    model: Driver,
+def drive_all(model: Driver, trials: Sequence[Trial], **options: Any) -> list[Drive]:
+    """What each trial came to, in their order; the options are :func:`drive_each`'s."""
+    return drive_each([model], trials, **options)[0]
+
+
+def drive_each(
+    models: Sequence[Driver],
     trials: Sequence[Trial],
     *,
     track: Track | str,
@@ -54,14 +59,16 @@ def drive_all(
     strict: bool = False,
     stop: Callable[[], bool] = lambda: False,
     on_end: Callable[[Drive], None] = lambda _: None,
-) -> list[Drive]:
-    """Drive trials of one or more towns, none with other road users.
+) -> list[list[Drive]]:
+    """Drive trials of one or more towns, none with other road users, by each of some models, all side by side.
+
+    Several together take little longer than one: it is the longest drive that is waited for.
 
     Args:
-        model: drives by its mean action, in float32.
+        models: drive by their mean actions, in float32.
         trials: any.
-        track: what it is shown.
-        device: where it computes.
+        track: what they are shown.
+        device: where they compute.
         backend: where pictures are made; on the device's kind by default.
         threads: share the simulation.
         batch: how many are driven side by side; 16 on the CPU, else 256.
@@ -72,7 +79,7 @@ def drive_all(
         on_end: told of each drive when it is over.
 
     Returns:
-        In the order of the trials.
+        For each model its drives, in the order of the trials.
     """
     device = torch.device(device)
     kind = device.type
@@ -83,20 +90,28 @@ def drive_all(
         **({"backend": "cuda"} if (backend or kind) == "cuda" else {}),
     }
     width = batch or (256 if kind == "cuda" else 16)
-    found: list[Drive | None] = [None] * len(trials)
-    by_town = sorted(range(len(trials)), key=lambda i: trials[i].town)
-    for town, numbers in groupby(by_town, key=lambda i: trials[i].town):
-        for i, driven in _in_town(model, town, list(numbers), trials, device, width, patience, stop, options):
+    wanted = [_Wanted(model, trial) for model in models for trial in trials]
+    found: list[Drive | None] = [None] * len(wanted)
+    by_town = sorted(range(len(wanted)), key=lambda i: wanted[i].trial.town)
+    for town, numbers in groupby(by_town, key=lambda i: wanted[i].trial.town):
+        for i, driven in _in_town(town, list(numbers), wanted, device, width, patience, stop, options):
             found[i] = driven
             on_end(driven)
-    return [driven for driven in found if driven is not None]
+    driven_all = [driven for driven in found if driven is not None]
+    return [driven_all[i * len(trials) : (i + 1) * len(trials)] for i in range(len(models))]
+
+
+class _Wanted(NamedTuple):
+    """A drive to be driven."""
+
+    model: Driver
+    trial: Trial
 
 
 def _in_town(
-    model: Driver,
     town: str,
     numbers: list[int],
-    trials: Sequence[Trial],
+    wanted: Sequence[_Wanted],
     device: torch.device,
     width: int,
     patience: float | None,
@@ -106,20 +121,21 @@ def _in_town(
     count = min(width, len(numbers))
     envs = WrongturnVectorEnv(count, town, **options, record=False, copy=False, autoreset_mode=AutoresetMode.DISABLED)
     # The longest first: so fewer egos idle while the last ones finish.
-    waiting = sorted(numbers, key=lambda i: -_time_limit(trials[i]))
+    waiting = sorted(numbers, key=lambda i: -_time_limit(wanted[i].trial))
     driving: list[int | None] = [waiting.pop(0) for _ in range(count)]
-    current = [trials[i] for i in driving if i is not None]
+    current = [wanted[i] for i in driving if i is not None]
     rewards, stood = np.zeros(count), np.zeros(count, np.int64)
-    observation, _ = envs.reset(seed=0, options={"trial": list(current)})
+    observation, _ = envs.reset(seed=0, options={"trial": [one.trial for one in current]})
     try:
         while any(number is not None for number in driving):
-            observation, earned, terminated, truncated, infos = envs.step(_actions(model, observation, device))
+            actions = _actions([one.model for one in current], observation, device)
+            observation, earned, terminated, truncated, infos = envs.step(actions)
             ended = terminated | truncated
             rewards += earned
             stood = np.where(np.asarray(observation["speed"])[:, 0] < _STANDING, stood + 1, 0)
             if stop():
                 left = [number for number in (*driving, *waiting) if number is not None]
-                yield from ((number, Drive(trials[number], None, 0.0)) for number in left)
+                yield from ((number, Drive(wanted[number].trial, None, 0.0)) for number in left)
                 return
             given_up = np.zeros(count, np.bool_) if patience is None else stood >= patience * _PER_SECOND
             anew = np.zeros(count, np.bool_)
@@ -127,23 +143,32 @@ def _in_town(
                 number = driving[k]
                 if number is not None:
                     outcome = Outcome.model_validate(infos["outcome"][k]) if ended[k] else None
-                    yield number, Drive(trials[number], outcome, float(rewards[k]))
+                    yield number, Drive(wanted[number].trial, outcome, float(rewards[k]))
                     driving[k] = waiting.pop(0) if waiting else None
                 # One that has nothing left to drive drives its last trial again, to no avail: egos share their steps.
                 following = driving[k]
                 if ended[k] or following is not None:
-                    current[k] = current[k] if following is None else trials[following]
+                    current[k] = current[k] if following is None else wanted[following]
                     anew[k], rewards[k], stood[k] = True, 0.0, 0
             if anew.any() and any(number is not None for number in driving):
-                observation, _ = envs.reset(options={"trial": list(current), "reset_mask": anew})
+                trials = [one.trial for one in current]
+                observation, _ = envs.reset(options={"trial": trials, "reset_mask": anew})
     finally:
         envs.close()
 
 
 @torch.inference_mode()
-def _actions(model: Driver, observation: dict[str, Any], device: torch.device) -> np.ndarray[Any, Any]:
+def _actions(models: list[Driver], observation: dict[str, Any], device: torch.device) -> np.ndarray[Any, Any]:
+    """Of each car by its own model."""
     tensors = {name: torch.as_tensor(array, device=device) for name, array in observation.items()}
-    return model.drive(tensors).float().cpu().numpy()
+    actions = np.empty((len(models), 3), np.float32)
+    for model in dict.fromkeys(models):
+        rows = [i for i, other in enumerate(models) if other is model]
+        whole = len(rows) == len(models)
+        chosen = torch.as_tensor(rows, device=device)
+        its = tensors if whole else {name: tensor[chosen] for name, tensor in tensors.items()}
+        actions[rows] = model.drive(its).float().cpu().numpy()
+    return actions
 
 
 def _time_limit(trial: Trial) -> float:

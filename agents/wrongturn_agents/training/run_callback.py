@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,8 @@ import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
+from wrongturn_agents.models import ActorCritic
+from wrongturn_agents.training.candidates import Candidate, Candidates
 from wrongturn_agents.training.checkpoint import save_checkpoint, write
 from wrongturn_agents.training.driving_env import VERDICTS
 from wrongturn_agents.training.held_out import Evaluation
@@ -18,6 +20,13 @@ from wrongturn_agents.training.ppo import WrongturnPPO
 from wrongturn_agents.training.progress_file import ProgressFile
 
 Row = dict[str, Any]
+Evaluate = Callable[[Sequence[ActorCritic], bool], list[Evaluation] | None]
+"""Drives held-out journeys by each of some agents: all of the journeys if it is the last time, else few; None where
+time ran out."""
+_EPISODES = 100
+"""Over which the reward of training is averaged."""
+_LATE = 0.93
+"""Share of a run after which only the last evaluation is waited for."""
 
 
 class RunCallback(BaseCallback):
@@ -26,10 +35,12 @@ class RunCallback(BaseCallback):
     Args:
         directory: of the run.
         seed: of the run.
-        evaluate: drives the held-out journeys.
+        evaluate: see :data:`Evaluate`.
+        candidates: among which the best is chosen; a run that is resumed knows its best.
         rows: ``progress.csv``.
+        brief: journeys of the evaluations before the last.
+        longer: how much longer than theirs the last one's longest journey is.
         on_row: told of each row.
-        best: the best evaluation of a run that is resumed.
         evaluated_at: the steps at which it was evaluated last.
     """
 
@@ -40,24 +51,28 @@ class RunCallback(BaseCallback):
         directory: Path,
         *,
         seed: int,
-        evaluate: Callable[[], Evaluation],
+        evaluate: Evaluate,
+        candidates: Candidates,
         rows: ProgressFile,
+        brief: int,
+        longer: float = 1.0,
         on_row: Callable[[Row], None] = lambda _: None,
-        best: Evaluation | None = None,
         evaluated_at: int = 0,
     ) -> None:
         super().__init__()
         self._directory = directory
         self._seed = seed
         self._evaluate = evaluate
+        self._candidates = candidates
         self._rows = rows
+        self._brief = brief
+        self._longer = longer
         self._on_row = on_row
-        self.best = best
         self.last: Evaluation | None = None
         self._evaluated_at = evaluated_at
         self._row_at = 0
         self._verdicts: Counter[str] = Counter()
-        self._recent: deque[tuple[float, int]] = deque(maxlen=100)
+        self._recent: deque[tuple[float, int]] = deque(maxlen=_EPISODES)
         self._saved_at = 0.0
 
     def _on_training_start(self) -> None:
@@ -72,38 +87,58 @@ class RunCallback(BaseCallback):
             self._recent.append((info["episode"]["r"], info["episode"]["l"]))
         return not self.model.budget.over()
 
+    def _on_rollout_end(self) -> None:
+        """Before an update: the agent that drove may be worth keeping."""
+        if len(self._recent) == _EPISODES:
+            learnt = self.model.num_timesteps - self.model.n_steps * self.model.n_envs
+            self._candidates.drove(self._reward(), max(0, learnt))
+
+    def _reward(self) -> float:
+        return float(np.mean([reward for reward, _ in self._recent]))
+
     def _on_rollout_start(self) -> None:
         """Between two rollouts: what was learnt from the last one is told, judged and written."""
         model = self.model
         if model.num_timesteps == self._row_at:
             return
         due = model.num_timesteps - self._evaluated_at >= model.config.evaluate_every
-        self._told(self._judged() if due and not model.budget.over(model.num_timesteps) else None)
+        late = model.budget.fraction(model.num_timesteps) >= _LATE
+        self._told(self._judged() if due and not late else None)
         if model.budget.used - self._saved_at > 60.0 * model.config.save_every:
-            self._save("last.pt", self.last)
+            self._save("last.pt", Candidate(model.policy.model, model.num_timesteps, evaluation=self.last))
             self._save_state()
 
     def _on_training_end(self) -> None:
-        self._told(self._judged())
+        self._told(self._judged(last=True))
 
-    def _judged(self) -> Evaluation:
-        """Evaluate, and keep what is to be kept."""
-        model = self.model
+    def _judged(self, *, last: bool = False) -> Evaluation | None:
+        """Evaluate the agent and whichever drove best, and keep what is to be kept; of the agent as it is now."""
+        model, candidates = self.model, self._candidates
         begin = time.monotonic()
+        known = candidates.best.evaluation if candidates.best else None
+        again = last or (known is not None and known.journeys != self._brief)
+        chosen = candidates.to_judge(model.num_timesteps, again=again)
         with model.stopwatch.part("evaluate"):
             model.policy.set_training_mode(False)
-            found = self._evaluate()
+            found = self._evaluate([one.model for one in chosen], last)
         self._evaluated_at = model.num_timesteps
-        self.last = found
-        if self.best is None or found.rank > self.best.rank:
-            self.best = found
-            self._save("best.pt", found)
-        self._save("last.pt", found)
+        if found is not None:
+            best = max(range(len(chosen)), key=lambda i: found[i].rank)
+            if again or known is None or found[best].rank > known.rank:
+                candidates.judged(chosen[best], found[best])
+                self._save("best.pt", candidates.best)
+            candidates.begin_anew()
+            self.last = found[0]
+        elif candidates.best is None:
+            self._save("best.pt", candidates.promising or chosen[0])
+        now = found[0] if found else None
+        self._save("last.pt", Candidate(model.policy.model, model.num_timesteps, evaluation=now))
         self._save_state()
-        if model.budget.seconds is not None:
+        if model.budget.seconds is not None and not last:
             # The last evaluation comes after learning: what it will take is kept back.
-            model.budget.reserve = max(model.budget.reserve, 1.05 * (time.monotonic() - begin))
-        return found
+            needed = 1.3 * self._longer * (time.monotonic() - begin)
+            model.budget.reserve = min(needed, 0.3 * model.budget.seconds)
+        return now
 
     def _told(self, evaluation: Evaluation | None) -> None:
         model = self.model
@@ -116,7 +151,7 @@ class RunCallback(BaseCallback):
             "step": model.num_timesteps,
             "done": model.budget.fraction(model.num_timesteps),
             "minutes": model.budget.used / 60.0,
-            "reward_mean": float(np.mean(rewards)) if rewards else None,
+            "reward_mean": self._reward() if rewards else None,
             "episode_length": float(np.mean(lengths)) if lengths else None,
             "reward_per_decision": sum(rewards) / sum(lengths) if lengths else None,
             **{verdict: self._verdicts[verdict] / ended for verdict in VERDICTS},
@@ -135,15 +170,15 @@ class RunCallback(BaseCallback):
         self.logger.dump(model.num_timesteps)
         self._on_row(row)
 
-    def _save(self, name: str, evaluation: Evaluation | None) -> None:
-        model = self.model
+    def _save(self, name: str, candidate: Candidate | None) -> None:
+        assert candidate is not None
         save_checkpoint(
             self._directory / name,
-            model.policy.model,
-            model.config,
+            candidate.model,
+            self.model.config,
             seed=self._seed,
-            steps=model.num_timesteps,
-            evaluation=asdict(evaluation) if evaluation else {},
+            steps=candidate.steps,
+            evaluation=asdict(candidate.evaluation) if candidate.evaluation else {},
         )
 
     def _save_state(self) -> None:
@@ -161,7 +196,7 @@ class RunCallback(BaseCallback):
                 "optimizer": model.policy.optimizer.state_dict(),
                 "torch": torch.get_rng_state(),
                 "cuda": torch.cuda.get_rng_state_all() if model.device.type == "cuda" else [],
-                "best": asdict(self.best) if self.best else None,
+                "caution": model.caution,
                 "evaluated_at": self._evaluated_at,
             },
         )

@@ -1,10 +1,11 @@
 """Train one of the paper's agents: ``train("ppo-segmentation", directory=..., seed=1)``, or ``wrongturn train``."""
 
 import argparse
+import copy
 import dataclasses
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +15,20 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 from wrongturn_agents.models import ActorCritic, build
 from wrongturn_agents.training.budget import Budget
-from wrongturn_agents.training.checkpoint import read, versions, write
+from wrongturn_agents.training.candidates import Candidate, Candidates
+from wrongturn_agents.training.checkpoint import load_checkpoint, read, versions, write
 from wrongturn_agents.training.config import TRAINING_WEATHERS, ImageConfig, PPOConfig, SegmentationConfig, config_of
 from wrongturn_agents.training.display import Display
 from wrongturn_agents.training.driving_env import DrivingVecEnv
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.held_out import Evaluation, held_out_journeys
+from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, shortest
 from wrongturn_agents.training.ppo import WrongturnPPO
 from wrongturn_agents.training.pretrain import pretrain
 from wrongturn_agents.training.progress_file import ProgressFile
 from wrongturn_agents.training.run_callback import Row, RunCallback
 from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
+from wrongturn_protocol import Trial
 
 _WARMING = 40
 """Batches from which batch normalisation learns its first statistics."""
@@ -138,10 +141,12 @@ def train(
         _warm(model, envs)
     journeys = held_out_journeys(config.journeys)
 
-    def evaluate() -> Evaluation:
-        return Evaluation.of(
-            agent,
-            journeys,
+    brief = shortest(journeys, config.brief_journeys)
+
+    def evaluate(models: Sequence[ActorCritic], last: bool) -> list[Evaluation] | None:
+        return Evaluation.each(
+            models,
+            journeys if last else brief,
             track=config.track,
             device=place,
             threads=cores,
@@ -155,9 +160,11 @@ def train(
         folder,
         seed=seed,
         evaluate=evaluate,
+        candidates=_candidates(agent, folder / "best.pt" if state else None),
+        brief=len(brief),
+        longer=_longest(journeys) / _longest(brief),
         rows=ProgressFile(folder / "progress.csv", resumed_at=begun_at if state else None),
         on_row=on_row,
-        best=Evaluation(**state["best"]) if state and state["best"] else None,
         evaluated_at=state["evaluated_at"] if state else 0,
     )
     try:
@@ -238,10 +245,27 @@ def _restore(model: WrongturnPPO, state: dict[str, Any]) -> None:
     model.policy.optimizer.load_state_dict(state["optimizer"])
     model.num_timesteps = state["steps"]
     model._n_updates = state["updates"]
+    model.caution = state["caution"]
     model._current_progress_remaining = 1.0 - model.budget.fraction(state["steps"])
     torch.set_rng_state(state["torch"])
     if state["cuda"] and model.device.type == "cuda":
         torch.cuda.set_rng_state_all(state["cuda"])
+
+
+def _candidates(agent: ActorCritic, best: Path | None) -> Candidates:
+    """Those of a run, with the best that it had when it was interrupted."""
+    found = Candidates(agent)
+    if best is not None and best.is_file():
+        told = load_checkpoint(best)
+        kept = copy.deepcopy(agent).eval().requires_grad_(False)
+        kept.load_state_dict(told["state_dict"])
+        evaluation = Evaluation(**told["evaluation"]) if told["evaluation"] else None
+        found.best = Candidate(kept, told["steps"], evaluation=evaluation)
+    return found
+
+
+def _longest(journeys: Sequence[Trial]) -> float:
+    return max((one.journey.time_limit for one in journeys if one.journey), default=1.0)
 
 
 def _write_config(

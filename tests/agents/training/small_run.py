@@ -10,7 +10,16 @@ from wrongturn_agents.training.ppo import WrongturnPPO
 from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
 
-SMALL = ("num_envs=2", "n_steps=6", "batch_size=6", "n_epochs=2", "journeys=2", "patience=2", "steps=24")
+SMALL = (
+    "num_envs=2",
+    "n_steps=6",
+    "batch_size=6",
+    "n_epochs=2",
+    "journeys=2",
+    "brief_journeys=1",
+    "patience=2",
+    "steps=24",
+)
 
 
 def small_ppo(algorithm, *options, steps=1000, **more):

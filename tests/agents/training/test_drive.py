@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from wrongturn_agents.training.drive import drive, drive_all
-from wrongturn_agents.training.held_out import Evaluation, held_out_journeys
+from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, shortest
 from wrongturn_networks import draw_journey, load_suite, load_town
 from wrongturn_protocol import Task, Verdict
 
@@ -68,3 +68,27 @@ def test_an_evaluation_counts_what_arrived():
     assert found.success == pytest.approx(sum(arrived) / 4)
     assert found.clean <= found.success
     assert Evaluation(4, 0.5, 0.5, 1.0).rank < Evaluation(4, 0.75, 0.0, -9.0).rank
+
+
+def test_several_agents_drive_side_by_side_as_each_alone():
+    trials = [draw_journey(load_town("Town01"), Task.STRAIGHT, seed) for seed in range(2)]
+    drivers = [Constant(0.0, 0.6, 0.0), Constant(0.0, 0.0, 1.0), Constant(0.3, 0.8, 0.0)]
+    options = {"track": "state", "patience": 3.0, "strict": True}
+    together = Evaluation.each(drivers, trials, **options)
+    assert together == [Evaluation.of(driver, trials, **options) for driver in drivers]
+    assert len({found.reward for found in together}) == 3
+
+
+def test_an_evaluation_that_was_stopped_tells_nothing():
+    trials = [draw_journey(load_town("Town01"), Task.STRAIGHT, seed) for seed in range(2)]
+    calls = iter([False] * 5 + [True] * 100)
+    assert Evaluation.each([Constant(0.0, 0.6, 0.0)], trials, track="state", stop=lambda: next(calls)) is None
+
+
+def test_the_shortest_journeys():
+    journeys = held_out_journeys(8)
+    chosen = shortest(journeys, 3)
+    assert [trial for trial in journeys if trial in chosen] == chosen
+    longest = max(trial.journey.time_limit for trial in chosen)
+    assert sum(trial.journey.time_limit > longest for trial in journeys) == 5
+    assert shortest(journeys, 20) == journeys
