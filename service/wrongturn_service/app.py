@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator
 
 from fastapi import FastAPI
 
-from wrongturn_service.api import agents, episodes, errors, evaluations, health, leaderboards, suites, towns
+from wrongturn_service.api import agents, drive, episodes, errors, evaluations, health, leaderboards, suites, towns
 from wrongturn_service.api.documents import document
 from wrongturn_service.api.middleware import Middleware
 from wrongturn_service.errors import StartupError
@@ -54,7 +54,7 @@ def create_app(settings: Settings, *, pool: Pool | None = None) -> FastAPI:
     app.state.startup_error = None
     app.add_middleware(Middleware, telemetry=telemetry, step=episodes.step)
     errors.install(app)
-    for part in (health, suites, towns, agents, evaluations, episodes, leaderboards, errors):
+    for part in (health, suites, towns, agents, evaluations, episodes, drive, leaderboards, errors):
         app.include_router(part.router)
     app.openapi = lambda: document(app)  # type: ignore[method-assign]
     return app

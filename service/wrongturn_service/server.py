@@ -17,6 +17,10 @@ from wrongturn_service.settings import Settings
 READY = "Wrongturn is ready at "
 _KEEP_ALIVE_S = 75
 """Seconds between two requests of a connection: an agent may think for a while between two steps."""
+_PING_S = 20.0
+"""Seconds between two pings of a WebSocket connection."""
+_PONG_S = 60.0
+"""Seconds after which a WebSocket client that answers no ping is taken for gone; an agent may think for that long."""
 
 
 class Server(uvicorn.Server):
@@ -69,7 +73,12 @@ def run(settings: Settings, bound: socket.socket) -> None:
         app,
         loop="uvloop",
         http="httptools",
-        ws="none",
+        ws="websockets-sansio",
+        # Pictures do not shrink much for what deflating each costs; the service's own limit names the error.
+        ws_per_message_deflate=False,
+        ws_max_size=2 * settings.body_limit,
+        ws_ping_interval=_PING_S,
+        ws_ping_timeout=_PONG_S,
         lifespan="on",
         access_log=False,
         log_config=None,

@@ -37,7 +37,7 @@ async def parsed(request: Request, model: type[M], *, binary: bool = False) -> M
     try:
         return model.model_validate_json(body if wire is Wire.JSON else _as_json(body), strict=True)
     except ValidationError as error:
-        raise _refused(error) from error
+        raise refused(error) from error
 
 
 async def _read(request: Request) -> bytes:
@@ -97,7 +97,8 @@ def malformed(detail: str) -> ServiceError:
     return ServiceError(ProblemType.MALFORMED_BODY, detail, status=400)
 
 
-def _refused(error: ValidationError) -> ServiceError:
+def refused(error: ValidationError) -> ServiceError:
+    """What a message gets whose fields are wrong: each is named."""
     # The input is never repeated: it may be large, secret, or hold what JSON cannot say.
     found = error.errors(include_url=False, include_context=False, include_input=False)
     if found and found[0]["type"] == "json_invalid":

@@ -27,7 +27,12 @@ async def caller_of(request: Request) -> Caller:
 
 async def owned_evaluation(request: Request, caller: Caller, evaluation_id: str) -> EvaluationRow:
     """The caller's evaluation. Raises NotFoundError, ForbiddenError."""
-    row = await service_of(request).store.evaluation(evaluation_id)
+    return await owned_by(service_of(request), caller, evaluation_id)
+
+
+async def owned_by(service: Service, caller: Caller, evaluation_id: str) -> EvaluationRow:
+    """The caller's evaluation. Raises NotFoundError, ForbiddenError."""
+    row = await service.store.evaluation(evaluation_id)
     if row is None:
         raise NotFoundError(ProblemType.UNKNOWN_EVALUATION, f"there is no evaluation {evaluation_id[:64]!r}")
     if row.agent_id != caller.id:

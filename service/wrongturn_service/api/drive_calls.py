@@ -1,0 +1,147 @@
+"""The calls of ``WS /v1/drive``: each means what its REST call means, and has a result, or a problem, of its own."""
+
+import json
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any, Final
+
+import msgpack
+from pydantic import ValidationError
+
+from wrongturn_protocol import EpisodeState, EvaluationState, PracticeRequest, StepRequest
+from wrongturn_protocol.wire import PATH, RETRY_AFTER, Call, pack_result
+from wrongturn_service import catalogue
+from wrongturn_service.accounts import Caller
+from wrongturn_service.api.body import refused
+from wrongturn_service.api.dependencies import owned_by
+from wrongturn_service.api.episodes import episode_detail
+from wrongturn_service.api.errors import as_service_error
+from wrongturn_service.episodes import refusals
+from wrongturn_service.errors import InvalidRequestError, ServiceError
+from wrongturn_service.service import Service
+from wrongturn_service.wire import Wire
+
+_SHAPES: Final = {
+    Call.STEP: "episode, seq, steer, throttle, brake",
+    Call.NEXT: "evaluation, key",
+    Call.PRACTISE: "request, key",
+    Call.LOOK: "episode",
+    Call.ABORT: "episode",
+}
+_NAMES: Final = {call.value: call for call in Call}
+_UNKNOWN: Final = "unknown"
+
+
+class Calls:
+    """Answers the calls of one agent."""
+
+    def __init__(self, service: Service, caller: Caller) -> None:
+        self._service = service
+        self._caller = caller
+        self._answers: dict[str, Callable[..., Awaitable[bytes]]] = {
+            Call.STEP: self._step,
+            Call.NEXT: self._next,
+            Call.PRACTISE: self._practise,
+            Call.LOOK: self._look,
+            Call.ABORT: self._abort,
+        }
+
+    async def answer(self, call: Any) -> bytes:
+        """The packed result of one call; what goes wrong with it is its result, too."""
+        began = time.perf_counter()
+        name: str = _UNKNOWN
+        status = 200
+        try:
+            name, arguments = _taken(call)
+            result = await self._answers[name](*arguments)
+        except Exception as error:
+            problem = as_service_error(error)
+            status, result = problem.status, problem_result(problem)
+        self._service.telemetry.answered("WS", f"{PATH} {name}", status, time.perf_counter() - began)
+        return result
+
+    async def _step(self, episode: Any, seq: Any, steer: Any, throttle: Any, brake: Any) -> bytes:
+        message = {"seq": seq, "action": {"steer": steer, "throttle": throttle, "brake": brake}}
+        try:
+            request = StepRequest.model_validate(message, strict=True)
+        except ValidationError as error:
+            raise refused(error) from error
+        return await self._service.episodes.step(self._caller.id, _text("episode", episode), request, Wire.RAW)
+
+    async def _next(self, evaluation: Any, key: Any) -> bytes:
+        service, caller = self._service, self._caller
+        wanted = _text("evaluation", evaluation)
+        async with service.idempotency.once(_key(key), caller.id, f"WS {Call.NEXT} {wanted}", b"") as once:
+            if once.stored is not None:
+                return once.stored.body
+            row = await owned_by(service, caller, wanted)
+            return await service.episodes.open_next(row, caller.track, Wire.RAW, once.remember(201, Wire.RAW))
+
+    async def _practise(self, request: Any, key: Any) -> bytes:
+        service, caller = self._service, self._caller
+        try:
+            wanted = PracticeRequest.model_validate_json(json.dumps(request), strict=True)
+        except ValidationError as error:
+            raise refused(error) from error
+        except (TypeError, ValueError, RecursionError) as error:
+            raise InvalidRequestError("request", "has to be a map of plain values") from error
+        canonical = wanted.model_dump_json().encode()
+        async with service.idempotency.once(_key(key), caller.id, f"WS {Call.PRACTISE}", canonical) as once:
+            if once.stored is not None:
+                return once.stored.body
+            trial = await catalogue.practice_trial(wanted)
+            return await service.episodes.open_practice(
+                caller.id, trial, wanted.track, Wire.RAW, once.remember(201, Wire.RAW)
+            )
+
+    async def _look(self, episode: Any) -> bytes:
+        service, wanted = self._service, _text("episode", episode)
+        _, row = await service.episodes.look(self._caller.id, wanted)
+        refusals.check_owner(self._caller.id, row.agent_id, wanted)
+        shown = row.state == EpisodeState.FINISHED
+        if shown and row.evaluation_id is not None:
+            evaluation = await service.store.evaluation(row.evaluation_id)
+            shown = evaluation is not None and evaluation.state == EvaluationState.FINISHED
+        detail = episode_detail(service, row, shown=shown, last_reply=False).model_dump(mode="json")
+        last = service.episodes.last_reply(wanted, Wire.RAW)
+        if last is None:
+            return pack_result(200, detail)
+        detail["seq"] = last[0]
+        _, detail["last_reply"], observation = msgpack.unpackb(last[1])
+        return pack_result(200, detail, observation)
+
+    async def _abort(self, episode: Any) -> bytes:
+        await self._service.episodes.abort(self._caller.id, _text("episode", episode))
+        return pack_result(204, {})
+
+
+def problem_result(error: ServiceError) -> bytes:
+    """The packed result of a call that is refused."""
+    fields = error.problem().model_dump(mode="json")
+    after = error.headers.get("Retry-After")
+    if after is not None:
+        fields[RETRY_AFTER] = int(after)
+    return pack_result(error.status, fields)
+
+
+def _taken(call: Any) -> tuple[Call, list[Any]]:
+    name = _NAMES.get(call[0]) if isinstance(call, list) and call and isinstance(call[0], str) else None
+    if name is None:
+        raise InvalidRequestError("call", f"has to be an array that begins with one of {', '.join(Call)}")
+    shape = _SHAPES[name]
+    if len(call) != shape.count(",") + 2:
+        raise InvalidRequestError("call", f"has to be [{name}, {shape}]")
+    return name, call[1:]
+
+
+def _text(path: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise InvalidRequestError(path, "has to be a string")
+    return value
+
+
+def _key(value: Any) -> str | None:
+    return None if value is None else _text("key", value)
+
+
+assert set(_SHAPES) == set(Call)

@@ -1,0 +1,51 @@
+"""A plain WebSocket to ``/v1/drive``, for tests that look at the messages themselves."""
+
+from typing import Any
+
+from service_harness import RunningService
+from websockets.sync.client import ClientConnection, connect
+
+from wrongturn_protocol import wire
+
+Result = list[Any]
+
+
+class DriveSocket:
+    """One connection of one agent."""
+
+    def __init__(self, service: RunningService, token: str) -> None:
+        self.socket: ClientConnection = connect(
+            service.url.replace("http", "ws", 1) + wire.PATH,
+            subprotocols=[wire.SUBPROTOCOL],  # type: ignore[list-item]
+            additional_headers={"Authorization": f"Bearer {token}"},
+            compression=None,
+            max_size=None,
+            proxy=None,
+        )
+        self._number = 0
+
+    def __enter__(self) -> "DriveSocket":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.socket.close()
+
+    def send(self, *calls: Result) -> int:
+        self._number += 1
+        self.socket.send(wire.pack_calls(self._number, calls))
+        return self._number
+
+    def receive(self) -> tuple[int | None, list[Result]]:
+        message = self.socket.recv(60)
+        assert isinstance(message, bytes)
+        return wire.unpack_results(message)
+
+    def call(self, *calls: Result) -> list[Result]:
+        sent = self.send(*calls)
+        number, results = self.receive()
+        assert number == sent, results
+        return results
+
+    def one(self, *call: Any) -> Result:
+        (result,) = self.call(list(call))
+        return result
