@@ -7,6 +7,7 @@ import pytest
 # The helpers beside these tests are imported by their plain names.
 sys.path.insert(0, str(Path(__file__).parent))
 
+from postgres_server import PostgresServer, running_server
 from service_harness import Agent, RunningService
 
 OPERATOR = "the-operators-own-token"
@@ -39,3 +40,19 @@ def agent(service: RunningService) -> Iterator[Agent]:
 def other(service: RunningService) -> Iterator[Agent]:
     with service.agent() as agent:
         yield agent
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[PostgresServer]:
+    """A PostgreSQL server that tests share; each takes a database of its own."""
+    with running_server() as server:
+        yield server
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """The URL of a database that is not there yet, or is empty, of each engine in turn."""
+    if request.param == "sqlite":
+        return f"sqlite+aiosqlite:///{tmp_path / 'a.db'}"
+    server: PostgresServer = request.getfixturevalue("postgres")
+    return server.new_database()

@@ -1,19 +1,26 @@
 """The database: what cannot be used is named, migrations make what the models say, and nothing is half done."""
 
 import asyncio
+import contextlib
+import hashlib
 import sqlite3
+import zlib
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
+from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-from sqlalchemy import Connection
+from sqlalchemy import Connection, MetaData, select, text, update
 from sqlalchemy.exc import IntegrityError
+from sqlalchemy.ext.asyncio import create_async_engine
 
 from wrongturn_service.errors import StartupError
-from wrongturn_service.storage.database import Database
+from wrongturn_service.storage.database import Database, migrations
 from wrongturn_service.storage.models import AgentRow, Base, EpisodeRow, EvaluationRow, TrajectoryRow
-from wrongturn_service.storage.store import NameTakenError, Store
+from wrongturn_service.storage.postgres import Ownership
+from wrongturn_service.storage.store import DamagedTrajectoryError, NameTakenError, Store
 
 
 def url(path: Path) -> str:
@@ -37,6 +44,7 @@ def agent_row(name: str = "one") -> AgentRow:
         ("sqlite+aiosqlite:///{folder}/newer.db", "another version"),
         ("nonsense", "is none"),
         ("oracle://x", "cannot be used"),
+        ("postgresql://me:secret@127.0.0.1:1/x", r"postgresql\+asyncpg://me:\*\*\*@127.0.0.1:1/x cannot be used"),
         ("nothing+at_all://x", "no driver"),
     ],
 )
@@ -65,23 +73,25 @@ def test_no_folder_is_made_but_the_home(tmp_path: Path) -> None:
     assert (home / "a.db").exists()
 
 
-def test_two_services_cannot_share_a_file(tmp_path: Path) -> None:
+def test_two_services_cannot_share_a_database(database_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Ownership.take, "__defaults__", (0.3,))
+
     async def story() -> None:
-        first = await Database.open(url(tmp_path / "a.db"))
+        first = await Database.open(database_url)
         with pytest.raises(StartupError, match="in use by another"):
-            await Database.open(url(tmp_path / "a.db"))
+            await Database.open(database_url)
         await first.close()
-        await (await Database.open(url(tmp_path / "a.db"))).close()
+        await (await Database.open(database_url)).close()
 
     asyncio.run(story())
 
 
-def test_migrations_make_what_the_models_say(tmp_path: Path) -> None:
+def test_migrations_make_what_the_models_say(database_url: str) -> None:
     def differences(connection: Connection) -> list[object]:
         return compare_metadata(MigrationContext.configure(connection), Base.metadata)
 
     async def story() -> list[object]:
-        database = await Database.open(url(tmp_path / "a.db"))
+        database = await Database.open(database_url)
         try:
             async with database.read() as session:
                 return await (await session.connection()).run_sync(differences)
@@ -113,9 +123,9 @@ async def half(database: Database) -> None:
         session.add(TrajectoryRow(episode_id="none", sha256="", size=0, data=b""))
 
 
-def test_a_transaction_is_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_a_transaction_is_whole_or_not_at_all(database_url: str) -> None:
     async def story() -> None:
-        database = await Database.open(url(tmp_path / "a.db"))
+        database = await Database.open(database_url)
         store = Store(database)
         await store.add_agent(agent_row(), None)
         with pytest.raises(NameTakenError):
@@ -128,43 +138,185 @@ def test_a_transaction_is_whole_or_not_at_all(tmp_path: Path) -> None:
     asyncio.run(story())
 
 
-def test_an_episode_has_one_end(tmp_path: Path) -> None:
-    async def story() -> None:
-        database = await Database.open(url(tmp_path / "a.db"))
+def evaluation_row(agent: str = "ag_one") -> EvaluationRow:
+    return EvaluationRow(
+        id="ev",
+        agent_id=agent,
+        suite="s@1",
+        suite_sha256="0",
+        entry="remote",
+        state="running",
+        secret="x",
+        trials=2,
+        created=1.0,
+    )
+
+
+def episode_row(name: str, trial: str, evaluation: str | None = "ev") -> EpisodeRow:
+    return EpisodeRow(
+        id=name,
+        evaluation_id=evaluation,
+        agent_id="ag_one",
+        trial_id=trial,
+        trial="{}",
+        track="state",
+        state="open",
+        created=1.0,
+        steps=0,
+    )
+
+
+@contextlib.asynccontextmanager
+async def filled(url: str) -> AsyncIterator[tuple[Database, Store]]:
+    """A store with an agent and its evaluation."""
+    database = await Database.open(url)
+    try:
         store = Store(database)
         await store.add_agent(agent_row(), None)
-        evaluation = EvaluationRow(
-            id="ev",
-            agent_id="ag_one",
-            suite="s@1",
-            suite_sha256="0",
-            entry="remote",
-            state="running",
-            secret="x",
-            trials=2,
-            created=1.0,
-        )
-        await store.add_evaluation(evaluation, None)
-        for name in ("a", "b"):
-            row = EpisodeRow(
-                id=name,
-                evaluation_id="ev",
-                agent_id="ag_one",
-                trial_id=name,
-                trial="{}",
-                track="state",
-                state="open",
-                created=1.0,
-                steps=0,
-            )
-            await store.add_episode(row, None)
-        trajectory = b'{"rows":[]}' * 1000
-        assert await store.finish_episode("a", {"verdict": "timeout", "steps": 3}, trajectory, "ff")
-        assert not await store.finish_episode("a", {"verdict": "collision", "steps": 4}, b"other", "00")
-        assert await store.trajectory("a") == (trajectory, "ff")
-        assert await store.lose_open_episodes() == 1
-        assert not await store.finish_episode("b", {"verdict": "timeout"}, b"", "")
-        assert await store.finished_count("ev") == 1
+        await store.add_evaluation(evaluation_row(), None)
+        yield database, store
+    finally:
         await database.close()
 
+
+TRAJECTORY = b'{"rows":[]}' * 1000
+SHA256 = hashlib.sha256(TRAJECTORY).hexdigest()
+
+
+def test_an_episode_has_one_end(database_url: str) -> None:
+    async def story() -> None:
+        async with filled(database_url) as (_, store):
+            for name in ("a", "b"):
+                await store.add_episode(episode_row(name, name), None)
+            end = {"verdict": "timeout", "steps": 3}
+            assert await store.finish_episode("a", end, TRAJECTORY, SHA256)
+            assert await store.finish_episode("a", end, TRAJECTORY, SHA256), "the same end again"
+            assert not await store.finish_episode("a", {"verdict": "collision", "steps": 4}, b"other", "00")
+            assert await store.trajectory("a") == (TRAJECTORY, SHA256)
+            assert await store.lose_open_episodes() == 1
+            assert not await store.finish_episode("b", {"verdict": "timeout"}, b"", "")
+            assert await store.finished_count("ev") == 1
+
     asyncio.run(story())
+
+
+def test_a_trial_counts_once(database_url: str) -> None:
+    async def story() -> None:
+        async with filled(database_url) as (database, store):
+            await store.add_episode(episode_row("unheard", "t"), None)
+            await store.add_episode(episode_row("heard", "t"), None)
+            ghost = await store.episode("unheard")
+            assert ghost is not None
+            assert ghost.state == "lost"
+            assert await store.finish_episode("heard", {"verdict": "timeout"}, b"", "")
+            with pytest.raises(IntegrityError):
+                await store.add_episode(episode_row("again", "t"), None)
+            with pytest.raises(IntegrityError):
+                async with database.write() as session:
+                    await session.execute(update(EpisodeRow).values(state="finished"))
+            assert await store.finished_count("ev") == 1
+            for name in ("p", "q"):  # practice has no such limit
+                await store.add_episode(episode_row(name, "t", None), None)
+
+    asyncio.run(story())
+
+
+def test_a_damaged_trajectory_is_not_handed_out(database_url: str) -> None:
+    async def story() -> None:
+        async with filled(database_url) as (database, store):
+            for name, data in (("a", zlib.compress(b"another")), ("b", b"noise")):
+                await store.add_episode(episode_row(name, name), None)
+                assert await store.finish_episode(name, {"verdict": "timeout"}, TRAJECTORY, SHA256)
+                async with database.write() as session:
+                    await session.execute(
+                        update(TrajectoryRow).where(TrajectoryRow.episode_id == name).values(data=data)
+                    )
+                with pytest.raises(DamagedTrajectoryError, match=f"trajectory of {name}"):
+                    await store.trajectory(name)
+
+    asyncio.run(story())
+
+
+def test_many_at_once(database_url: str) -> None:
+    async def story() -> None:
+        async with filled(database_url) as (_, store):
+            names = [f"e{number}" for number in range(20)]
+            await asyncio.gather(*(store.add_episode(episode_row(name, name), None) for name in names))
+            stored = await asyncio.gather(
+                *(store.finish_episode(name, {"verdict": "timeout"}, TRAJECTORY, SHA256) for name in names * 3),
+                *(store.put_results("ev", "{}") for _ in range(5)),
+                *(store.trials_by_state("ev") for _ in range(10)),
+            )
+            assert all(stored[:60])
+            assert await store.finished_count("ev") == 20
+
+    asyncio.run(story())
+
+
+def test_an_upgrade_keeps_every_row(database_url: str) -> None:
+    """From the first version's tables, filled by its own columns, to those of now."""
+
+    async def story() -> None:
+        engine = create_async_engine(database_url)
+        async with engine.begin() as connection:
+            await connection.run_sync(migrate, "0001")
+            for statement in FIRST_ROWS:
+                await connection.execute(text(statement), {"data": zlib.compress(TRAJECTORY), "sha": SHA256})
+            before = await connection.run_sync(all_rows)
+        await engine.dispose()
+        database = await Database.open(database_url)
+        async with database.read() as session:
+            after = await (await session.connection()).run_sync(all_rows)
+        assert len(before) == 6
+        for table, rows in before.items():
+            wanted = {row[0]: row for row in rows}
+            found = {row[0]: row for row in after[table]}
+            if table == "episodes":
+                assert found.keys() == wanted.keys()
+                states = {row[0]: row[6] for row in after[table]}
+                # What was open is lost, and of a trial's two verdicts the first counts.
+                assert states == {"kept": "finished", "later": "lost", "open": "lost", "practice": "finished"}
+                wanted = {name: row[:6] + row[7:] for name, row in wanted.items()}
+                found = {name: row[:6] + row[7:] for name, row in found.items()}
+            assert found == wanted
+        assert await Store(database).trajectory("kept") == (TRAJECTORY, SHA256)
+        await database.close()
+        await (await Database.open(database_url)).close()
+
+    asyncio.run(story())
+
+
+EPISODE = (
+    "INSERT INTO episodes (id, evaluation_id, agent_id, trial_id, trial, track, state, created, finished, verdict, "
+    "outcome, steps, last_action, last_reply) VALUES "
+)
+FIRST_ROWS = (
+    "INSERT INTO agents (id, name, name_key, track, kind, created) VALUES ('ag', 'Ü', 'ü', 'state', 'submitted', 1.5)",
+    "INSERT INTO evaluations (id, agent_id, suite, suite_sha256, entry, state, secret, trials, created) "
+    "VALUES ('ev', 'ag', 's@1', '0', 'remote', 'running', 'x', 2, 2.25)",
+    EPISODE + "('kept', 'ev', 'ag', 't', '{}', 'state', 'finished', 3, 4, 'timeout', '{}', 7, :data, :data)",
+    EPISODE + "('later', 'ev', 'ag', 't', '{}', 'state', 'finished', 3, 5, 'timeout', '{}', 7, NULL, NULL)",
+    EPISODE + "('open', 'ev', 'ag', 'u', '{}', 'state', 'open', 3, NULL, NULL, NULL, 0, NULL, NULL)",
+    EPISODE + "('practice', NULL, 'ag', 't', '{}', 'state', 'finished', 3, 6, 'timeout', '{}', 1, NULL, NULL)",
+    "INSERT INTO trajectories (episode_id, sha256, size, data) VALUES ('kept', :sha, 11000, :data)",
+    "INSERT INTO results (evaluation_id, body, created) VALUES ('ev', '{}', 7)",
+    "INSERT INTO idempotency (scope, key_sha256, request_sha256, status, content_type, body, created) "
+    "VALUES ('s', 'k', 'r', 201, 'application/json', :data, 8)",
+)
+
+
+def migrate(connection: Connection, revision: str) -> None:
+    config = migrations()
+    config.attributes["connection"] = connection
+    command.upgrade(config, revision)
+
+
+def all_rows(connection: Connection) -> dict[str, list[tuple[object, ...]]]:
+    """Every row of every table, but the one that says the version."""
+    tables = MetaData()
+    tables.reflect(connection)
+    return {
+        name: [tuple(row) for row in connection.execute(select(table))]
+        for name, table in tables.tables.items()
+        if name != "alembic_version"
+    }

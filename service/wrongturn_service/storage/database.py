@@ -1,4 +1,4 @@
-"""The database: one service to a file, migrated at start, every commit on the disk before it is told."""
+"""The database: one service to each, migrated at start, every commit on the disk before it is told."""
 
 import asyncio
 import contextlib
@@ -17,7 +17,7 @@ from sqlalchemy.exc import NoSuchModuleError, SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncEngine, AsyncSession, create_async_engine
 
 from wrongturn_service.errors import StartupError
-from wrongturn_service.storage import location
+from wrongturn_service.storage import location, postgres
 
 _READ = "wrongturn_read"
 _BUSY_MS = 30_000
@@ -26,24 +26,29 @@ _BUSY_MS = 30_000
 class Database:
     """An engine with its lock; use :meth:`open`."""
 
-    def __init__(self, engine: AsyncEngine, lock: int | None) -> None:
+    def __init__(self, engine: AsyncEngine, lock: int | None, ownership: postgres.Ownership | None = None) -> None:
         self._writing = engine
-        self._reading = engine.execution_options(**{_READ: True})
+        options: dict[str, Any] = {_READ: True}
+        if ownership is not None:
+            options |= {"isolation_level": "REPEATABLE READ", "postgresql_readonly": True}
+        self._reading = engine.execution_options(**options)
         self._lock = lock
-        # SQLite has one writer; waiting here costs less than its polling.
-        self._writer = asyncio.Lock() if engine.dialect.name == "sqlite" else contextlib.nullcontext()
+        self._ownership = ownership
+        # SQLite has one writer, and waiting here costs less than its polling. PostgreSQL would take several, but then
+        # transactions could fail by each other; one service's results are few, and each takes a few milliseconds.
+        self._writer = asyncio.Lock()
 
     @classmethod
     async def open(cls, url: str, *, home: Path | None = None) -> Self:
-        """Connect, lock the file where it is SQLite's, and bring the tables up to date.
+        """Connect, lock the file or the server's database, and bring the tables up to date.
 
         Args:
             url: SQLAlchemy's.
             home: the folder that is made where the file lies in it; no other is.
 
         Raises:
-            StartupError: the URL is no database's, its folder is not there, the file cannot be written, another service
-                has it, or it is of a newer version.
+            StartupError: the URL is no database's, its folder is not there, the file cannot be written, the server does
+                not answer, another service has it, or it is of a newer version.
         """
         parsed = location.parse(url)
         file = location.file_of(parsed)
@@ -53,47 +58,64 @@ class Database:
             lock = location.lock(file)
         shown = parsed.render_as_string(hide_password=True)
         engine = None
+        ownership = None
         try:
             if lock is not None:
                 _probe(parsed)
             engine = _engine(parsed)
-            async with engine.begin() as connection:
-                await connection.run_sync(_migrate)
+            with postgres.told():
+                if parsed.get_backend_name() == "postgresql":
+                    ownership = postgres.Ownership(parsed)
+                    await ownership.take()
+                async with engine.begin() as connection:
+                    await connection.run_sync(_migrate)
+                    if ownership is not None:
+                        await ownership.sign(connection)
+                        await postgres.warn_of_a_careless_server(connection)
+        except StartupError:
+            await _close(engine, lock, ownership)
+            raise
         except (SQLAlchemyError, sqlite3.Error, OSError, ModuleNotFoundError) as error:
-            await _close(engine, lock)
+            await _close(engine, lock, ownership)
             reason = str(getattr(error, "orig", None) or error).splitlines()[0]
             raise StartupError(
                 f"the database {shown} cannot be used: {reason}; name one that can be written by {location.NAMED_BY}",
             ) from error
         except CommandError as error:
-            await _close(engine, lock)
+            await _close(engine, lock, ownership)
             raise StartupError(
                 f"the database {shown} was made by another version of Wrongturn ({error}); "
                 f"upgrade Wrongturn, or name another database by {location.NAMED_BY}",
             ) from error
-        return cls(engine, lock)
+        return cls(engine, lock, ownership)
 
     @contextlib.asynccontextmanager
     async def read(self) -> AsyncIterator[AsyncSession]:
         """A session that only reads, from one snapshot."""
-        async with AsyncSession(self._reading, expire_on_commit=False) as session:
-            yield session
+        with postgres.told():
+            async with AsyncSession(self._reading, expire_on_commit=False) as session:
+                yield session
 
     @contextlib.asynccontextmanager
     async def write(self) -> AsyncIterator[AsyncSession]:
         """A session whose changes are on the disk once the block is left, or gone where it raised."""
-        async with self._writer, AsyncSession(self._writing, expire_on_commit=False) as session, session.begin():
-            yield session
+        with postgres.told():
+            async with self._writer, AsyncSession(self._writing, expire_on_commit=False) as session, session.begin():
+                if self._ownership is not None:
+                    await self._ownership.check(session)
+                yield session
 
     async def close(self) -> None:
-        """Close the connections and let go of the file."""
-        await _close(self._writing, self._lock)
+        """Close the connections and let go of the file, or of the server's database."""
+        await _close(self._writing, self._lock, self._ownership)
         self._lock = None
 
 
-async def _close(engine: AsyncEngine | None, lock: int | None) -> None:
+async def _close(engine: AsyncEngine | None, lock: int | None, ownership: postgres.Ownership | None) -> None:
     if engine is not None:
         await engine.dispose()
+    if ownership is not None:
+        await ownership.close()
     if lock is not None:
         os.close(lock)
 
@@ -109,9 +131,16 @@ def _probe(url: URL) -> None:
 
 def _engine(url: URL) -> AsyncEngine:
     try:
-        engine = create_async_engine(url)
+        engine = create_async_engine(
+            url,
+            # A connection that the server closed meanwhile is replaced before it is used.
+            pool_pre_ping=url.get_backend_name() == "postgresql",
+            connect_args=postgres.connect_args(url),
+        )
     except NoSuchModuleError as error:
-        raise StartupError(f"no driver for the database {url.drivername!r}; use sqlite+aiosqlite") from error
+        raise StartupError(
+            f"no driver for the database {url.drivername!r}; use sqlite+aiosqlite or postgresql+asyncpg",
+        ) from error
     if url.get_backend_name() == "sqlite":
         event.listen(engine.sync_engine, "connect", _set_up_sqlite)
         event.listen(engine.sync_engine, "begin", _begin_sqlite)

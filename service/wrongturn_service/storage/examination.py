@@ -1,5 +1,6 @@
 """Whether a service could use the database, found out without making or changing it."""
 
+import asyncio
 import contextlib
 import os
 import sqlite3
@@ -8,9 +9,13 @@ from pathlib import Path
 
 from alembic.script import ScriptDirectory
 from alembic.util import CommandError
+from sqlalchemy import inspect, text
+from sqlalchemy.engine import URL
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.ext.asyncio import create_async_engine
 
 from wrongturn_service.errors import StartupError
-from wrongturn_service.storage import location
+from wrongturn_service.storage import location, postgres
 from wrongturn_service.storage.database import migrations
 
 
@@ -26,8 +31,10 @@ def examine(url: str, home: Path) -> str:
     """
     parsed = location.parse(url)
     file = location.file_of(parsed)
+    if parsed.get_backend_name() == "postgresql":
+        return _examine_server(parsed)
     if file is None:
-        return f"{parsed.render_as_string(hide_password=True)} is not SQLite's: it was not tried"
+        return f"{parsed.render_as_string(hide_password=True)} is of a kind that was not tried"
     location.ensure_folder(file, home)
     if location.in_use(file):
         return f"{file} is in use by a service that runs"
@@ -54,6 +61,38 @@ def _check_version(file: Path) -> None:
     with contextlib.closing(sqlite3.connect(f"{file.as_uri()}?mode=rw", uri=True)) as connection:
         tables = connection.execute("SELECT name FROM sqlite_master WHERE name = 'alembic_version'").fetchall()
         versions = connection.execute("SELECT version_num FROM alembic_version").fetchall() if tables else []
+    _check_known([version for (version,) in versions])
+
+
+def _check_known(versions: list[str]) -> None:
     known = ScriptDirectory.from_config(migrations())
-    for (version,) in versions:
+    for version in versions:
         known.get_revision(version)
+
+
+def _examine_server(url: URL) -> str:
+    shown = url.render_as_string(hide_password=True)
+    try:
+        versions, free = asyncio.run(_ask(url))
+        _check_known(versions)
+    except (SQLAlchemyError, ModuleNotFoundError) as error:
+        raise StartupError(f"the database {shown} cannot be used: {error}; name another") from error
+    except CommandError as error:
+        raise StartupError(f"the database {shown} was made by another version of Wrongturn ({error})") from error
+    return f"{shown} can be used" if free else f"{shown} is in use by a service that runs"
+
+
+async def _ask(url: URL) -> tuple[list[str], bool]:
+    """The versions of the tables, if there are any, and whether no service has the database."""
+    engine = create_async_engine(url, connect_args=postgres.connect_args(url))
+    try:
+        with postgres.told():
+            async with engine.connect() as connection:
+                there = await connection.run_sync(lambda now: inspect(now).has_table("alembic_version"))
+                asked = "SELECT version_num FROM alembic_version"
+                versions = list(await connection.scalars(text(asked))) if there else []
+                # Of the transaction, so that it is gone at once.
+                free = await connection.scalar(text("SELECT pg_try_advisory_xact_lock(:key)"), {"key": postgres.LOCK})
+        return versions, bool(free)
+    finally:
+        await engine.dispose()

@@ -17,7 +17,7 @@ class DatabaseUrlError(StartupError):
 
 
 def parse(url: str) -> URL:
-    """The URL's parts, the driver of SQLite filled in.
+    """The URL's parts, the driver of SQLite or PostgreSQL filled in.
 
     Raises:
         DatabaseUrlError: it is none, or keeps SQLite in memory.
@@ -30,6 +30,8 @@ def parse(url: str) -> URL:
         ) from error
     if parsed.drivername == "sqlite":
         parsed = parsed.set(drivername="sqlite+aiosqlite")
+    if parsed.drivername in {"postgresql", "postgres"}:
+        parsed = parsed.set(drivername="postgresql+asyncpg")
     if parsed.get_backend_name() == "sqlite" and parsed.database in {None, "", ":memory:"}:
         raise DatabaseUrlError(
             f"the database has to be a file, so that nothing recorded is lost; name one by {NAMED_BY}",

@@ -1,6 +1,6 @@
 """The tables. Types are those that SQLite and PostgreSQL share; times are seconds since 1970 in UTC."""
 
-from sqlalchemy import BigInteger, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, String, Text
+from sqlalchemy import BigInteger, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, String, Text, text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 _ID = String(40)
@@ -84,7 +84,18 @@ class EpisodeRow(Base):
     actions_sha256: Mapped[str | None] = mapped_column(_SHA)
     trajectory_sha256: Mapped[str | None] = mapped_column(_SHA)
 
-    __table_args__ = (Index("ix_episodes_evaluation_id_state", "evaluation_id", "state"),)
+    __table_args__ = (
+        Index("ix_episodes_evaluation_id_state", "evaluation_id", "state"),
+        # A trial is driven once and counts once in an evaluation, whatever is repeated; lost ones run anew.
+        Index(
+            "uq_episodes_evaluation_id_trial_id",
+            "evaluation_id",
+            "trial_id",
+            unique=True,
+            sqlite_where=text("state <> 'lost'"),
+            postgresql_where=text("state <> 'lost'"),
+        ),
+    )
 
 
 class TrajectoryRow(Base):
@@ -127,3 +138,13 @@ class IdempotencyRow(Base):
     sealed_token: Mapped[bytes | None] = mapped_column(LargeBinary)
     """What belongs in the reply and must not be readable here."""
     created: Mapped[float] = mapped_column(Double, index=True)
+
+
+class OwnershipRow(Base):
+    """Which service has the database; one row, of use on a server, where a file's lock is none."""
+
+    __tablename__ = "ownership"
+
+    id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=False)
+    holder: Mapped[str] = mapped_column(_ID)
+    since: Mapped[float] = mapped_column(Double)

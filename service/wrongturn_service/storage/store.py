@@ -1,13 +1,14 @@
 """Every query of the service, one method each. Rows come back detached: they are read, never changed in place."""
 
 import asyncio
+import hashlib
 import time
 import zlib
 from collections.abc import Sequence
 from typing import Any
 
 from sqlalchemy import delete, func, select, update
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import EpisodeState, EvaluationState, Outcome, Verdict
@@ -24,6 +25,10 @@ from wrongturn_service.storage.models import (
 
 class NameTakenError(Exception):
     """Another agent has the name."""
+
+
+class DamagedTrajectoryError(SQLAlchemyError):
+    """What is stored is not what was written: the disk's fault, or somebody's hand."""
 
 
 class Store:
@@ -180,8 +185,20 @@ class Store:
     # Episodes
 
     async def add_episode(self, episode: EpisodeRow, reply: IdempotencyRow | None) -> None:
-        """An episode that was opened."""
+        """An episode that was opened; one of the same trial that nobody got to know of is lost by it.
+
+        Raises:
+            IntegrityError: the trial has its verdict in this evaluation.
+        """
         async with self._database.write() as session:
+            if episode.evaluation_id is not None:
+                # A commit whose answer was lost with the connection: the service took it for undone, and it was not.
+                ghost = update(EpisodeRow).where(
+                    EpisodeRow.evaluation_id == episode.evaluation_id,
+                    EpisodeRow.trial_id == episode.trial_id,
+                    EpisodeRow.state == EpisodeState.OPEN,
+                )
+                await session.execute(ghost.values(state=EpisodeState.LOST, finished=time.time()))
             _add(session, episode, reply)
 
     async def episode(self, episode_id: str) -> EpisodeRow | None:
@@ -208,7 +225,9 @@ class Store:
         return found
 
     async def finish_episode(self, episode_id: str, values: dict[str, Any], trajectory: bytes, sha256: str) -> bool:
-        """Store a verdict with its trajectory; False where the episode is no longer open.
+        """Store a verdict with its trajectory; False where the episode was given up or has ended otherwise.
+
+        It can be called again where it is not known what came of it: the same end is stored once.
 
         Args:
             episode_id: which.
@@ -224,7 +243,12 @@ class Store:
                 query.values(state=EpisodeState.FINISHED, finished=time.time(), **values),
             )
             if not getattr(result, "rowcount", 0):
-                return False
+                row = await session.get(EpisodeRow, episode_id)
+                return (
+                    row is not None
+                    and row.state == EpisodeState.FINISHED
+                    and all(getattr(row, name) == value for name, value in values.items())
+                )
             if trajectory:
                 session.add(
                     TrajectoryRow(episode_id=episode_id, sha256=sha256, size=len(trajectory), data=compressed),
@@ -245,10 +269,14 @@ class Store:
             return int(getattr(result, "rowcount", 0))
 
     async def trajectory(self, episode_id: str) -> tuple[bytes, str] | None:
-        """A trajectory's canonical JSON and its SHA-256, or None."""
+        """A trajectory's canonical JSON and its SHA-256, or None.
+
+        Raises:
+            DamagedTrajectoryError: it is not what was stored.
+        """
         async with self._database.read() as session:
             row = await session.get(TrajectoryRow, episode_id)
-        return None if row is None else (await asyncio.to_thread(zlib.decompress, row.data), row.sha256)
+        return None if row is None else (await asyncio.to_thread(_unpacked, row), row.sha256)
 
     # Idempotency and housekeeping
 
@@ -272,3 +300,13 @@ class Store:
 
 def _add(session: AsyncSession, *rows: AgentRow | EvaluationRow | EpisodeRow | IdempotencyRow | None) -> None:
     session.add_all([row for row in rows if row is not None])
+
+
+def _unpacked(row: TrajectoryRow) -> bytes:
+    try:
+        trajectory = zlib.decompress(row.data)
+    except zlib.error as error:
+        raise DamagedTrajectoryError(f"trajectory of {row.episode_id}: {error}") from error
+    if hashlib.sha256(trajectory).hexdigest() != row.sha256:
+        raise DamagedTrajectoryError(f"trajectory of {row.episode_id}: its SHA-256 is not what was stored")
+    return trajectory
