@@ -53,8 +53,8 @@ class ShippedAgent:
         if not self.file.is_file():
             raise ModelFileError(
                 f"agent: {self.name} can be trained, but this version ships no weights of it; train it "
-                f"('{program()} train {self.name} --seed 1'), export it ('{program()} export runs/{self.name}-1/best.pt "
-                f"{self.name}.onnx') and run the file ('{program()} run {self.name}.onnx')",
+                f"('{program()} train {self.name} --seed 1'), export it ('{program()} export "
+                f"runs/{self.name}-1/best.pt {self.name}.onnx') and run the file ('{program()} run {self.name}.onnx')",
             )
         try:
             return OnnxAgent(self.file)

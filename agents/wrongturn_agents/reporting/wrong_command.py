@@ -19,8 +19,8 @@ DRIVES: Final = 0.9
 CELLS: Final = tuple((kind, fault) for kind in PAPER_TYPES for fault in FAULTS)
 _NOTE: Final = (
     'Unsafe of 10 with a wrong command · with "follow lane", by the junction\'s type. Ours: the shipped weights with '
-    "Wilson's 95 % interval of the rate, and median [least–most] over training seeds; of these, *drive* those that "
-    "completed 54 of their 60 twins: the others say nothing about commands."
+    "Wilson's 95 % interval of the rate, and median [least–most] over training seeds. Those that drive completed "
+    "54 of their 60 twins or more; the others say nothing about commands."
 )
 
 

@@ -157,7 +157,7 @@ def _agreement(told: dict[str, str]) -> str:
 
 
 def _training(told: dict[str, str], curve: Curve | None, facts: Facts) -> dict[str, str]:
-    versions = json.loads(told["versions"])
+    versions = {name: version for name, version in json.loads(told["versions"]).items() if version != "unknown"}
     minutes = curve.last("minutes") if curve else math.nan
     held_out = ", ".join(
         f"{name.replace('_', ' ')} {value:.4g}"
@@ -171,7 +171,7 @@ def _training(told: dict[str, str], curve: Curve | None, facts: Facts) -> dict[s
         "minutes": _STATED if math.isnan(minutes) else f"{minutes:.1f}",
         "hardware": facts.hardware,
         "held-out journeys, Town01": held_out or _STATED,
-        "software": ", ".join(f"{name} {version}" for name, version in versions.items() if version != "unknown") or _STATED,
+        "software": ", ".join(f"{name} {version}" for name, version in versions.items()) or _STATED,
     }
 
 

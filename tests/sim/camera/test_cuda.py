@@ -17,11 +17,6 @@ TALL = {"width": 3, "height": 70, "focal": 40.0, "cx": 1.5, "cy": 30.0}
 PITCHED = {**LOW, "pitch": 0.1, "yaw": 0.3}
 KINDS = (Weather.HARD_RAIN_NOON, Weather.CLEAR_SUNSET)
 
-OTHER_CLASSES = 1e-5
-"""Share of pixels whose class may differ: those through whose middle an edge goes, to a GPU's rounding."""
-OFF_BY_MORE = 1e-3
-"""Share of pixels whose colour may differ by more than 1: as above, and edges within a texture."""
-
 SCRIPT = """
 import sys
 import numpy as np
@@ -113,9 +108,9 @@ def test_gpu_paints_what_the_cpu_paints(world: World, town, before, camera):
     rgb, segmentation = on_cpu(world, camera, looks, numbers, poses, numbers)
     renderer = CudaRenderer(world, camera, len(poses))
     renderer.render(looks, numbers, poses, numbers)
-    assert (np.asarray(renderer.segmentation) != segmentation).mean() <= OTHER_CLASSES
-    off = np.abs(np.asarray(renderer.rgb).astype(int) - rgb).max(axis=3)
-    assert (off > 1).mean() <= OFF_BY_MORE
+    # Of 864 such pictures on an H200 all classes were equal, and one pixel's colour was off by 1.
+    np.testing.assert_array_equal(np.asarray(renderer.segmentation), segmentation)
+    assert np.abs(np.asarray(renderer.rgb).astype(int) - rgb).max() <= 1
 
 
 @gpu
