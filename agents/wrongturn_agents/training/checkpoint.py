@@ -3,7 +3,7 @@
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import torch
 from torch import nn
@@ -13,6 +13,9 @@ from wrongturn_agents.training.config import PPOConfig, config_of
 from wrongturn_agents.training.errors import TrainingError
 
 _FIELDS = {"algorithm", "seed", "config", "steps", "state_dict", "evaluation", "versions"}
+
+UNDRIVEN: Final = ("encoder.decoder.", "encoder.segmenting.")
+"""How the weights' names begin that only learning needs; a checkpoint may lack them."""
 
 
 def save_checkpoint(
@@ -46,11 +49,18 @@ def load_checkpoint(path: Path | str) -> dict[str, Any]:
 
 
 def model_of(checkpoint: dict[str, Any], device: torch.device | str = "cpu") -> ActorCritic:
-    """The agent of a checkpoint, ready to drive."""
+    """The agent of a checkpoint, ready to drive.
+
+    Raises:
+        TrainingError: its weights are other ones.
+    """
     config_of(checkpoint["algorithm"])  # names an unknown one
     # The first checkpoints do not tell: theirs were ReLUs.
     model = build(checkpoint["algorithm"], activation=checkpoint["config"].get("activation", "relu"))
-    model.load_state_dict(checkpoint["state_dict"])
+    missing, unexpected = model.load_state_dict(checkpoint["state_dict"], strict=False)
+    lacking = [name for name in missing if not name.startswith(UNDRIVEN)]
+    if lacking or unexpected:
+        raise TrainingError(f"checkpoint: {(lacking + unexpected)[0]}: is not as this version has it; train it anew")
     return model.to(device).eval()
 
 

@@ -218,10 +218,10 @@ class ImageConfig(PPOConfig):
     """Ablation: RGB is augmented (erasing, blur, hue, saturation, brightness), in pretraining and while driving."""
     pretraining_frames: int = 131_000
     """Frames of random places in Town01 that the encoder is pretrained on."""
-    pretraining_passes: float = 4.0
+    pretraining_passes: float = 3.0
     """How often each of them is seen on average."""
-    pretraining_batch: int = 256
-    """Frames of a minibatch in pretraining."""
+    pretraining_batch: int = 512
+    """Frames of a minibatch in pretraining; with fewer a GPU waits for what launches its kernels."""
     pretraining_rate: float = 1e-3
     """Highest learning rate of pretraining (AdamW, one cycle)."""
     encoder: str = ""

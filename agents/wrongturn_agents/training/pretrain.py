@@ -15,6 +15,7 @@ from wrongturn_agents.training.config import TRAINING_WEATHERS, ImageConfig
 from wrongturn_agents.training.driving_env import DrivingVecEnv
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.rollout import Observations
+from wrongturn_agents.training.stopwatch import Stopwatch
 
 POOL = 16_384
 """Frames that are kept at a time; each new one takes the place of the oldest."""
@@ -69,6 +70,8 @@ def pretrain(
         strict=True,
         record=False,
         weather=TRAINING_WEATHERS,
+        # A stopwatch of the device would have it wait for each step: learning is to go on meanwhile.
+        stopwatch=Stopwatch(torch.device("cpu")),
         journeys={"time_limit": 1.0, "lateral": 0.7, "yaw": 0.2, "near_bends": 0.25, "near_junctions": 0.4},
         **options,
     )
@@ -82,7 +85,9 @@ def pretrain(
     model.train()
     total = max(1, round(config.pretraining_frames * config.pretraining_passes / config.pretraining_batch))
     optimizer = torch.optim.AdamW(
-        [parameter for parameter in model.encoder.parameters() if parameter.requires_grad], lr=config.pretraining_rate
+        [parameter for parameter in model.encoder.parameters() if parameter.requires_grad],
+        lr=config.pretraining_rate,
+        fused=device.type == "cuda",  # one kernel for all weights: such a network's step is mostly launches
     )
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, config.pretraining_rate, total_steps=total + 1)
     done, rendered, loss = 0, 0, torch.zeros((), device=device)
