@@ -114,6 +114,7 @@ def test_the_file_holds_nothing_of_the_machine_it_was_made_on(exported):
     assert not re.search(rb"[\w/]+\.py\b", content)
 
 
+@pytest.mark.slow
 def test_neither_decoder_nor_value_is_in_it(exported):
     """ResNet-34 (21.3 M weights), the wide layer (3.1 M) and the policy's heads, no more: 4 bytes each."""
     assert exported("ppo-image", "fp32").stat().st_size < 99.5e6
