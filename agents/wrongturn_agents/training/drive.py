@@ -164,7 +164,7 @@ def _in_town(
 def _actions(models: list[Driver | None], observation: dict[str, Any], device: torch.device) -> np.ndarray[Any, Any]:
     """Of each car by its own model; those that nobody drives any more brake."""
     tensors = {name: torch.as_tensor(array, device=device) for name, array in observation.items()}
-    actions = np.tile(np.float32([0.0, 0.0, 1.0]), (len(models), 1))
+    actions = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (len(models), 1))
     for model in dict.fromkeys(models):
         if model is None:
             continue
