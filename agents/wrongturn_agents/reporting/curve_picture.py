@@ -83,4 +83,4 @@ def _draw_agent(above: "Axes", below: "Axes", runs: Sequence[Curve]) -> None:
     for axes in (above, below):
         axes.grid(visible=True, linewidth=0.4, alpha=0.5)
     below.set_ylim(-0.02, 1.02)
-    below.legend(fontsize=7, frameon=False, loc="lower right")
+    above.legend(fontsize=7, frameon=False, loc="upper left")
