@@ -1,9 +1,36 @@
 """Structured logs: one JSON object a line on stderr, so that stdout is free for the ready line."""
 
+import itertools
 import logging
+import secrets
 import sys
+from typing import Final
 
 import structlog
+
+_START: Final = secrets.token_hex(4)
+_numbers = itertools.count(1)
+_SUBJECTS: Final = {"evaluations": "evaluation", "episodes": "episode"}
+_LONGEST: Final = 64
+
+
+def begin_request(path: str = "") -> str:
+    """Let what is logged from here on carry a new request's id, and the episode or evaluation that its path names.
+
+    Args:
+        path: of the request; ``/v1/episodes/{id}/…`` and ``/v1/evaluations/{id}/…`` name something.
+
+    Returns:
+        The request's id: the service's start and a number.
+    """
+    request_id = f"{_START}-{next(_numbers)}"
+    structlog.contextvars.clear_contextvars()
+    parts = path.split("/", 4)
+    subject = _SUBJECTS.get(parts[2]) if len(parts) > 3 else None
+    about = {} if subject is None else {subject: parts[3][:_LONGEST]}
+    structlog.contextvars.bind_contextvars(request=request_id, **about)
+    return request_id
+
 
 _LEVELS = {"debug": logging.DEBUG, "info": logging.INFO, "warning": logging.WARNING, "error": logging.ERROR}
 

@@ -67,6 +67,7 @@ async def run_service(
         store = Store(database)
         lost = await store.lose_open_episodes()
         if lost:
+            telemetry.voided("service-ended", lost)
             log.warning("episodes lost", count=lost, reason="they were open when the service ended last")
         pool = pool or _local_pool(settings, telemetry)
         await asyncio.gather(_start_pool(pool, stack), asyncio.to_thread(catalogue.warm_up))
@@ -75,17 +76,27 @@ async def run_service(
         await evaluations.resume()
         episodes = EpisodeManager(
             store,
-            Driver(pool, telemetry.replays.inc),
+            Driver(pool, telemetry.replays.inc, telemetry.simulated),
             evaluations,
             terms=Terms(settings.lease_release_s, settings.lease_abort_s),
             parallel=settings.parallel,
             practice=settings.practice,
+            telemetry=telemetry,
         )
         stack.push_async_callback(episodes.stop)
         telemetry.watch("wrongturn_open_episodes", "Episodes that are open", lambda: episodes.open)
+        telemetry.watch("wrongturn_leases_held", "Open episodes that have a simulator", lambda: episodes.held)
+        telemetry.watch(
+            "wrongturn_leases_released",
+            "Open episodes of silent agents, whose simulator is rebuilt when they come back",
+            lambda: episodes.open - episodes.held,
+        )
+        telemetry.watch("wrongturn_simulator_slots", "Simulator processes at most", lambda: pool.slots)
         telemetry.watch("wrongturn_simulators_running", "Simulator processes", lambda: pool.running)
         telemetry.watch("wrongturn_simulators_busy", "Simulator processes that drive", lambda: pool.busy)
-        for work in (episodes.watch_leases(), _keep_house(settings, store, evaluations)):
+        telemetry.watch("wrongturn_simulators_idle", "Simulators kept warm", lambda: pool.running - pool.busy)
+        telemetry.watch("wrongturn_simulators_awaited", "Calls that wait for a simulator", lambda: pool.waiting)
+        for work in (episodes.watch_leases(), _keep_house(settings, store, evaluations, pool)):
             task = asyncio.create_task(work)
             stack.push_async_callback(_cancel, task)
         log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
@@ -121,7 +132,7 @@ async def _start_pool(pool: Pool, stack: contextlib.AsyncExitStack) -> None:
         raise StartupError(str(error)) from error
 
 
-async def _keep_house(settings: Settings, store: Store, evaluations: RunningEvaluations) -> None:
+async def _keep_house(settings: Settings, store: Store, evaluations: RunningEvaluations, pool: Pool) -> None:
     log = structlog.get_logger("service")
     purged = 0.0
     while True:
@@ -134,6 +145,9 @@ async def _keep_house(settings: Settings, store: Store, evaluations: RunningEval
                 )
                 purged = time.monotonic()
             await evaluations.retry()
+            if pool.failure is not None and not pool.running:
+                # Nobody is sent to a service that is not ready, so that no call would find out that it could be again.
+                await pool.start()
         except Exception:
             log.exception("housekeeping failed")
         await asyncio.sleep(_RETRY_S)

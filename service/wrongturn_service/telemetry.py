@@ -1,6 +1,8 @@
 """What Prometheus is told: one registry for each service, none for the process."""
 
 from collections.abc import Callable
+from contextvars import ContextVar
+from typing import Literal
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
@@ -8,8 +10,14 @@ CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 
 
+Call = Literal["reset", "step", "replay", "abort"]
+"""What a simulator can be asked for."""
+_simulated: ContextVar[tuple[str, float] | None] = ContextVar("simulated", default=None)
+"""What the request in progress has asked of simulators, and the seconds it waited for them."""
+
+
 class Telemetry:
-    """The service's figures."""
+    """The service's figures; ``docs/operating.md`` lists them."""
 
     def __init__(self) -> None:
         self._registry = registry = CollectorRegistry()
@@ -21,6 +29,39 @@ class Telemetry:
             registry=registry,
         )
         self._children: dict[tuple[str, str, int], Histogram] = {}
+        self._simulation = Histogram(
+            "wrongturn_simulation_seconds",
+            "Time that a simulator took to answer, by what it was asked for",
+            ("call",),
+            buckets=_BUCKETS,
+            registry=registry,
+        )
+        self._overhead = Histogram(
+            "wrongturn_overhead_seconds",
+            "Time to answer a reset or step beyond that of its simulator: the service's own",
+            ("call",),
+            buckets=_BUCKETS,
+            registry=registry,
+        )
+        self._by_call = {
+            call: (self._simulation.labels(call), self._overhead.labels(call))
+            for call in ("reset", "step", "replay", "abort")
+        }
+        self.steps = Counter("wrongturn_steps", "Decisions that were simulated", registry=registry)
+        self._ended = Counter(
+            "wrongturn_episodes_ended", "Episodes that have their verdict", ("scored", "verdict"), registry=registry
+        )
+        self._voided = Counter(
+            "wrongturn_episodes_voided",
+            "Episodes that the infrastructure or their evaluation's end cut off: never scored",
+            ("reason",),
+            registry=registry,
+        )
+        for reason in ("simulators-failed", "service-ended", "cancelled"):
+            self._voided.labels(reason)
+        self.expired = Counter(
+            "wrongturn_leases_expired", "Episodes that were aborted since their agent was silent", registry=registry
+        )
         self.deaths = Counter("wrongturn_simulator_deaths", "Simulators that died", registry=registry)
         self.replays = Counter(
             "wrongturn_replays", "Episodes that were repeated in another simulator", registry=registry
@@ -37,6 +78,28 @@ class Telemetry:
         if child is None:
             child = self._children[key] = self._requests.labels(method, route, str(status))
         child.observe(seconds)
+        simulated = _simulated.get()
+        if simulated is not None:
+            _simulated.set(None)
+            call, waited = simulated
+            self._by_call[call][1].observe(max(0.0, seconds - waited))
+
+    def simulated(self, call: Call, seconds: float) -> None:
+        """A simulator was asked for something, and answered or failed after so long."""
+        self._by_call[call][0].observe(seconds)
+        if call == "step":
+            self.steps.inc()
+        before = _simulated.get()
+        # A request is of its last kind: a step may have to be preceded by a replay.
+        _simulated.set((call, seconds if before is None else before[1] + seconds))
+
+    def ended(self, *, scored: bool, verdict: str) -> None:
+        """An episode has its verdict, which is stored."""
+        self._ended.labels(str(scored).lower(), verdict).inc()
+
+    def voided(self, reason: Literal["simulators-failed", "service-ended", "cancelled"], count: int = 1) -> None:
+        """Episodes were cut off, not by their agents."""
+        self._voided.labels(reason).inc(count)
 
     def render(self) -> bytes:
         """All figures in Prometheus' text format."""

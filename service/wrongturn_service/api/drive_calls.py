@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from wrongturn_protocol import EpisodeState, EvaluationState, PracticeRequest, StepRequest
 from wrongturn_protocol.wire import PATH, RETRY_AFTER, Call, pack_result
-from wrongturn_service import catalogue
+from wrongturn_service import catalogue, logs
 from wrongturn_service.accounts import Caller
 from wrongturn_service.api.body import refused
 from wrongturn_service.api.dependencies import owned_by
@@ -49,6 +49,7 @@ class Calls:
     async def answer(self, call: Any) -> bytes:
         """The packed result of one call; what goes wrong with it is its result, too."""
         began = time.perf_counter()
+        logs.begin_request()
         name: str = _UNKNOWN
         status = 200
         try:

@@ -17,6 +17,7 @@ from wrongturn_service.pool.pool import (
     SimulatorStartError,
 )
 from wrongturn_service.pool.pool import Final as End
+from wrongturn_service.telemetry import Call
 from wrongturn_service.wire import Wire
 
 ATTEMPTS: Final = 3
@@ -35,8 +36,21 @@ class ReplayFailedError(Exception):
 class Driver:
     """Steps episodes; each call is made under the episode's lock."""
 
-    def __init__(self, pool: Pool, on_replay: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        pool: Pool,
+        on_replay: Callable[[], None] = lambda: None,
+        on_simulated: Callable[[Call, float], None] = lambda _call, _seconds: None,
+    ) -> None:
+        """Nothing is driven yet.
+
+        Args:
+            pool: the simulators.
+            on_replay: called when an episode was brought back.
+            on_simulated: called with what a simulator was asked for and the seconds it took.
+        """
         self._pool = pool
+        self._on_simulated = on_simulated
         self._on_replay = on_replay
         self._log = structlog.get_logger("driver")
 
@@ -49,7 +63,7 @@ class Driver:
         trial = episode.trial.model_dump_json()
         async for simulator in self._simulators(episode.trial.town):
             try:
-                frame = await simulator.reset(trial, episode.track, b"", wire)
+                frame = await self._timed("reset", simulator.reset(trial, episode.track, b"", wire))
             except SimulatorDiedError as error:
                 self._log.warning("reset failed", trial=episode.trial.id, reason=str(error))
                 await self._pool.release(simulator)
@@ -72,10 +86,10 @@ class Driver:
         simulator = episode.simulator
         if simulator is not None:
             try:
-                return await simulator.step(action, wire)
+                return await self._timed("step", simulator.step(action, wire))
             except SimulatorDiedError as error:
                 self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
-        return await self._elsewhere(episode, lambda found: found.step(action, wire), wait=False)
+        return await self._elsewhere(episode, lambda found: self._timed("step", found.step(action, wire)), wait=False)
 
     async def abort(self, episode: OpenEpisode) -> End:
         """End it as ``aborted``; where no simulator can say more, by what is known without one."""
@@ -83,10 +97,10 @@ class Driver:
             simulator = episode.simulator
             if simulator is not None:
                 try:
-                    return await simulator.abort()
+                    return await self._timed("abort", simulator.abort())
                 except SimulatorDiedError as error:
                     self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
-            return await self._elsewhere(episode, lambda found: found.abort(), wait=True)
+            return await self._elsewhere(episode, lambda found: self._timed("abort", found.abort()), wait=True)
         except (ReplayFailedError, SimulatorStartError):
             reaction = None if episode.trial.fault.kind is FaultKind.NONE else Reaction.OTHER
             outcome = Outcome(
@@ -102,6 +116,13 @@ class Driver:
         simulator, episode.simulator = episode.simulator, None
         if simulator is not None:
             await self._pool.release(simulator)
+
+    async def _timed(self, call: Call, answer: Awaitable[_T]) -> _T:
+        began = time.perf_counter()
+        try:
+            return await answer
+        finally:
+            self._on_simulated(call, time.perf_counter() - began)
 
     async def _simulators(self, town: str, *, wait: bool = False) -> AsyncIterator[Simulator]:
         """Simulators to try one after the other; one that does not start counts as tried.
@@ -133,12 +154,13 @@ class Driver:
         async for simulator in self._simulators(episode.trial.town, wait=wait):
             episode.simulator = simulator
             try:
-                frame = await simulator.reset(
+                again = simulator.reset(
                     episode.trial.model_dump_json(),
                     episode.track,
                     bytes(episode.actions),
                     episode.last.wire,
                 )
+                frame = await self._timed("replay", again)
                 if frame.observation != episode.last.observation:
                     self._log.error("replay differs", episode=episode.id, seq=episode.seq)
                     await self.detach(episode)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
+from structlog.contextvars import bind_contextvars
 
 from wrongturn_protocol import (
     EpisodeState,
@@ -30,6 +31,7 @@ from wrongturn_service.errors import ConflictError, GoneError, UnavailableError
 from wrongturn_service.pool.pool import Action
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
 from wrongturn_service.storage.store import Store
+from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.tokens import new_id
 from wrongturn_service.wire import Reply, Wire, reset_reply
 
@@ -49,6 +51,7 @@ class EpisodeManager:
         terms: Terms,
         parallel: int,
         practice: int,
+        telemetry: Telemetry | None = None,
     ) -> None:
         """No episode is open yet.
 
@@ -59,6 +62,7 @@ class EpisodeManager:
             terms: how long agents may be silent.
             parallel: open episodes of one evaluation at most.
             practice: open practice episodes of one agent at most.
+            telemetry: what is told of episodes' ends.
         """
         self.stopping = False
         """Whether new episodes are refused."""
@@ -68,6 +72,7 @@ class EpisodeManager:
         self._terms = terms
         self._parallel = parallel
         self._practice = practice
+        self._telemetry = telemetry or Telemetry()
         self._practising: Counter[str] = Counter()
         self._open: dict[str, OpenEpisode] = {}
         self._background: set[asyncio.Task[None]] = set()
@@ -77,6 +82,11 @@ class EpisodeManager:
     def open(self) -> int:
         """How many episodes are open."""
         return len(self._open)
+
+    @property
+    def held(self) -> int:
+        """How many of them have a simulator; the others' is rebuilt when their agent comes back."""
+        return sum(episode.simulator is not None for episode in self._open.values())
 
     async def stop(self) -> None:
         """Give up what goes on in the background; open episodes are marked as lost at the next start."""
@@ -150,6 +160,7 @@ class EpisodeManager:
     ) -> bytes:
         practice = evaluation is None
         episode_id = new_id("ep")
+        bind_contextvars(episode=episode_id, evaluation=evaluation)
         lease = Lease(self._terms)
 
         def reply(observation: bytes) -> Reply:
@@ -204,6 +215,7 @@ class EpisodeManager:
         if episode is None:
             return await self._stored_step(agent, episode_id, request.seq, action, wire)
         refusals.check_owner(agent, episode.agent, episode_id)
+        bind_contextvars(episode=episode_id, evaluation=episode.evaluation)
         async with episode.lock:
             episode.lease.renew()
             if episode.closed:
@@ -290,6 +302,8 @@ class EpisodeManager:
         self._evaluations.drop(evaluation_id)
         for episode in [episode for episode in self._open.values() if episode.evaluation == evaluation_id]:
             async with episode.lock:
+                if not episode.closed:
+                    self._telemetry.voided("cancelled")
                 await self._close(episode)
 
     # Leases
@@ -305,6 +319,7 @@ class EpisodeManager:
                 if episode.end is not None:
                     self._spawn(self._settle_again(episode))
                 elif standing is Standing.EXPIRED:
+                    self._telemetry.expired.inc()
                     self._spawn(self._abort(episode))
                 elif standing is Standing.RELEASE and episode.simulator is not None:
                     self._spawn(self._release(episode))
@@ -356,6 +371,8 @@ class EpisodeManager:
         }
         stored = await self._store.finish_episode(episode.id, values, end.trajectory, end.trajectory_sha256)
         await self._close(episode)
+        if stored:
+            self._telemetry.ended(scored=episode.evaluation is not None, verdict=end.outcome.verdict.value)
         if episode.evaluation is None:
             return
         if not stored:
@@ -369,6 +386,7 @@ class EpisodeManager:
     async def _invalidate(self, episode: OpenEpisode) -> None:
         """The infrastructure failed: no verdict that counts, and the trial runs again."""
         self._log.error("episode invalid", episode=episode.id, trial=episode.trial.id)
+        self._telemetry.voided("simulators-failed")
         await self._store.lose_episode(episode.id, Verdict.INVALID)
         await self._close(episode)
         if episode.evaluation is not None:

@@ -219,6 +219,7 @@ class LocalPool(Pool):
         self._starting = 0
         self._waiters: deque[asyncio.Future[None]] = deque()
         self._stopping = False
+        self._failure: str | None = None
         self._log = structlog.get_logger("pool")
 
     @property
@@ -235,6 +236,16 @@ class LocalPool(Pool):
     @override
     def busy(self) -> int:
         return len(self._busy) + self._starting
+
+    @property
+    @override
+    def waiting(self) -> int:
+        return sum(not waiter.done() for waiter in self._waiters)
+
+    @property
+    @override
+    def failure(self) -> str | None:
+        return self._failure
 
     @override
     async def start(self) -> None:
@@ -307,11 +318,14 @@ class LocalPool(Pool):
                 start_timeout_s=self._start_timeout_s,
                 timeout_s=self._timeout_s,
             )
-        except BaseException:
+        except BaseException as error:
+            if isinstance(error, SimulatorStartError):
+                self._failure = str(error)
             self._starting -= 1
             self._wake()
             raise
         self._starting -= 1
+        self._failure = None
         self._log.info("simulator started", pid=simulator.process.pid)
         return simulator
 

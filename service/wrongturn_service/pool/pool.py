@@ -149,6 +149,16 @@ class Pool(ABC):
         """Simulators that are there, or about to be."""
 
     @property
+    def waiting(self) -> int:
+        """Calls that wait for a simulator."""
+        return 0
+
+    @property
+    def failure(self) -> str | None:
+        """Why the last simulator that was to be started did not start; None where it did."""
+        return None
+
+    @property
     @abstractmethod
     def busy(self) -> int:
         """Simulators that somebody has."""

@@ -89,6 +89,11 @@ class Database:
             ) from error
         return cls(engine, lock, ownership)
 
+    def check(self) -> None:
+        """Raise DatabaseTakenError where it is known that another service has taken the database."""
+        if self._ownership is not None:
+            self._ownership.check_known()
+
     @contextlib.asynccontextmanager
     async def read(self) -> AsyncIterator[AsyncSession]:
         """A session that only reads, from one snapshot."""

@@ -124,6 +124,11 @@ class Ownership:
         if self._taken or await session.scalar(mine, {"me": self._me}) is None:
             self._refuse()
 
+    def check_known(self) -> None:
+        """Raise DatabaseTakenError where a write found it so."""
+        if self._taken:
+            self._refuse()
+
     async def close(self) -> None:
         """Let go of the database."""
         connection, self._connection = self._connection, None

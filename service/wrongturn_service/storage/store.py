@@ -41,7 +41,8 @@ class Store:
         self._database = database
 
     async def ping(self) -> None:
-        """Touch the database; raises SQLAlchemy's errors where it does not answer."""
+        """Touch the database; raises SQLAlchemy's errors where it does not answer, or is another service's by now."""
+        self._database.check()
         async with self._database.read() as session:
             await session.execute(select(1))
 

@@ -1,0 +1,168 @@
+"""What Prometheus, the log and the health calls tell is what happened."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import structlog
+from app_harness import application, play, step, until
+from fake_pool import FakePool
+from prometheus_client.parser import text_string_to_metric_families
+from service_harness import expect, problem
+from sqlalchemy.exc import OperationalError
+
+from wrongturn_service.storage.postgres import DatabaseTakenError
+
+DOCUMENT = Path(__file__).parents[2] / "docs/operating.md"
+PRACTICE = {"town": "Town01", "approach": "J3-S", "seed": 3}
+
+
+async def figures(http) -> dict[str, float]:  # type: ignore[no-untyped-def]
+    """All samples, by name and labels."""
+    text = (await http.get("/metrics")).text
+    return {
+        sample.name
+        + "".join(f",{value}" for _, value in sorted(sample.labels.items()) if sample.name[-7:] != "_bucket"): (
+            sample.value
+        )
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+    }
+
+
+def test_steps_latencies_slots_and_ends(tmp_path: Path) -> None:
+    async def story() -> None:
+        pool = FakePool()
+        async with application(tmp_path, pool) as http:
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+            practice = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
+            for seq in range(1, 11):
+                expect(await step(http, episode, seq), 200)
+            now = await figures(http)
+            assert now["wrongturn_steps_total"] == 10
+            for name, count in (("reset", 2), ("step", 10), ("replay", 0)):
+                assert now[f"wrongturn_simulation_seconds_count,{name}"] == count
+                assert now[f"wrongturn_overhead_seconds_count,{name}"] == count
+            whole = now["wrongturn_request_seconds_sum,POST,/v1/episodes/{episode}/step,200"]
+            parts = now["wrongturn_overhead_seconds_sum,step"] + now["wrongturn_simulation_seconds_sum,step"]
+            assert whole == pytest.approx(parts)
+            assert now["wrongturn_episodes_ended_total,true,exit_commanded"] == 1
+            assert now["wrongturn_open_episodes"] == 1
+            assert (now["wrongturn_leases_held"], now["wrongturn_leases_released"]) == (1, 0)
+            slots = ("slots", "running", "busy", "idle")
+            names = ["wrongturn_simulator_slots", *(f"wrongturn_simulators_{name}" for name in slots[1:])]
+            assert [now[name] for name in names] == [4, 1, 1, 0]
+            assert now["wrongturn_simulators_awaited"] == 0
+            assert (await http.delete(f"/v1/episodes/{practice}")).status_code == 204
+            assert (await figures(http))["wrongturn_episodes_ended_total,false,aborted"] == 1
+
+    play(story)
+
+
+def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
+    async def story() -> None:
+        pool = FakePool()
+        async with application(tmp_path, pool) as http:
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+            pool.deaths_at_step.append(None)
+            expect(await step(http, episode, 1), 200)
+            now = await figures(http)
+            assert (now["wrongturn_replays_total"], now["wrongturn_simulation_seconds_count,replay"]) == (1, 1)
+            pool.deaths_at_step += [None] * 9
+            pool.deaths_at_reset += [None] * 9
+            problem(await step(http, episode, 2), 410, "episode-lost")
+            assert (await figures(http))["wrongturn_episodes_voided_total,simulators-failed"] == 1
+            pool.deaths_at_step.clear()
+            pool.deaths_at_reset.clear()
+            expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)
+            assert (await http.delete(f"/v1/evaluations/{evaluation}")).is_success
+            assert (await figures(http))["wrongturn_episodes_voided_total,cancelled"] == 1
+            expect(await http.post("/v1/episodes", json=PRACTICE), 201)
+        folder = tmp_path / "silent"
+        folder.mkdir()
+        async with application(folder, FakePool(), lease_release_s=0.05, lease_abort_s=0.4) as http:
+            expect(await http.post("/v1/episodes", json=PRACTICE), 201)
+            service = http.app.state.service
+            await until(lambda: service.episodes.held == 0)
+            await until(lambda: service.episodes.open == 0)
+            assert (await figures(http))["wrongturn_leases_expired_total"] == 1
+        async with application(tmp_path, FakePool(), registration="operator") as http:
+            assert (await figures(http))["wrongturn_episodes_voided_total,service-ended"] == 1
+
+    play(story)
+
+
+def test_ready_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Pool(FakePool):
+        failure: str | None = None  # type: ignore[assignment]
+
+    async def story() -> None:
+        pool = Pool()
+        async with application(tmp_path, pool) as http:
+            expect(await http.get("/health/ready"), 200)
+            pool.failure = "no libsumo"
+            problem(await http.get("/health/ready"), 503, "simulator-failed")
+            expect(await http.get("/health/live"), 200)
+            pool.failure = None
+            database = http.app.state.service.store._database
+            for error in (DatabaseTakenError("x"), OperationalError("SELECT 1", {}, OSError())):
+
+                def fail(error: Exception = error) -> None:
+                    raise error
+
+                monkeypatch.setattr(database, "check", fail)
+                problem(await http.get("/health/ready"), 503, "storage-failed")
+            monkeypatch.undo()
+            expect(await http.get("/health/ready"), 200)
+            http.app.state.service.episodes.stopping = True
+            problem(await http.get("/health/ready"), 503, "shutting-down")
+
+    play(story)
+
+
+def test_the_log_carries_the_ids(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool()) as http:
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            response = await http.post(f"/v1/evaluations/{evaluation}/episodes")
+            episode = expect(response, 201)["id"]
+            for seq in range(1, 11):
+                expect(await step(http, episode, seq), 200)
+            begun = next(line for line in lines if line.get("status") == 201 and "episodes" in line["route"])
+            assert begun["request"] == response.headers["X-Request-Id"]
+            assert (begun["evaluation"], begun["episode"]) == (evaluation, episode)
+            done = next(line for line in lines if line["event"] == "episode finished")
+            assert (done["evaluation"], done["episode"]) == (evaluation, episode)
+            assert done["request"] != begun["request"]
+            registered = next(line for line in lines if line.get("route") == "/v1/agents")
+            assert "episode" not in registered
+            assert "token" not in json.dumps(lines)
+
+    lines: list[dict[str, object]] = []
+    before = structlog.get_config()
+    structlog.configure(
+        processors=[structlog.contextvars.merge_contextvars, lambda *now: lines.append(now[2]) or drop()]
+    )
+    try:
+        play(story)
+    finally:
+        structlog.configure(**before)
+
+
+def drop() -> None:
+    raise structlog.DropEvent
+
+
+def test_each_figure_is_documented_and_nothing_else(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool()) as http:
+            text = (await http.get("/metrics")).text
+            families = {family.name for family in text_string_to_metric_families(text)}
+            there = {name for name in families if not name.endswith("_created")}
+            documented = re.findall(r"^\| `(wrongturn_\w+)`", DOCUMENT.read_text(), re.MULTILINE)
+            assert sorted(name.removesuffix("_total") for name in documented) == sorted(there)
+
+    play(story)
