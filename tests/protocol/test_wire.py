@@ -1,3 +1,6 @@
+import re
+from pathlib import Path
+
 import msgpack
 import numpy as np
 import pytest
@@ -105,3 +108,45 @@ def test_any_bytes_are_a_message_or_refused(data: bytes) -> None:
             unpack(data)
         except wire.MalformedMessageError:
             continue
+
+
+PAGE = (Path(__file__).parents[2] / "docs" / "wire.md").read_text(encoding="utf-8")
+
+
+def _bytes_of_page(kind: str) -> bytes:
+    found = re.search(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)
+    assert found is not None
+    return bytes.fromhex(found.group(1))
+
+
+def test_the_pages_example_is_what_is_sent() -> None:
+    calls = [["step", "ep_7Qk2", 1, 0.25, 0.5, 0.0], ["step", "ep_none", 1, 0.0, 0.0, 1.0]]
+    assert wire.pack_calls(7, calls) == _bytes_of_page("call")
+    assert wire.unpack_calls(_bytes_of_page("call")) == (7, calls)
+
+
+def test_the_pages_example_is_what_is_answered() -> None:
+    number, (stepped, refused) = wire.unpack_results(_bytes_of_page("reply"))
+    assert number == 7
+    assert stepped[:2] == [200, {"seq": 1, "terminated": False, "truncated": False}]
+    observation = wire.arrays(stepped[2])
+    assert {name: array.item() for name, array in observation.items()} == {
+        "speed": 6.5,
+        "steering": -0.25,
+        "command": 4,
+    }
+    assert stepped[2] == wire.block(observation, Track.STATE)
+    packed = [wire.pack_result(*stepped), wire.pack_result(*refused)]
+    assert wire.join_results(7, packed) == _bytes_of_page("reply")
+
+
+def test_the_page_tells_where_each_array_lies() -> None:
+    for track in Track:
+        told = wire.layout(track)
+        arrays = ", ".join(f"{part.offset} `{part.name}`" for part in told.parts)
+        assert f"| `{track.value}` | {told.size:,} | {arrays} |" in PAGE
+
+
+def test_the_page_names_each_call() -> None:
+    for call in wire.Call:
+        assert f'| `["{call.value}", ' in PAGE

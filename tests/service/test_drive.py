@@ -1,6 +1,8 @@
 """The socket means what the REST calls mean."""
 
+import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -191,3 +193,14 @@ def test_what_was_begun_is_finished_when_the_client_leaves(service: RunningServi
         drive.send(["step", episode, 2, *ACTION])
     with DriveSocket(service, agent.token) as drive:
         assert drive.one("step", episode, 2, *ACTION)[1].get("seq") == 2
+
+
+def test_the_pages_example_is_answered_as_the_page_has_it(drive: DriveSocket) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "wire.md").read_text(encoding="utf-8")
+    sent, told = (bytes.fromhex(re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL)[0]) for kind in ("call", "reply"))
+    drive.socket.send(sent)
+    answered = drive.socket.recv(30)
+    refused = wire.pack_result(*wire.unpack_results(told)[1][1])
+    assert isinstance(answered, bytes)
+    assert told.endswith(refused)
+    assert answered.endswith(refused)

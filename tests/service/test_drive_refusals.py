@@ -1,0 +1,140 @@
+"""What the socket refuses, and what becomes of a client that breaks its rules."""
+
+import socket
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx
+import msgpack
+import pytest
+from drive_socket import DriveSocket
+from service_harness import Agent, RunningService
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from wrongturn_protocol import Problem, wire
+
+ACTION = (0.0, 0.8, 0.0)
+
+
+def _refused(service: RunningService, protocols: list[str], **headers: str) -> tuple[int, Problem, dict[str, str]]:
+    with pytest.raises(InvalidStatus) as caught:
+        connect(
+            service.url.replace("http", "ws", 1) + wire.PATH,
+            subprotocols=protocols or None,  # type: ignore[arg-type]
+            additional_headers=headers,
+            proxy=None,
+        )
+    response = caught.value.response
+    assert response.headers["content-type"] == "application/problem+json"
+    assert response.body is not None
+    return response.status_code, Problem.model_validate_json(response.body), dict(response.headers.raw_items())
+
+
+@pytest.mark.parametrize("offered", [[], ["wrongturn.drive.v0"], ["chat", "wrongturn.drive.v2"]])
+def test_another_version_is_refused_by_name(service: RunningService, agent: Agent, offered: list[str]) -> None:
+    status, problem, headers = _refused(service, offered, Authorization=f"Bearer {agent.token}")
+    assert (status, problem.type) == (426, "/problems/protocol-version")
+    assert wire.SUBPROTOCOL in (problem.detail or "")
+    assert (", ".join(offered) or "none") in (problem.detail or "")
+    assert headers["sec-websocket-protocol"] == wire.SUBPROTOCOL
+
+
+@pytest.mark.parametrize("headers", [{}, {"Authorization": "Bearer nobody"}, {"Authorization": "Basic abc"}])
+def test_a_handshake_needs_a_token(service: RunningService, headers: dict[str, str]) -> None:
+    status, problem, answered = _refused(service, [wire.SUBPROTOCOL], **headers)
+    assert (status, problem.type) == (401, "/problems/unauthenticated")
+    assert answered["www-authenticate"].startswith("Bearer")
+
+
+MESSAGE = wire.pack_calls(1, [["look", "ep_1"]])
+
+
+@pytest.mark.parametrize(
+    ("message", "kind", "status", "code"),
+    [
+        ("text", "text-message", 400, 1003),
+        (b"", "truncated-message", 400, 1007),
+        (MESSAGE[:-1], "truncated-message", 400, 1007),
+        (MESSAGE + b"\0", "malformed-message", 400, 1007),
+        (b"\xc1", "malformed-message", 400, 1007),
+        (msgpack.packb({"seq": 1}), "malformed-message", 400, 1007),
+        (bytes(4 * 1024 * 1024 + 1), "message-too-large", 413, 1009),
+    ],
+)
+def test_a_bad_message_is_told_its_name(
+    service: RunningService, agent: Agent, message: Any, kind: str, status: int, code: int
+) -> None:
+    with DriveSocket(service, agent.token) as drive:
+        drive.socket.send(message)
+        number, ((told, fields),) = drive.receive()
+        assert (number, told, fields["type"]) == (None, status, f"/problems/{kind}")
+        assert Problem.model_validate(fields).detail
+        with pytest.raises(ConnectionClosed) as caught:
+            drive.socket.recv(10)
+        assert caught.value.rcvd is not None
+        assert (caught.value.rcvd.code, caught.value.rcvd.reason) == (code, kind)
+
+
+def test_a_huge_message_is_not_even_read(service: RunningService, agent: Agent) -> None:
+    def send() -> None:
+        drive.socket.send(bytes(9 * 1024 * 1024))
+        drive.socket.recv(10)
+
+    with DriveSocket(service, agent.token) as drive, pytest.raises(ConnectionClosed) as caught:
+        send()
+    # What is left unread may make the end come before the word.
+    assert caught.value.rcvd is None or caught.value.rcvd.code == 1009
+
+
+def test_a_frame_cut_short_harms_nobody(service: RunningService, agent: Agent) -> None:
+    with DriveSocket(service, agent.token) as drive:
+        raw = drive.socket.socket
+        raw.sendall(b"\x82\xfe\x00\x7e\0\0\0\0half")  # says 126 bytes, and has four
+        raw.shutdown(socket.SHUT_RDWR)
+    with DriveSocket(service, agent.token) as drive:
+        assert drive.one("look", "ep_none")[0] == 404
+
+
+def test_a_revoked_token_ends_the_connection(service: RunningService) -> None:
+    with service.agent() as agent, DriveSocket(service, agent.token) as drive:
+        assert drive.one("look", "ep_none")[0] == 404
+        agent.http.delete(f"/v1/agents/{agent.id}/token")
+        drive.send(["look", "ep_none"])
+        number, ((status, fields),) = drive.receive()
+        assert (number, status, fields["type"]) == (None, 401, "/problems/unauthenticated")
+
+
+def test_who_asks_without_reading_is_not_read_either(service: RunningService, agent: Agent) -> None:
+    """Replies that nobody takes must not pile up in the service; other clients go on meanwhile."""
+    episode = agent.practise(track="segmentation")["id"]
+    with DriveSocket(service, agent.token) as drive:
+        drive.one("step", episode, 1, *ACTION)
+    parts = urlsplit(service.url)
+    batch = wire.pack_calls(1, [["step", episode, 1, *ACTION]] * wire.CALLS)
+    frame = b"\x82\xfe" + len(batch).to_bytes(2, "big") + bytes(4) + batch
+    with socket.create_connection((parts.hostname, parts.port), 5) as raw:
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65536)
+        raw.sendall(
+            f"GET {wire.PATH} HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
+            f"Sec-WebSocket-Protocol: {wire.SUBPROTOCOL}\r\nAuthorization: Bearer {agent.token}\r\n\r\n".encode()
+        )
+        raw.settimeout(2)
+        with pytest.raises(TimeoutError):
+            raw.sendall(frame * 2000)  # 26 MB of calls, whose replies would be 25 GB
+        with DriveSocket(service, agent.token) as drive:
+            assert drive.one("step", episode, 1, *ACTION)[0] == 200
+    status = (f"/proc/{service.process.pid}/status",)
+    with open(*status, encoding="ascii") as lines:  # noqa: PTH123
+        resident = next(int(line.split()[1]) for line in lines if line.startswith("VmRSS"))
+    assert resident < 700_000, f"{resident} kB"
+
+
+def test_calls_are_counted_by_what_they_ask_for(service: RunningService, agent: Agent) -> None:
+    with DriveSocket(service, agent.token) as drive:
+        drive.one("look", "ep_none")
+        drive.one("fly", "ep_none")
+    metrics = httpx.get(service.url + "/metrics").text
+    assert 'method="WS",route="/v1/drive look",status="404"' in metrics
+    assert 'method="WS",route="/v1/drive unknown",status="422"' in metrics
