@@ -10,6 +10,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from wrongturn_client.async_client import AsyncClient
     from wrongturn_client.client import Client
     from wrongturn_client.errors import (
         AgentNameTakenError,
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
         InvalidRequestError,
         LocalServiceError,
         NotFoundError,
+        NotOfferedError,
         NoTrialAvailableError,
         PluginError,
         PolicyError,
@@ -43,6 +45,7 @@ __all__ = [
     "Action",
     "AgentNameTakenError",
     "ApiError",
+    "AsyncClient",
     "AuthenticationError",
     "Client",
     "ConflictError",
@@ -57,6 +60,7 @@ __all__ = [
     "LocalServiceError",
     "NoTrialAvailableError",
     "NotFoundError",
+    "NotOfferedError",
     "PluginError",
     "Policy",
     "PolicyError",
@@ -70,6 +74,7 @@ __all__ = [
 
 _HOMES: Final = {
     "Action": "wrongturn_protocol",
+    "AsyncClient": "wrongturn_client.async_client",
     "Client": "wrongturn_client.client",
     "LocalService": "wrongturn_client.local_service",
     "Policy": "wrongturn_client.policy",

@@ -4,13 +4,16 @@ import uuid
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Any, Self, TypeVar
+from urllib.parse import urlsplit
+from urllib.request import getproxies, proxy_bypass
 
 import httpx
 import msgpack
 from pydantic import BaseModel, ValidationError
 
 from wrongturn_client import settings
-from wrongturn_client.errors import ProtocolError
+from wrongturn_client.drive import Drive
+from wrongturn_client.errors import NotOfferedError, ProtocolError
 from wrongturn_client.evaluate import Progress, drive_evaluation
 from wrongturn_client.policy import Policy
 from wrongturn_client.transport import JSON, MSGPACK, Reply, Transport, path_of
@@ -89,6 +92,10 @@ class Client:
         self._media_type = MSGPACK if binary else JSON
         self._step_headers = {"Accept": self._media_type, "Content-Type": self._media_type}
         self._binary = binary
+        self._token = token or settings.token()
+        self._timeout = timeout
+        self._patience = patience
+        self._injected = transport is not None
 
     @property
     def url(self) -> str:
@@ -302,6 +309,21 @@ class Client:
     def abort_episode(self, episode: str) -> None:
         """End an episode; a scored one counts as ``aborted``, which is unsafe."""
         self._transport.call("DELETE", path_of("v1", "episodes", episode))
+
+    # The socket
+
+    def drive(self) -> Drive:
+        """A connection over which episodes are driven with less ado: many at a time, many steps in a message.
+
+        Raises:
+            NotOfferedError: the service, or a proxy before it, has no such socket; HTTP does the same.
+        """
+        url = urlsplit(self.url)
+        if not self._binary:
+            raise NotOfferedError("the WebSocket is binary; this client was asked for JSON")
+        if self._injected or (url.scheme in getproxies() and not proxy_bypass(url.hostname or "")):
+            raise NotOfferedError("no WebSocket through a proxy or another transport; HTTP does the same")
+        return Drive(url, self._token, timeout=self._timeout, patience=self._patience)
 
     # Leaderboards
 

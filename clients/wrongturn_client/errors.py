@@ -5,6 +5,7 @@
     WrongturnError
     ├── ServiceUnreachableError      nobody answers at the URL
     ├── ProtocolError                the answer is none that this client understands
+    ├── NotOfferedError              there is no WebSocket at the URL; HTTP does the same
     ├── LocalServiceError            ``wrongturn serve`` did not come up
     ├── EvaluationStalledError       no trial was handed out for too long
     ├── PolicyError                  the policy gave something that is no action
@@ -50,6 +51,10 @@ class ServiceUnreachableError(WrongturnError):
 
 class ProtocolError(WrongturnError):
     """The answer is none that this client understands: another program, or another version, is at the URL."""
+
+
+class NotOfferedError(WrongturnError):
+    """The service, or what lies before it, has no WebSocket for driving, or speaks another version of its protocol."""
 
 
 class LocalServiceError(WrongturnError):

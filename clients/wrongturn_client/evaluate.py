@@ -1,10 +1,7 @@
 """Driving a policy through an evaluation to its end, whatever happens on the way."""
 
 import contextlib
-import hashlib
 import platform
-import statistics
-import struct
 import threading
 import time
 from collections.abc import Callable
@@ -14,19 +11,23 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Final
 
 from wrongturn_client.actions import refusal
+from wrongturn_client.drive import Drive
+from wrongturn_client.driving import SocketDriver
 from wrongturn_client.errors import (
     EpisodeFinishedError,
     EpisodeLostError,
     EvaluationFinishedError,
     EvaluationStalledError,
+    NotOfferedError,
     NoTrialAvailableError,
     PolicyError,
     ProtocolError,
     WrongturnError,
 )
 from wrongturn_client.policy import Policy
+from wrongturn_client.records import Record
 from wrongturn_client.wire import track_of_message
-from wrongturn_protocol import Action, EpisodeRecord, EvaluationDetail, EvaluationState
+from wrongturn_protocol import EpisodeRecord, EvaluationDetail, EvaluationState
 from wrongturn_protocol.observations import Observation, observation_space
 
 if TYPE_CHECKING:
@@ -36,34 +37,6 @@ Progress = Callable[[int, int], None]
 """Called with the numbers of finished and of all episodes."""
 _STALLED_AFTER: Final = 900.0
 """Seconds without a trial; a worker that vanished is given up by the service after 600."""
-_ACTION: Final = struct.Struct("<3f")
-
-
-@dataclass
-class Record:
-    """What the worker itself saw of an episode."""
-
-    episode: str
-    steps: int = 0
-    latencies: list[float] = field(default_factory=list)
-    """Seconds that each decision took."""
-    actions: bytearray = field(default_factory=bytearray)
-    """Little-endian float32 [n, 3]."""
-
-    def add(self, action: Action, latency: float) -> None:
-        """Note a decision."""
-        self.steps += 1
-        self.latencies.append(latency)
-        self.actions += _ACTION.pack(action.steer, action.throttle, action.brake)
-
-    def message(self) -> EpisodeRecord:
-        """The record as it is posted."""
-        return EpisodeRecord(
-            episode=self.episode,
-            steps=self.steps,
-            actions_sha256=hashlib.sha256(self.actions).hexdigest(),
-            latency_ms=statistics.median(self.latencies) * 1000 if self.latencies else None,
-        )
 
 
 class _StoppedError(Exception):
@@ -115,19 +88,37 @@ def drive_evaluation(
         raise WrongturnError(f"evaluation: {detail.id} was cancelled; begin a new one")
     tally = _Tally(detail.trials, detail.finished, progress)
     tally.tell()
-    if evaluation is not None and detail.state is EvaluationState.RUNNING:
-        for episode in client.open_episodes(detail.id):
-            with contextlib.suppress(EpisodeLostError):
-                _resume(client, policy, episode.id)
-                tally.add(None)
     if detail.state is EvaluationState.RUNNING:
-        if parallel == 1:
-            _drive_trials(client, policy, detail.id, tally)
+        resumed = [] if evaluation is None else [episode.id for episode in client.open_episodes(detail.id)]
+        drive = _socket(client)
+        if drive is not None:
+            with drive:
+                SocketDriver(drive, policy, detail.id, parallel=parallel, resumed=resumed, on_end=tally.add).run()
         else:
-            _drive_in_threads(client, policy, detail.id, tally, parallel)
+            _drive_over_http(client, policy, detail.id, tally, parallel, resumed)
     if tally.records:
         client.put_results(detail.id, tally.records, {**_versions(), **(versions or {})})
     return client.evaluation(detail.id)
+
+
+def _socket(client: "Client") -> Drive | None:
+    try:
+        return client.drive()
+    except NotOfferedError:
+        return None
+
+
+def _drive_over_http(
+    client: "Client", policy: Policy, evaluation: str, tally: _Tally, parallel: int, resumed: list[str]
+) -> None:
+    for episode in resumed:
+        with contextlib.suppress(EpisodeLostError):
+            _resume(client, policy, episode)
+            tally.add(None)
+    if parallel == 1:
+        _drive_trials(client, policy, evaluation, tally)
+    else:
+        _drive_in_threads(client, policy, evaluation, tally, parallel)
 
 
 def _drive_in_threads(client: "Client", policy: Policy, evaluation: str, tally: _Tally, parallel: int) -> None:

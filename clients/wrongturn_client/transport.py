@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 from urllib.parse import SplitResult, quote, urlsplit
@@ -130,29 +131,8 @@ class Transport:
 
     def send(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Reply:
         """Send prepared bytes until they are answered; raises as :meth:`call`."""
-        begin = time.monotonic()
-        longest = min(_LONGEST_GROWN_PAUSE, (self.patience if self._answered else _FIRST_CONTACT) / 4)
-
-        def again(error: Exception) -> bool | float:
-            """Whether to send it again; a number is the pause that the service asked for, seconds."""
-            if not isinstance(error, ConnectionBrokeError | ServiceBusyError):
-                return False
-            patience = self.patience if self._answered else min(self.patience, _FIRST_CONTACT)
-            left = patience - (time.monotonic() - begin)
-            asked = getattr(error, "retry_after", None)
-            if asked is None:
-                return left > longest + _JITTER
-            return float(asked) if asked <= left else False
-
         try:
-            for attempt in stamina.retry_context(
-                on=again,
-                attempts=None,
-                timeout=None,
-                wait_initial=min(_SHORTEST_PAUSE, longest),
-                wait_max=longest,
-                wait_jitter=_JITTER,
-            ):
+            for attempt in attempts(self.patience, lambda: self._answered):
                 with attempt:
                     return self._once(method, path, headers, content)
         except ConnectionBrokeError as error:
@@ -163,6 +143,38 @@ class Transport:
         answer = self._connections.exchange(method, path, self._headers | headers, content)
         self._answered = True
         return check(answer)
+
+
+def attempts(patience: float, answered: Callable[[], bool]) -> Iterator[stamina.Attempt]:
+    """Attempts at something that a broken connection or a busy service may stop, with pauses between them.
+
+    Args:
+        patience: seconds from now on.
+        answered: whether anybody ever answered at the URL; before, little patience is had.
+    """
+    begin = time.monotonic()
+    longest = min(_LONGEST_GROWN_PAUSE, (patience if answered() else _FIRST_CONTACT) / 4)
+
+    def again(error: Exception) -> bool | float:
+        """Whether to try again; a number is the pause that the service asked for, seconds."""
+        if not isinstance(error, ConnectionBrokeError | ServiceBusyError):
+            return False
+        left = (patience if answered() else min(patience, _FIRST_CONTACT)) - (time.monotonic() - begin)
+        asked = getattr(error, "retry_after", None)
+        if asked is None:
+            return left > longest + _JITTER
+        return float(asked) if asked <= left else False
+
+    return iter(
+        stamina.retry_context(
+            on=again,
+            attempts=None,
+            timeout=None,
+            wait_initial=min(_SHORTEST_PAUSE, longest),
+            wait_max=longest,
+            wait_jitter=_JITTER,
+        )
+    )
 
 
 def check(answer: Answer) -> Reply:

@@ -1,0 +1,261 @@
+"""Driving over the socket of a real service, and what is done when it breaks."""
+
+import contextlib
+import socket
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from urllib.parse import urlsplit
+
+import httpx
+import numpy as np
+import pytest
+
+from wrongturn_client import (
+    Action,
+    ApiError,
+    AuthenticationError,
+    Client,
+    EpisodeFinishedError,
+    LocalService,
+    NotOfferedError,
+    ServiceUnreachableError,
+)
+from wrongturn_protocol import EvaluationState, PracticeRequest, Track
+from wrongturn_protocol.observations import Observation
+
+GAS = Action(steer=0.0, throttle=0.8, brake=0.0)
+REQUEST = PracticeRequest(town="Town01", approach="J3-S", seed=3, track=Track.SEGMENTATION)
+
+
+class Gas:
+    """Full throttle; counts its decisions, and may do something after some."""
+
+    def __init__(self) -> None:
+        self.steps = 0
+
+    def reset(self, observation_space: object) -> None:
+        pass
+
+    def act(self, observation: Observation) -> Action:
+        self.steps += 1
+        return GAS
+
+
+@pytest.fixture
+def client(service: LocalService) -> Iterator[Client]:
+    with Client(service.url) as anybody:
+        agent = anybody.register(
+            f"driver {threading.get_ident()} {np.random.default_rng().integers(2**40)}", Track.PRIVILEGED
+        )
+    with Client(service.url, agent.token) as client:
+        yield client
+
+
+class Cable:
+    """What lies between client and service; it can be cut, and counts how often it was plugged in."""
+
+    def __init__(self, url: str) -> None:
+        parts = urlsplit(url)
+        self._to = (parts.hostname or "", parts.port or 80)
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+        self.plugged = 0
+        self.cut_after: int | None = None
+        """Bytes from the service after which each connection ends, once."""
+        self._open: list[socket.socket] = []
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                near, _ = self._listener.accept()
+            except OSError:
+                return
+            self.plugged += 1
+            far = socket.create_connection(self._to)
+            self._open += [near, far]
+            for one, other, back in ((near, far, False), (far, near, True)):
+                threading.Thread(target=self._pass, args=(one, other, back), daemon=True).start()
+
+    def _pass(self, one: socket.socket, other: socket.socket, back: bool) -> None:
+        passed = 0
+        try:
+            while data := one.recv(65536):
+                passed += len(data)
+                if back and self.cut_after is not None and passed > self.cut_after:
+                    self.cut_after = None
+                    break
+                other.sendall(data)
+        except OSError:
+            pass
+        _end(one, other)
+
+    def cut(self) -> None:
+        _end(*self._open)
+
+    def close(self) -> None:
+        self._listener.close()
+        self.cut()
+        for end in self._open:
+            end.close()
+
+
+def _end(*ends: socket.socket) -> None:
+    for end in ends:
+        with contextlib.suppress(OSError):
+            end.shutdown(socket.SHUT_RDWR)
+
+
+@pytest.fixture
+def cable(service: LocalService) -> Iterator[Cable]:
+    cable = Cable(service.url)
+    yield cable
+    cable.close()
+
+
+def test_a_drive_is_that_of_http(client: Client) -> None:
+    with client.drive() as drive:
+        here, there = drive.practise(REQUEST), client.practise(REQUEST)
+        assert here.trial == there.trial
+        for seq in range(1, 5):
+            mine, other = drive.step(here.id, seq, GAS), client.step(there.id, seq, GAS)
+            assert mine.reward == other.reward
+            assert mine.observation.keys() == other.observation.keys()
+            for name, array in mine.observation.items():
+                np.testing.assert_array_equal(array, other.observation[name])
+                assert array.flags.writeable
+        looked = drive.episode(here.id)
+        assert (looked.seq, looked.last_reply and looked.last_reply["seq"]) == (4, 4)
+        drive.abort_episode(here.id)
+        client.abort_episode(there.id)
+
+
+def test_steps_go_in_one_message_and_fail_one_by_one(client: Client) -> None:
+    with client.drive() as drive:
+        one, two = drive.practise(REQUEST).id, drive.practise(REQUEST).id
+        first, wrong, second = drive.steps([(one, 1, GAS), (one, 7, GAS), (two, 1, GAS)])
+        assert not isinstance(first, ApiError)
+        assert not isinstance(second, ApiError)
+        assert isinstance(wrong, ApiError)
+        assert wrong.type == "sequence-gap"
+        drive.abort_episode(one)
+        drive.abort_episode(two)
+        with pytest.raises(EpisodeFinishedError):
+            drive.step(one, 2, GAS)
+
+
+def test_too_many_steps_for_a_message_are_refused_here(client: Client) -> None:
+    with client.drive() as drive, pytest.raises(ValueError, match="1 to 256"):
+        drive.steps([("ep", 1, GAS)] * 257)
+
+
+@pytest.mark.parametrize("parallel", [1, 3])
+def test_an_evaluation_goes_by_the_socket(client: Client, parallel: int) -> None:
+    before = _stepped_over_http(client.url)
+    told: list[int] = []
+    evaluation = client.evaluate(Gas(), "smoke@1", parallel=parallel, progress=lambda done, of: told.append(done))
+    assert evaluation.state is EvaluationState.FINISHED
+    assert told == list(range(13))
+    assert _stepped_over_http(client.url) == before
+
+
+def _stepped_over_http(url: str) -> float:
+    """Steps over HTTP so far."""
+    lines = httpx.get(url + "/metrics").text.splitlines()
+    wanted = 'wrongturn_request_seconds_count{method="POST",route="/v1/episodes/{episode}/step"'
+    return sum(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(wanted))
+
+
+def test_both_ways_come_to_the_same_verdicts(client: Client, service: LocalService) -> None:
+    verdicts = []
+    with Client(service.url) as anybody:
+        token = anybody.register(f"other {np.random.default_rng().integers(2**40)}", Track.PRIVILEGED).token
+    with Client(service.url, token, binary=False) as over_http:
+        for one in (client, over_http):
+            evaluation = one.evaluate(Gas(), "smoke@1")
+            finished = one.finished_episodes(evaluation.id)
+            verdicts.append({episode.trial: episode.outcome for episode in finished})
+    assert len(verdicts[0]) == 12
+    assert verdicts[0] == verdicts[1]
+
+
+def test_an_evaluation_goes_on_after_each_cut(client: Client, cable: Cable) -> None:
+    """A connection that breaks costs no step and no episode: the record that is posted has to agree."""
+
+    class Cutting(Gas):
+        def act(self, observation: Observation) -> Action:
+            if self.steps % 40 == 17:
+                cable.cut()
+            elif self.steps % 40 == 33:
+                cable.cut_after = 0
+            return super().act(observation)
+
+    policy = Cutting()
+    with Client(cable.url, client._token) as cut:
+        evaluation = cut.evaluate(policy, "smoke@1", parallel=1)
+    assert evaluation.state is EvaluationState.FINISHED
+    assert cable.plugged > policy.steps // 20
+    episodes = client.finished_episodes(evaluation.id)
+    assert sum(episode.seq for episode in episodes) == policy.steps
+
+
+def test_open_episodes_are_gone_on_with(client: Client) -> None:
+    evaluation = client.create_evaluation("smoke@1")
+    episode = client.next_episode(evaluation.id)
+    client.step(episode.id, 1, GAS)
+    done = client.evaluate(Gas(), "smoke@1", evaluation=evaluation.id)
+    assert done.state is EvaluationState.FINISHED
+    assert episode.id in [one.id for one in client.finished_episodes(evaluation.id)]
+
+
+def test_a_policy_that_breaks_ends_its_episode(client: Client) -> None:
+    class Breaking(Gas):
+        def act(self, observation: Observation) -> Action:
+            if self.steps == 5:
+                raise RuntimeError("broken")
+            return super().act(observation)
+
+    evaluation = client.create_evaluation("smoke@1")
+    with pytest.raises(RuntimeError, match="broken"):
+        client.evaluate(Breaking(), "smoke@1", evaluation=evaluation.id)
+    assert len(client.finished_episodes(evaluation.id)) == 1
+    assert not client.open_episodes(evaluation.id)
+    client.cancel_evaluation(evaluation.id)
+
+
+def test_a_bad_token_is_told_at_the_handshake(service: LocalService) -> None:
+    with Client(service.url, "nobody's") as client, pytest.raises(AuthenticationError):
+        client.drive()
+
+
+def test_nobody_at_the_url_is_told(service: LocalService) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    with Client(f"http://127.0.0.1:{port}", "t", patience=0.1) as client, pytest.raises(ServiceUnreachableError):
+        client.drive()
+
+
+@pytest.mark.parametrize("status", [200, 403, 404, 426, 501])
+def test_a_service_without_the_socket_is_driven_over_http(status: int) -> None:
+    class Old(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(status)
+            self.send_header("Content-Length", "0")
+            self.end_headers()
+
+        def log_message(self, *args: object) -> None:
+            pass
+
+    with HTTPServer(("127.0.0.1", 0), Old) as server:
+        thread = threading.Thread(target=server.handle_request)
+        thread.start()
+        with Client(f"http://127.0.0.1:{server.server_port}", "t") as client, pytest.raises(NotOfferedError):
+            client.drive()
+        thread.join(5)
+
+
+def test_json_clients_and_injected_transports_use_http() -> None:
+    for client in (Client(binary=False), Client(transport=httpx.MockTransport(lambda request: httpx.Response(500)))):
+        with client, pytest.raises(NotOfferedError):
+            client.drive()
