@@ -53,13 +53,14 @@ def checkpoint(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def exported(checkpoint, observations, tmp_path_factory):
+def exported(checkpoint, tmp_path_factory):
     folder = tmp_path_factory.mktemp("exported")
+    calibration = record_observations("segmentation", 60, seed=8)
 
     def make(algorithm: str, precision: str) -> Path:
         path = folder / f"{algorithm}.{precision}.onnx"
         if not path.exists():
-            export(checkpoint(algorithm), path, precision)
+            export(checkpoint(algorithm), path, precision, observations=calibration if precision == "int8" else None)
         return path
 
     return make
@@ -77,9 +78,11 @@ def exported(checkpoint, observations, tmp_path_factory):
     ],
 )
 def test_its_actions_are_the_checkpoints(checkpoint, exported, observations, algorithm, precision, mean, greatest):
-    found = agreement(checkpoint(algorithm), exported(algorithm, precision), observations)
+    number = 200 if algorithm == "ppo-segmentation" else 50  # a ResNet-34 takes its time
+    compared = {key: array[:number] for key, array in observations.items()}
+    found = agreement(checkpoint(algorithm), exported(algorithm, precision), compared)
     print(algorithm, precision, found)
-    assert found.observations == 200
+    assert found.observations == number
     assert max(found.mean) <= mean
     assert max(found.greatest) <= greatest
 
