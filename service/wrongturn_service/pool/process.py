@@ -17,8 +17,8 @@ import struct
 import sys
 from typing import Any, Final
 
-from wrongturn_networks import draw_trial, load_town
-from wrongturn_protocol import FaultKind, Outcome, Track, Trial, observations
+from wrongturn_networks import draw_journey, draw_trial, load_town
+from wrongturn_protocol import FaultKind, Outcome, Task, Track, Trial, observations
 from wrongturn_service.pool import frames
 from wrongturn_service.pool.pool import replay_s
 from wrongturn_service.wire import Wire, encoded
@@ -49,8 +49,9 @@ class Server:
     def warm_up(self) -> None:
         """Drive a little, so that what is compiled or loaded late is there before the first agent comes."""
         town = load_town("junctions")
-        trial = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
-        for track in (Track.PRIVILEGED, Track.SEGMENTATION):
+        junction = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
+        journey = draw_journey(town, Task.NAVIGATION, 0)  # judged by arithmetic of its own
+        for trial, track in ((junction, Track.PRIVILEGED), (junction, Track.SEGMENTATION), (journey, Track.STATE)):
             self._reset(trial.model_dump_json(), track, _ACTION.pack(0.0, 0.5, 0.0) * 3, Wire.JSON)
             self._driven().abort()
 
