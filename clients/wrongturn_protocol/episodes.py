@@ -175,11 +175,11 @@ class PracticeRequest(Message):
         if (self.suite is None) != (self.trial is None):
             raise ValueError("suite and trial go together: name both, or describe the episode by town and approach")
         if (self.suite is None) == (self.town is None):
-            raise ValueError("name either suite and trial, or town and approach")
+            raise ValueError("name either suite and trial, or town and approach, or for a journey town and task")
         if self.task is not None:
             self._journey_is_plain()
         elif (self.town is None) != (self.approach is None):
-            raise ValueError("town and approach go together: name both")
+            raise ValueError("town and approach go together: name both, or for a journey town and task")
         if self.suite is not None and self.traffic != Traffic():
             raise ValueError("traffic: a suite's trial has its own; describe the episode by town and approach instead")
         return self

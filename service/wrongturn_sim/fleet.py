@@ -168,12 +168,15 @@ class Fleet:
         Raises:
             TrialNotAloneError: a trial has other road users, or another town.
             FaultNotApplicableError: this version or the approach does not admit the fault.
+            GeometryMismatchError: a journey's goal is not in the town.
+            UnknownApproachError: the town has no such approach.
         """
-        checked = [(i, self._checked(trial), make_fault(trial)) for i, trial in trials]
-        self._reserve(trial for _, trial, _ in checked)
+        # All that may be refused comes first: what is begun is kept for later trials.
+        checked = [(i, self._checked(trial), make_fault(trial), self._terms_of(trial)) for i, trial in trials]
+        self._reserve(trial for _, trial, _, _ in checked)
         egos = self._egos
-        chosen = [i for i, _, _ in checked]
-        for i, trial, fault in checked:
+        chosen = [i for i, _, _, _ in checked]
+        for i, trial, fault, terms in checked:
             self.trials[i] = trial
             self._faults[i] = fault
             egos.approaches[i] = self._row_of(trial)
@@ -184,10 +187,8 @@ class Fleet:
             egos.goals[i] = 0 if journey is None else self._goal_of(journey.goal)
             egos.state[i] = (*start_pose(self.town, trial), trial.start.speed, 0.0)
             egos.words[i] = set_out(self._roads, self.town, trial, egos.progress[i])
-            if journey is not None:
-                geometry = self._geometries[egos.approaches[i]]
-                assert isinstance(geometry, JourneyGeometry)
-                egos.terms[i] = terms_of(geometry, trial, strict=self.strict)
+            if terms is not None:
+                egos.terms[i] = terms
         if len(self._ground.bases) <= len(self._geometries) or len(self._ground.ways) < len(self._goals):
             self._ground = self._lay(self._geometries)
         egos.order[:] = np.argsort(egos.approaches, kind="stable")
@@ -273,6 +274,13 @@ class Fleet:
                 "or gymnasium.vector.AsyncVectorEnv of single environments",
             )
         return trial
+
+    def _terms_of(self, trial: Trial) -> tuple[float, ...] | None:
+        """What a journey ends by; None of a single junction."""
+        self.town.approach(trial.approach)
+        if trial.journey is None:
+            return None
+        return terms_of(JourneyGeometry.of(self.town), trial, strict=self.strict)
 
     def _run(self) -> None:
         """The turns of all egos, shared among the threads; this one takes the first part."""

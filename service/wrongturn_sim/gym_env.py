@@ -12,7 +12,7 @@ from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_spa
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.errors import EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.simulator import Simulator
-from wrongturn_sim.trial_source import TrialSource
+from wrongturn_sim.trial_source import TrialSource, a_flag
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera import Camera
@@ -77,7 +77,7 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             task=task,
             journeys=journeys,
         )
-        self.strict = strict
+        self.strict = a_flag("strict", strict)
         self.render_mode = render_mode
         self._camera = camera
         size = IMAGE_SHAPE if camera is None else (camera.height, camera.width)

@@ -1,6 +1,6 @@
 """Where an environment's trials come from: drawn in a town, out of a suite, or always the same."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,17 @@ from wrongturn_protocol import Fault, FaultKind, Task, Traffic, Trial, Weather
 from wrongturn_sim.faults import FaultNotApplicableError, make_fault
 
 _SEEDS = 2**31
+
+
+def a_flag(name: str, value: bool) -> bool:
+    """The value, where it is True or False.
+
+    Raises:
+        ValueError: it is neither, as ``"no"`` is, which would count as true.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name}: is {value!r}; give True or False")
+    return bool(value)
 
 
 class TrialSource:
@@ -51,14 +62,18 @@ class TrialSource:
             raise ValueError("town: missing; name a town, or a suite, or give a trial")
         if task is not None and town is None:
             raise ValueError("task: journeys are drawn in a town; name one, and leave suite and trial out")
+        if task is not None and task not in list(Task):
+            raise ValueError(f"task: {task!r} is unknown; give one of {', '.join(Task)}")
         self._task = None if task is None else Task(task)
         if journeys is not None and self._task is not Task.CRUISE:
             raise ValueError("journeys: these are arguments of cruises; give task='cruise' with them")
+        if journeys is not None and not isinstance(journeys, Mapping):
+            raise ValueError(f"journeys: {journeys!r} holds no arguments by name; give a dict of them")
         self._journeys = dict(journeys or {})
         self._approach = approach
         self._suite = None if suite is None else load_suite(suite)
         self._fault = fault if isinstance(fault, Fault) else Fault(kind=FaultKind(fault))
-        names_of_weathers = (weather,) if isinstance(weather, str) else weather
+        names_of_weathers = weather if isinstance(weather, Iterable) and not isinstance(weather, str) else (weather,)
         for name in names_of_weathers:
             if name not in list(Weather):
                 raise ValueError(f"weather: {name!r} is unknown; give one of {', '.join(Weather)}")

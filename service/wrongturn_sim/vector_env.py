@@ -20,7 +20,7 @@ from wrongturn_protocol import Fault, FaultKind, Task, Track, Trial, Weather
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
 from wrongturn_sim.errors import EpisodeAlreadyFinishedError, EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.fleet import Fleet, Record
-from wrongturn_sim.trial_source import TrialSource
+from wrongturn_sim.trial_source import TrialSource, a_flag
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera import Camera
@@ -93,7 +93,9 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         for name, number in (("num_envs", num_envs), ("threads", threads)):
             if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 1:
                 raise ValueError(f"{name}: is {number!r}; give a whole number, 1 or more")
-        if backend not in {"cpu", "cuda"}:
+        for name, flag in (("strict", strict), ("record", record)):
+            a_flag(name, flag)
+        if backend not in ("cpu", "cuda"):
             raise ValueError(f"backend: is {backend!r}; give cpu or cuda")
         if render_mode is not None:
             raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")

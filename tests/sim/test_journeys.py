@@ -105,11 +105,11 @@ def replayed(episodes, **arguments):
 @pytest.mark.parametrize("track", ["state", "privileged"])
 @pytest.mark.parametrize("town", TOWNS)
 def test_cruises_of_many_egos_are_those_of_single_environments(town, track):
-    arguments = {"town": town, "task": "cruise", "track": track, "journeys": {"time_limit": 9.0}}
+    arguments = {"town": town, "task": "cruise", "track": track, "journeys": {"time_limit": 6.0}}
     weathers = ["ClearNoon", "HardRainNoon"]
     actions = drawn_actions(8, 150)
     strict = compare(actions, strict=True, threads=2, weather=weathers, **arguments)
-    assert {"off_road", "timeout"} <= set(strict)
+    assert {"off_road", "not_engaged", "timeout"} <= set(strict)
     lax = compare(actions, mode=AutoresetMode.SAME_STEP, weather=weathers, **arguments)
     assert set(lax) <= {"collision", "timeout"}
 
@@ -250,9 +250,29 @@ def _lengths(town, edges):
         ({"town": "Town02", "task": "cruise", "approach": "J2-S"}, "approach"),
         ({"town": "Town02", "task": "navigation", "fault": "omission"}, "fault"),
         ({"town": "Town02", "task": "cruise", "journeys": {"near_junctions": 2.0}}, "near_junctions"),
+        ({"town": "Town02", "task": "racing"}, "task: .*navigation_dynamic"),
+        ({"town": "Town02", "task": "cruise", "journeys": 3}, "journeys: 3"),
+        ({"town": "Town02", "task": "cruise", "journeys": "time_limit"}, "journeys: 'time_limit'"),
+        ({"town": "Town02", "task": "cruise", "weather": 3}, "weather: 3"),
+        ({"town": "Town02", "task": "cruise", "strict": "no"}, "strict: is 'no'"),
+        ({"town": "Town02", "task": "cruise", "strict": None}, "strict: is None"),
     ],
 )
 def test_what_cannot_be_drawn_says_why(arguments, named):
     for make in (WrongturnSimEnv, lambda **more: WrongturnVectorEnv(2, **more)):
         with pytest.raises(ValueError, match=named):
             make(**arguments)
+
+
+@pytest.mark.parametrize("wrong", ["goal", "goal_at", "approach"])
+def test_a_batch_goes_on_after_a_trial_that_it_refused(wrong):
+    good = draw_journey(load_town("Town02"), Task.NAVIGATION, 3)
+    changes = {"goal": {"goal": "nowhere"}, "goal_at": {"goal_at": 1e6}, "approach": {}}[wrong]
+    arm = "J99-S" if wrong == "approach" else good.approach
+    bad = good.model_copy(update={"approach": arm, "journey": good.journey.model_copy(update=changes)})
+    environment = WrongturnVectorEnv(2, town="Town02")
+    with pytest.raises(ValueError, match=r"nowhere|1000000\.0|J99-S"):
+        environment.reset(options={"trial": [good, bad]})
+    _, infos = environment.reset(options={"trial": good})
+    assert infos["trial"].tolist() == [good.id] * 2
+    environment.step(np.zeros((2, 3)))
