@@ -21,7 +21,7 @@ from wrongturn_sim.camera.raycast import column_into, eye_of, rain, show
 from wrongturn_sim.camera.sight import span_of
 
 # It warns of each launch for a few pictures, such as of those whose drives begin anew; there is nothing to be done.
-numba.config.CUDA_LOW_OCCUPANCY_WARNINGS = 0
+setattr(numba.config, "CUDA_LOW_OCCUPANCY_WARNINGS", 0)  # noqa: B010 - numba makes its settings as it is loaded
 
 LOW: Final = 64
 """Rows of the pictures whose columns fit a thread's own memory, which is the faster one."""

@@ -48,6 +48,7 @@ def test_the_page_tells_how_journeys_end_and_what_is_counted() -> None:
     assert f"`back_time`, {JOURNEY_THRESHOLDS.back_time:g} s" in page
     assert f"oncoming lane for {JOURNEY_THRESHOLDS.wrong_way_time:g} s" in page
     assert f"{JOURNEY_THRESHOLDS.stand_time:g} s of standing" in page
+    assert {flag for flag in Flag if f"`{flag}`" in page} == set(Flag)
 
 
 def test_the_page_names_every_flag_and_reaction() -> None:

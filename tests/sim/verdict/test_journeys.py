@@ -134,13 +134,13 @@ def test_in_a_junction_no_lane_is_oncoming():
         assert ended(timed(((x, y, yaw), 30)), strict=True) is None
 
 
-def test_ten_seconds_of_standing_end_a_strict_drive():
-    slow = timed((ON_ROAD, 201), v=0.29)
-    assert ended(slow[:200], strict=True) is None
-    assert ended(slow, strict=True) == (Verdict.NOT_ENGAGED, 10.0)
+def test_five_seconds_of_standing_end_a_strict_drive():
+    slow = timed((ON_ROAD, 101), v=0.29)
+    assert ended(slow[:100], strict=True) is None
+    assert ended(slow, strict=True) == (Verdict.NOT_ENGAGED, 5.0)
     assert ended(slow) is None
     assert ended(timed((ON_ROAD, 300), v=0.3), strict=True) is None
-    moved = [one if k != 150 else one._replace(v=1.0) for k, one in enumerate(timed((ON_ROAD, 300), v=0.0))]
+    moved = [one if k != 90 else one._replace(v=1.0) for k, one in enumerate(timed((ON_ROAD, 190), v=0.0))]
     assert ended(moved, strict=True) is None
 
 
