@@ -18,7 +18,8 @@ from wrongturn_service.settings import Settings
 async def application(
     folder: Path, pool: FakePool, track: str = "privileged", **settings: Any
 ) -> AsyncIterator[httpx.AsyncClient]:
-    given = Settings(database=f"sqlite+aiosqlite:///{folder / 'a.db'}", home=folder, **settings)
+    database = settings.pop("database", f"sqlite+aiosqlite:///{folder / 'a.db'}")
+    given = Settings(database=database, home=folder, **settings)
     app = create_app(given, pool=pool)
     async with app.router.lifespan_context(app):
         transport = httpx.ASGITransport(app)

@@ -4,7 +4,10 @@ import asyncio
 from pathlib import Path
 
 import pytest
+from app_harness import application, play, step
+from fake_pool import FakePool
 from postgres_server import PostgresServer, name_of
+from service_harness import expect
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 from test_storage import agent_row
@@ -130,3 +133,41 @@ def test_doctor_tries_the_server(postgres: PostgresServer, url: str, tmp_path: P
         examine(url, tmp_path)
     with pytest.raises(StartupError, match="cannot be used"):
         examine("postgresql://me:secret@127.0.0.1:1/x", tmp_path)
+
+
+def test_an_evaluation_goes_on_through_broken_connections(postgres: PostgresServer, url: str, tmp_path: Path) -> None:
+    """Whatever is answered by an error is sent again, as a client does; in the end each trial has counted once."""
+
+    async def story() -> None:
+        async with application(tmp_path, FakePool(), database=url) as http:
+
+            async def call(path: str, body: object = None) -> dict[str, object]:
+                for _ in range(20):
+                    response = await http.post(path, json=body)
+                    if response.status_code < 500:
+                        assert response.is_success, response.text
+                        return response.json()
+                    await asyncio.sleep(0.05)
+                raise AssertionError(response.text)
+
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)
+            path = f"/v1/evaluations/{evaluation['id']}/episodes"
+            for number in range(evaluation["trials"]):
+                if number % 2:
+                    await asyncio.to_thread(postgres.drop_connections, name_of(url))
+                episode = (await call(path))["id"]
+                for seq in range(1, 10):
+                    expect(await step(http, str(episode), seq), 200)
+                dropped = asyncio.to_thread(postgres.drop_connections, name_of(url))
+                last = {"seq": 10, "action": {"steer": 0.0, "throttle": 0.8, "brake": 0.0}}
+                _, reply = await asyncio.gather(dropped, call(f"/v1/episodes/{episode}/step", last))
+                assert reply["terminated"]
+            done = (await http.get(f"/v1/evaluations/{evaluation['id']}")).json()
+            assert (done["state"], done["finished"]) == ("finished", evaluation["trials"])
+        name = name_of(url)
+        rows = await asyncio.to_thread(
+            postgres.sql, "SELECT count(*), count(DISTINCT trial_id) FROM episodes WHERE state = 'finished'", name
+        )
+        assert tuple(rows[0]) == (evaluation["trials"], evaluation["trials"])
+
+    play(story)
