@@ -93,6 +93,14 @@ def test_seeds_that_cannot_drive_are_told_apart(tmp_path):
     assert "`ppo-image` 2 (53 of 60)" in left_out(collection)
 
 
+def test_traffic_that_the_shipped_seed_has_not_met_is_missing(tmp_path):
+    driven = {1: False, 2: True}
+    files = [navigation("ppo-image", {}, seed=seed, traffic=traffic) for seed, traffic in driven.items()]
+    for seed, traffic in driven.items():
+        lines = lines_of_missing(read(keep(tmp_path, *files, shipped={"ppo-image": seed})))
+        assert any("has not met the other road users of navigation@1" in line for line in lines) is not traffic
+
+
 def test_what_was_driven_over_the_service_is_shown_for_the_shipped_seed(tmp_path):
     files = [
         wrong_command("ppo-image", (0, 0, 0, 0, 0, 5), seed=1),

@@ -105,6 +105,10 @@ class Collection:
                 lacking = sorted(str(seed) for seed in seeds[agent] - set(have))
                 if have and lacking:
                     lines.append(f"{agent} has no results on {suite} of seed {', '.join(lacking)}")
+            for agent in self.shipped:
+                file = self.of_shipped(suite, agent)
+                if file is not None and self.suite_of(suite).trials.keys() - file.trials:
+                    lines.append(f"{agent}, shipped seed {file.seed}, has not met the other road users of {suite}")
         unshipped = [agent for agent in ALGORITHMS if seeds[agent] and agent not in self.shipped]
         if unshipped:
             lines.append(f"{SHIPPED} names no seed of {', '.join(unshipped)}")
