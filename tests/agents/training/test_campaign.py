@@ -15,9 +15,10 @@ from wrongturn_agents.training import campaign_jobs
 from wrongturn_agents.training.bundle import join
 from wrongturn_agents.training.campaign import Campaign, devices_of, watch
 from wrongturn_agents.training.campaign_plan import Job, Plan
-from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
+from wrongturn_agents.training.checkpoint import load_checkpoint, model_of, read
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.job import rank
+from wrongturn_agents.training.progress_file import read_rows
 
 PRETENDED = """
 import os, sys, time, pathlib
@@ -126,46 +127,38 @@ def test_success_goes_before_reward():
 
 PLAN = f"""
 suites = ["smoke@1"]
-slots = 1
 [[jobs]]
 algorithm = "ppo-segmentation"
-seed = 1
-steps = 24
-options = {json.dumps([*SMALL, "evaluate_every=12", "save_every=0.001"])}
-[[jobs]]
-algorithm = "ppo-segmentation"
-seed = 2
 steps = 1_000_000
-options = {json.dumps([*SMALL, "evaluate_every=12", "save_every=0.001"])}
+options = {json.dumps([*SMALL, "evaluate_every=24"])}
 """
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_a_campaign_is_interrupted_and_goes_on(tmp_path):
     plan, directory = tmp_path / "plan.toml", tmp_path / "campaign"
     plan.write_text(PLAN)
     command = [sys.executable, "-m", "wrongturn_agents.training.campaign", str(plan), "--gpus", "0", "--minutes", "20"]
     command += ["--directory", str(directory)]
-    second = directory / "jobs" / "ppo-segmentation.s2"
+    run = directory / "jobs" / "ppo-segmentation.s1" / "run"
     process = subprocess.Popen(command)
-    end = time.monotonic() + 150
-    while not (second / "run" / "state.pt").is_file() and process.poll() is None and time.monotonic() < end:
+    end = time.monotonic() + 600
+    while not (run / "state.pt").is_file() and process.poll() is None and time.monotonic() < end:
         time.sleep(0.2)
     process.send_signal(signal.SIGTERM)
     process.wait(30)
     status = json.loads((directory / "status.json").read_text())
-    assert [told["state"] for told in status["jobs"].values()] == ["done", "waiting"]
-    reached = status["jobs"]["ppo-segmentation.s2"]["step"]
-    assert reached >= 12
-    content = json.loads((second / "run" / "config.json").read_text())
+    assert [told["state"] for told in status["jobs"].values()] == ["waiting"]
+    reached = read(run / "state.pt")["steps"]
+    assert reached >= 24
+    content = json.loads((run / "config.json").read_text())
     content["steps"] = reached + 12  # else it would go on for hours
-    (second / "run" / "config.json").write_text(json.dumps(content))
+    (run / "config.json").write_text(json.dumps(content))
     assert subprocess.run(command, check=False).returncode == 0
+    assert int(read_rows(run / "progress.csv")[-1]["step"]) == reached + 12
     bundle = directory / "bundle"
-    assert {path.name for path in (bundle / "results").iterdir()} == {
-        "ppo-segmentation.s1.smoke@1.json",
-        "ppo-segmentation.s2.smoke@1.json",
-    }
-    assert (bundle / "runs" / "ppo-segmentation.s2" / "progress.csv").is_file()
+    assert [path.name for path in (bundle / "results").iterdir()] == ["ppo-segmentation.s1.smoke@1.json"]
+    assert (bundle / "runs" / "ppo-segmentation.s1" / "progress.csv").is_file()
     join(bundle / "weights" / "ppo-segmentation.json", tmp_path / "best.pt")
     assert model_of(load_checkpoint(tmp_path / "best.pt")).algorithm == "ppo-segmentation"
