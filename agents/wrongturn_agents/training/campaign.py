@@ -69,6 +69,8 @@ class Campaign:
                 time.sleep(0.25)
         finally:
             for one in self.jobs:
+                one.terminate()
+            for one in self.jobs:
                 if one.running:
                     self._say(f"stopped {one.job.name}")
                     one.stop()

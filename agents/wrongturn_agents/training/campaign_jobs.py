@@ -84,11 +84,16 @@ class JobProcess:
             self.process, self.gpu = None, None
         return status
 
+    def terminate(self) -> None:
+        """Ask it to end, without waiting for it."""
+        if self.process is not None:
+            self.process.terminate()
+
     def stop(self, patience: float = 5.0) -> None:
         """End it; what it has written stays, and it goes on from there another time."""
         if self.process is None:
             return
-        self.process.terminate()
+        self.terminate()
         try:
             self.process.wait(patience)
         except subprocess.TimeoutExpired:
