@@ -1,5 +1,6 @@
 """Print what the named parts need from outside this repository, one requirement a line.
 
+A part is named by its folder, with an extra in brackets where one is wanted: ``agents[onnx]``.
 An image can install these from the pyproject files alone, before it has the sources.
 """
 
@@ -7,10 +8,9 @@ import sys
 import tomllib
 from pathlib import Path
 
-needed = {
-    requirement
-    for part in sys.argv[1:]
-    for requirement in tomllib.loads(Path(part, "pyproject.toml").read_text())["project"]["dependencies"]
-    if not requirement.startswith("wrongturn-")
-}
-print("\n".join(sorted(needed)))
+needed: set[str] = set()
+for argument in sys.argv[1:]:
+    part, _, extra = argument.rstrip("]").partition("[")
+    project = tomllib.loads(Path(part, "pyproject.toml").read_text())["project"]
+    needed |= {*project["dependencies"], *(project["optional-dependencies"][extra] if extra else ())}
+print("\n".join(sorted(requirement for requirement in needed if not requirement.startswith("wrongturn-"))))

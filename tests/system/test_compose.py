@@ -1,4 +1,5 @@
-"""The compose file as a user would try it: up, an agent registered, down, up again with everything still there.
+"""The compose file as a user would try it: up, agents driven from outside and as workers, a leaderboard, down, up again
+with everything still there, and a backup that can be put back.
 
 It needs a Docker engine and takes minutes, so it runs only where one answers: ``pytest -m soak tests/system``.
 """
@@ -8,6 +9,7 @@ import os
 import shutil
 import socket
 import subprocess
+import sys
 import time
 import urllib.error
 import urllib.request
@@ -15,6 +17,7 @@ import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -49,17 +52,17 @@ def inspect(container: str, field: str) -> str:
 class Service:
     """One compose project of its own name, port and volume."""
 
-    def __init__(self, token_file: Path) -> None:
+    def __init__(self, secrets: Path) -> None:
         self.port = free_port()
+        self.secrets = secrets
         self.environment = {
             **os.environ,
             "WRONGTURN_PORT": str(self.port),
-            "WRONGTURN_OPERATOR_TOKEN_FILE": str(token_file),
+            "WRONGTURN_SECRETS": str(secrets),
+            "WRONGTURN_SUITE": "smoke@1",
         }
-        files = [ROOT / "docker" / name for name in ("compose.yaml", "compose.operator.yaml")]
-        self.command = [*compose_program(), "-p", f"wrongturntest{uuid.uuid4().hex[:8]}"]
-        for file in files:
-            self.command += ["-f", str(file)]
+        project = f"wrongturntest{uuid.uuid4().hex[:8]}"
+        self.command = [*compose_program(), "-p", project, "-f", str(ROOT / "docker" / "compose.yaml")]
 
     def compose(self, *arguments: str) -> str:
         done = subprocess.run(
@@ -98,17 +101,15 @@ class Service:
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    token_file = tmp_path_factory.mktemp("operator") / "token"
-    token_file.write_text("the-operators-token-of-this-test")
-    # The container's user is another one; folders of the test run are private.
-    token_file.chmod(0o644)
-    project = Service(token_file)
+    secrets = tmp_path_factory.mktemp("compose") / "secrets"
+    subprocess.run([str(ROOT / "docker" / "make-secrets"), str(secrets)], check=True, capture_output=True)
+    project = Service(secrets)
     try:
-        project.compose("build")
+        project.compose("--profile", "careful", "build")
         project.up()
         yield project
     finally:
-        project.compose("down", "--volumes")
+        project.compose("--profile", "careful", "down", "--volumes")
 
 
 def test_it_is_healthy_and_not_root(service: Service) -> None:
@@ -117,6 +118,32 @@ def test_it_is_healthy_and_not_root(service: Service) -> None:
         assert time.monotonic() < deadline, state
         time.sleep(1)
     assert service.compose("exec", "-T", "service", "id", "-u").strip() == "10001"
+    for name in ("service", "database"):
+        container = service.compose("ps", "-q", name).strip()
+        assert service.compose("exec", "-T", name, "id", "-u").strip() != "0"
+        assert inspect(container, "{{.HostConfig.ReadonlyRootfs}}") == "true"
+        # No secret stands where 'docker inspect' shows it.
+        for file in service.secrets.iterdir():
+            assert file.read_text() not in inspect(container, "{{json .Config}}")
+
+
+def test_the_database_wants_its_password(service: Service) -> None:
+    ask = [
+        "exec",
+        "-T",
+        "-e",
+        "PGPASSWORD=wrong",
+        "database",
+        "psql",
+        "-h",
+        "127.0.0.1",
+        "-U",
+        "wrongturn",
+        "-c",
+        "SELECT 1",
+    ]
+    with pytest.raises(AssertionError, match="password authentication failed"):
+        service.compose(*ask)
 
 
 def test_it_lists_suites_and_towns(service: Service) -> None:
@@ -140,8 +167,25 @@ def test_only_the_operators_token_registers_a_baseline(service: Service) -> None
     wanted = {"name": "shipped", "track": "privileged", "kind": "baseline"}
     for token in (None, "another-token"):
         assert service.call("POST", "/v1/agents", wanted, token).status in {401, 403}
-    token = Path(service.environment["WRONGTURN_OPERATOR_TOKEN_FILE"]).read_text()
+    token = (service.secrets / "operator_token").read_text()
     assert service.call("POST", "/v1/agents", wanted, token).status == 201
+
+
+def entries(service: Service) -> list[dict[str, Any]]:
+    board = service.call("GET", "/v1/leaderboards/smoke@1")
+    assert board.status == 200, board.body
+    return json.loads(board.body)["entries"]
+
+
+def test_agents_from_outside_and_as_workers_come_on_the_leaderboard(service: Service) -> None:
+    url = f"http://127.0.0.1:{service.port}"
+    program = [sys.executable, "-m", "wrongturn_client", "run", "always-stops", "--url", url, "--suite", "smoke@1"]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_")}
+    done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    service.compose("--profile", "careful", "up", "--no-recreate", "careful")
+    found = {entry["agent"]["name"]: entry["agent"]["kind"] for entry in entries(service)}
+    assert found == {"always-stops": "submitted", "careful": "baseline"}
 
 
 def test_what_was_written_is_there_after_down_and_up(service: Service) -> None:
@@ -149,7 +193,8 @@ def test_what_was_written_is_there_after_down_and_up(service: Service) -> None:
     created = service.call("POST", "/v1/evaluations", {"suite": "smoke@1"}, agent["token"])
     assert created.status == 201, created.body
     evaluation = json.loads(created.body)
-    service.compose("down")
+    before = entries(service)
+    service.compose("--profile", "careful", "down")
     assert service.call("GET", "/health/live").status == 0
     service.up()
     found = service.call("GET", f"/v1/evaluations/{evaluation['id']}", token=agent["token"])
@@ -157,6 +202,24 @@ def test_what_was_written_is_there_after_down_and_up(service: Service) -> None:
     assert json.loads(found.body)["suite"] == "smoke@1"
     taken = service.call("POST", "/v1/agents", {"name": "stays", "track": "privileged"})
     assert taken.status == 409, taken.body
+    assert entries(service) == before
+
+
+def test_a_backup_as_documented(service: Service) -> None:
+    """The commands of docs/operating.md, but for their shell's redirections."""
+    kept = register(service, "kept")
+    dump = [*service.command, "exec", "-T", "database", "pg_dump", "-U", "wrongturn", "-Fc", "wrongturn"]
+    backup = subprocess.run(dump, env=service.environment, cwd=ROOT, capture_output=True, check=True).stdout
+    register(service, "gone")
+    service.compose("stop", "service")
+    back = ["pg_restore", "-U", "wrongturn", "-d", "wrongturn", "--clean", "--if-exists", "--single-transaction"]
+    restore = [*service.command, "exec", "-T", "database", *back]
+    subprocess.run(restore, env=service.environment, cwd=ROOT, input=backup, capture_output=True, check=True)
+    service.up()
+    names = {agent["name"] for agent in json.loads(service.call("GET", "/v1/agents").body)["agents"]}
+    assert "kept" in names
+    assert "gone" not in names
+    assert service.call("POST", "/v1/evaluations", {"suite": "smoke@1"}, kept["token"]).status == 201
 
 
 def register(service: Service, name: str) -> dict[str, str]:

@@ -8,6 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
+
+from wrongturn_agents.registry import list_agents
 
 ROOT = Path(__file__).parents[2]
 DOCKER = ROOT / "docker"
@@ -66,13 +69,81 @@ def test_the_image_installs_what_the_parts_need_and_constraints_know_it(tmp_path
     assert names <= pinned
 
 
-def test_the_old_builder_can_build_it() -> None:
-    text = (DOCKER / "service.Dockerfile").read_text()
+def test_the_databases_password_comes_from_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "password"
+    file.write_text("it's $(secret)\n")
+    done = subprocess.run(
+        [
+            "sh",
+            str(DOCKER / "entrypoint.sh"),
+            "sh",
+            "-c",
+            'echo "$PGPASSWORD ${WRONGTURN_DATABASE_PASSWORD_FILE-none}"',
+        ],
+        env={"PATH": os.environ["PATH"], "WRONGTURN_DATABASE_PASSWORD_FILE": str(file)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, "it's $(secret) none\n")
+    missing = entrypoint(WRONGTURN_DATABASE_PASSWORD_FILE=str(tmp_path / "none"))
+    assert missing.returncode == 78
+    assert "WRONGTURN_DATABASE_PASSWORD_FILE" in missing.stderr
+
+
+def test_secrets_are_random_and_stay(tmp_path: Path) -> None:
+    def made(folder: Path) -> dict[str, str]:
+        subprocess.run([str(DOCKER / "make-secrets"), str(folder)], check=True, capture_output=True)
+        return {file.name: file.read_text() for file in folder.iterdir()}
+
+    first, other = made(tmp_path / "a"), made(tmp_path / "b")
+    assert first.keys() == {"database_password", "operator_token"}
+    assert len({*first.values(), *other.values()}) == 4
+    assert all(re.fullmatch("[0-9a-f]{48}", secret) for secret in first.values())
+    assert made(tmp_path / "a") == first
+    assert (tmp_path / "a").stat().st_mode & 0o077 == 0
+    ignored = (ROOT / ".gitignore").read_text().splitlines(), (ROOT / ".dockerignore").read_text().splitlines()
+    assert "docker/secrets/" in ignored[0]
+    assert "docker/secrets" in ignored[1]
+
+
+def test_compose_hardens_everything_and_keeps_no_password() -> None:
+    text = (DOCKER / "compose.yaml").read_text()
+    services = yaml.safe_load(text)["services"]
+    for name, service in services.items():
+        assert service["read_only"], name
+        assert service["cap_drop"] == ["ALL"], name
+        assert service["security_opt"] == ["no-new-privileges:true"], name
+        assert "environment" in service, name
+        for variable in service["environment"]:
+            assert not re.search("PASSWORD$|TOKEN$", variable), name
+    assert services["database"]["user"] == "postgres"
+    assert services["database"]["networks"] == ["inside"]
+    assert "ports" not in services["database"]
+    assert not re.search(r"PASSWORD:-|TOKEN:-|://\w+:\w+@", text)
+
+
+def test_each_shipped_agent_has_a_profile() -> None:
+    services = yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"]
+    workers = {name for name, service in services.items() if service.get("profiles")}
+    assert workers == {agent.name for agent in list_agents()}
+    for name in workers:
+        assert (services[name]["profiles"], services[name]["command"]) == ([name], [name])
+
+
+IMAGES = ["service.Dockerfile", "worker.Dockerfile"]
+
+
+@pytest.mark.parametrize("image", IMAGES)
+def test_the_old_builder_can_build_it(image: str) -> None:
+    text = (DOCKER / image).read_text()
     assert not re.search(r"--mount|<<|^#\s*syntax", text, re.MULTILINE)
+    assert re.search("^USER wrongturn$", text, re.MULTILINE)
 
 
-def test_what_the_image_is_built_from_is_sent_to_the_engine() -> None:
-    text = (DOCKER / "service.Dockerfile").read_text()
+@pytest.mark.parametrize("image", IMAGES)
+def test_what_the_image_is_built_from_is_sent_to_the_engine(image: str) -> None:
+    text = (DOCKER / image).read_text()
     sent = {line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")}
     copied = [source for line in re.findall(r"^COPY (.+)", text, re.MULTILINE) for source in line.split()[:-1]]
     assert copied

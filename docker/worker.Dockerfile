@@ -1,0 +1,38 @@
+# A worker that drives a shipped agent, or one's own, against a service. Build from the repository's root:
+#   docker build -f docker/worker.Dockerfile -t wrongturn-worker .
+#   docker run --rm -e WRONGTURN_URL=http://… wrongturn-worker careful
+FROM python:3.11-slim-bookworm
+
+ENV PYTHONUNBUFFERED=1 \
+    PIP_NO_CACHE_DIR=1 \
+    PIP_DISABLE_PIP_VERSION_CHECK=1 \
+    PIP_ROOT_USER_ACTION=ignore
+
+WORKDIR /opt/wrongturn
+
+# The dependencies come before the sources, so that a change of code does not install them again.
+COPY constraints.txt docker/requirements.py ./
+COPY clients/pyproject.toml clients/
+COPY agents/pyproject.toml agents/
+RUN python requirements.py clients agents[onnx] > requirements.txt \
+    && pip install -c constraints.txt -r requirements.txt
+
+COPY clients clients
+COPY agents agents
+RUN pip install --no-deps ./clients ./agents \
+    && rm -rf clients agents
+
+# Where a run notes how it can be gone on with.
+RUN useradd --system --uid 10001 --home-dir /var/lib/wrongturn --shell /usr/sbin/nologin wrongturn \
+    && install -d -o wrongturn -g wrongturn -m 0750 /var/lib/wrongturn
+COPY docker/entrypoint.sh /usr/local/bin/wrongturn-entrypoint
+ENV WRONGTURN_HOME=/var/lib/wrongturn \
+    WRONGTURN_SUITE=wrong-command@1
+USER wrongturn
+WORKDIR /var/lib/wrongturn
+VOLUME /var/lib/wrongturn
+
+# A worker is well as long as it runs; what keeps it from the service, it tells and tries again.
+HEALTHCHECK NONE
+ENTRYPOINT ["sh", "/usr/local/bin/wrongturn-entrypoint", "sh", "-c", "exec wrongturn run --suite \"$WRONGTURN_SUITE\" --progress lines \"$@\"", "worker"]
+CMD ["careful"]
