@@ -1,5 +1,6 @@
 """A plain WebSocket to ``/v1/drive``, for tests that look at the messages themselves."""
 
+import contextlib
 from typing import Any
 
 from service_harness import RunningService
@@ -23,11 +24,16 @@ class DriveSocket:
             proxy=None,
         )
         self._number = 0
+        self._open: list[str] = []
 
     def __enter__(self) -> "DriveSocket":
         return self
 
     def __exit__(self, *_: object) -> None:
+        # Their simulators are for the next test, where the connection is still there.
+        with contextlib.suppress(Exception):
+            for episode in self._open:
+                self.call(["abort", episode])
         self.socket.close()
 
     def send(self, *calls: Result) -> int:
@@ -38,7 +44,9 @@ class DriveSocket:
     def receive(self) -> tuple[int | None, list[Result]]:
         message = self.socket.recv(60)
         assert isinstance(message, bytes)
-        return wire.unpack_results(message)
+        number, results = wire.unpack_results(message)
+        self._open += [told["id"] for status, told, *_ in results if status == 201]
+        return number, results
 
     def call(self, *calls: Result) -> list[Result]:
         sent = self.send(*calls)

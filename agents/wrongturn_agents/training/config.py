@@ -5,6 +5,7 @@ Fields whose comment says *ablation* change what is learnt and give a run its ``
 """
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
@@ -13,6 +14,9 @@ from wrongturn_agents.training.errors import TrainingError
 
 TRAINING_WEATHERS: Final = ("ClearNoon", "WetNoon", "HardRainNoon", "ClearSunset")
 """CoRL 2017's weathers 1, 3, 6 and 8."""
+
+_POSITIVE: Final = ("learning_rate", "reward_divisor", "time_limit", "clip_range")
+_SHARES: Final = ("gamma", "gae_lambda", "near_junctions", "near_bends", "masked_classes", "auxiliary_share")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,6 +119,19 @@ class PPOConfig:
     """Encoders compute in bfloat16 where the device is CUDA; heads and losses always in float32."""
     compile: bool = False
     """Compile the encoder with ``torch.compile``: a minute at the start, worth it in long runs on CUDA."""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or field.name == "kl_stop":
+                continue  # a negative divergence stops each update at once
+            least = 1 if isinstance(value, int) else 0.0
+            if not (math.isfinite(value) and value >= least):
+                raise TrainingError(f"option {field.name}: is {value}; give a finite number, {least} or more")
+            if field.name in _POSITIVE and value == 0.0:
+                raise TrainingError(f"option {field.name}: is 0; give a number above 0")
+            if field.name in _SHARES and value > 1.0:
+                raise TrainingError(f"option {field.name}: is {value}; give a number from 0 to 1")
 
     @property
     def frozen(self) -> bool:

@@ -30,6 +30,7 @@ from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_protocol import Trial
 
+_SEEDS = 2**32
 _WARMING = 40
 """Batches from which batch normalisation learns its first statistics."""
 
@@ -75,6 +76,8 @@ def train(
     """
     folder = Path(directory)
     config = config_of(algorithm).with_options(options)
+    if not 0 <= seed < _SEEDS:
+        raise TrainingError(f"seed: is {seed}; give a whole number from 0 to {_SEEDS - 1}")
     if resume:
         config, seed, steps, minutes = _found(folder, config, steps, minutes, tuple(options))
     elif (folder / "config.json").exists():

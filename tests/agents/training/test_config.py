@@ -6,6 +6,7 @@ import pytest
 from wrongturn_agents.training import config as module
 from wrongturn_agents.training.config import ALGORITHMS, TRAINING_WEATHERS, config_of
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.train import train
 
 
 def test_every_field_is_documented():
@@ -53,3 +54,16 @@ def test_options_that_cannot_be(option):
 def test_an_algorithm_that_is_not_there():
     with pytest.raises(TrainingError, match="ppo-auxiliary"):
         config_of("dqn")
+
+
+@pytest.mark.parametrize("option", ["gamma=nan", "gamma=1.5", "batch_size=0", "n_steps=-1", "time_limit=-5"])
+def test_numbers_without_sense_are_named(option):
+    with pytest.raises(TrainingError, match=option.partition("=")[0]):
+        config_of("ppo-segmentation").with_options([option])
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32])
+def test_seeds_without_sense_are_named(tmp_path, seed):
+    with pytest.raises(TrainingError, match="seed"):
+        train("ppo-segmentation", directory=tmp_path / "run", seed=seed, steps=16)
+    assert not (tmp_path / "run").exists()

@@ -13,12 +13,18 @@ OPTIONS = (
     "num_envs=16",
     "n_steps=32",
     "batch_size=128",
-    "n_epochs=3",
+    "n_epochs=4",
     "learning_rate=1e-3",
     "time_limit=15",
     "journeys=1",
     "brief_journeys=1",
     "patience=3",
+    # In so few steps what is learnt first is not to leave the road: that is what these reward.
+    "activation=relu",
+    "accelerate=0",
+    "failure_penalty=2",
+    "standing_penalty=2",
+    "standing_cost=0",
 )
 
 
@@ -57,5 +63,5 @@ def test_a_two_minute_training_beats_a_random_policy(tmp_path):
     def learnt(observation):
         return model.act(model.features(observation), observation["command"]).numpy()
 
-    # 732 by chance and 1,690 after it, when this was written.
+    # 750 by chance and 1,582 after it, when this was written.
     assert mean_reward(learnt) > by_chance + 300.0
