@@ -20,7 +20,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
         tmp_path_factory.mktemp("service") / "wrongturn.db",
         operator_token=OPERATOR,
         registration_limit=1000,
-        simulators=12,
+        simulators=6,
     )
     if not running.ready:
         running.kill()
