@@ -146,8 +146,9 @@ def test_an_evaluation_is_driven_to_its_end(agent: Agent, drive: DriveSocket) ->
                 if status == 201:
                     seqs[fields["id"]] = 0
                 elif not finished:
-                    assert fields["type"] == "/problems/no-trial-available"
-                    assert fields["retry_after_s"] == 1
+                    # All simulators may be busy too: those of episodes that other tests left are freed in a while.
+                    assert fields["type"] in {"/problems/no-trial-available", "/problems/simulators-busy"}
+                    assert fields["retry_after_s"] >= 1
             elif fields["terminated"] or fields["truncated"]:
                 del seqs[str(call[1])]
             else:
