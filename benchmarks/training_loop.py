@@ -22,11 +22,12 @@ import torch
 
 from wrongturn_agents.models import build
 from wrongturn_agents.training.budget import Budget
-from wrongturn_agents.training.config import TRAINING_WEATHERS, config_of
+from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.driving_env import DrivingVecEnv
 from wrongturn_agents.training.ppo import WrongturnPPO
 from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
+from wrongturn_protocol import TRAINING_WEATHERS
 
 
 def made(algorithm: str, device: torch.device, threads: int, options: list[str]) -> WrongturnPPO:

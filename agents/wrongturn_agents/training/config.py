@@ -12,9 +12,6 @@ from typing import Any, ClassVar, Final
 
 from wrongturn_agents.training.errors import TrainingError
 
-TRAINING_WEATHERS: Final = ("ClearNoon", "WetNoon", "HardRainNoon", "ClearSunset")
-"""CoRL 2017's weathers 1, 3, 6 and 8."""
-
 _POSITIVE: Final = ("learning_rate", "reward_divisor", "time_limit", "clip_range")
 _SHARES: Final = ("gamma", "gae_lambda", "near_junctions", "near_bends", "masked_classes", "auxiliary_share")
 

@@ -4,10 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from wrongturn_agents.training.config import TRAINING_WEATHERS
 from wrongturn_agents.training.drive import Drive, Driver, drive_each
 from wrongturn_networks import draw_journey, load_town
-from wrongturn_protocol import Task, Trial, Verdict, Weather
+from wrongturn_protocol import TRAINING_WEATHERS, Task, Trial, Verdict
 
 _SEEDS = 2**40
 """Theirs begin here, far above the suites'."""
@@ -15,7 +14,7 @@ _SEEDS = 2**40
 
 def held_out_journeys(count: int, town: str = "Town01") -> list[Trial]:
     """CoRL 2017's navigation, without other traffic, in the training weathers in turn."""
-    weathers = [Weather(weather) for weather in TRAINING_WEATHERS]
+    weathers = TRAINING_WEATHERS
     return [
         draw_journey(load_town(town), Task.NAVIGATION, _SEEDS + i, weather=weathers[i % len(weathers)])
         for i in range(count)

@@ -11,11 +11,12 @@ from torch import Tensor
 from wrongturn_agents.models import ActorCritic
 from wrongturn_agents.models.encoders import ImageEncoder
 from wrongturn_agents.training.budget import Budget
-from wrongturn_agents.training.config import TRAINING_WEATHERS, ImageConfig
+from wrongturn_agents.training.config import ImageConfig
 from wrongturn_agents.training.driving_env import DrivingVecEnv
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.rollout import Observations
 from wrongturn_agents.training.stopwatch import Stopwatch
+from wrongturn_protocol import TRAINING_WEATHERS
 
 POOL = 16_384
 """Frames that are kept at a time; each new one takes the place of the oldest."""

@@ -6,8 +6,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from wrongturn_agents.training.config import TRAINING_WEATHERS
-from wrongturn_protocol import Track
+from wrongturn_protocol import TRAINING_WEATHERS, Track
 from wrongturn_sim import WrongturnVectorEnv
 
 _EGOS: Final = 20

@@ -17,7 +17,7 @@ from wrongturn_agents.models import ActorCritic, build
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.candidates import Candidate, Candidates
 from wrongturn_agents.training.checkpoint import load_checkpoint, read, versions, write
-from wrongturn_agents.training.config import TRAINING_WEATHERS, ImageConfig, PPOConfig, SegmentationConfig, config_of
+from wrongturn_agents.training.config import ImageConfig, PPOConfig, SegmentationConfig, config_of
 from wrongturn_agents.training.display import Display
 from wrongturn_agents.training.driving_env import DrivingVecEnv
 from wrongturn_agents.training.errors import TrainingError
@@ -28,7 +28,7 @@ from wrongturn_agents.training.progress_file import ProgressFile
 from wrongturn_agents.training.run_callback import Row, RunCallback
 from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
-from wrongturn_protocol import Trial
+from wrongturn_protocol import TRAINING_WEATHERS, Trial
 
 _SEEDS = 2**32
 _WARMING = 40

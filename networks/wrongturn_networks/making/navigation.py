@@ -14,9 +14,8 @@ from typing import Final, NamedTuple
 
 from wrongturn_networks.journeys import draw_journey
 from wrongturn_networks.loading import load_town
-from wrongturn_protocol import CORL_TASKS, Task, Traffic, Trial, Weather
+from wrongturn_protocol import CORL_TASKS, TRAINING_WEATHERS, Task, Traffic, Trial, Weather
 
-TRAINING_WEATHERS: Final = (Weather.CLEAR_NOON, Weather.WET_NOON, Weather.HARD_RAIN_NOON, Weather.CLEAR_SUNSET)
 NEW_WEATHERS: Final = (Weather.WET_CLOUDY_NOON, Weather.SOFT_RAIN_SUNSET)
 TRAFFIC: Final = {"Town01": Traffic(vehicles=20, pedestrians=50), "Town02": Traffic(vehicles=15, pedestrians=50)}
 """Of navigation with other road users, as CoRL 2017 had it."""

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from wrongturn_protocol import JourneyOutcome, Outcome, Trial, Verdict
 from wrongturn_sim.ego import VEHICLE, Vehicle
 from wrongturn_sim.verdict import decide, journey_kernels
-from wrongturn_sim.verdict.errors import GeometryMismatchError, RowError
+from wrongturn_sim.verdict.errors import GeometryMismatchError
 from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
 from wrongturn_sim.verdict.packing import CLOCK_TOLERANCE, Floats, numbers_of
 from wrongturn_sim.verdict.thresholds import THRESHOLDS, Thresholds
+from wrongturn_sim.verdict.watching import NOBODY, Watching
 from wrongturn_sim.verdict.words import FLAGS, VERDICTS
 
 if TYPE_CHECKING:
     from wrongturn_sim.trajectory import Row
 
-_NOBODY: Final = np.empty((0, 6))
 _NO_REST: Final = np.empty(0)
 
 
@@ -74,7 +74,7 @@ def terms_of(geometry: JourneyGeometry, trial: Trial, *, strict: bool) -> tuple[
     return journey.time_limit - CLOCK_TOLERANCE, float(goal), journey.goal_at, float(strict)
 
 
-class JourneyJudge:
+class JourneyJudge(Watching):
     """Judges one journey, row by row, as :class:`~wrongturn_sim.verdict.judge.Judge` judges one junction.
 
     Args:
@@ -99,21 +99,16 @@ class JourneyJudge:
         strict: bool = False,
         limits: JourneyThresholds = JOURNEY_THRESHOLDS,
     ) -> None:
+        super().__init__(np.empty(journey_kernels.JOURNEY_FLOATS), np.empty(journey_kernels.JOURNEY_INTS, np.int64))
         self.geometry = geometry
         self.trial = trial
         self.strict = strict
-        self.outcome: Outcome | None = None
-        """Once the verdict fell."""
-        self.ran_out = False
-        """Whether it fell because the time ran out."""
         packed = geometry.packed
         self._arrays = (packed.floats, packed.ints, packed.cells, geometry.lanes)
         self._numbers = journey_numbers(thresholds, vehicle, limits)
         self._terms = np.array(terms_of(geometry, trial, strict=strict))
         goal = trial.journey.goal if trial.journey is not None else None
         self._rest = geometry.rest(goal) if goal is not None else _NO_REST
-        self._standing = np.empty(journey_kernels.JOURNEY_FLOATS)
-        self._counts = np.empty(journey_kernels.JOURNEY_INTS, np.int64)
         journey_kernels.begin(self._standing, self._counts)
 
     def observe(self, row: Row) -> Outcome | None:
@@ -128,35 +123,16 @@ class JourneyJudge:
         if self.outcome is not None:
             return None
         t, x, y, yaw, v, _, _, _, _, _, _, road_users = row
-        users = np.array(road_users, np.float64) if road_users else _NOBODY
+        users = np.array(road_users, np.float64) if road_users else NOBODY
         found = journey_kernels.observe(
             *self._arrays, self._numbers, users, self._terms, self._rest, self._standing, self._counts, t, x, y, yaw, v
         )
         if not found:
             return None
-        if found == decide.NOT_LATER:
-            before = float(self._standing[decide.S_T])
-            raise RowError(f"t: {t} s is not after the row before, {before} s; give the rows in order")
-        if found < 0:
-            raise RowError(f"row at t = {t} s: x, y, yaw or v is not finite; give numbers")
-        return self._close()
+        return self._fall(found, t)
 
-    def abort(self, t: float) -> Outcome:
-        """End the drive without a verdict of the road: the agent gave up or stayed away.
-
-        Returns:
-            The outcome ``aborted`` at ``t``, or the one that had fallen before.
-        """
-        if self.outcome is None:
-            self._standing[decide.S_T] = t
-            self._counts[decide.D_VERDICT] = decide.ABORTED
-            return self._close()
-        return self.outcome
-
-    def _close(self) -> Outcome:
-        self.ran_out = bool(self._counts[decide.D_RAN_OUT])
-        self.outcome = conclude_journey(self._standing, self._counts, self.trial)
-        return self.outcome
+    def _conclude(self) -> Outcome:
+        return conclude_journey(self._standing, self._counts, self.trial)
 
 
 def told(standing: Floats, counts: NDArray[np.int64], trial: Trial) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +12,18 @@ from numpy.typing import NDArray
 from wrongturn_protocol import DIRECTIONS, Outcome, Trial
 from wrongturn_sim.ego import VEHICLE, Vehicle
 from wrongturn_sim.verdict import decide
-from wrongturn_sim.verdict.errors import GeometryMismatchError, RowError
+from wrongturn_sim.verdict.errors import GeometryMismatchError
 from wrongturn_sim.verdict.geometry import JudgeGeometry
 from wrongturn_sim.verdict.journey import JourneyJudge
 from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
 from wrongturn_sim.verdict.packing import Floats, numbers_of
 from wrongturn_sim.verdict.reaction import reaction_of
 from wrongturn_sim.verdict.thresholds import THRESHOLDS, Thresholds
+from wrongturn_sim.verdict.watching import NOBODY, Watching
 from wrongturn_sim.verdict.words import FLAGS, VERDICTS
 
 if TYPE_CHECKING:
     from wrongturn_sim.trajectory import Row, Trajectory
-
-_NOBODY: Final = np.empty((0, 6))
 
 
 class Zone(IntEnum):
@@ -40,7 +39,7 @@ class Zone(IntEnum):
     """It was, and has left it."""
 
 
-class Judge:
+class Judge(Watching):
     """Judges one episode, row by row; neither SUMO nor a simulator is needed.
 
     Args:
@@ -70,20 +69,15 @@ class Judge:
                 f"geometry: it has the exits {names}, but trial {trial.id} is of type {trial.junction_type}; "
                 "take it from JudgeGeometry.of(town, trial)"
             )
+        super().__init__(np.empty(decide.STANDING_FLOATS), np.empty(decide.STANDING_INTS, np.int64))
         self.geometry = geometry
         self.trial = trial
         self.thresholds = thresholds
         self.vehicle = vehicle
-        self.outcome: Outcome | None = None
-        """Once the verdict fell."""
-        self.ran_out = False
-        """Whether it fell because the time ran out."""
         packed = geometry.packed
         self._floats, self._ints, self._cells = packed.floats, packed.ints, packed.cells
         self._numbers = numbers_of(thresholds, vehicle)
         self._route = int(trial.route)
-        self._standing = np.empty(decide.STANDING_FLOATS)
-        self._counts = np.empty(decide.STANDING_INTS, np.int64)
         decide.begin(self._standing, self._counts)
 
     @property
@@ -103,36 +97,17 @@ class Judge:
         if self.outcome is not None:
             return None
         t, x, y, yaw, v, _, command, _, _, _, _, road_users = row
-        users = np.array(road_users, np.float64) if road_users else _NOBODY
+        users = np.array(road_users, np.float64) if road_users else NOBODY
         found = decide.observe(
             self._floats, self._ints, self._cells, self._numbers, users, self._standing, self._counts, self._route,
             t, x, y, yaw, v, command,
         )  # fmt: skip
         if not found:
             return None  # this is nearly every row
-        if found == decide.NOT_LATER:
-            before = float(self._standing[decide.S_T])
-            raise RowError(f"t: {t} s is not after the row before, {before} s; give the rows in order")
-        if found < 0:
-            raise RowError(f"row at t = {t} s: x, y, yaw or v is not finite; give numbers")
-        return self._close()
+        return self._fall(found, t)
 
-    def abort(self, t: float) -> Outcome:
-        """End the episode without a verdict of the road: the agent gave up or stayed away.
-
-        Returns:
-            The outcome ``aborted`` at ``t``, or the one that had fallen before.
-        """
-        if self.outcome is None:
-            self._standing[decide.S_T] = t
-            self._counts[decide.D_VERDICT] = decide.ABORTED
-            return self._close()
-        return self.outcome
-
-    def _close(self) -> Outcome:
-        self.ran_out = bool(self._counts[decide.D_RAN_OUT])
-        self.outcome = conclude(self._standing, self._counts, self.trial, self.geometry, self.thresholds)
-        return self.outcome
+    def _conclude(self) -> Outcome:
+        return conclude(self._standing, self._counts, self.trial, self.geometry, self.thresholds)
 
 
 def conclude(

@@ -4,9 +4,10 @@ import inspect
 import pytest
 
 from wrongturn_agents.training import config as module
-from wrongturn_agents.training.config import ALGORITHMS, TRAINING_WEATHERS, config_of
+from wrongturn_agents.training.config import ALGORITHMS, config_of
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.train import train
+from wrongturn_protocol import TRAINING_WEATHERS
 
 
 def test_every_field_is_documented():

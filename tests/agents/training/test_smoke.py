@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
-from wrongturn_agents.training.config import TRAINING_WEATHERS
 from wrongturn_agents.training.driving_env import DrivingVecEnv
 from wrongturn_agents.training.train import train
+from wrongturn_protocol import TRAINING_WEATHERS
 
 OPTIONS = (
     "num_envs=16",

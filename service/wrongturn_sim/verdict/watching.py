@@ -1,0 +1,64 @@
+"""What the judges of a junction and of a journey have in common: how a verdict falls, once."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_protocol import Outcome
+from wrongturn_sim.verdict import decide
+from wrongturn_sim.verdict.errors import RowError
+from wrongturn_sim.verdict.packing import Floats
+
+NOBODY: Final = np.empty((0, 6))
+"""No road users."""
+
+
+class Watching(ABC):
+    """One episode's standing, and its outcome once there is one.
+
+    Args:
+        standing: floats, as ``decide.py`` has them.
+        counts: ints, likewise.
+    """
+
+    def __init__(self, standing: Floats, counts: NDArray[np.int64]) -> None:
+        self._standing = standing
+        self._counts = counts
+        self.outcome: Outcome | None = None
+        """Once the verdict fell."""
+        self.ran_out = False
+        """Whether it fell because the time ran out."""
+
+    def abort(self, t: float) -> Outcome:
+        """End the episode without a verdict of the road: the agent gave up or stayed away.
+
+        Returns:
+            The outcome ``aborted`` at ``t``, or the one that had fallen before.
+        """
+        if self.outcome is None:
+            self._standing[decide.S_T] = t
+            self._counts[decide.D_VERDICT] = decide.ABORTED
+            return self._close()
+        return self.outcome
+
+    def _fall(self, found: int, t: float) -> Outcome:
+        """What a kernel found at a row that is not 0: the outcome. Raises RowError for a row that cannot be judged."""
+        if found == decide.NOT_LATER:
+            before = float(self._standing[decide.S_T])
+            raise RowError(f"t: {t} s is not after the row before, {before} s; give the rows in order")
+        if found < 0:
+            raise RowError(f"row at t = {t} s: x, y, yaw or v is not finite; give numbers")
+        return self._close()
+
+    def _close(self) -> Outcome:
+        self.ran_out = bool(self._counts[decide.D_RAN_OUT])
+        self.outcome = self._conclude()
+        return self.outcome
+
+    @abstractmethod
+    def _conclude(self) -> Outcome:
+        """The outcome, from the standing."""
