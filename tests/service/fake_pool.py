@@ -4,10 +4,12 @@ import asyncio
 import hashlib
 import struct
 
+import numpy as np
 import orjson
 from typing_extensions import override
 
 from wrongturn_protocol import JourneyOutcome, Outcome, Track, Verdict
+from wrongturn_protocol.observations import FIELDS
 from wrongturn_service.pool.pool import (
     Action,
     EpisodeRefusedError,
@@ -19,15 +21,16 @@ from wrongturn_service.pool.pool import (
     SimulatorsBusyError,
     SimulatorStartError,
 )
-from wrongturn_service.wire import Wire
+from wrongturn_service.wire import Wire, encoded
 
 
 class FakeSimulator(Simulator):
-    """Its observation is the number of actions, and after ten of them it is over: an exit, or a journey's end."""
+    """Its observed speed is the number of actions, and after ten of them it is over: an exit, or a journey's end."""
 
     def __init__(self, pool: "FakePool") -> None:
         self._pool = pool
         self._trial = ""
+        self._track = Track.STATE
         self.is_dead = False
         self.actions = b""
 
@@ -45,14 +48,15 @@ class FakeSimulator(Simulator):
         self._fail(self._pool.deaths_at_reset)
         self.actions = actions
         self._trial = trial
-        return self._frame()
+        self._track = track
+        return self._frame(wire)
 
     @override
     async def step(self, action: Action, wire: Wire) -> Frame:
         await asyncio.sleep(0)
         self._fail(self._pool.deaths_at_step)
         self.actions += struct.pack("<3f", *action)
-        return self._frame()
+        return self._frame(wire)
 
     @override
     async def abort(self) -> Final:
@@ -66,9 +70,12 @@ class FakeSimulator(Simulator):
             self.is_dead = True
             raise SimulatorDiedError("played")
 
-    def _frame(self) -> Frame:
+    def _frame(self, wire: Wire) -> Frame:
         steps = len(self.actions) // 12
-        observation = orjson.dumps({"speed": float(steps) + self._pool.drift, "steering": 0.0, "command": 4})
+        shown = {field.name: np.zeros(field.shape, field.numpy_dtype) for field in FIELDS[self._track]}
+        shown["speed"][0] = steps + self._pool.drift
+        shown["command"][0] = 4
+        observation = encoded(shown, self._track, wire)
         over = steps == self._pool.steps
         end = self._pool.ends.get(self._trial_id, Verdict.ARRIVED if self._journey else Verdict.EXIT_COMMANDED)
         return Frame(observation, 1.0, over, False, self._final(end) if over else None)
