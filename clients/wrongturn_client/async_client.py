@@ -1,11 +1,7 @@
 """The calls of a Wrongturn service for asyncio: those of :class:`~wrongturn_client.Client`, each to be awaited."""
 
-import asyncio
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-from types import TracebackType
-from typing import Final, ParamSpec, Self, TypeVar
+from collections.abc import Sequence
+from typing import Final
 
 import httpx
 
@@ -14,6 +10,7 @@ from wrongturn_client.drive import Drive
 from wrongturn_client.errors import ApiError
 from wrongturn_client.evaluate import Progress
 from wrongturn_client.policy import Policy
+from wrongturn_client.threaded import Threaded
 from wrongturn_protocol import (
     Action,
     AgentDetail,
@@ -34,13 +31,11 @@ from wrongturn_protocol import (
     TrialDetail,
 )
 
-P = ParamSpec("P")
-T = TypeVar("T")
 _THREADS: Final = 32
 """Calls that wait for the service at a time; more wait for these."""
 
 
-class AsyncDrive:
+class AsyncDrive(Threaded):
     """A connection for driving, as :class:`~wrongturn_client.drive.Drive`; its calls go one after the other.
 
     Many episodes are driven by :meth:`steps`, all in one message.
@@ -49,25 +44,7 @@ class AsyncDrive:
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
         # A thread of its own: one connection is one thread's at a time, and none waits for other calls.
-        self._thread = ThreadPoolExecutor(1, "wrongturn-drive")
-
-    async def __aenter__(self) -> Self:
-        """It is open already."""
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Close."""
-        await self.close()
-
-    async def close(self) -> None:
-        """Close the connection; open episodes stay open."""
-        await self._run(self._drive.close)
-        self._thread.shutdown(wait=False)
+        super().__init__(drive, 1, "wrongturn-drive")
 
     async def next_episode(self, evaluation: str) -> EpisodeReply:
         """Reset: the next trial's episode."""
@@ -93,11 +70,8 @@ class AsyncDrive:
         """End an episode."""
         await self._run(self._drive.abort_episode, episode)
 
-    async def _run(self, call: Callable[P, T], *arguments: P.args, **keywords: P.kwargs) -> T:
-        return await asyncio.get_running_loop().run_in_executor(self._thread, partial(call, *arguments, **keywords))
 
-
-class AsyncClient:
+class AsyncClient(Threaded):
     """A connection to a service, for asyncio; arguments, results and errors are those of ``Client``.
 
     Each call waits in a thread, so that neither the service nor a policy holds the loop up.
@@ -119,30 +93,12 @@ class AsyncClient:
     ) -> None:
         """Open nothing yet; see :class:`~wrongturn_client.Client`."""
         self._client = Client(url, token, transport=transport, timeout=timeout, patience=patience, binary=binary)
-        self._threads = ThreadPoolExecutor(_THREADS, "wrongturn-client")
+        super().__init__(self._client, _THREADS, "wrongturn-client")
 
     @property
     def url(self) -> str:
         """The service's URL."""
         return self._client.url
-
-    async def __aenter__(self) -> Self:
-        """Nothing is opened before the first call."""
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Close the connections."""
-        await self.close()
-
-    async def close(self) -> None:
-        """Close the connections."""
-        await self._run(self._client.close)
-        self._threads.shutdown(wait=False)
 
     # Service, suites, towns
 
@@ -297,6 +253,3 @@ class AsyncClient:
     async def leaderboard(self, suite: str) -> Leaderboard:
         """The ranking on a suite."""
         return await self._run(self._client.leaderboard, suite)
-
-    async def _run(self, call: Callable[P, T], *arguments: P.args, **keywords: P.kwargs) -> T:
-        return await asyncio.get_running_loop().run_in_executor(self._threads, partial(call, *arguments, **keywords))

@@ -2,22 +2,22 @@
 
 import uuid
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 from urllib.request import getproxies, proxy_bypass
 
 import httpx
 import msgpack
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from wrongturn_client import settings
+from wrongturn_client.closing import Closing
 from wrongturn_client.drive import Drive
-from wrongturn_client.errors import NotOfferedError, ProtocolError
+from wrongturn_client.errors import NotOfferedError
 from wrongturn_client.evaluate import Progress, drive_evaluation
 from wrongturn_client.policy import Policy
 from wrongturn_client.transport import JSON, MSGPACK, Reply, Transport, path_of
-from wrongturn_client.wire import decode_reply
+from wrongturn_client.wire import decode_reply, validated
 from wrongturn_protocol import (
     Action,
     AgentDetail,
@@ -49,7 +49,7 @@ from wrongturn_protocol import (
 M = TypeVar("M", bound=BaseModel)
 
 
-class Client:
+class Client(Closing):
     """A connection to a service.
 
     Every method raises :class:`~wrongturn_client.ServiceUnreachableError` where nobody answers, and an
@@ -101,19 +101,6 @@ class Client:
     def url(self) -> str:
         """The service's URL."""
         return self._transport.url
-
-    def __enter__(self) -> Self:
-        """Nothing is opened before the first call."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Close the connections."""
-        self.close()
 
     def close(self) -> None:
         """Close the connections."""
@@ -300,7 +287,7 @@ class Client:
         message = reply.message()
         if isinstance(message, dict) and message.get("last_reply"):
             message["last_reply"] = decode_reply(message["last_reply"])
-        return _validated(EpisodeDetail, message)
+        return validated(EpisodeDetail, message)
 
     def trajectory(self, episode: str) -> bytes:
         """The trajectory's canonical JSON, byte by byte, once it may be shown."""
@@ -340,20 +327,8 @@ class Client:
         return self._transport.call("POST", path, body=body, media_type=media_type, headers=headers)
 
     def _episode_model(self, kind: type[M], reply: Reply) -> M:
-        return _validated(kind, decode_reply(reply.message()))
-
-
-def _validated(kind: type[M], message: Any) -> M:
-    try:
-        return kind.model_validate(message)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ProtocolError(
-            f"the answer is no {kind.__name__} ({where}: {first['msg']}); "
-            "are the service and this client of the same version?",
-        ) from error
+        return validated(kind, decode_reply(reply.message()))
 
 
 def _model(kind: type[M], reply: Reply) -> M:
-    return _validated(kind, reply.message())
+    return validated(kind, reply.message())

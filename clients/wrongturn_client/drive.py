@@ -2,17 +2,18 @@
 
 import uuid
 from collections.abc import Callable, Sequence
-from types import TracebackType
-from typing import Any, Final, Self, TypeVar
+from typing import Any, Final, TypeVar
 from urllib.parse import SplitResult
 
 from pydantic import BaseModel, ValidationError
 
+from wrongturn_client.closing import Closing
 from wrongturn_client.connections import ConnectionBrokeError
 from wrongturn_client.errors import ApiError, ProtocolError, ServiceBusyError, ServiceUnreachableError
 from wrongturn_client.link import Link
 from wrongturn_client.problems import api_error
 from wrongturn_client.transport import attempts
+from wrongturn_client.wire import validated
 from wrongturn_protocol import Action, EpisodeDetail, EpisodeReply, PracticeRequest, Problem, StepReply
 from wrongturn_protocol.wire import (
     CALLS,
@@ -28,9 +29,10 @@ M = TypeVar("M", bound=BaseModel)
 Result = dict[str, Any] | ApiError
 """The fields of a call's reply, its observation as arrays; or why it was refused."""
 _NUMBERS: Final = 2**32
+_STEP: Final = Call.STEP.value
 
 
-class Drive:
+class Drive(Closing):
     """A connection for driving; one thread's at a time.
 
     Where the connection breaks it is made again, and what was not answered is sent again: a step that was taken is
@@ -58,19 +60,6 @@ class Drive:
         self._unanswered: dict[int, bytes] = {}
         self._early: dict[int, list[Result]] = {}
         self._connect()
-
-    def __enter__(self) -> Self:
-        """It is open already."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Close."""
-        self.close()
 
     def close(self) -> None:
         """Close the connection; open episodes stay open."""
@@ -229,18 +218,7 @@ class Drive:
 
 def step_call(episode: str, seq: int, action: Action) -> list[Any]:
     """The call of a step."""
-    return ["step", episode, seq, action.steer, action.throttle, action.brake]
-
-
-def validated(kind: type[M], fields: dict[str, Any]) -> M:
-    """A result's fields as a message. Raises ProtocolError."""
-    try:
-        return kind.model_validate(fields)
-    except ValidationError as error:
-        raise ProtocolError(
-            f"the answer is no {kind.__name__} ({error.errors()[0]['loc']}); "
-            "are the service and this client of the same version?",
-        ) from error
+    return [_STEP, episode, seq, action.steer, action.throttle, action.brake]
 
 
 def _read(result: list[Any]) -> Result:

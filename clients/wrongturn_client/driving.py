@@ -7,21 +7,18 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
-from wrongturn_client.actions import refusal
+from wrongturn_client.deciding import Waiting, decide, give_up
 from wrongturn_client.drive import Drive, Result, step_call
 from wrongturn_client.errors import (
     ApiError,
     EpisodeFinishedError,
     EpisodeLostError,
     EvaluationFinishedError,
-    EvaluationStalledError,
     NoTrialAvailableError,
-    PolicyError,
     ProtocolError,
     ServiceBusyError,
-    WrongturnError,
 )
 from wrongturn_client.policy import Policy
 from wrongturn_client.records import Record
@@ -29,10 +26,6 @@ from wrongturn_client.wire import track_of_message
 from wrongturn_protocol import Action
 from wrongturn_protocol.observations import Observation, observation_space
 from wrongturn_protocol.wire import CALLS, Call
-
-STALLED_AFTER: Final = 900.0
-"""Seconds without a trial; a worker that vanished is given up by the service after 600."""
-_LONGEST_PAUSE: Final = 10.0
 
 
 @dataclass
@@ -86,7 +79,7 @@ class SocketDriver:
         self._ready: list[_Driven] = []
         self._over = False
         self._ask_at = 0.0
-        self._since = time.monotonic()
+        self._waiting = Waiting(evaluation)
 
     def run(self) -> None:
         """Drive until no trial is left; raises as :meth:`wrongturn_client.Client.evaluate`."""
@@ -125,15 +118,10 @@ class SocketDriver:
         self._stepping[self._drive.submit(calls)] = driven
 
     def _decide(self, one: _Driven) -> None:
-        begin = time.perf_counter()
         try:
-            action = self._policy.act(one.observation)
-            latency = time.perf_counter() - begin
-            why = refusal(action)
-            if why is not None:
-                raise PolicyError(f"{type(self._policy).__name__}.act {why}")
+            action, latency = decide(self._policy, one.observation)
         except Exception:
-            self._abort(one)
+            give_up(self._drive.abort_episode, one.episode)
             raise
         one.action = action
         if one.record is not None:
@@ -155,7 +143,7 @@ class SocketDriver:
             case EvaluationFinishedError():
                 self._over = True
             case NoTrialAvailableError():
-                self._pause(result)
+                self._ask_at = self._waiting.pause(result) + time.monotonic()
             case ApiError():
                 raise result
             case _ if not looked:
@@ -164,21 +152,12 @@ class SocketDriver:
                 last = result["last_reply"]
                 self._start(_Driven(result["id"], int(last["seq"]), last["observation"], None))
 
-    def _pause(self, error: NoTrialAvailableError) -> None:
-        now = time.monotonic()
-        if now - self._since > STALLED_AFTER:
-            raise EvaluationStalledError(
-                f"no trial of evaluation {self._evaluation} could be had for {STALLED_AFTER:.0f} s; another worker "
-                "holds the rest: look at its open episodes, or resume it later by its id",
-            ) from error
-        self._ask_at = now + min(1.0 if error.retry_after is None else error.retry_after, _LONGEST_PAUSE)
-
     def _start(self, one: _Driven) -> None:
-        self._since = time.monotonic()
+        self._waiting.ended()
         try:
             self._policy.reset(observation_space(track_of_message(one.observation)))
         except Exception:
-            self._abort(one)
+            give_up(self._drive.abort_episode, one.episode)
             raise
         self._ready.append(one)
 
@@ -207,13 +186,8 @@ class SocketDriver:
     def _end(self, one: _Driven) -> None:
         # A place is free, and perhaps a twin: no need to wait out the pause.
         self._ask_at = 0.0
-        self._since = time.monotonic()
+        self._waiting.ended()
         self._on_end(one.record)
-
-    def _abort(self, one: _Driven) -> None:
-        """End an episode that cannot go on; that this fails too must not hide why."""
-        with contextlib.suppress(WrongturnError):
-            self._drive.abort_episode(one.episode)
 
 
 @contextlib.contextmanager

@@ -8,19 +8,17 @@ from collections.abc import Callable
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from importlib import metadata
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from wrongturn_client.actions import refusal
+from wrongturn_client.deciding import Waiting, decide, give_up
 from wrongturn_client.drive import Drive
 from wrongturn_client.driving import SocketDriver
 from wrongturn_client.errors import (
     EpisodeFinishedError,
     EpisodeLostError,
     EvaluationFinishedError,
-    EvaluationStalledError,
     NotOfferedError,
     NoTrialAvailableError,
-    PolicyError,
     ProtocolError,
     WrongturnError,
 )
@@ -35,8 +33,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 """Called with the numbers of finished and of all episodes."""
-_STALLED_AFTER: Final = 900.0
-"""Seconds without a trial; a worker that vanished is given up by the service after 600."""
 
 
 class _StoppedError(Exception):
@@ -135,19 +131,14 @@ def _drive_in_threads(client: "Client", policy: Policy, evaluation: str, tally: 
 
 def _drive_trials(client: "Client", policy: Policy, evaluation: str, tally: _Tally) -> None:
     """Drive one trial after another until none is left."""
-    since = time.monotonic()
+    waiting = Waiting(evaluation)
     while not tally.stop.is_set():
         try:
             reply = client.next_episode(evaluation)
         except EvaluationFinishedError:
             return
         except NoTrialAvailableError as error:
-            if time.monotonic() - since > _STALLED_AFTER:
-                raise EvaluationStalledError(
-                    f"no trial of evaluation {evaluation} could be had for {_STALLED_AFTER:.0f} s; another worker "
-                    f"holds the rest: look at its open episodes, or resume it later by its id",
-                ) from error
-            time.sleep(min(1.0 if error.retry_after is None else error.retry_after, 10.0))
+            time.sleep(waiting.pause(error))
             continue
         try:
             record = drive_episode(client, policy, reply.id, 0, reply.observation, stop=tally.stop)
@@ -155,7 +146,7 @@ def _drive_trials(client: "Client", policy: Policy, evaluation: str, tally: _Tal
             continue
         except _StoppedError:
             return
-        since = time.monotonic()
+        waiting.ended()
         tally.add(record)
 
 
@@ -190,18 +181,15 @@ def drive_episode(
     try:
         policy.reset(observation_space(track_of_message(observation)))
     except Exception:
-        _abort(client, episode)
+        give_up(client.abort_episode, episode)
         raise
     while True:
         if stop is not None and stop.is_set():
             raise _StoppedError
-        begin = time.perf_counter()
         try:
-            action = policy.act(observation)
-            latency = time.perf_counter() - begin
-            _check(policy, action)
+            action, latency = decide(policy, observation)
         except Exception:
-            _abort(client, episode)
+            give_up(client.abort_episode, episode)
             raise
         seq += 1
         record.add(action, latency)
@@ -221,18 +209,6 @@ def _resume(client: "Client", policy: Policy, episode: str) -> None:
         return
     with contextlib.suppress(EpisodeFinishedError):
         drive_episode(client, policy, episode, int(last["seq"]), last["observation"])
-
-
-def _check(policy: Policy, action: object) -> None:
-    why = refusal(action)
-    if why is not None:
-        raise PolicyError(f"{type(policy).__name__}.act {why}")
-
-
-def _abort(client: "Client", episode: str) -> None:
-    """End an episode that cannot go on; that this fails too must not hide why."""
-    with contextlib.suppress(WrongturnError):
-        client.abort_episode(episode)
 
 
 def _versions() -> dict[str, str]:

@@ -1,12 +1,15 @@
-"""Observations as they come over the wire, turned into arrays."""
+"""What comes over the wire, turned into messages and arrays."""
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from wrongturn_client.errors import ProtocolError
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import FIELDS, Observation, decode
 
+M = TypeVar("M", bound=BaseModel)
 _TRACKS: Final = {frozenset(field.name for field in fields): track for track, fields in FIELDS.items()}
 
 
@@ -49,3 +52,20 @@ def decode_reply(message: Any) -> dict[str, Any]:
         raise ProtocolError("the answer has no observation; are the service and this client of the same version?")
     message["observation"] = decode_observation(message["observation"])
     return message
+
+
+def validated(kind: type[M], message: Any) -> M:
+    """Plain values as a message.
+
+    Raises:
+        ProtocolError: they are none.
+    """
+    try:
+        return kind.model_validate(message)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ProtocolError(
+            f"the answer is no {kind.__name__} ({where}: {first['msg']}); "
+            "are the service and this client of the same version?",
+        ) from error

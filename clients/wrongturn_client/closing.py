@@ -1,0 +1,25 @@
+"""What is closed at the end of a ``with`` block."""
+
+from types import TracebackType
+from typing import Self
+
+
+class Closing:
+    """Base of what has a ``close``."""
+
+    def __enter__(self) -> Self:
+        """Itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def close(self) -> None:
+        """Give back what is held; again is no harm."""
+        raise NotImplementedError
