@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from wrongturn_networks import load_town
 from wrongturn_protocol import Fault, FaultKind, Task, Track, Trial, Weather
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
+from wrongturn_protocol.vectors import Flags, checked_actions, mask_of, seeds_of, trials_of, whole_number
 from wrongturn_sim.errors import EpisodeAlreadyFinishedError, EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.fleet import Fleet, Record
 from wrongturn_sim.trial_source import TrialSource, a_flag
@@ -25,10 +26,6 @@ from wrongturn_sim.trial_source import TrialSource, a_flag
 if TYPE_CHECKING:
     from wrongturn_sim.camera import Camera
     from wrongturn_sim.fleet_camera import FleetCamera
-
-Flags = NDArray[np.bool_]
-
-_FIELDS = ("steer", "throttle", "brake")
 
 
 class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
@@ -91,8 +88,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         render_mode: str | None = None,
     ) -> None:
         for name, number in (("num_envs", num_envs), ("threads", threads)):
-            if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 1:
-                raise ValueError(f"{name}: is {number!r}; give a whole number, 1 or more")
+            whole_number(name, number)
         for name, flag in (("strict", strict), ("record", record)):
             a_flag(name, flag)
         if backend not in ("cpu", "cuda"):
@@ -149,19 +145,9 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             ValueError: another number of seeds, trials or flags than of environments.
             SimError: as :class:`~wrongturn_sim.fleet.Fleet`.
         """
-        count = self.num_envs
-        seeds = [None if seed is None else seed + i for i in range(count)] if not isinstance(seed, Sequence) else seed
-        given = (options or {}).get("trial")
-        trials: list[Trial | str | None] = (
-            [given] * count if given is None or isinstance(given, str | Trial) else list(given)
-        )
-        mask = np.asarray((options or {}).get("reset_mask", np.ones(count, np.bool_)))
-        for name, number in (("seed", len(seeds)), ("options.trial", len(trials))):
-            if number != count:
-                raise ValueError(f"{name}: has {number} entries; give one for each of {count} environments")
-        if mask.shape != (count,) or mask.dtype != np.bool_ or not mask.any():
-            raise ValueError(f"options.reset_mask: give ({count},) of bool, one of them True at least")
-        chosen = np.flatnonzero(mask).tolist()
+        seeds = seeds_of(seed, self.num_envs)
+        trials: list[Trial | str | None] = trials_of(options, self.num_envs, (str, Trial))
+        chosen = mask_of(options, self.num_envs)
         for i in chosen:
             if seeds[i] is not None or self._randoms[i] is None:
                 self._randoms[i], _ = seeding.np_random(seeds[i])
@@ -191,7 +177,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
                 f"environments {np.flatnonzero(self._over).tolist()} ended; reset them with options reset_mask",
             )
         fleet = self._fleet
-        fleet.step(self._checked(actions, driven), driven)
+        fleet.step(checked_actions(actions, driven, InvalidActionError).astype(np.float32), driven)
         infos: dict[str, Any] = {}
         if waiting.any():
             self._begin([(i, self._draw(i)) for i in np.flatnonzero(waiting).tolist()], infos, paint=False)
@@ -276,23 +262,6 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
                 infos[f"_{name}"] = np.zeros(self.num_envs, np.bool_)
             infos[name][i] = value
             infos[f"_{name}"][i] = True
-
-    def _checked(self, actions: Any, driven: Flags) -> NDArray[np.float32]:
-        """The actions of those that are driven, rounded to float32."""
-        try:
-            given = np.asarray(actions, np.float64)
-        except (TypeError, ValueError):
-            given = np.empty(0)
-        if given.shape != (self.num_envs, 3):
-            raise InvalidActionError(
-                f"actions: give ({self.num_envs}, 3) numbers, steer, throttle and brake of each environment",
-            )
-        right = (given >= (-1.0, 0.0, 0.0)) & (given <= 1.0) | ~driven[:, None]
-        if not right.all():
-            i, k = np.argwhere(~right)[0].tolist()
-            low = -1 if k == 0 else 0
-            raise InvalidActionError(f"actions[{i}].{_FIELDS[k]}: is {given[i, k]}; give a number from {low} to 1")
-        return given.astype(np.float32)
 
     def _arrays(self) -> Observation:
         arrays = self._fleet.observation
