@@ -91,10 +91,10 @@ async def run_service(
             "Open episodes of silent agents, whose simulator is rebuilt when they come back",
             lambda: episodes.open - episodes.held,
         )
-        telemetry.watch("wrongturn_simulator_slots", "Simulator processes at most", lambda: pool.slots)
+        telemetry.watch("wrongturn_simulator_slots", "Simulators that drive at most", lambda: pool.slots)
         telemetry.watch("wrongturn_simulators_running", "Simulator processes", lambda: pool.running)
         telemetry.watch("wrongturn_simulators_busy", "Simulator processes that drive", lambda: pool.busy)
-        telemetry.watch("wrongturn_simulators_idle", "Simulators kept warm", lambda: pool.running - pool.busy)
+        telemetry.watch("wrongturn_simulators_idle", "Simulators kept warm", lambda: pool.idle)
         telemetry.watch("wrongturn_simulators_awaited", "Calls that wait for a simulator", lambda: pool.waiting)
         for work in (episodes.watch_leases(), _keep_house(settings, store, evaluations, pool)):
             task = asyncio.create_task(work)
@@ -116,6 +116,7 @@ async def run_service(
 def _local_pool(settings: Settings, telemetry: Telemetry) -> Pool:
     return LocalPool(
         settings.simulators,
+        spare=settings.spare_simulators,
         start_timeout_s=settings.simulator_start_timeout_s,
         timeout_s=settings.simulator_timeout_s,
         environment={"WRONGTURN_HOME": str(settings.home)},

@@ -46,9 +46,11 @@ class Settings(BaseSettings):
     registration_limit: Annotated[int, Field(ge=1)] = 100
     """Agents that one address may register within an hour; the operator's token is exempt."""
     simulators: Annotated[int, Field(ge=1, le=4096)] = Field(
-        default_factory=lambda: max(4, 2 * (os.cpu_count() or 1)),
+        default_factory=lambda: max(16, 4 * (os.cpu_count() or 1)),
     )
-    """Simulator processes at most; each is started when it is first needed and then kept."""
+    """Simulators that drive at most; each is a process, started when it is first needed and then kept."""
+    spare_simulators: Annotated[int, Field(ge=0, le=64)] = 1
+    """Simulators kept warm beyond those that drive, so that one that dies is replaced at once."""
     simulator_start_timeout_s: Seconds = 180.0
     """Seconds in which a simulator process must be ready; the first on a machine compiles its arithmetic."""
     simulator_timeout_s: Seconds = 30.0

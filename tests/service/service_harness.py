@@ -23,6 +23,8 @@ class RunningService:
 
     def __init__(self, database: Path, *options: str, **settings: object) -> None:
         self.database = database
+        # A spare simulator takes a core for seconds; the tests that are about it ask for one.
+        settings.setdefault("spare_simulators", 0)
         environment = {name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_")}
         if "WRONGTURN_HOME" in os.environ:
             environment["WRONGTURN_HOME"] = os.environ["WRONGTURN_HOME"]

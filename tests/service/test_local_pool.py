@@ -202,3 +202,55 @@ def test_many_that_died_idle_are_found_by_many_at_once() -> None:
         assert (pool.running, pool.busy) == (3, 3)
 
     run(story, slots=3)
+
+
+def test_a_spare_one_takes_the_place_of_one_that_dies() -> None:
+    async def play() -> None:
+        pool = LocalPool(2, start_timeout_s=30, timeout_s=0.5, spare=1, command=(sys.executable, "-c", PROGRAM))
+        try:
+            await pool.start()
+            assert (pool.running, pool.busy) == (1, 0)
+            one, two = await pool.acquire("Town01"), await pool.acquire("Town01")
+            await _until(lambda: pool.running == 3 and pool.idle == 1)
+            with pytest.raises(SimulatorsBusyError, match="all 2"):
+                await pool.acquire("Town01")
+            with pytest.raises(SimulatorDiedError):
+                await two.step((0.25, 0.0, 0.0), Wire.JSON)
+            await pool.release(two)
+            three = await pool.acquire("Town01")
+            assert not three.dead
+            # It was there before: nobody waited for a start.
+            assert (pool.idle, pool.busy) == (0, 2)
+            await _until(lambda: pool.idle == 1)
+            for simulator in (one, three):
+                await pool.release(simulator)
+            assert (pool.running, pool.busy) == (3, 0)
+        finally:
+            await pool.stop()
+
+    asyncio.run(play())
+
+
+def test_who_has_a_place_gets_the_spare_one_that_is_about_to_be_ready() -> None:
+    async def play() -> None:
+        pool = LocalPool(2, start_timeout_s=30, timeout_s=0.5, spare=1, command=(sys.executable, "-c", PROGRAM))
+        try:
+            await pool.start()
+            held = await asyncio.gather(*(pool.acquire("Town01") for _ in range(2)))
+            assert not any(simulator.dead for simulator in held)
+            await _until(lambda: pool.idle == 1)
+            assert pool.running == 3
+            assert pool.memory() > 3 * 2**20
+        finally:
+            await pool.stop()
+        assert pool.memory() == 0
+
+    asyncio.run(play())
+
+
+async def _until(condition: Callable[[], bool]) -> None:
+    for _ in range(1000):
+        if condition():
+            return
+        await asyncio.sleep(0.01)
+    raise AssertionError("it did not come to pass")

@@ -14,6 +14,7 @@ from typing_extensions import override
 
 from wrongturn_protocol import Outcome, Track
 from wrongturn_service.pool import frames
+from wrongturn_service.pool.memory import memory_of
 from wrongturn_service.pool.pool import (
     Action,
     EpisodeRefusedError,
@@ -194,6 +195,7 @@ class LocalPool(Pool):
         *,
         start_timeout_s: float,
         timeout_s: float,
+        spare: int = 0,
         environment: Mapping[str, str] | None = None,
         command: Sequence[str] = COMMAND,
         on_death: Callable[[], None] = lambda: None,
@@ -201,14 +203,16 @@ class LocalPool(Pool):
         """Describe the pool; nothing is started yet.
 
         Args:
-            slots: processes at most.
+            slots: processes that drive at most.
             start_timeout_s: seconds in which one must be ready.
             timeout_s: seconds after which one that does not answer counts as dead.
+            spare: processes kept warm beyond those that drive, so that one that dies is replaced at once.
             environment: added to this process's for them.
             command: what is started for each.
             on_death: called for each that is found dead.
         """
         self._slots = slots
+        self._spare = spare
         self._start_timeout_s = start_timeout_s
         self._timeout_s = timeout_s
         self._environment = {"OMP_NUM_THREADS": "1", **(environment or {})}
@@ -217,6 +221,9 @@ class LocalPool(Pool):
         self._idle: list[LocalSimulator] = []
         self._busy: set[LocalSimulator] = set()
         self._starting = 0
+        self._warming: set[asyncio.Task[None]] = set()
+        # Each start takes a core for seconds: more at a time would make all of them late.
+        self._starts = asyncio.Semaphore(os.cpu_count() or 1)
         self._waiters: deque[asyncio.Future[None]] = deque()
         self._stopping = False
         self._failure: str | None = None
@@ -230,12 +237,17 @@ class LocalPool(Pool):
     @property
     @override
     def running(self) -> int:
-        return len(self._idle) + len(self._busy) + self._starting
+        return len(self._idle) + len(self._busy) + self._starting + len(self._warming)
 
     @property
     @override
     def busy(self) -> int:
         return len(self._busy) + self._starting
+
+    @property
+    @override
+    def idle(self) -> int:
+        return len(self._idle)
 
     @property
     @override
@@ -248,12 +260,19 @@ class LocalPool(Pool):
         return self._failure
 
     @override
+    def memory(self) -> int:
+        return sum(memory_of(simulator.process.pid) for simulator in [*self._idle, *self._busy])
+
+    @override
     async def start(self) -> None:
-        await self.release(await self.acquire(""))
+        self._idle.append(await self._start())
 
     @override
     async def stop(self) -> None:
         self._stopping = True
+        for task in self._warming:
+            task.cancel()
+        await asyncio.gather(*self._warming, return_exceptions=True)
         await asyncio.gather(*(simulator.close() for simulator in [*self._idle, *self._busy]))
         self._idle.clear()
 
@@ -265,14 +284,17 @@ class LocalPool(Pool):
             self._idle = [simulator for simulator in self._idle if not simulator.dead]
             for simulator in dead:
                 await self._bury(simulator)
-            found = self._take(town)
-            if found is None and self.running < self._slots:
+            placed = self.busy < self._slots
+            found = self._take(town) if placed else None
+            if found is None and placed and self.running < self._slots + self._spare:
                 found = await self._start()
             if found is not None:
                 found.town = town
                 self._busy.add(found)
+                self._warm_up()
                 return found
-            if not wait:
+            # Where there is a place and yet no simulator, the spare one is about to be ready.
+            if not wait and not placed:
                 raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
             waiter: asyncio.Future[None] = asyncio.get_running_loop().create_future()
             self._waiters.append(waiter)
@@ -307,24 +329,51 @@ class LocalPool(Pool):
         self._idle.remove(simulator)
         return simulator
 
+    def _warm_up(self) -> None:
+        """Start what is lacking of the spare ones, in the background."""
+        while (
+            len(self._idle) + len(self._warming) < self._spare
+            and self.running < self._slots + self._spare
+            and not self._stopping
+        ):
+            self._warming.add(asyncio.create_task(self._start_spare()))
+
+    async def _start_spare(self) -> None:
+        simulator = None
+        try:
+            simulator = await self._started()
+        except SimulatorStartError as error:
+            self._log.warning("simulator did not start", reason=str(error))
+        finally:
+            self._warming = {task for task in self._warming if task is not asyncio.current_task()}
+            if simulator is not None:
+                self._idle.append(simulator)
+            self._wake()
+
     async def _start(self) -> LocalSimulator:
-        if self._stopping:
-            raise SimulatorStartError("the service is stopping")
         self._starting += 1
         try:
-            simulator = await LocalSimulator.start(
-                self._command,
-                self._environment,
-                start_timeout_s=self._start_timeout_s,
-                timeout_s=self._timeout_s,
-            )
-        except BaseException as error:
-            if isinstance(error, SimulatorStartError):
-                self._failure = str(error)
-            self._starting -= 1
+            return await self._started()
+        except BaseException:
             self._wake()
             raise
-        self._starting -= 1
+        finally:
+            self._starting -= 1
+
+    async def _started(self) -> LocalSimulator:
+        if self._stopping:
+            raise SimulatorStartError("the service is stopping")
+        try:
+            async with self._starts:
+                simulator = await LocalSimulator.start(
+                    self._command,
+                    self._environment,
+                    start_timeout_s=self._start_timeout_s,
+                    timeout_s=self._timeout_s,
+                )
+        except SimulatorStartError as error:
+            self._failure = str(error)
+            raise
         self._failure = None
         self._log.info("simulator started", pid=simulator.process.pid)
         return simulator

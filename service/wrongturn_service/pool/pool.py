@@ -149,6 +149,11 @@ class Pool(ABC):
         """Simulators that are there, or about to be."""
 
     @property
+    def idle(self) -> int:
+        """Simulators that are ready and nobody has."""
+        return self.running - self.busy
+
+    @property
     def waiting(self) -> int:
         """Calls that wait for a simulator."""
         return 0
@@ -157,6 +162,10 @@ class Pool(ABC):
     def failure(self) -> str | None:
         """Why the last simulator that was to be started did not start; None where it did."""
         return None
+
+    def memory(self) -> int:
+        """Bytes of memory that the simulators have, what they share counted once; takes a while to find out."""
+        return 0
 
     @property
     @abstractmethod
