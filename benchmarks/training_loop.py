@@ -5,8 +5,14 @@ in one process, so that a busy machine is busy for both. The plain loop has no c
 goes from tensor to tensor, and bootstraps all drives whose time ran out at once. Where the time goes in
 Stable-Baselines3's loop is told beside it; ``rest`` is what is neither environments, policy, buffer nor learning.
 
-    python benchmarks/training_loop.py [--algorithm ppo-segmentation] [--device auto] [--rollouts 4] [--repeats 3]
-        [--option num_envs=256] [--json FILE]
+The defaults are for a GPU, where they take a minute or two and as much memory as two runs:
+
+    python benchmarks/training_loop.py [--algorithm ppo-segmentation] [--device cuda] [--rollouts 4] [--repeats 3]
+        [--option name=value]... [--json FILE]
+
+On two idle cores this takes a minute:
+
+    python benchmarks/training_loop.py --device cpu --rollouts 2 --repeats 3 --option num_envs=32
 """
 
 import argparse
@@ -23,41 +29,18 @@ import torch
 from wrongturn_agents.models import build
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.config import config_of
-from wrongturn_agents.training.driving_env import DrivingVecEnv
+from wrongturn_agents.training.environments import environments
 from wrongturn_agents.training.ppo import WrongturnPPO
-from wrongturn_agents.training.seen_env import SeenVecEnv
+from wrongturn_agents.training.snapshot import Snapshot
 from wrongturn_agents.training.stopwatch import Stopwatch
-from wrongturn_protocol import TRAINING_WEATHERS
 
 
 def made(algorithm: str, device: torch.device, threads: int, options: list[str]) -> WrongturnPPO:
-    """An untrained agent and its environments."""
+    """An untrained agent and its environments, as a run begins with them."""
     config = config_of(algorithm).with_options(options)
     watch = Stopwatch(device)
     agent = build(algorithm, seed=1).to(device)
-    driving = DrivingVecEnv(
-        config.num_envs,
-        keys=config.keys,
-        device=device,
-        reward_divisor=config.reward_divisor,
-        failure_penalty=config.failure_penalty,
-        stopwatch=watch,
-        town="Town01",
-        track=config.track,
-        task="cruise",
-        strict=True,
-        record=False,
-        weather=TRAINING_WEATHERS,
-        threads=threads,
-        **({"backend": "cuda"} if device.type == "cuda" else {}),
-    )
-    envs = SeenVecEnv(
-        driving,
-        disturb=agent.disturb if config.disturbed else None,
-        encode=agent.encode if config.frozen else None,
-        width=agent.encoder.width,
-        stopwatch=watch,
-    )
+    envs = environments(config, agent, watch, threads=threads)
     return WrongturnPPO(
         config, envs, model=lambda: agent, budget=Budget(10**9, None), stopwatch=watch, seed=1, device=device
     )
@@ -70,6 +53,7 @@ class PlainLoop:
         self.ppo = ppo
         self.seen: dict[str, torch.Tensor] | None = None
         self.begun = np.ones(ppo.n_envs, np.bool_)
+        self.snapshot = Snapshot(ppo.policy, ppo.policy.optimizer)
 
     def rollout(self) -> None:
         ppo = self.ppo
@@ -99,16 +83,17 @@ class PlainLoop:
         ppo = self.ppo
         policy, config = ppo.policy, ppo.config
         policy.model.train()
-        parameters = policy.optimizer.param_groups[0]["params"]
+        self.snapshot.take()
+        parameters = [parameter for group in policy.optimizer.param_groups for parameter in group["params"]]
         for _ in range(config.n_epochs):
             for samples in ppo.rollout_buffer.get(config.batch_size):
                 loss, _, divergence = ppo._loss(samples)
-                if divergence.item() > 1.5 * config.kl_stop:
-                    return
+                divergence.item()  # which theirs looks at, to stop by it
                 policy.optimizer.zero_grad(set_to_none=True)
                 loss.backward()
                 torch.nn.utils.clip_grad_norm_(parameters, config.max_grad_norm)
                 policy.optimizer.step()
+        ppo._final_divergence()
 
     def run(self, rollouts: int) -> None:
         for _ in range(rollouts):
@@ -135,8 +120,13 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     device = torch.device(arguments.device)
-    # A learning rate near 0: so neither is stopped early by its divergence, and both learn as often.
-    options = ["learning_rate=1e-7", *arguments.option]
+    if device.type == "cpu":
+        torch.set_num_threads(arguments.threads)
+    else:  # as a run has it
+        torch.backends.cudnn.benchmark = True
+        torch.set_float32_matmul_precision("high")
+    # No update is stopped early by its divergence, nor undone: so both learn equally often.
+    options = ["learning_rate=1e-7", "kl_stop=1e9", *arguments.option]
     theirs, plain = (made(arguments.algorithm, device, arguments.threads, options) for _ in range(2))
     steps = arguments.rollouts * theirs.config.n_steps * theirs.config.num_envs
     loop = PlainLoop(plain)
@@ -161,6 +151,7 @@ def main() -> None:
     print("  " + ", ".join(f"{part} {share:.0%}" for part, share in shares.items()))
     if arguments.json:
         content = {"algorithm": arguments.algorithm, "device": str(device), "rates": rates, "shares": shares}
+        arguments.json.parent.mkdir(parents=True, exist_ok=True)
         arguments.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 

@@ -19,7 +19,7 @@ from wrongturn_agents.training.candidates import Candidate, Candidates
 from wrongturn_agents.training.checkpoint import load_checkpoint, read, versions, write
 from wrongturn_agents.training.config import ImageConfig, PPOConfig, SegmentationConfig, config_of
 from wrongturn_agents.training.display import Display
-from wrongturn_agents.training.driving_env import DrivingVecEnv
+from wrongturn_agents.training.environments import environments, rendered_on
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, shortest
 from wrongturn_agents.training.ppo import WrongturnPPO
@@ -28,7 +28,7 @@ from wrongturn_agents.training.progress_file import ProgressFile
 from wrongturn_agents.training.run_callback import Row, RunCallback
 from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
-from wrongturn_protocol import TRAINING_WEATHERS, Trial
+from wrongturn_protocol import Trial
 
 _SEEDS = 2**32
 _WARMING = 40
@@ -92,41 +92,14 @@ def train(
     else:
         torch.backends.cudnn.benchmark = True  # few shapes, again and again
         torch.set_float32_matmul_precision("high")
-    shared: dict[str, Any] = {"threads": cores, **({"backend": "cuda"} if place.type == "cuda" else {})}
     folder.mkdir(parents=True, exist_ok=True)
     _write_config(folder, config, seed, limit, minutes, place)
 
     agent = _agent(config, seed).to(place)
     if isinstance(config, ImageConfig) and config.pretrained and not resume:
-        _encoder(agent, config, folder, place, seed, budget, on_pretraining, shared)
+        _encoder(agent, config, folder, place, seed, budget, on_pretraining, threads=cores)
     stopwatch = Stopwatch(place)
-    driving = DrivingVecEnv(
-        config.num_envs,
-        keys=config.keys,
-        device=place,
-        reward_divisor=config.reward_divisor,
-        failure_penalty=config.failure_penalty,
-        standing_penalty=config.standing_penalty,
-        standing_cost=config.standing_cost,
-        stopwatch=stopwatch,
-        town="Town01",
-        track=config.track,
-        task="cruise",
-        strict=True,
-        record=False,
-        weather=TRAINING_WEATHERS,
-        journeys={
-            name: getattr(config, name) for name in ("near_junctions", "near_bends", "lateral", "yaw", "time_limit")
-        },
-        **shared,
-    )
-    envs = SeenVecEnv(
-        driving,
-        disturb=agent.disturb if config.disturbed else None,
-        encode=_in_precision(agent.encode, config, place) if config.frozen else None,
-        width=agent.encoder.width,
-        stopwatch=stopwatch,
-    )
+    envs = environments(config, agent, stopwatch, threads=cores)
     begun_at = state["steps"] if state else 0
     model = WrongturnPPO(
         config,
@@ -210,7 +183,8 @@ def _encoder(
     seed: int,
     budget: Budget,
     on_progress: Callable[[int, float], None],
-    shared: dict[str, Any],
+    *,
+    threads: int,
 ) -> None:
     """Pretrain the encoder, or take another run's."""
     if config.encoder:
@@ -218,19 +192,12 @@ def _encoder(
         agent.encoder.load_state_dict(agent.encoder.state_dict() | read(Path(config.encoder))["state_dict"])
         return
     torch.manual_seed(seed)
-    found = pretrain(agent, config, device=device, seed=seed, budget=budget, on_progress=on_progress, **shared)
+    options = {"threads": threads, **rendered_on(device)}
+    found = pretrain(agent, config, device=device, seed=seed, budget=budget, on_progress=on_progress, **options)
     content = {name: tensor.detach().cpu() for name, tensor in agent.encoder.state_dict().items()}
     content = {name: tensor for name, tensor in content.items() if name.startswith(("network.", "decoder."))}
     write(folder / "encoder.pt", {"state_dict": content, **dataclasses.asdict(found)})
     (folder / "pretraining.json").write_text(json.dumps(dataclasses.asdict(found), indent=1) + "\n", "utf-8")
-
-
-def _in_precision(encode: Callable[[Any], torch.Tensor], config: PPOConfig, device: torch.device) -> Any:
-    def encoded(observation: Any) -> torch.Tensor:
-        with torch.autocast(device.type, torch.bfloat16, enabled=config.bf16 and device.type == "cuda"):
-            return encode(observation)
-
-    return encoded
 
 
 def _warm(model: WrongturnPPO, envs: SeenVecEnv) -> None:

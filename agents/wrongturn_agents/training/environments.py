@@ -1,0 +1,66 @@
+"""The environments that an agent learns in."""
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+
+from wrongturn_agents.models import ActorCritic
+from wrongturn_agents.training.config import PPOConfig
+from wrongturn_agents.training.driving_env import DrivingVecEnv
+from wrongturn_agents.training.seen_env import SeenVecEnv
+from wrongturn_agents.training.stopwatch import Stopwatch
+from wrongturn_protocol import TRAINING_WEATHERS
+
+_JOURNEYS = ("near_junctions", "near_bends", "lateral", "yaw", "time_limit")
+
+
+def environments(config: PPOConfig, agent: ActorCritic, stopwatch: Stopwatch, *, threads: int) -> SeenVecEnv:
+    """Cars that cruise about Town01 in the training weathers, alone, every command right, as the agent sees them.
+
+    Args:
+        config: how many, where they start, what they are rewarded for.
+        agent: on the device where pictures are wanted; what disturbs them, or encodes them for good, is its.
+        stopwatch: counts environments, pictures and the frozen encoder.
+        threads: share the simulation.
+    """
+    device = agent.log_std.device
+    driving = DrivingVecEnv(
+        config.num_envs,
+        keys=config.keys,
+        device=device,
+        reward_divisor=config.reward_divisor,
+        failure_penalty=config.failure_penalty,
+        standing_penalty=config.standing_penalty,
+        standing_cost=config.standing_cost,
+        stopwatch=stopwatch,
+        town="Town01",
+        track=config.track,
+        task="cruise",
+        strict=True,
+        record=False,
+        weather=TRAINING_WEATHERS,
+        journeys={name: getattr(config, name) for name in _JOURNEYS},
+        threads=threads,
+        **rendered_on(device),
+    )
+    return SeenVecEnv(
+        driving,
+        disturb=agent.disturb if config.disturbed else None,
+        encode=_in_precision(agent.encode, config, device) if config.frozen else None,
+        width=agent.encoder.width,
+        stopwatch=stopwatch,
+    )
+
+
+def rendered_on(device: torch.device) -> dict[str, Any]:
+    """The option of the vectorised environment by which pictures are made on the device."""
+    return {"backend": "cuda"} if device.type == "cuda" else {}
+
+
+def _in_precision(encode: Callable[[Any], torch.Tensor], config: PPOConfig, device: torch.device) -> Any:
+    def encoded(observation: Any) -> torch.Tensor:
+        with torch.autocast(device.type, torch.bfloat16, enabled=config.bf16 and device.type == "cuda"):
+            return encode(observation)
+
+    return encoded
