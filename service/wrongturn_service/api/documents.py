@@ -1,11 +1,14 @@
 """The OpenAPI document: bodies that are parsed by hand, problems, the token."""
 
+import re
+from functools import lru_cache
 from typing import Any, Literal
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
+from starlette.routing import compile_path
 
 from wrongturn_protocol import (
     AgentRegistration,
@@ -41,6 +44,13 @@ _MEANING = {
     503: "Not now; come back after Retry-After",
 }
 _BODY_PROBLEMS = (400, 413, 415, 422)
+_MADE = {
+    "/v1/agents": "agent",
+    "/v1/evaluations": "evaluation",
+    "/v1/evaluations/{evaluation}/episodes": "episode",
+    "/v1/episodes": "episode",
+}
+"""What a POST makes, whose id the calls below its own path take."""
 
 
 def described(
@@ -123,8 +133,38 @@ def document(app: FastAPI) -> dict[str, Any]:
                 refused = operation["responses"].get("422", {}).get("content", {})
                 if "application/json" in refused:
                     del operation["responses"]["422"]
+        _link(found["paths"])
         found["components"]["securitySchemes"] = {
             "token": {"type": "http", "scheme": "bearer", "description": "From POST /v1/agents"},
         }
         app.openapi_schema = found
     return app.openapi_schema
+
+
+def _link(paths: dict[str, Any]) -> None:
+    """Tell of each reply with an id which calls take it."""
+    for path, made in _MADE.items():
+        paths[path]["post"]["responses"]["201"]["links"] = {
+            operation["operationId"]: {
+                "operationId": operation["operationId"],
+                "parameters": {made: "$response.body#/id"},
+            }
+            for below, operations in paths.items()
+            if below.startswith(f"/v1/{made}s/{{{made}}}")
+            for operation in operations.values()
+        }
+
+
+def methods_at(app: FastAPI, path: str) -> list[str]:
+    """The methods that a path takes, as the document has them."""
+    return [
+        method.upper()
+        for template, operations in document(app)["paths"].items()
+        if _pattern(template).fullmatch(path)
+        for method in operations
+    ]
+
+
+@lru_cache(maxsize=128)
+def _pattern(template: str) -> re.Pattern[str]:
+    return compile_path(template)[0]

@@ -9,7 +9,7 @@ from starlette.requests import ClientDisconnect
 
 from wrongturn_protocol import FieldError, ProblemType
 from wrongturn_service.api.dependencies import reply
-from wrongturn_service.api.documents import described
+from wrongturn_service.api.documents import described, methods_at
 from wrongturn_service.errors import InvalidRequestError, ServiceError, UnavailableError, title
 from wrongturn_service.pool.pool import EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError
 
@@ -130,8 +130,12 @@ def _http_error(error: HTTPException) -> ServiceError:
     return ServiceError(kind, detail, status=error.status_code, headers=error.headers)
 
 
-async def _handle(_request: Request, error: Exception) -> Response:
-    return problem_response(as_service_error(error))
+async def _handle(request: Request, error: Exception) -> Response:
+    found = as_service_error(error)
+    if found.kind is ProblemType.METHOD_NOT_ALLOWED and (methods := methods_at(request.app, request.scope["path"])):
+        # Starlette names those of the first route of this path alone.
+        found.headers["Allow"] = ", ".join(methods)
+    return problem_response(found)
 
 
 def install(app: FastAPI) -> None:
