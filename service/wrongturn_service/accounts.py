@@ -1,5 +1,6 @@
 """Who calls: agents by their tokens, the operator by its own, strangers by their address."""
 
+import asyncio
 import time
 from collections import OrderedDict, deque
 from dataclasses import dataclass
@@ -13,12 +14,14 @@ from wrongturn_service.errors import (
     UnavailableError,
 )
 from wrongturn_service.settings import Registration, Settings
-from wrongturn_service.storage.models import AgentRow, IdempotencyRow
+from wrongturn_service.storage.models import AgentRow, EvaluationRow, IdempotencyRow
 from wrongturn_service.storage.store import NameTakenError, Store
 from wrongturn_service.tokens import digest, same
 
 _HOUR_S = 3600.0
 _CACHED = 10_000
+_EVALUATION_S = 60
+"""Seconds after which an agent that has too many evaluations running is asked to come back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +68,7 @@ class Accounts:
         self._limit = AddressLimit(settings.registration_limit)
         self._callers: OrderedDict[str, Caller] = OrderedDict()
         self._changes = 0
+        self._beginning = asyncio.Lock()
 
     async def caller(self, authorization: str | None) -> Caller:
         """Whose token an ``Authorization`` header holds.
@@ -117,6 +121,21 @@ class Accounts:
                 ProblemType.AGENT_NAME_TAKEN,
                 f"name: {row.name!r} is taken; choose another (a new model is a new agent)",
             ) from error
+
+    async def begin_evaluation(self, row: EvaluationRow, reply: IdempotencyRow | None) -> None:
+        """Store a new evaluation. Raises UnavailableError where the agent has as many running as it may."""
+        limit = self._settings.max_evaluations
+        async with self._beginning:
+            if await self._store.running_count(row.agent_id) >= limit:
+                raise UnavailableError(
+                    ProblemType.RATE_LIMITED,
+                    f"{limit} evaluations of this agent are running, which is as many as may; finish one, or cancel it "
+                    "by DELETE /v1/evaluations/{id}",
+                    retry_after_s=_EVALUATION_S,
+                    status=429,
+                    position=1,
+                )
+            await self._store.add_evaluation(row, reply)
 
     async def agent(self, agent_id: str) -> AgentRow:
         """One agent. Raises NotFoundError."""

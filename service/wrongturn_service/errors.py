@@ -37,6 +37,7 @@ class ServiceError(Exception):
         status: int | None = None,
         errors: Sequence[FieldError] = (),
         headers: Mapping[str, str] | None = None,
+        position: int | None = None,
     ) -> None:
         super().__init__(detail)
         self.kind = kind
@@ -44,6 +45,7 @@ class ServiceError(Exception):
         self.status = self.status if status is None else status
         self.errors = tuple(errors)
         self.headers = dict(headers or {})
+        self.position = position
 
     def problem(self) -> Problem:
         """The message for the wire."""
@@ -53,6 +55,7 @@ class ServiceError(Exception):
             status=self.status,
             detail=self.detail,
             errors=self.errors,
+            position=self.position,
         )
 
 
@@ -105,12 +108,24 @@ class GoneError(ServiceError):
 
 
 class UnavailableError(ServiceError):
-    """Not now; ``Retry-After`` says when to come back."""
+    """Not now; ``Retry-After`` says when to come back.
+
+    The position says how many places have to become free until it is this call's turn: simulators' where it stands in
+    the line for one, one's own where a limit of one's own is met.
+    """
 
     status = 503
 
-    def __init__(self, kind: ProblemType, detail: str, *, retry_after_s: int = 1, status: int = 503) -> None:
-        super().__init__(kind, detail, status=status, headers={"Retry-After": str(retry_after_s)})
+    def __init__(
+        self,
+        kind: ProblemType,
+        detail: str,
+        *,
+        retry_after_s: int = 1,
+        status: int = 503,
+        position: int | None = None,
+    ) -> None:
+        super().__init__(kind, detail, status=status, headers={"Retry-After": str(retry_after_s)}, position=position)
 
 
 def title(kind: ProblemType) -> str:

@@ -12,7 +12,10 @@ from wrongturn_service import catalogue
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.episodes.driver import Driver
 from wrongturn_service.episodes.lease import Terms
+from wrongturn_service.episodes.line import Limits as LineLimits
+from wrongturn_service.episodes.line import Line
 from wrongturn_service.episodes.manager import EpisodeManager
+from wrongturn_service.episodes.registry import Limits
 from wrongturn_service.episodes.running import RunningEvaluations
 from wrongturn_service.errors import StartupError
 from wrongturn_service.idempotency import Idempotency
@@ -74,13 +77,13 @@ async def run_service(
         leaderboards = Leaderboards(store)
         evaluations = RunningEvaluations(store, on_finished=leaderboards.forget)
         await evaluations.resume()
+        line = Line(pool.slots, LineLimits(settings.max_waiting, settings.max_line))
         episodes = EpisodeManager(
             store,
-            Driver(pool, telemetry.replays.inc, telemetry.simulated),
+            Driver(pool, line, telemetry.replays.inc, telemetry.simulated),
             evaluations,
             terms=Terms(settings.lease_release_s, settings.lease_abort_s),
-            parallel=settings.parallel,
-            practice=settings.practice,
+            limits=Limits(settings.parallel, settings.practice, settings.open_episodes),
             telemetry=telemetry,
         )
         stack.push_async_callback(episodes.stop)
@@ -95,7 +98,7 @@ async def run_service(
         telemetry.watch("wrongturn_simulators_running", "Simulator processes", lambda: pool.running)
         telemetry.watch("wrongturn_simulators_busy", "Simulator processes that drive", lambda: pool.busy)
         telemetry.watch("wrongturn_simulators_idle", "Simulators kept warm", lambda: pool.idle)
-        telemetry.watch("wrongturn_simulators_awaited", "Calls that wait for a simulator", lambda: pool.waiting)
+        telemetry.watch("wrongturn_simulators_awaited", "Calls in the line for a simulator", lambda: line.waiting)
         for work in (episodes.watch_leases(), _keep_house(settings, store, evaluations, pool)):
             task = asyncio.create_task(work)
             stack.push_async_callback(_cancel, task)

@@ -63,6 +63,14 @@ class Settings(BaseSettings):
     """Episodes of one evaluation that may be open at a time; as many as there are simulators by default."""
     max_practice: Annotated[int, Field(ge=1)] | None = None
     """Practice episodes of one agent that may be open at a time; twice as many as there are simulators by default."""
+    max_open: Annotated[int, Field(ge=1)] | None = None
+    """Episodes of one agent that may be open at a time, scored and practice; four times the simulators by default."""
+    max_evaluations: Annotated[int, Field(ge=1)] = 32
+    """Evaluations of one agent that may be running at a time."""
+    max_waiting: Annotated[int, Field(ge=1)] = 64
+    """Calls of one agent that may stand in the line for a simulator."""
+    max_line: Annotated[int, Field(ge=1)] = 1024
+    """Calls that may stand in the line for a simulator."""
     body_limit: Annotated[int, Field(ge=1024)] = 4 * 1024 * 1024
     """Bytes that a request's body may have."""
     practice_keep_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 7.0
@@ -93,3 +101,8 @@ class Settings(BaseSettings):
     def practice(self) -> int:
         """Practice episodes of one agent that may be open at a time."""
         return self.max_practice or 2 * self.simulators
+
+    @property
+    def open_episodes(self) -> int:
+        """Episodes of one agent that may be open at a time."""
+        return self.max_open or 4 * self.simulators

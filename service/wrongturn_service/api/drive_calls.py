@@ -76,7 +76,8 @@ class Calls:
             if once.stored is not None:
                 return once.stored.body
             row = await owned_by(service, caller, wanted)
-            return await service.episodes.open_next(row, caller.track, Wire.RAW, once.remember(201, Wire.RAW))
+            remember = once.remember(201, Wire.RAW)
+            return await service.episodes.open_next(row, caller.track, Wire.RAW, remember, once.key)
 
     async def _practise(self, request: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
@@ -92,7 +93,7 @@ class Calls:
                 return once.stored.body
             trial = await catalogue.practice_trial(wanted)
             return await service.episodes.open_practice(
-                caller.id, trial, wanted.track, Wire.RAW, once.remember(201, Wire.RAW)
+                caller.id, trial, wanted.track, Wire.RAW, once.remember(201, Wire.RAW), once.key
             )
 
     async def _look(self, episode: Any) -> bytes:

@@ -49,6 +49,7 @@ async def practise(request: Request) -> Response:
             wanted.track,
             wire,
             once.remember(201, wire),
+            once.key,
         )
     return Response(body, 201, media_type=wire)
 

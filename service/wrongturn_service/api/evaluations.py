@@ -41,7 +41,7 @@ from wrongturn_service.wire import Wire
 router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"])
 
 
-@router.post("", **described(EvaluationDetail, 404, status=201, body=EvaluationRequest, token=True, creates=True))
+@router.post("", **described(EvaluationDetail, 404, 429, status=201, body=EvaluationRequest, token=True, creates=True))
 async def begin(request: Request) -> Response:
     """Begin an evaluation of the token's agent."""
     service = service_of(request)
@@ -72,7 +72,8 @@ async def begin(request: Request) -> Response:
         )
         detail = _detail(row, 0, service)
         remember = once.remember(201, Wire.JSON)
-        await service.store.add_evaluation(row, remember(detail.model_dump_json().encode()) if remember else None)
+        stored = remember(detail.model_dump_json().encode()) if remember else None
+        await service.accounts.begin_evaluation(row, stored)
     return reply(detail, 201)
 
 
@@ -98,7 +99,7 @@ async def cancel(request: Request, evaluation: str) -> Response:
 
 @router.post(
     "/{evaluation}/episodes",
-    **described(EpisodeReply, 404, 409, status=201, token=True, binary=True, creates=True),
+    **described(EpisodeReply, 404, 409, 429, status=201, token=True, binary=True, creates=True),
 )
 async def reset(request: Request, evaluation: str) -> Response:
     """Reset: the next trial's episode. Which trial it is, is told when the evaluation is finished."""
@@ -110,7 +111,7 @@ async def reset(request: Request, evaluation: str) -> Response:
         if once.stored is not None:
             return repeated(once.stored)
         row = await owned_evaluation(request, caller, evaluation)
-        body = await service.episodes.open_next(row, caller.track, wire, once.remember(201, wire))
+        body = await service.episodes.open_next(row, caller.track, wire, once.remember(201, wire), once.key)
     return Response(body, 201, media_type=wire)
 
 

@@ -7,6 +7,7 @@ from typing import Final, TypeVar
 import structlog
 
 from wrongturn_protocol import FaultKind, Outcome, Reaction, Verdict
+from wrongturn_service.episodes.line import Line
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.pool.pool import (
     Action,
@@ -39,6 +40,7 @@ class Driver:
     def __init__(
         self,
         pool: Pool,
+        line: Line,
         on_replay: Callable[[], None] = lambda: None,
         on_simulated: Callable[[Call, float], None] = lambda _call, _seconds: None,
     ) -> None:
@@ -46,20 +48,37 @@ class Driver:
 
         Args:
             pool: the simulators.
+            line: who gets the next one.
             on_replay: called when an episode was brought back.
             on_simulated: called with what a simulator was asked for and the seconds it took.
         """
         self._pool = pool
+        self._line = line
         self._on_simulated = on_simulated
         self._on_replay = on_replay
         self._log = structlog.get_logger("driver")
 
-    async def begin(self, episode: OpenEpisode, wire: Wire) -> Frame:
+    async def begin(self, episode: OpenEpisode, wire: Wire, call: str) -> Frame:
         """The reset.
 
+        Args:
+            episode: what is begun.
+            wire: the encoding.
+            call: what stands in the line for it; who comes back for the same keeps its place.
+
         Raises:
+            UnavailableError: others come first.
             EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError, ReplayFailedError.
         """
+        self._line.enter(episode.agent, call)
+        episode.placed = True
+        try:
+            return await self._begin(episode, wire)
+        except BaseException:
+            await self.detach(episode)
+            raise
+
+    async def _begin(self, episode: OpenEpisode, wire: Wire) -> Frame:
         trial = episode.trial.model_dump_json()
         async for simulator in self._simulators(episode.trial.town):
             try:
@@ -79,7 +98,8 @@ class Driver:
         """One decision.
 
         Raises:
-            SimulatorsBusyError: the episode's simulator was given to others, and none is free.
+            UnavailableError: the episode's simulator was given to others, and others come first.
+            SimulatorsBusyError: none is free.
             SimulatorStartError: none starts; the episode can be gone on with once one does.
             ReplayFailedError.
         """
@@ -89,10 +109,14 @@ class Driver:
                 return await self._timed("step", simulator.step(action, wire))
             except SimulatorDiedError as error:
                 self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
-        return await self._elsewhere(episode, lambda found: self._timed("step", found.step(action, wire)), wait=False)
+        return await self._elsewhere(episode, lambda found: self._timed("step", found.step(action, wire)))
 
     async def abort(self, episode: OpenEpisode) -> End:
-        """End it as ``aborted``; where no simulator can say more, by what is known without one."""
+        """End it as ``aborted``; where no simulator can say more, by what is known without one.
+
+        Raises:
+            UnavailableError: others come first.
+        """
         try:
             simulator = episode.simulator
             if simulator is not None:
@@ -100,7 +124,7 @@ class Driver:
                     return await self._timed("abort", simulator.abort())
                 except SimulatorDiedError as error:
                     self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
-            return await self._elsewhere(episode, lambda found: self._timed("abort", found.abort()), wait=True)
+            return await self._elsewhere(episode, lambda found: self._timed("abort", found.abort()))
         except (ReplayFailedError, SimulatorStartError):
             reaction = None if episode.trial.fault.kind is FaultKind.NONE else Reaction.OTHER
             outcome = Outcome(
@@ -112,7 +136,15 @@ class Driver:
             return End(outcome, episode.seq, b"", "", "")
 
     async def detach(self, episode: OpenEpisode) -> None:
-        """Give the episode's simulator back."""
+        """Give the episode's simulator back, and its place to the next."""
+        try:
+            await self._part(episode)
+        finally:
+            if episode.placed:
+                episode.placed = False
+                self._line.leave(episode.agent)
+
+    async def _part(self, episode: OpenEpisode) -> None:
         simulator, episode.simulator = episode.simulator, None
         if simulator is not None:
             await self._pool.release(simulator)
@@ -124,7 +156,7 @@ class Driver:
         finally:
             self._on_simulated(call, time.perf_counter() - began)
 
-    async def _simulators(self, town: str, *, wait: bool = False) -> AsyncIterator[Simulator]:
+    async def _simulators(self, town: str) -> AsyncIterator[Simulator]:
         """Simulators to try one after the other; one that does not start counts as tried.
 
         Raises:
@@ -134,7 +166,7 @@ class Driver:
         began = time.monotonic()
         for attempt in range(1, ATTEMPTS + 1):
             try:
-                simulator = await self._pool.acquire(town, wait=wait)
+                simulator = await self._pool.acquire(town)
             except SimulatorStartError as error:
                 if attempt == ATTEMPTS or time.monotonic() - began > START_PATIENCE_S:
                     raise
@@ -142,16 +174,24 @@ class Driver:
             else:
                 yield simulator
 
-    async def _elsewhere(
-        self,
-        episode: OpenEpisode,
-        call: Callable[[Simulator], Awaitable[_T]],
-        *,
-        wait: bool,
-    ) -> _T:
-        """Repeat the episode in another simulator, and make the call there."""
-        await self.detach(episode)
-        async for simulator in self._simulators(episode.trial.town, wait=wait):
+    async def _elsewhere(self, episode: OpenEpisode, call: Callable[[Simulator], Awaitable[_T]]) -> _T:
+        """Repeat the episode in another simulator, and make the call there.
+
+        Where its simulator has died the episode keeps its place, so that nobody comes in between.
+        """
+        await self._part(episode)
+        if not episode.placed:
+            self._line.enter(episode.agent, episode.id)
+            episode.placed = True
+        try:
+            return await self._repeated(episode, call)
+        except BaseException:
+            if episode.simulator is None:
+                await self.detach(episode)
+            raise
+
+    async def _repeated(self, episode: OpenEpisode, call: Callable[[Simulator], Awaitable[_T]]) -> _T:
+        async for simulator in self._simulators(episode.trial.town):
             episode.simulator = simulator
             try:
                 again = simulator.reset(
@@ -163,11 +203,11 @@ class Driver:
                 frame = await self._timed("replay", again)
                 if frame.observation != episode.last.observation:
                     self._log.error("replay differs", episode=episode.id, seq=episode.seq)
-                    await self.detach(episode)
+                    await self._part(episode)
                     continue
                 self._on_replay()
                 return await call(simulator)
             except SimulatorDiedError as error:
                 self._log.warning("replay failed", episode=episode.id, seq=episode.seq, reason=str(error))
-                await self.detach(episode)
+                await self._part(episode)
         raise ReplayFailedError(f"{ATTEMPTS} simulators failed to repeat the episode")

@@ -59,3 +59,8 @@ class Lease:
         if silence >= self._terms.abort_s:
             return Standing.EXPIRED
         return Standing.RELEASE if silence >= self._terms.release_s else Standing.HELD
+
+    @property
+    def expired(self) -> bool:
+        """Whether the silence has lasted too long."""
+        return self.standing is Standing.EXPIRED

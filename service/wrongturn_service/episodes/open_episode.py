@@ -37,6 +37,7 @@ class OpenEpisode:
         lease: how long the agent has been silent.
         actions: all so far, little-endian float32 [n, 3].
         simulator: where it runs; None while it was given to others, or died.
+        placed: whether a simulator's place is its own, with or without the simulator.
         end: what came of it, once it is over.
         closed: whether it is settled, stored or given up: look it up in the database from then on.
     """
@@ -50,6 +51,7 @@ class OpenEpisode:
     lease: Lease
     actions: bytearray = field(default_factory=bytearray)
     simulator: Simulator | None = None
+    placed: bool = False
     end: End | None = None
     closed: bool = False
     lock: asyncio.Lock = field(default_factory=asyncio.Lock)

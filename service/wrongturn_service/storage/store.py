@@ -95,6 +95,15 @@ class Store:
             query = select(EvaluationRow).where(EvaluationRow.state == EvaluationState.RUNNING)
             return (await session.scalars(query)).all()
 
+    async def running_count(self, agent_id: str) -> int:
+        """How many of an agent's evaluations are neither finished nor cancelled."""
+        async with self._database.read() as session:
+            query = select(func.count()).where(
+                EvaluationRow.agent_id == agent_id,
+                EvaluationRow.state == EvaluationState.RUNNING,
+            )
+            return await session.scalar(query) or 0
+
     async def finish_evaluation(self, evaluation_id: str, metrics: str) -> None:
         """Store the metrics; a cancelled one stays cancelled."""
         async with self._database.write() as session:

@@ -1,0 +1,127 @@
+"""How episodes end: with a verdict that is stored before it is told, or without one that counts."""
+
+import contextlib
+import zlib
+
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
+
+from wrongturn_protocol import Verdict
+from wrongturn_service.episodes.driver import Driver
+from wrongturn_service.episodes.open_episode import ACTION, OpenEpisode
+from wrongturn_service.episodes.registry import Registry
+from wrongturn_service.episodes.running import RunningEvaluations, cancelled
+from wrongturn_service.storage.store import Store
+from wrongturn_service.telemetry import Telemetry
+from wrongturn_service.wire import Wire
+
+
+class Endings:
+    """Ends open episodes; where nothing else is said, under the episode's lock."""
+
+    def __init__(
+        self,
+        store: Store,
+        driver: Driver,
+        evaluations: RunningEvaluations,
+        registry: Registry,
+        telemetry: Telemetry,
+    ) -> None:
+        self._store = store
+        self._driver = driver
+        self._evaluations = evaluations
+        self._registry = registry
+        self._telemetry = telemetry
+        self._log = structlog.get_logger("episodes")
+
+    async def settle(self, episode: OpenEpisode) -> None:
+        """Store an episode's end; only then is it told. Raises SQLAlchemy's errors, and can be called again."""
+        end = episode.end
+        assert end is not None
+        values = {
+            "verdict": end.outcome.verdict.value,
+            "outcome": end.outcome.model_dump_json(),
+            "steps": end.steps,
+            "actions_sha256": end.actions_sha256 or None,
+            "trajectory_sha256": end.trajectory_sha256 or None,
+            "last_action": bytes(episode.actions[-ACTION.size :]) or None,
+            "last_reply": zlib.compress(episode.last.render(Wire.JSON)) if episode.seq else None,
+        }
+        stored = await self._store.finish_episode(episode.id, values, end.trajectory, end.trajectory_sha256)
+        await self._close(episode)
+        if stored:
+            self._telemetry.ended(scored=episode.evaluation is not None, verdict=end.outcome.verdict.value)
+        if episode.evaluation is None:
+            return
+        if not stored:
+            raise cancelled(episode.evaluation)
+        self._log.info("episode finished", episode=episode.id, evaluation=episode.evaluation, steps=end.steps)
+        schedule = self._evaluations.known(episode.evaluation)
+        if schedule is not None:
+            schedule.finish(episode.trial)
+            await self._evaluations.finish_if_done(episode.evaluation)
+
+    async def settle_again(self, episode: OpenEpisode) -> None:
+        """Store an end that the database did not take before; takes the lock."""
+        async with episode.lock:
+            if not episode.closed:
+                with contextlib.suppress(SQLAlchemyError):
+                    await self.settle(episode)
+
+    async def abort(self, episode: OpenEpisode) -> None:
+        """End it as ``aborted``, unless it has its end; takes the lock.
+
+        Raises:
+            UnavailableError: its simulator was given to others, and others come first.
+        """
+        async with episode.lock:
+            await self._abort(episode)
+
+    async def expire(self, episode: OpenEpisode) -> None:
+        """End it as ``aborted``, unless its agent came back meanwhile; takes the lock.
+
+        Raises:
+            UnavailableError: as :meth:`abort`.
+        """
+        async with episode.lock:
+            if episode.lease.expired and not episode.closed:
+                await self._abort(episode)
+                self._telemetry.expired.inc()
+
+    async def invalidate(self, episode: OpenEpisode) -> None:
+        """The infrastructure failed: no verdict that counts, and the trial runs again."""
+        self._log.error("episode invalid", episode=episode.id, trial=episode.trial.id)
+        self._telemetry.voided("simulators-failed")
+        await self._store.lose_episode(episode.id, Verdict.INVALID)
+        await self._close(episode)
+        if episode.evaluation is not None:
+            schedule = self._evaluations.known(episode.evaluation)
+            if schedule is not None:
+                schedule.put_back(episode.trial)
+
+    async def cancel(self, evaluation_id: str) -> None:
+        """Cancel an evaluation; its open episodes end without a verdict. Takes their locks."""
+        await self._store.cancel_evaluation(evaluation_id)
+        self._evaluations.drop(evaluation_id)
+        for episode in self._registry:
+            if episode.evaluation != evaluation_id:
+                continue
+            async with episode.lock:
+                if not episode.closed:
+                    self._telemetry.voided("cancelled")
+                await self._close(episode)
+
+    async def _abort(self, episode: OpenEpisode) -> None:
+        if episode.closed:
+            return
+        if episode.end is None:
+            episode.end = await self._driver.abort(episode)
+            await self._driver.detach(episode)
+        await self.settle(episode)
+
+    async def _close(self, episode: OpenEpisode) -> None:
+        if episode.closed:
+            return
+        episode.closed = True
+        self._registry.remove(episode)
+        await self._driver.detach(episode)
