@@ -1,0 +1,216 @@
+"""Evaluations that go on side by side while processes are killed, and what came of them."""
+
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from databases import Store
+from ledger import Findings, examine, journal, results
+from moments import CLIENT, POSTGRES, SERVICE, SIMULATOR, Moment
+from processes import Kept, Service, until
+from worker import HTTP, SOCKET
+
+from wrongturn_client import Client
+from wrongturn_protocol import Track
+
+SUITE = "smoke@1"
+SEATS = (("careful", HTTP, 2), ("obeys-blindly", SOCKET, 2), ("careful", SOCKET, 1))
+"""Agents that drive at the same time: their policy, by which channel, and how many episodes at a time."""
+PATIENCE_S = 120.0
+RELEASE_S = 1.5
+"""Seconds of silence after which a simulator goes to others: some killed clients are back before, some after."""
+
+
+@dataclass
+class Report:
+    """What a campaign came to."""
+
+    database: str
+    kills: Counter[str] = field(default_factory=Counter)
+    findings: Findings = field(default_factory=Findings)
+    retries: int = 0
+    gone_on_with: int = 0
+    """Episodes that were open when their client was killed, and were driven to their end by the one that came after."""
+    replays: float = 0
+    refusals: Counter[str] = field(default_factory=Counter)
+    gave_up: Counter[str] = field(default_factory=Counter)
+    """Why workers ended by themselves, to be started again."""
+    starts: Counter[str] = field(default_factory=Counter)
+    seconds: float = 0.0
+
+
+class Seat:
+    """One agent, which drives one evaluation after the other until it is told that this one is the last."""
+
+    def __init__(self, service: Service, folder: Path, name: str, drives: tuple[str, str, int]) -> None:
+        self.evaluations: list[str] = []
+        self.journals: list[Path] = []
+        self.starts = 0
+        self.kills: list[float] = []
+        self.last = threading.Event()
+        self.error: BaseException | None = None
+        self._service = service
+        self._folder = folder
+        self.policy, self._channel, self.parallel = drives
+        self._worker: Kept | None = None
+        self._name = name
+        self.thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+
+    def kill(self, back_s: float) -> bool:
+        killed = self._worker is not None and self._worker.kill(back_s)
+        if killed:
+            self.kills.append(time.time())
+        return killed
+
+    def stop(self) -> None:
+        self.last.set()
+        if self._worker is not None and self.thread.is_alive():
+            self._worker.stop()
+
+    def _run(self) -> None:
+        try:
+            with Client(self._service.url, patience=PATIENCE_S) as client:
+                client.ready()
+                token = client.register(self._name, Track.PRIVILEGED).token
+            while True:
+                self._drive_one(token)
+                if self.last.is_set():
+                    return
+        except BaseException as error:
+            self.error = error
+
+    def _drive_one(self, token: str) -> None:
+        with Client(self._service.url, token, patience=PATIENCE_S) as client:
+            client.live()
+            evaluation = client.create_evaluation(SUITE).id
+        self.evaluations.append(evaluation)
+        path = self._folder / f"{evaluation}.journal"
+        self.journals.append(path)
+        given = [self._service.url, token, evaluation, SUITE, self.policy, self._channel, str(self.parallel)]
+        command = [sys.executable, str(Path(__file__).with_name("worker.py")), *given, str(path)]
+        self._worker = worker = Kept(command, self._folder / f"{self._name}.log", {})
+        worker.start()
+        while not worker.wait(1.0):
+            pass
+        self.starts += worker.starts
+
+
+def run(store: Store, folder: Path, kills: Sequence[Moment], seats: Sequence[tuple[str, str, int]] = SEATS) -> Report:
+    """Drive, kill, let everything come to its end, and examine.
+
+    Args:
+        store: an empty database.
+        folder: where logs and journals go.
+        kills: what is killed when.
+        seats: agents that drive meanwhile.
+    """
+    began = time.monotonic()
+    report = Report(store.name)
+    service = Service(
+        store.url,
+        folder / "service.log",
+        simulators=sum(parallel for _, _, parallel in seats),
+        lease_release_s=RELEASE_S,
+    )
+    service.start()
+    taken: list[Seat] = []
+    try:
+        service.await_ready()
+        policies = sorted({policy for policy, _, _ in seats})
+        quiet = [Seat(service, folder, f"undisturbed {policy}", (policy, SOCKET, 2)) for policy in policies]
+        taken += quiet
+        for seat in quiet:
+            seat.last.set()
+            seat.thread.start()
+        _await(quiet)
+        undisturbed = {seat.policy: results(store, seat.evaluations[0]) for seat in quiet}
+        driving = [Seat(service, folder, f"seat {number}", drives) for number, drives in enumerate(seats, 1)]
+        taken += driving
+        for seat in driving:
+            seat.thread.start()
+        disturbances = []
+        for kill in kills:
+            if not kill.at_once:
+                service.await_ready()
+            time.sleep(kill.pause_s)
+            until(lambda kill=kill: _kill(kill, service, store, driving), 60.0, f"nothing to kill: {kill}")
+            report.kills[kill.victim] += 1
+            if kill.victim in {SERVICE, POSTGRES}:
+                disturbances.append(time.time())
+        for seat in driving:
+            seat.last.set()
+        _await(driving)
+        service.note_replays()
+        report.replays = service.replays
+    finally:
+        for seat in taken:
+            seat.stop()
+        status = service.stop()
+    assert status == 0, f"the service ended with status {status}"
+    told = journal([path for seat in taken for path in seat.journals])
+    evaluations = {evaluation: seat.policy for seat in driving for evaluation in seat.evaluations}
+    report.findings = examine(store, evaluations, undisturbed, told, [*service.kills, *disturbances])
+    _tell(report, told, driving, store)
+    report.starts = Counter(
+        {SERVICE: service.starts, CLIENT: sum(seat.starts for seat in driving), POSTGRES: store.restarts}
+    )
+    report.seconds = time.monotonic() - began
+    return report
+
+
+def _kill(kill: Moment, service: Service, store: Store, seats: Sequence[Seat]) -> bool:
+    if kill.victim == SERVICE:
+        return service.kill()
+    if kill.victim == POSTGRES:
+        return store.kill(kill.pick)
+    if kill.victim == CLIENT:
+        return seats[int(kill.pick * len(seats))].kill(kill.back_s)
+    assert kill.victim == SIMULATOR
+    found = service.simulators()
+    if not found:
+        return False
+    try:
+        os.kill(found[int(kill.pick * len(found))], signal.SIGKILL)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def _await(seats: Sequence[Seat], timeout_s: float = 180.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    for seat in seats:
+        seat.thread.join(max(0.0, deadline - time.monotonic()))
+        if seat.error is not None:
+            raise seat.error
+        assert not seat.thread.is_alive(), f"{seat.thread.name} has not finished after {timeout_s:.0f} s"
+
+
+def _tell(report: Report, told: list[dict[str, Any]], seats: Sequence[Seat], store: Store) -> None:
+    for line in told:
+        if line["what"] == "retry":
+            report.retries += 1
+        elif line["what"] == "refused" and line["problem"] not in {"no-trial-available", "evaluation-finished"}:
+            report.refusals[line["problem"]] += 1
+        elif line["what"] == "gave up":
+            report.gave_up[line["error"].split(":")[0]] += 1
+    for seat in seats:
+        names = ", ".join(f"'{name}'" for name in seat.evaluations)
+        finished = store.rows(
+            f"SELECT created, finished FROM episodes WHERE state = 'finished' AND evaluation_id IN ({names})"
+        )
+        report.gone_on_with += sum(
+            any(row["created"] < when < row["finished"] for when in seat.kills) for row in finished
+        )
+
+
+def saved(report: Report) -> str:
+    """As JSON."""
+    return json.dumps(report, default=lambda value: value.__dict__, indent=2)

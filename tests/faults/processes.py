@@ -1,0 +1,138 @@
+"""Processes that somebody starts again whenever they end, as an operator's supervisor and an agent's owner would."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import httpx
+
+_AGAIN_S = 0.3
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def children(pid: int) -> list[int]:
+    """Process ids."""
+    with contextlib.suppress(OSError):
+        found = [path.read_text().split() for path in Path(f"/proc/{pid}/task").glob("*/children")]
+        return sorted(int(child) for of_thread in found for child in of_thread)
+    return []
+
+
+class Kept:
+    """A process that is started again when it ends."""
+
+    def __init__(self, command: list[str], log: Path, environment: dict[str, str]) -> None:
+        self.starts = 0
+        self.failures: list[int] = []
+        """Statuses with which it ended by itself, other than 0."""
+        self._command = command
+        self._log = log
+        self._environment = {n: v for n, v in os.environ.items() if not n.startswith("WRONGTURN_")}
+        if "WRONGTURN_HOME" in os.environ:
+            self._environment["WRONGTURN_HOME"] = os.environ["WRONGTURN_HOME"]
+        self._environment |= environment
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopping = threading.Event()
+        self._back_s = _AGAIN_S
+        self._thread = threading.Thread(target=self._keep, daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    @property
+    def pid(self) -> int | None:
+        process = self._process
+        return process.pid if process is not None and process.poll() is None else None
+
+    def kill(self, back_s: float = _AGAIN_S) -> bool:
+        """Kill -9, to be started again after some seconds; False where there was nothing to kill."""
+        process = self._process
+        if process is None or process.poll() is not None:
+            return False
+        self._back_s = back_s
+        process.kill()
+        process.wait()
+        return process.returncode == -signal.SIGKILL
+
+    def wait(self, timeout_s: float) -> bool:
+        """Until it has ended with status 0; False where it has not by then."""
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def stop(self) -> int:
+        """End it for good by SIGTERM; its status."""
+        self._stopping.set()
+        while self._thread.is_alive():
+            if self.pid is not None and self._process is not None:
+                self._process.terminate()
+            self._thread.join(5.0)
+        return self._process.returncode if self._process is not None else 0
+
+    def _keep(self) -> None:
+        while not self._stopping.is_set():
+            with self._log.open("ab") as log:
+                self._process = subprocess.Popen(
+                    self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self._environment
+                )
+            self.starts += 1
+            status = self._process.wait()
+            if status == 0:
+                return
+            if status != -signal.SIGKILL and not self._stopping.is_set():
+                self.failures.append(status)
+            self._stopping.wait(self._back_s)
+            self._back_s = _AGAIN_S
+
+
+class Service(Kept):
+    """``wrongturn serve`` on a port of its own that stays the same."""
+
+    def __init__(self, database: str, log: Path, **settings: object) -> None:
+        port = free_port()
+        self.url = f"http://127.0.0.1:{port}"
+        self.replays = 0.0
+        """Episodes that were brought back in another simulator, as far as it could be asked before it was killed."""
+        self.kills: list[float] = []
+        command = [sys.executable, "-m", "wrongturn_service", "--port", str(port), "--database", database]
+        super().__init__(command, log, {f"WRONGTURN_{name.upper()}": str(value) for name, value in settings.items()})
+
+    def await_ready(self, timeout_s: float = 120.0) -> None:
+        until(lambda: self._get("/health/ready") is not None, timeout_s, "the service is not ready")
+
+    def kill(self, back_s: float = _AGAIN_S) -> bool:
+        self.note_replays()
+        self.kills.append(time.time())
+        return super().kill(back_s)
+
+    def simulators(self) -> list[int]:
+        return [] if self.pid is None else children(self.pid)
+
+    def note_replays(self) -> None:
+        for line in (self._get("/metrics") or "").splitlines():
+            if line.startswith("wrongturn_replays_total "):
+                self.replays += float(line.split()[1])
+
+    def _get(self, path: str) -> str | None:
+        with contextlib.suppress(httpx.HTTPError):
+            response = httpx.get(self.url + path, timeout=1.0)
+            return response.text if response.is_success else None
+        return None
+
+
+def until(condition: Callable[[], bool], timeout_s: float, message: str) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, f"{message} after {timeout_s:.0f} s"
+        time.sleep(0.05)

@@ -1,0 +1,59 @@
+"""Whatever is killed, no result is lost, doubled or bent.
+
+The long run, 200 kills over both databases, is ``script/test tests/faults -m soak -s``; it prints what it found.
+``WRONGTURN_FAULT_SEED`` gives it other moments.
+"""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from campaign import Report, run
+from databases import File, Server, server
+from moments import ALL, NO_SERVER, moments
+from summary import show
+from worker import HTTP, SOCKET
+
+FEW_SEATS = (("careful", HTTP, 1), ("careful", SOCKET, 2))
+
+
+@pytest.fixture
+def postgres() -> Iterator[Server]:
+    # A short path, for its socket, into which it comes without root's rights.
+    with tempfile.TemporaryDirectory(prefix="wt-pg-", ignore_cleanup_errors=True) as folder:
+        Path(folder).chmod(0o755)
+        with server(Path(folder)) as found:
+            yield found
+
+
+def check(report: Report, kills: int) -> None:
+    show([report])
+    assert report.kills.total() == kills
+    assert not report.findings.bad, report.findings.bad
+    assert report.findings.acknowledged > 0
+    # Nobody is there, for longer than a client that has just come waits: its owner starts it again. Nothing else.
+    assert set(report.gave_up) <= {"ServiceUnreachableError"}
+
+
+def test_a_few_kills_with_sqlite(tmp_path: Path) -> None:
+    check(run(File(tmp_path), tmp_path, moments(6, 6, NO_SERVER), FEW_SEATS), 6)
+
+
+def test_a_few_kills_with_postgresql(postgres: Server, tmp_path: Path) -> None:
+    check(run(postgres, tmp_path, moments(4, 4, ALL), FEW_SEATS), 4)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+def test_a_hundred_kills_with_sqlite(tmp_path: Path) -> None:
+    seed = int(os.environ.get("WRONGTURN_FAULT_SEED", "1"))
+    check(run(File(tmp_path), tmp_path, moments(seed, 100, NO_SERVER)), 100)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+def test_a_hundred_kills_with_postgresql(postgres: Server, tmp_path: Path) -> None:
+    seed = int(os.environ.get("WRONGTURN_FAULT_SEED", "1"))
+    check(run(postgres, tmp_path, moments(seed, 100, ALL)), 100)
