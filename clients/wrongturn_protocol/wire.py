@@ -97,6 +97,39 @@ _LAYOUTS: Final = {layout(track).size: layout(track) for track in Track}
 assert len(_LAYOUTS) == len(Track), "a block's length tells its track"
 
 
+class Block:
+    """An observation's block in memory that is written to again and again."""
+
+    def __init__(self, memory: bytearray | memoryview, track: Track) -> None:
+        """Lay it out; nothing of it is kept of what was there.
+
+        Args:
+            memory: the layout's size, or more.
+            track: whose observations are written.
+        """
+        self.layout = layout(track)
+        memory[: self.layout.size] = bytes(self.layout.size)
+        self._arrays = [
+            (part.name, np.ndarray(part.shape, part.dtype, memory, part.offset)) for part in self.layout.parts
+        ]
+
+    def write(self, observation: Observation) -> None:
+        """Write an observation.
+
+        Args:
+            observation: arrays of the track's dtypes and shapes.
+
+        Raises:
+            ValueError: an array has another shape.
+        """
+        for name, array in self._arrays:
+            given = observation[name]
+            if given.shape != array.shape:
+                track = self.layout.track
+                raise ValueError(f"observation.{name}: has shape {given.shape}, the {track} track's is {array.shape}")
+            array[...] = given
+
+
 def block(observation: Observation, track: Track) -> bytes:
     """An observation as one block.
 
@@ -104,18 +137,9 @@ def block(observation: Observation, track: Track) -> bytes:
         observation: arrays of the track's dtypes and shapes.
         track: whose.
     """
-    pieces: list[bytes | memoryview] = []
-    end = 0
-    for part in layout(track).parts:
-        array = np.ascontiguousarray(observation[part.name], part.dtype)
-        if array.shape != part.shape:
-            raise ValueError(f"observation.{part.name}: has shape {array.shape}, the {track} track's is {part.shape}")
-        if part.offset != end:
-            pieces.append(bytes(part.offset - end))
-        pieces.append(array.data.cast("B"))
-        end = part.offset + array.nbytes
-    pieces.append(bytes(layout(track).size - end))
-    return b"".join(pieces)
+    memory = bytearray(layout(track).size)
+    Block(memory, track).write(observation)
+    return bytes(memory)
 
 
 def track_of_block(size: int) -> Track:

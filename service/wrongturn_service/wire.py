@@ -15,6 +15,7 @@ from wrongturn_protocol import Track, Verdict
 
 if TYPE_CHECKING:
     from wrongturn_protocol.observations import Observation
+    from wrongturn_service.pool.screen import Shown
 
 
 class Wire(StrEnum):
@@ -39,7 +40,7 @@ class Reply:
     """
 
     seq: int
-    observation: bytes
+    observation: "bytes | Shown"
     wire: Wire
     track: Track
     head: tuple[tuple[str, object], ...]
@@ -47,9 +48,9 @@ class Reply:
 
     def render(self, wire: Wire) -> bytes:
         """The reply's body."""
-        observation = (
-            self.observation if wire is self.wire else _transcode(self.observation, self.track, self.wire, wire)
-        )
+        observation = bytes(self.observation)
+        if wire is not self.wire:
+            observation = _transcode(observation, self.track, self.wire, wire)
         match wire:
             case Wire.JSON:
                 return _json(self, observation)
@@ -63,7 +64,7 @@ class Reply:
 
 def reset_reply(
     episode: str,
-    observation: bytes,
+    observation: "bytes | Shown",
     wire: Wire,
     track: Track,
     *,
@@ -79,7 +80,7 @@ def reset_reply(
 
 def step_reply(
     seq: int,
-    observation: bytes,
+    observation: "bytes | Shown",
     wire: Wire,
     track: Track,
     *,

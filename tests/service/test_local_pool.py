@@ -24,9 +24,10 @@ import os, socket, sys, time
 from wrongturn_service.pool import frames
 connection = socket.socket(fileno=int(sys.argv[1]))
 connection.sendall(frames.pack([frames.OK]))
+requests = frames.Receiver(connection)
 while True:
     try:
-        operation, *rest = frames.receive(connection)
+        operation, *rest = requests.receive()
     except EOFError:
         break
     if operation == "reset":

@@ -4,11 +4,14 @@ import subprocess
 import sys
 
 PROGRAM = """
+import os
 from wrongturn_service.pool.process import Server
+from wrongturn_service.pool.screen import Painter, Screen
 from wrongturn_sim.verdict import decide, journey_kernels
 compiled = [decide.observe, journey_kernels.observe]
 assert not any(function.signatures for function in compiled)
-Server().warm_up()
+with Screen().lent() as handle:
+    Server(Painter(os.dup(handle))).warm_up()
 print([len(function.signatures) for function in compiled])
 """
 

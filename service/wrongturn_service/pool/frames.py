@@ -1,12 +1,19 @@
 """Frames on a stream: four bytes of length, little-endian, then a msgpack value."""
 
+import asyncio
+import contextlib
+import os
 import socket
 import struct
+from collections import deque
+from collections.abc import Sequence
 from typing import Any, Final
 
 import msgpack
 
 _HEAD: Final = struct.Struct("<I")
+_PIECE: Final = 1 << 16
+"""Bytes that are asked of a blocking socket at a time."""
 OK: Final = 0
 """A reply's first item: it worked."""
 REFUSED: Final = 1
@@ -29,6 +36,8 @@ class Splitter:
 
     def feed(self, data: bytes) -> list[Any]:
         """The values that are complete with this piece."""
+        if not self._buffer and len(data) > _HEAD.size and _HEAD.unpack_from(data)[0] == len(data) - _HEAD.size:
+            return [msgpack.unpackb(memoryview(data)[_HEAD.size :])]  # as nearly always: all of one, and no more
         self._buffer += data
         values = []
         while len(self._buffer) >= _HEAD.size:
@@ -42,21 +51,41 @@ class Splitter:
         return values
 
 
-def receive(connection: socket.socket) -> Any:
-    """The next value of a blocking socket.
+class Receiver:
+    """Gives the values of a blocking socket."""
 
-    Raises:
-        EOFError: the other side is gone.
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self._splitter = Splitter()
+        self._values: deque[Any] = deque()
+
+    def receive(self) -> Any:
+        """The next value.
+
+        Raises:
+            EOFError: the other side is gone.
+        """
+        while not self._values:
+            data = self._connection.recv(_PIECE)
+            if not data:
+                raise EOFError
+            self._values.extend(self._splitter.feed(data))
+        return self._values.popleft()
+
+
+def write_now(transport: asyncio.WriteTransport, handle: int, pieces: Sequence[bytes | memoryview]) -> None:
+    """Hand bytes to the kernel at once, from where they lie; what it does not take is copied for the transport.
+
+    Args:
+        transport: of a plain stream.
+        handle: the file descriptor beneath it.
+        pieces: what is written, one after the other; the caller's again when this returns.
     """
-    (length,) = _HEAD.unpack(_exactly(connection, _HEAD.size))
-    return msgpack.unpackb(_exactly(connection, length))
-
-
-def _exactly(connection: socket.socket, length: int) -> bytes:
-    data = bytearray()
-    while len(data) < length:
-        piece = connection.recv(length - len(data))
-        if not piece:
-            raise EOFError
-        data += piece
-    return bytes(data)
+    sent = 0
+    if transport.get_write_buffer_size() == 0 and not transport.is_closing():
+        # What goes wrong here goes wrong for the transport too, which tells its protocol.
+        with contextlib.suppress(OSError):
+            sent = os.writev(handle, pieces)
+        if sent == sum(map(len, pieces)):
+            return
+    transport.write(b"".join(pieces)[sent:])

@@ -9,10 +9,12 @@
     └── EpisodeRefusedError       the trial cannot be driven as asked: the caller's mistake
 """
 
+import asyncio
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from wrongturn_protocol import Outcome, Track
+from wrongturn_service.pool.screen import Shown
 from wrongturn_service.wire import Wire
 
 Action = tuple[float, float, float]
@@ -69,7 +71,7 @@ class Final:
 class Frame:
     """What a simulator shows after a reset or a step."""
 
-    observation: bytes
+    observation: bytes | Shown
     """Encoded for the wire."""
     reward: float
     terminated: bool
@@ -105,6 +107,10 @@ class Simulator(ABC):
     @abstractmethod
     async def step(self, action: Action, wire: Wire) -> Frame:
         """One decision. Raises SimulatorDiedError."""
+
+    def begin_step(self, action: Action, wire: Wire) -> "asyncio.Future[Frame]":
+        """The same without a task, where that is possible; not to be cancelled."""
+        return asyncio.ensure_future(self.step(action, wire))
 
     @abstractmethod
     async def abort(self) -> Final:

@@ -1,12 +1,13 @@
-"""What runs in a simulator process: ``python -m wrongturn_service.pool.process FD``.
+"""What runs in a simulator process: ``python -m wrongturn_service.pool.process FD SECONDS SCREEN``.
 
 It serves one socket, whose other end the service has: one request at a time, one reply each. At the end of the stream
 it ends, so no simulator outlives its service; a call that takes too long ends it too, by an alarm that works even
 while SUMO does not give Python the word.
 
-Requests: ``["reset", trial, track, actions, wire]``, ``["step", steer, throttle, brake, wire]``, ``["abort"]``.
-Replies: ``[OK, observation, reward, terminated, truncated, final]``, ``[REFUSED, name, message]``,
+Requests: ``["reset", trial, track, actions, wire, place]``, ``["step", steer, throttle, brake, wire, place]``,
+``["abort"]``. Replies: ``[OK, observation, reward, terminated, truncated, final]``, ``[REFUSED, name, message]``,
 ``[FAILED, name, message]``; ``final`` is None or ``[outcome, steps, trajectory, its sha256, the actions' sha256]``.
+An observation as raw arrays is written to the place on the screen, and the reply has its number of bytes.
 """
 
 import hashlib
@@ -21,6 +22,7 @@ from wrongturn_networks import draw_journey, draw_trial, load_town
 from wrongturn_protocol import FaultKind, Outcome, Task, Track, Trial, observations
 from wrongturn_service.pool import frames
 from wrongturn_service.pool.pool import replay_s
+from wrongturn_service.pool.screen import Painter
 from wrongturn_service.wire import Wire, encoded
 from wrongturn_sim import Episode
 
@@ -32,7 +34,8 @@ _ACTION: Final = struct.Struct("<3f")
 class Server:
     """The episode of this process."""
 
-    def __init__(self) -> None:
+    def __init__(self, painter: Painter) -> None:
+        self._painter = painter
         self._episode: Episode | None = None
         self._track = Track.STATE
 
@@ -52,7 +55,7 @@ class Server:
         junction = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
         journey = draw_journey(town, Task.NAVIGATION, 0)  # judged by arithmetic of its own
         for trial, track in ((junction, Track.PRIVILEGED), (junction, Track.SEGMENTATION), (journey, Track.STATE)):
-            self._reset(trial.model_dump_json(), track, _ACTION.pack(0.0, 0.5, 0.0) * 3, Wire.JSON)
+            self._reset(trial.model_dump_json(), track, _ACTION.pack(0.0, 0.5, 0.0) * 3, Wire.RAW, 0)
             self._driven().abort()
 
     def _driven(self) -> Episode:
@@ -60,18 +63,18 @@ class Server:
             raise RuntimeError("no episode: reset comes first")
         return self._episode
 
-    def _reset(self, trial: str, track: str, actions: bytes, wire: str) -> list[Any]:
+    def _reset(self, trial: str, track: str, actions: bytes, wire: str, place: int) -> list[Any]:
         self._track = Track(track)
         self._episode = episode = Episode(Trial.model_validate_json(trial), self._track)
         observation = episode.reset()
         reward, terminated, truncated = 0.0, False, False
         for action in _ACTION.iter_unpack(actions):
             observation, reward, terminated, truncated = episode.step(*action)
-        return self._frame(observation, reward, terminated, truncated, wire)
+        return self._frame(observation, reward, terminated, truncated, wire, place)
 
-    def _step(self, steer: float, throttle: float, brake: float, wire: str) -> list[Any]:
+    def _step(self, steer: float, throttle: float, brake: float, wire: str, place: int) -> list[Any]:
         observation, reward, terminated, truncated = self._driven().step(steer, throttle, brake)
-        return self._frame(observation, reward, terminated, truncated, wire)
+        return self._frame(observation, reward, terminated, truncated, wire, place)
 
     def _frame(
         self,
@@ -80,7 +83,13 @@ class Server:
         terminated: bool,
         truncated: bool,
         wire: str,
+        place: int,
     ) -> list[Any]:
+        shown: bytes | int
+        if wire == Wire.RAW:
+            shown = self._painter.paint(observation, self._track, place)
+        else:
+            shown = encoded(observation, self._track, Wire(wire))
         final = None
         if terminated or truncated:
             episode = self._driven()
@@ -88,7 +97,7 @@ class Server:
             final = _final(episode, episode.outcome)
         return [
             frames.OK,
-            encoded(observation, self._track, Wire(wire)),
+            shown,
             float(reward),
             bool(terminated),
             bool(truncated),
@@ -102,19 +111,21 @@ def _final(episode: Episode, outcome: Outcome) -> list[Any]:
     return [outcome.model_dump_json(), episode.steps, trajectory, sha256, episode.actions_sha256]
 
 
-def serve(connection: socket.socket, limit_s: int) -> None:
+def serve(connection: socket.socket, limit_s: int, painter: Painter) -> None:
     """Answer requests until the other side is gone.
 
     Args:
         connection: a blocking stream socket.
         limit_s: whole seconds after which a request ends the process; those for a replay come on top.
+        painter: where observations are written.
     """
-    server = Server()
+    server = Server(painter)
     server.warm_up()
     connection.sendall(frames.pack([frames.OK]))
+    requests = frames.Receiver(connection)
     while True:
         try:
-            request = frames.receive(connection)
+            request = requests.receive()
         except (EOFError, ConnectionError):
             return
         signal.alarm(limit_s + (math.ceil(replay_s(request[3])) if request[0] == "reset" else 0))
@@ -128,12 +139,12 @@ def serve(connection: socket.socket, limit_s: int) -> None:
 
 
 def main() -> None:
-    """Serve the socket whose file descriptor the first argument names."""
+    """Serve the socket whose file descriptor the first argument names, with the screen that the third does."""
     # Ctrl-C goes to the whole group of processes; the service decides when its simulators end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     with socket.socket(fileno=int(sys.argv[1])) as connection:
-        serve(connection, int(sys.argv[2]))
+        serve(connection, int(sys.argv[2]), Painter(int(sys.argv[3])))
 
 
 if __name__ == "__main__":

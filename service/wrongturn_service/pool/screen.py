@@ -1,0 +1,103 @@
+"""Memory that the service shares with one simulator process, so that an observation is written once and never sent.
+
+It holds two observations, which are written in turn: the last can be told again while the next is being made, even
+after the process has died of it. Whoever still has the one before when its place is needed gets a copy of its own.
+"""
+
+import contextlib
+import mmap
+import os
+from collections.abc import Iterator
+from typing import Final
+from weakref import ReferenceType, ref
+
+from typing_extensions import override
+
+from wrongturn_protocol import Track
+from wrongturn_protocol.observations import Observation
+from wrongturn_protocol.wire import Block, layout
+
+_PLACES: Final = 2
+_ROOM: Final = -(-max(layout(track).size for track in Track) // mmap.PAGESIZE) * mmap.PAGESIZE
+"""Bytes for one observation."""
+
+
+class Shown:
+    """An observation on a screen; equal to bytes of the same content."""
+
+    __slots__ = ("__weakref__", "data")
+
+    def __init__(self, data: memoryview) -> None:
+        self.data: bytes | memoryview = data
+
+    def keep(self) -> None:
+        """Its place is written to again: have a copy."""
+        self.data = bytes(self.data)
+
+    def __bytes__(self) -> bytes:
+        return bytes(self.data)
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+    @override
+    def __eq__(self, other: object) -> bool:
+        return bytes(self.data) == bytes(other) if isinstance(other, bytes | Shown) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+class Screen:
+    """The service's side."""
+
+    def __init__(self) -> None:
+        self._handle = os.memfd_create("observations")
+        os.ftruncate(self._handle, _PLACES * _ROOM)
+        self._memory = memoryview(mmap.mmap(self._handle, _PLACES * _ROOM, prot=mmap.PROT_READ))
+        self._shown: list[ReferenceType[Shown] | None] = [None] * _PLACES
+        self._place = 0
+
+    @contextlib.contextmanager
+    def lent(self) -> Iterator[int]:
+        """The descriptor, for a process to inherit; closed at the end."""
+        try:
+            yield self._handle
+        finally:
+            os.close(self._handle)
+
+    def turn(self) -> int:
+        """The place for the next observation, free to be written to."""
+        self._place = place = (self._place + 1) % _PLACES
+        before = self._shown[place]
+        if before is not None:
+            shown = before()
+            if shown is not None:
+                shown.keep()
+            self._shown[place] = None
+        return place
+
+    def shown(self, size: int) -> Shown:
+        """What was written to that place."""
+        begin = self._place * _ROOM
+        found = Shown(self._memory[begin : begin + size])
+        self._shown[self._place] = ref(found)
+        return found
+
+
+class Painter:
+    """The process's side."""
+
+    def __init__(self, handle: int) -> None:
+        """Take over a screen's handle."""
+        memory = memoryview(mmap.mmap(handle, _PLACES * _ROOM))
+        os.close(handle)
+        self._places = [memory[at * _ROOM : (at + 1) * _ROOM] for at in range(_PLACES)]
+        self._blocks: list[Block | None] = [None] * _PLACES
+
+    def paint(self, observation: Observation, track: Track, place: int) -> int:
+        """Write an observation to a place; its bytes."""
+        block = self._blocks[place]
+        if block is None or block.layout.track is not track:
+            self._blocks[place] = block = Block(self._places[place], track)
+        block.write(observation)
+        return block.layout.size
