@@ -52,6 +52,7 @@ def create_app(settings: Settings, *, pool: Pool | None = None) -> FastAPI:
         redoc_url=None,
     )
     app.state.startup_error = None
+    app.state.telemetry = telemetry
     app.add_middleware(Middleware, telemetry=telemetry, step=episodes.step)
     errors.install(app)
     for part in (health, suites, towns, agents, evaluations, episodes, drive, leaderboards, errors):

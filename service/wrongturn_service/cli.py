@@ -50,7 +50,7 @@ def serve(
         typer.echo(str(error), err=True)
         raise typer.Exit(_USAGE) from None
     try:
-        bound = bind(settings.host, settings.port)
+        bound = bind(settings.host, settings.port, settings.slow_client_s)
     except AddressError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(_USAGE) from None

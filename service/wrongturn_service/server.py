@@ -1,17 +1,25 @@
 """Uvicorn, run so that mistakes are told in one line and readiness is told when it is true."""
 
+import asyncio
 import contextlib
 import signal
 import socket
 import sys
+import time
 from collections.abc import Iterator
+from functools import partial
+from types import FrameType
+from typing import cast
 
+import structlog
 import uvicorn
 from fastapi import FastAPI
 from typing_extensions import override
 
 from wrongturn_service.app import create_app
+from wrongturn_service.connections import Guard, GuardedHttp, GuardedWebSocket
 from wrongturn_service.errors import StartupError
+from wrongturn_service.service import Service
 from wrongturn_service.settings import Settings
 
 READY = "Wrongturn is ready at "
@@ -21,15 +29,21 @@ _PING_S = 20.0
 """Seconds between two pings of a WebSocket connection."""
 _PONG_S = 60.0
 """Seconds after which a WebSocket client that answers no ping is taken for gone; an agent may think for that long."""
+_SILENT_S = 1.0
+"""Seconds of silence after which a stop does not wait for an agent."""
+_LOOK_S = 0.05
+_IMPATIENT = 2
 
 
 class Server(uvicorn.Server):
     """Tells its URL once it is ready, and ends with status 0 when it is asked to."""
 
-    def __init__(self, config: uvicorn.Config, app: FastAPI, url: str) -> None:
+    def __init__(self, config: uvicorn.Config, app: FastAPI, url: str, grace_s: float) -> None:
         super().__init__(config)
         self._app = app
         self._url = url
+        self._grace_s = grace_s
+        self._asked = 0
 
     @override
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -51,10 +65,33 @@ class Server(uvicorn.Server):
 
     @override
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        service = getattr(self._app.state, "service", None)
+        began = time.monotonic()
+        service: Service | None = getattr(self._app.state, "service", None)
         if service is not None:
-            service.episodes.stopping = True
+            await self._drain(service)
+        # What was begun in the last moment gets what is left of the time.
+        left = self._grace_s - (time.monotonic() - began)
+        self.config.timeout_graceful_shutdown = max(1, int(left))
         await super().shutdown(sockets)
+
+    @override
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        self._asked += 1
+        super().handle_exit(sig, frame)
+
+    async def _drain(self, service: Service) -> None:
+        """Begin nothing new, and let agents that are driving come to the end of their episodes."""
+        service.episodes.stopping = True
+        log = structlog.get_logger("server")
+        deadline = time.monotonic() + self._grace_s
+        log.info("stopping", open=service.episodes.open)
+        # A second signal is somebody who cannot wait.
+        while (  # noqa: ASYNC110 - nobody tells of silence
+            service.episodes.driven(_SILENT_S) and time.monotonic() < deadline and self._asked < _IMPATIENT
+        ):
+            await asyncio.sleep(_LOOK_S)
+        if service.episodes.open:
+            log.warning("episodes are lost by the stop; their trials run again", count=service.episodes.open)
 
 
 def run(settings: Settings, bound: socket.socket) -> None:
@@ -69,11 +106,12 @@ def run(settings: Settings, bound: socket.socket) -> None:
     """
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     app = create_app(settings)
+    guard = Guard(settings.max_connections, settings.slow_client_s, app.state.telemetry.closed)
     config = uvicorn.Config(
         app,
         loop="uvloop",
-        http="httptools",
-        ws="websockets-sansio",
+        http=cast(type[asyncio.Protocol], partial(GuardedHttp, guard=guard)),
+        ws=cast(type[asyncio.Protocol], partial(GuardedWebSocket, guard=guard)),
         # Pictures do not shrink much for what deflating each costs; the service's own limit names the error.
         ws_per_message_deflate=False,
         ws_max_size=2 * settings.body_limit,
@@ -83,11 +121,12 @@ def run(settings: Settings, bound: socket.socket) -> None:
         access_log=False,
         log_config=None,
         log_level="critical",
-        timeout_graceful_shutdown=int(settings.shutdown_grace_s) or 1,
         server_header=False,
         timeout_keep_alive=_KEEP_ALIVE_S,
+        proxy_headers=True,
+        forwarded_allow_ips=settings.trusted_proxies,
     )
-    server = Server(config, app, f"http://{host}:{bound.getsockname()[1]}")
+    server = Server(config, app, f"http://{host}:{bound.getsockname()[1]}", settings.shutdown_grace_s)
     # Uvicorn leaves by SystemExit where the start failed; what failed is told below.
     with bound, contextlib.suppress(SystemExit):
         server.run(sockets=[bound])

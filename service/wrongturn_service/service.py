@@ -23,6 +23,7 @@ from wrongturn_service.leaderboards import Leaderboards
 from wrongturn_service.pool.local import LocalPool
 from wrongturn_service.pool.pool import Pool, SimulatorStartError
 from wrongturn_service.settings import Settings
+from wrongturn_service.sockets import Sockets
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.store import Store
 from wrongturn_service.telemetry import Telemetry
@@ -45,6 +46,7 @@ class Service:
     idempotency: Idempotency
     leaderboards: Leaderboards
     telemetry: Telemetry
+    sockets: Sockets
 
 
 @contextlib.asynccontextmanager
@@ -99,6 +101,8 @@ async def run_service(
         telemetry.watch("wrongturn_simulators_busy", "Simulator processes that drive", lambda: pool.busy)
         telemetry.watch("wrongturn_simulators_idle", "Simulators kept warm", lambda: pool.idle)
         telemetry.watch("wrongturn_simulators_awaited", "Calls in the line for a simulator", lambda: line.waiting)
+        sockets = Sockets(each=settings.max_sockets, address=settings.max_sockets_per_address)
+        telemetry.watch("wrongturn_sockets", "Connections to /v1/drive", lambda: sockets.open)
         for work in (episodes.watch_leases(), _keep_house(settings, store, evaluations, pool)):
             task = asyncio.create_task(work)
             stack.push_async_callback(_cancel, task)
@@ -113,6 +117,7 @@ async def run_service(
             Idempotency(store),
             leaderboards,
             telemetry,
+            sockets,
         )
 
 

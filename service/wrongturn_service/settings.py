@@ -71,6 +71,16 @@ class Settings(BaseSettings):
     """Calls of one agent that may stand in the line for a simulator."""
     max_line: Annotated[int, Field(ge=1)] = 1024
     """Calls that may stand in the line for a simulator."""
+    max_sockets: Annotated[int, Field(ge=1)] = 32
+    """Connections to ``/v1/drive`` of one agent."""
+    max_sockets_per_address: Annotated[int, Field(ge=1)] = 256
+    """Connections to ``/v1/drive`` from one address."""
+    max_connections: Annotated[int, Field(ge=1)] = 4096
+    """Connections at a time, of all clients."""
+    slow_client_s: Seconds = 30.0
+    """Seconds in which a request, or the next 64 KiB of it, has to come, and a reply to be taken."""
+    trusted_proxies: str = "127.0.0.1,::1"
+    """Addresses and networks of proxies whose ``X-Forwarded-For`` is believed, with commas between; ``*`` for all."""
     body_limit: Annotated[int, Field(ge=1024)] = 4 * 1024 * 1024
     """Bytes that a request's body may have."""
     practice_keep_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 7.0
@@ -78,7 +88,7 @@ class Settings(BaseSettings):
     idempotency_keep_hours: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 48.0
     """Hours for which the reply to an ``Idempotency-Key`` is kept."""
     shutdown_grace_s: Seconds = 5.0
-    """Seconds that requests in progress get when the service is stopped."""
+    """Seconds that episodes that are being driven, and requests in progress, get when the service is stopped."""
     log_level: Annotated[str, Field(pattern="^(debug|info|warning|error)$")] = "info"
     """The least level that is logged: ``debug``, ``info``, ``warning`` or ``error``."""
 

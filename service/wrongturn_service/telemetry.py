@@ -59,6 +59,11 @@ class Telemetry:
         )
         for reason in ("simulators-failed", "service-ended", "cancelled"):
             self._voided.labels(reason)
+        self._closed = Counter(
+            "wrongturn_connections_closed", "Connections that the service closed", ("reason",), registry=registry
+        )
+        for reason in ("slow-message", "slow-reader", "slow-request", "too-many"):
+            self._closed.labels(reason)
         self.expired = Counter(
             "wrongturn_leases_expired", "Episodes that were aborted since their agent was silent", registry=registry
         )
@@ -100,6 +105,10 @@ class Telemetry:
     def voided(self, reason: Literal["simulators-failed", "service-ended", "cancelled"], count: int = 1) -> None:
         """Episodes were cut off, not by their agents."""
         self._voided.labels(reason).inc(count)
+
+    def closed(self, reason: str) -> None:
+        """A connection was closed for its client's doing."""
+        self._closed.labels(reason).inc()
 
     def render(self) -> bytes:
         """All figures in Prometheus' text format."""

@@ -1,5 +1,6 @@
 """Requests' bodies: read within a limit, parsed strictly, and every mistake named by its field."""
 
+import asyncio
 import json
 from functools import lru_cache
 from typing import TypeVar
@@ -9,6 +10,7 @@ from fastapi import Request
 from pydantic import BaseModel, ValidationError
 
 from wrongturn_protocol import FieldError, ProblemType
+from wrongturn_service.connections import PROGRESS
 from wrongturn_service.errors import ServiceError
 from wrongturn_service.wire import Wire
 
@@ -46,10 +48,25 @@ async def _read(request: Request) -> bytes:
     if length.isdecimal() and int(length[:20]) > limit:
         raise _too_large(limit)
     pieces = bytearray()
-    async for piece in request.stream():
-        pieces += piece
-        if len(pieces) > limit:
-            raise _too_large(limit)
+    patience: float = request.app.state.service.settings.slow_client_s
+    loop = asyncio.get_running_loop()
+    enough = PROGRESS
+    try:
+        async with asyncio.timeout(patience) as alarm:
+            async for piece in request.stream():
+                pieces += piece
+                if len(pieces) > limit:
+                    raise _too_large(limit)
+                if len(pieces) >= enough:
+                    enough = len(pieces) + PROGRESS
+                    alarm.reschedule(loop.time() + patience)
+    except TimeoutError:
+        raise ServiceError(
+            ProblemType.REQUEST_TIMEOUT,
+            f"the body did not come to its end within {patience:g} s",
+            status=408,
+            headers={"Connection": "close"},
+        ) from None
     return bytes(pieces)
 
 

@@ -4,6 +4,7 @@ from functools import lru_cache
 
 from fastapi import Request, Response
 from pydantic import BaseModel
+from starlette.requests import HTTPConnection
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.accounts import Caller
@@ -45,8 +46,8 @@ def key_of(request: Request) -> str | None:
     return request.headers.get(HEADER)
 
 
-def address_of(request: Request) -> str:
-    """Where the request came from."""
+def address_of(request: HTTPConnection) -> str:
+    """Where a request or connection came from; what a trusted proxy says, where there is one before."""
     return request.client.host if request.client is not None else "unknown"
 
 

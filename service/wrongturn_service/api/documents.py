@@ -35,6 +35,7 @@ _MEANING = {
     403: "Another's",
     404: "Unknown",
     406: "No encoding that the client takes",
+    408: "The body did not come in time",
     409: "Does not fit what was said before",
     410: "The episode is lost; its trial runs again",
     413: "The body is too large",
@@ -43,7 +44,7 @@ _MEANING = {
     429: "Too many; come back after Retry-After",
     503: "Not now; come back after Retry-After",
 }
-_BODY_PROBLEMS = (400, 413, 415, 422)
+_BODY_PROBLEMS = (400, 408, 413, 415, 422)
 _MADE = {
     "/v1/agents": "agent",
     "/v1/evaluations": "evaluation",

@@ -9,6 +9,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from wrongturn_protocol import ProblemType, wire
 from wrongturn_service.accounts import Caller
+from wrongturn_service.api.dependencies import address_of
 from wrongturn_service.api.drive_calls import Calls, problem_result
 from wrongturn_service.api.errors import as_service_error, problem_response
 from wrongturn_service.errors import ServiceError, UnauthenticatedError
@@ -30,14 +31,16 @@ _FAILED: Final = 1011
 async def drive(websocket: WebSocket) -> None:
     """Shake hands, or refuse as over HTTP; then answer until either side closes."""
     service: Service = websocket.app.state.service
-    try:
-        _check_version(websocket)
-        caller = await service.accounts.caller(websocket.headers.get("authorization"))
-    except Exception as error:
-        await websocket.send_denial_response(problem_response(as_service_error(error)))
-        return
-    await websocket.accept(subprotocol=wire.SUBPROTOCOL)
-    await Connection(websocket, service, caller).serve()
+    with contextlib.ExitStack() as stack:
+        try:
+            _check_version(websocket)
+            caller = await service.accounts.caller(websocket.headers.get("authorization"))
+            stack.enter_context(service.sockets.one(caller.id, address_of(websocket)))
+        except Exception as error:
+            await websocket.send_denial_response(problem_response(as_service_error(error)))
+            return
+        await websocket.accept(subprotocol=wire.SUBPROTOCOL)
+        await Connection(websocket, service, caller).serve()
 
 
 def _check_version(websocket: WebSocket) -> None:

@@ -25,6 +25,7 @@ _EXPLANATIONS = {
     ProblemType.NOT_ACCEPTABLE: "Accept names neither application/json nor application/msgpack.",
     ProblemType.UNSUPPORTED_MEDIA_TYPE: "The body's Content-Type is none that the call takes.",
     ProblemType.BODY_TOO_LARGE: "The body is larger than the service takes.",
+    ProblemType.REQUEST_TIMEOUT: "The request, or a message of /v1/drive, did not come to its end in time.",
     ProblemType.PROTOCOL_VERSION: "The handshake of /v1/drive names no version of the protocol that is spoken here.",
     ProblemType.TEXT_MESSAGE: "A message of /v1/drive was text; they are binary.",
     ProblemType.MESSAGE_TOO_LARGE: "A message of /v1/drive is larger than the service takes.",
@@ -41,7 +42,10 @@ _EXPLANATIONS = {
     ProblemType.TRACK_NOT_AVAILABLE: "The track's sensors are not there, or the suite is not of this track.",
     ProblemType.AGENT_NAME_TAKEN: "Another agent has this name; names that differ in case alone are the same.",
     ProblemType.REGISTRATION_CLOSED: "Only the operator registers agents at this service.",
-    ProblemType.RATE_LIMITED: "Too many of these for now; come back after Retry-After seconds.",
+    ProblemType.RATE_LIMITED: (
+        "Too many of these for now; come back after Retry-After seconds. Where there is a position, so many of one's "
+        "own have to end before."
+    ),
     ProblemType.IDEMPOTENCY_KEY_REUSED: "The Idempotency-Key was sent with another request before.",
     ProblemType.EVALUATION_FINISHED: "Each trial of the evaluation has its verdict.",
     ProblemType.EVALUATION_CANCELLED: "The evaluation was cancelled.",
@@ -52,9 +56,14 @@ _EXPLANATIONS = {
     ProblemType.SEQUENCE_GAP: "A step's seq is the last one received plus 1, or that one again.",
     ProblemType.ACTION_MISMATCH: "The step was taken before, with another action.",
     ProblemType.RESULTS_MISMATCH: "The worker's record differs from what the service saw.",
-    ProblemType.SIMULATORS_BUSY: "All simulators drive; come back after Retry-After seconds.",
+    ProblemType.SIMULATORS_BUSY: (
+        "All simulators drive. The call has a place in the line for one: position says how many have to become free "
+        "until it is its turn, 1 the next. The place is kept for the same call, by its Idempotency-Key where it has "
+        "one, that comes back after Retry-After seconds. Agents with fewer simulators come first, else who came first."
+    ),
     ProblemType.SIMULATOR_FAILED: "No simulator could begin the episode; the operator's log says why.",
     ProblemType.STORAGE_FAILED: "The database did not take or give what was asked; nothing was half done.",
+    ProblemType.SERVICE_FULL: "The service has as many connections as it may; come back after Retry-After seconds.",
     ProblemType.SHUTTING_DOWN: "The service is about to end; come back when it was started again.",
     ProblemType.INTERNAL: "A mistake of the service; the operator's log has the details.",
 }

@@ -1,0 +1,234 @@
+"""Connections that cost more than they should: too many of them, and clients too slow to ask or to take the reply.
+
+Uvicorn waits for a request's head, for the rest of a message and for a reply to be taken as long as the client likes;
+these protocols put an end to it. What has begun to move may take long: 64 KiB within the time suffice to go on.
+"""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import structlog
+from typing_extensions import override
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
+from wrongturn_protocol import ProblemType
+from wrongturn_service.errors import ServiceError, UnavailableError
+
+PROGRESS: Final = 65536
+"""Bytes within the time after which a client is not too slow."""
+_TOO_SLOW_CLOSE: Final = 1008
+_PHRASES: Final = {408: "Request Timeout", 503: "Service Unavailable"}
+
+
+@dataclass(frozen=True)
+class Guard:
+    """What connections have to keep to.
+
+    Attributes:
+        most: connections at a time.
+        patience_s: seconds for a request's head, a message, and a reply to be taken.
+        closed: called with the reason for which one was closed.
+    """
+
+    most: int
+    patience_s: float
+    closed: Callable[[str], None]
+
+    def close(self, reason: str, transport: asyncio.BaseTransport) -> None:
+        """Tell of a connection that is closed."""
+        self.closed(reason)
+        peer = transport.get_extra_info("peername")
+        structlog.get_logger("connections").warning(
+            "connection closed", reason=reason, address=peer[0] if isinstance(peer, tuple) else None
+        )
+
+
+class Patience:
+    """Ends what does not move."""
+
+    def __init__(
+        self,
+        guard: Guard,
+        over: Callable[[], None],
+        moved: Callable[[], int] = lambda: 0,
+        excused: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Nobody is waited for yet.
+
+        Args:
+            guard: how long.
+            over: called when too little has moved.
+            moved: how many bytes have so far.
+            excused: whether it is not the client's fault.
+        """
+        self._seconds = guard.patience_s
+        self._over = over
+        self._moved = moved
+        self._excused = excused
+        self._alarm: asyncio.TimerHandle | None = None
+        self._before = 0
+
+    def begin(self) -> None:
+        """Wait from now on; where it is waited for already, no longer than that."""
+        if self._alarm is None:
+            self._before = self._moved()
+            self._alarm = asyncio.get_running_loop().call_later(self._seconds, self._look)
+
+    def end(self) -> None:
+        """It is done."""
+        if self._alarm is not None:
+            self._alarm.cancel()
+            self._alarm = None
+
+    def _look(self) -> None:
+        self._alarm = None
+        if self._excused() or self._moved() - self._before >= PROGRESS:
+            self.begin()
+        else:
+            self._over()
+
+
+class GuardedHttp(HttpToolsProtocol):
+    """Uvicorn's HTTP, for as long as the client keeps to the guard's rules."""
+
+    def __init__(self, *arguments: Any, guard: Guard, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._guard = guard
+        self._head = Patience(guard, self._too_slow, excused=self._answering)
+        self._taken = Patience(guard, self._not_taken, self._written)
+
+    @override
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        if len(self.connections) > self._guard.most:
+            self._refuse(
+                "too-many",
+                UnavailableError(
+                    ProblemType.SERVICE_FULL,
+                    f"{self._guard.most} connections are open, which is as many as may; come back later",
+                    retry_after_s=5,
+                ),
+            )
+            return
+        self._head.begin()
+
+    @override
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._head.end()
+        self._taken.end()
+        super().connection_lost(exc)
+
+    @override
+    def on_message_begin(self) -> None:
+        super().on_message_begin()
+        self._head.begin()
+
+    @override
+    def on_headers_complete(self) -> None:
+        self._head.end()
+        super().on_headers_complete()
+
+    @override
+    def handle_websocket_upgrade(self) -> None:
+        self._head.end()
+        super().handle_websocket_upgrade()
+
+    @override
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._taken.begin()
+
+    @override
+    def resume_writing(self) -> None:
+        self._taken.end()
+        super().resume_writing()
+
+    def _answering(self) -> bool:
+        # Meanwhile the next request's head is not read.
+        return self.cycle is not None and not self.cycle.response_complete
+
+    def _written(self) -> int:
+        return -self.transport.get_write_buffer_size()
+
+    def _too_slow(self) -> None:
+        self._refuse(
+            "slow-request",
+            ServiceError(
+                ProblemType.REQUEST_TIMEOUT,
+                f"the request's head did not come within {self._guard.patience_s:g} s",
+                status=408,
+            ),
+        )
+
+    def _not_taken(self) -> None:
+        self._guard.close("slow-reader", self.transport)
+        self.transport.abort()
+
+    def _refuse(self, reason: str, error: ServiceError) -> None:
+        self._guard.close(reason, self.transport)
+        body = error.problem().model_dump_json().encode()
+        headers = {
+            "Content-Type": "application/problem+json",
+            "Content-Length": str(len(body)),
+            "Connection": "close",
+            **error.headers,
+        }
+        lines = [f"HTTP/1.1 {error.status} {_PHRASES[error.status]}", *(f"{name}: {headers[name]}" for name in headers)]
+        self.transport.write("\r\n".join([*lines, "", ""]).encode() + body)
+        self.transport.close()
+
+
+class GuardedWebSocket(WebSocketsSansIOProtocol):
+    """Uvicorn's WebSocket, for as long as the client keeps to the guard's rules."""
+
+    def __init__(self, *arguments: Any, guard: Guard, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._guard = guard
+        self._received = 0
+        self._message = Patience(guard, self._too_slow, lambda: self._received, lambda: self.read_paused)
+        self._taken = Patience(guard, self._not_taken, self._written)
+
+    @override
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._message.end()
+        self._taken.end()
+        super().connection_lost(exc)
+
+    @override
+    def data_received(self, data: bytes) -> None:
+        self._received += len(data)
+        super().data_received(data)
+        if self.frames or self.conn.reader.buffer:
+            self._message.begin()
+        else:
+            self._message.end()
+
+    @override
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._taken.begin()
+
+    @override
+    def resume_writing(self) -> None:
+        self._taken.end()
+        super().resume_writing()
+
+    def _written(self) -> int:
+        return -self.transport.get_write_buffer_size()
+
+    def _too_slow(self) -> None:
+        if self.close_sent or self.transport.is_closing():
+            return
+        self._guard.close("slow-message", self.transport)
+        self.conn.fail(_TOO_SLOW_CLOSE, ProblemType.REQUEST_TIMEOUT.value)
+        self.transport.write(b"".join(self.conn.data_to_send()))
+        self.close_sent = True
+        self.transport.close()
+
+    def _not_taken(self) -> None:
+        # A word of farewell would only stand behind what is not taken.
+        self._guard.close("slow-reader", self.transport)
+        self.transport.abort()

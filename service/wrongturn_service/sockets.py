@@ -1,0 +1,66 @@
+"""How many connections for driving there are, and whose."""
+
+import contextlib
+from collections import Counter
+from collections.abc import Iterator
+
+from wrongturn_protocol import ProblemType
+from wrongturn_service.errors import UnavailableError
+
+_COME_BACK_S = 5
+
+
+class Sockets:
+    """Counts the connections of ``WS /v1/drive``."""
+
+    def __init__(self, *, each: int, address: int) -> None:
+        """None is there yet.
+
+        Args:
+            each: of one agent at most.
+            address: from one address at most.
+        """
+        self._each = each
+        self._address = address
+        self._agents: Counter[str] = Counter()
+        self._addresses: Counter[str] = Counter()
+
+    @property
+    def open(self) -> int:
+        """How many there are."""
+        return self._agents.total()
+
+    @contextlib.contextmanager
+    def one(self, agent: str, address: str) -> Iterator[None]:
+        """One more, until the block is left.
+
+        Args:
+            agent: whose token it is of.
+            address: where it comes from.
+
+        Raises:
+            UnavailableError: it is one too many.
+        """
+        if self._agents[agent] >= self._each:
+            raise _too_many(f"{self._each} connections of this agent")
+        if self._addresses[address] >= self._address:
+            raise _too_many(f"{self._address} connections from this address")
+        self._agents[agent] += 1
+        self._addresses[address] += 1
+        try:
+            yield
+        finally:
+            for counter, name in ((self._agents, agent), (self._addresses, address)):
+                counter[name] -= 1
+                if not counter[name]:
+                    del counter[name]
+
+
+def _too_many(which: str) -> UnavailableError:
+    return UnavailableError(
+        ProblemType.RATE_LIMITED,
+        f"{which} are open, which is as many as may; one carries any number of episodes, so use it, or close another",
+        retry_after_s=_COME_BACK_S,
+        status=429,
+        position=1,
+    )
