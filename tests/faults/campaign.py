@@ -25,6 +25,7 @@ SUITE = "smoke@1"
 SEATS = (("careful", HTTP, 2), ("obeys-blindly", SOCKET, 2), ("careful", SOCKET, 1))
 """Agents that drive at the same time: their policy, by which channel, and how many episodes at a time."""
 PATIENCE_S = 120.0
+_WRITE_S = 3.0
 RELEASE_S = 1.5
 """Seconds of silence after which a simulator goes to others: some killed clients are back before, some after."""
 
@@ -57,6 +58,7 @@ class Seat:
         self.kills: list[float] = []
         self.last = threading.Event()
         self.error: BaseException | None = None
+        self._token = ""
         self._service = service
         self._folder = folder
         self.policy, self._channel, self.parallel = drives
@@ -75,27 +77,34 @@ class Seat:
         if self._worker is not None and self.thread.is_alive():
             self._worker.stop()
 
+    def command(self, url: str, evaluation: str) -> list[str]:
+        """What drives an evaluation, or goes on with it."""
+        what = [url, self._token, evaluation, SUITE, self.policy, self._channel, str(self.parallel)]
+        program = str(Path(__file__).with_name("worker.py"))
+        return [sys.executable, program, *what, str(self._journal(evaluation))]
+
+    def _journal(self, evaluation: str) -> Path:
+        return self._folder / f"{evaluation}.journal"
+
     def _run(self) -> None:
         try:
             with Client(self._service.url, patience=PATIENCE_S) as client:
                 client.ready()
-                token = client.register(self._name, Track.PRIVILEGED).token
+                self._token = client.register(self._name, Track.PRIVILEGED).token
             while True:
-                self._drive_one(token)
+                self._drive_one()
                 if self.last.is_set():
                     return
         except BaseException as error:
             self.error = error
 
-    def _drive_one(self, token: str) -> None:
-        with Client(self._service.url, token, patience=PATIENCE_S) as client:
+    def _drive_one(self) -> None:
+        with Client(self._service.url, self._token, patience=PATIENCE_S) as client:
             client.live()
             evaluation = client.create_evaluation(SUITE).id
         self.evaluations.append(evaluation)
-        path = self._folder / f"{evaluation}.journal"
-        self.journals.append(path)
-        given = [self._service.url, token, evaluation, SUITE, self.policy, self._channel, str(self.parallel)]
-        command = [sys.executable, str(Path(__file__).with_name("worker.py")), *given, str(path)]
+        self.journals.append(self._journal(evaluation))
+        command = self.command(self._service.url, evaluation)
         self._worker = worker = Kept(command, self._folder / f"{self._name}.log", {})
         worker.start()
         while not worker.wait(1.0):
@@ -141,6 +150,8 @@ def run(store: Store, folder: Path, kills: Sequence[Moment], seats: Sequence[tup
             if not kill.at_once:
                 service.await_ready()
             time.sleep(kill.pause_s)
+            if kill.at_write:
+                _await_write(store)
             until(lambda kill=kill: _kill(kill, service, store, driving), 60.0, f"nothing to kill: {kill}")
             report.kills[kill.victim] += 1
             if kill.victim in {SERVICE, POSTGRES}:
@@ -182,6 +193,13 @@ def _kill(kill: Moment, service: Service, store: Store, seats: Sequence[Seat]) -
     except ProcessLookupError:
         return False
     return True
+
+
+def _await_write(store: Store) -> None:
+    """Until something is written to the database; where nothing is, for a while only."""
+    before, deadline = store.written(), time.monotonic() + _WRITE_S
+    while store.written() == before and time.monotonic() < deadline:
+        time.sleep(0.001)
 
 
 def _await(seats: Sequence[Seat], timeout_s: float = 180.0) -> None:

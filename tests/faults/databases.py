@@ -8,6 +8,7 @@ import sqlite3
 import subprocess
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,10 @@ class Store(ABC):
     def rows(self, query: str) -> list[dict[str, Any]]:
         """What a query gives, asked without the service."""
 
+    @abstractmethod
+    def written(self) -> int:
+        """A number that changes when something is written."""
+
     def kill(self, _pick: float) -> bool:
         """Kill a process of the server; False where there was none."""
         raise NotImplementedError
@@ -46,6 +51,9 @@ class File(Store):
         with contextlib.closing(sqlite3.connect(self._file)) as connection:
             connection.row_factory = sqlite3.Row
             return [dict(row) for row in connection.execute(query)]
+
+    def written(self) -> int:
+        return _changed([self._file.with_name(self._file.name + "-wal")])
 
 
 class Server(Store):
@@ -66,6 +74,9 @@ class Server(Store):
                 await connection.close()
 
         return asyncio.run(ask())
+
+    def written(self) -> int:
+        return _changed((self._server.pgdata / "pg_wal").glob("0*"))
 
     def kill(self, pick: float) -> bool:
         """The postmaster one time in two, else one of its processes, whereupon it recovers by itself."""
@@ -98,8 +109,15 @@ class Server(Store):
                 return
 
 
+def _changed(files: Iterable[Path]) -> int:
+    """When the files were changed last, nanoseconds; 0 where there is none."""
+    with contextlib.suppress(FileNotFoundError):
+        return max((file.stat().st_mtime_ns for file in files), default=0)
+    return 0
+
+
 @contextlib.contextmanager
-def server(folder: Path) -> Any:
+def server(folder: Path) -> Iterator[Server]:
     """A running server as long as the block lasts."""
     import warnings
 

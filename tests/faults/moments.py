@@ -20,6 +20,7 @@ class Moment:
         at_once: whether it comes upon the kill before, and so may hit what is just being started again; else it waits
             until the service is ready.
         pause_s: seconds since then.
+        at_write: whether it waits for the next write to the database after the pause, to come between it and its reply.
         pick: which of the victim's kind, from 0 to 1.
         back_s: seconds until somebody starts a killed client again.
     """
@@ -27,6 +28,7 @@ class Moment:
     victim: str
     at_once: bool
     pause_s: float
+    at_write: bool
     pick: float
     back_s: float
 
@@ -40,5 +42,6 @@ def moments(seed: int, count: int, victims: tuple[str, ...]) -> list[Moment]:
     for victim in kinds[:count]:
         at_once = chance.random() < 1 / 6
         pause_s = chance.uniform(*(_AT_ONCE_S if at_once else _OFTEN_S))
-        drawn.append(Moment(victim, at_once, pause_s, chance.random(), chance.uniform(0.0, 4.0)))
+        at_write = victim != SIMULATOR and chance.random() < 0.5
+        drawn.append(Moment(victim, at_once, pause_s, at_write, chance.random(), chance.uniform(0.0, 4.0)))
     return drawn
