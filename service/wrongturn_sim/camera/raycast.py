@@ -6,13 +6,11 @@ be seen past (trees, fences, road users), by depth; then sky and ground. With a 
 longer lie in one plane: the same functions then take one pixel at a time.
 """
 
-import hashlib
 import math
-from pathlib import Path
 from typing import Any
 
-import numba
-
+from wrongturn_protocol import segmentation as segmentation_classes
+from wrongturn_sim.camera import backdrop, facades, kernels, prisms, road_users, sight, solids, thin, weathers
 from wrongturn_sim.camera.backdrop import ground_pixel, set_row, sky_pixel
 from wrongturn_sim.camera.kernels import (
     DEPTH,
@@ -38,6 +36,7 @@ from wrongturn_sim.camera.road_users import car, row_of_other, shade_below, walk
 from wrongturn_sim.camera.sight import in_sight
 from wrongturn_sim.camera.solids import CAR, COS, FENCE, HALF_X, HALF_Y, KIND, SIN, TREE
 from wrongturn_sim.camera.thin import fence, tree
+from wrongturn_sim.compiling import compiled_with
 
 
 @kernel
@@ -298,49 +297,36 @@ def frame_into(
     rain(0, width, look, seed, tick, rgb)
 
 
-def _digest() -> int:
-    """Of the kernels' sources: numba looks for changes only in the file of the function that it keeps."""
-    sources = sorted(file for file in Path(__file__).parent.glob("*.py") if not file.name.startswith("cuda"))
-    return int.from_bytes(hashlib.sha256(b"".join(file.read_bytes() for file in sources)).digest()[:7], "big")
-
-
-def _compiled(version: int) -> Any:
-    @numba.njit(cache=True, **OPTIONS)
-    def frames_into(
-        poses: Any,
-        seeds: Any,
-        ticks: Any,
-        others: Any,
-        begins: Any,
-        looks: Any,
-        camera: Any,
-        ground: Any,
-        frame: Any,
-        scenery: Any,
-        shops: Any,
-        cover: Any,
-        rows: Any,
-        work: Any,
-        place: Any,
-        counts: Any,
-        lists: Any,
-        users: Any,
-        canvas: Any,
-        rgb: Any,
-        segmentation: Any,
-    ) -> int:
-        """Paints pictures, one after the other; of picture i the road users are rows begins[i] to begins[i + 1]."""
-        # Made here of plain arrays: to look through a named tuple, numba takes a quarter of a picture's time.
-        scene = Scene(ground, frame, scenery, shops, cover)
-        scratch = Scratch(rows, work, place, counts, lists, users, canvas)
-        for i in range(poses.shape[0]):
-            users_of = others[begins[i] : begins[i + 1]]
-            frame_into(
-                poses[i], seeds[i], ticks[i], users_of, camera, looks[i], scene, scratch, rgb[i], segmentation[i]
-            )
-        return version
-
-    return frames_into
-
-
-frames_into = _compiled(_digest())
+@compiled_with(
+    backdrop, facades, kernels, prisms, road_users, segmentation_classes, sight, solids, thin, weathers, **OPTIONS
+)
+def frames_into(
+    poses: Any,
+    seeds: Any,
+    ticks: Any,
+    others: Any,
+    begins: Any,
+    looks: Any,
+    camera: Any,
+    ground: Any,
+    frame: Any,
+    scenery: Any,
+    shops: Any,
+    cover: Any,
+    rows: Any,
+    work: Any,
+    place: Any,
+    counts: Any,
+    lists: Any,
+    users: Any,
+    canvas: Any,
+    rgb: Any,
+    segmentation: Any,
+) -> None:
+    """Paints pictures, one after the other; of picture i the road users are rows begins[i] to begins[i + 1]."""
+    # Made here of plain arrays: to look through a named tuple, numba takes a quarter of a picture's time.
+    scene = Scene(ground, frame, scenery, shops, cover)
+    scratch = Scratch(rows, work, place, counts, lists, users, canvas)
+    for i in range(poses.shape[0]):
+        users_of = others[begins[i] : begins[i + 1]]
+        frame_into(poses[i], seeds[i], ticks[i], users_of, camera, looks[i], scene, scratch, rgb[i], segmentation[i])

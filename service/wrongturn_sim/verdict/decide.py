@@ -70,7 +70,7 @@ def begin(past: Array, ints: Array) -> None:
     ints[D_FOR] = ints[D_FOR + 1] = ints[D_FOR + 2] = -1
 
 
-@njit(cache=True)
+@compiled_with(kernels)
 def decide(standing: Array, ints: Array, numbers: Array, route: int, bits: int) -> int:
     """The first verdict in the table's order that holds at this row; 0 if there is none."""
     if bits & HIT:

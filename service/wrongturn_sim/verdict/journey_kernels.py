@@ -8,7 +8,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from wrongturn_sim.compiling import compiled_with
 from wrongturn_sim.verdict import decide, kernels
@@ -92,7 +91,7 @@ T_LIMIT, T_GOAL, T_AT, T_STRICT = 0, 1, 2, 3
 TERMS = 4
 
 
-@njit(cache=True)
+@compiled_with(decide)
 def begin(past: Array, ints: Array) -> None:
     """The standing of a journey without any row."""
     decide.begin(past, ints)
@@ -103,7 +102,7 @@ def begin(past: Array, ints: Array) -> None:
     ints[J_LANE] = -1
 
 
-@njit(cache=True)
+@compiled_with(kernels)
 def on_road(floats: Array, ints: Array, cells: Array, x: float, y: float) -> bool:
     """Whether a point is road."""
     column = math.floor((x - floats[F_X]) / CELL)
@@ -118,7 +117,7 @@ def on_road(floats: Array, ints: Array, cells: Array, x: float, y: float) -> boo
     return bool(code == ROAD_IN)
 
 
-@njit(cache=True)
+@compiled_with(kernels)
 def lane_at(floats: Array, ints: Array, cells: Array, lanes: Array, x: float, y: float) -> int:
     """The lane that a point lies in, by its row; -1 in a junction's area and beside all lanes."""
     column = math.floor((x - floats[F_X]) / CELL)
@@ -151,7 +150,7 @@ def lane_at(floats: Array, ints: Array, cells: Array, lanes: Array, x: float, y:
     return -1
 
 
-@njit(cache=True)
+@compiled_with(kernels)
 def wheels_off(floats: Array, ints: Array, cells: Array, numbers: Array, x: float, y: float, c: float, s: float) -> int:
     """How many of the four wheels are off the road."""
     off = 0
