@@ -14,13 +14,16 @@ ENV PYTHONUNBUFFERED=1 \
 
 WORKDIR /opt/wrongturn
 
-# The dependencies come before the sources, so that a change of code does not install them again.
+# The dependencies come before the sources, so that a change of code does not install them again. The tests that some
+# bring along would be an eighth of the image.
 COPY constraints.txt docker/requirements.py ./
 COPY clients/pyproject.toml clients/
 COPY networks/pyproject.toml networks/
 COPY service/pyproject.toml service/
 RUN python requirements.py clients networks service > requirements.txt \
-    && pip install -c constraints.txt -r requirements.txt
+    && pip install -c constraints.txt -r requirements.txt \
+    && find "$(python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" \
+        -type d -name tests -prune -exec rm -rf {} +
 
 COPY clients clients
 COPY networks networks
