@@ -1,7 +1,7 @@
 """The light client of Wrongturn: ``Client(url, token).evaluate(policy, suite)``.
 
 Names are loaded when they are first used, so that the program ``wrongturn`` starts quickly. Importing this package
-registers the Gymnasium environment ``Wrongturn-v0``.
+registers the Gymnasium environment ``Wrongturn-v0``, single and vectorised.
 """
 
 import sys
@@ -34,11 +34,14 @@ if TYPE_CHECKING:
         ResultsMismatchError,
         ServiceBusyError,
         ServiceFailedError,
+        ServiceFullError,
         ServiceUnreachableError,
         WrongturnError,
     )
+    from wrongturn_client.gym_env import RemoteEnv
     from wrongturn_client.local_service import LocalService
     from wrongturn_client.policy import Policy
+    from wrongturn_client.vector_env import RemoteVectorEnv
     from wrongturn_protocol import Action
 
 __all__ = [
@@ -65,9 +68,12 @@ __all__ = [
     "Policy",
     "PolicyError",
     "ProtocolError",
+    "RemoteEnv",
+    "RemoteVectorEnv",
     "ResultsMismatchError",
     "ServiceBusyError",
     "ServiceFailedError",
+    "ServiceFullError",
     "ServiceUnreachableError",
     "WrongturnError",
 ]
@@ -78,6 +84,8 @@ _HOMES: Final = {
     "Client": "wrongturn_client.client",
     "LocalService": "wrongturn_client.local_service",
     "Policy": "wrongturn_client.policy",
+    "RemoteEnv": "wrongturn_client.gym_env",
+    "RemoteVectorEnv": "wrongturn_client.vector_env",
 }
 
 
@@ -93,7 +101,11 @@ def _register() -> None:
     from gymnasium import register, registry  # noqa: PLC0415 - the program does without
 
     if "Wrongturn-v0" not in registry:
-        register("Wrongturn-v0", entry_point="wrongturn_client.gym_env:WrongturnEnv")
+        register(
+            "Wrongturn-v0",
+            entry_point="wrongturn_client.gym_env:RemoteEnv",
+            vector_entry_point="wrongturn_client.vector_env:RemoteVectorEnv",
+        )
 
 
 if PurePath(sys.argv[0] if sys.argv else "").name not in {"wrongturn", "-m"}:

@@ -97,11 +97,16 @@ class Drive(Closing):
             return number, self._early.pop(number)
         return self._receive()
 
-    def exchange(self, calls: Sequence[Sequence[Any]]) -> list[Result]:
-        """The results of one message of calls; those that met a busy service are tried again for a while."""
+    def exchange(self, calls: Sequence[Sequence[Any]], patience: float | None = None) -> list[Result]:
+        """The results of one message of calls; those that met a busy service are tried again for a while.
+
+        Args:
+            calls: as :meth:`submit` takes them.
+            patience: seconds for which they are; the connection's own by default.
+        """
         results = self._wait(self.submit(calls))
         if any(isinstance(result, ServiceBusyError) for result in results):
-            self._try_again(calls, results)
+            self._try_again(calls, results, self.patience if patience is None else patience)
         return results
 
     # Calls
@@ -197,11 +202,11 @@ class Drive(Closing):
         except ConnectionBrokeError as error:
             raise ServiceUnreachableError(self._url.geturl(), str(error)) from error.__cause__
 
-    def _try_again(self, calls: Sequence[Sequence[Any]], results: list[Result]) -> None:
+    def _try_again(self, calls: Sequence[Sequence[Any]], results: list[Result], patience: float) -> None:
         """Send calls again that met a busy service; where it stays busy, that stays their result."""
         first = True
         try:
-            for attempt in attempts(self.patience, lambda: True):
+            for attempt in attempts(patience, lambda: True):
                 with attempt:
                     left = [at for at, result in enumerate(results) if isinstance(result, ServiceBusyError)]
                     if not first:

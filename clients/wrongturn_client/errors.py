@@ -10,6 +10,7 @@
     ├── EvaluationStalledError       no trial was handed out for too long
     ├── PolicyError                  the policy gave something that is no action
     ├── InvalidActionError           an action of the Gymnasium environment is none (also a ValueError)
+    ├── ServiceFullError             more environments were asked for than the service has simulators free
     ├── PluginError                  another part's command, list or check cannot be loaded
     └── ApiError                     the service says no, by a problem of RFC 9457
         ├── AuthenticationError      no token, another's token, registration closed
@@ -71,6 +72,10 @@ class PolicyError(WrongturnError):
 
 class InvalidActionError(WrongturnError, ValueError):
     """An action given to the Gymnasium environment is none, or out of range."""
+
+
+class ServiceFullError(WrongturnError):
+    """More environments were asked for than the service has simulators free."""
 
 
 class PluginError(WrongturnError):

@@ -8,21 +8,20 @@ import pytest
 
 from wrongturn_client import LocalService
 
-_PATH = Path(__file__).with_name("fake_service.py")
 
-
-def _load() -> ModuleType:
-    # Test folders are no packages (pytest's importlib mode), so the fake is loaded by its path.
-    spec = importlib.util.spec_from_file_location("client_fake_service", _PATH)
+def _load(name: str) -> ModuleType:
+    # Test folders are no packages (pytest's importlib mode), so what they share is loaded by its path.
+    spec = importlib.util.spec_from_file_location(f"client_{name}", Path(__file__).with_name(f"{name}.py"))
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules["client_fake_service"] = module
+    sys.modules[f"client_{name}"] = module
     spec.loader.exec_module(module)
     return module
 
 
-_load()
+_load("fake_service")
+_load("cable")
 
 
 @pytest.fixture(autouse=True)

@@ -1,0 +1,112 @@
+"""What the environments over the wire have of a service: an agent for practice, trials and a line to drive on."""
+
+import contextlib
+import secrets
+import uuid
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+import httpx
+import numpy as np
+
+from wrongturn_client import settings
+from wrongturn_client.client import Client
+from wrongturn_client.closing import Closing
+from wrongturn_client.drive import Result
+from wrongturn_client.errors import ApiError, WrongturnError
+from wrongturn_client.line import Line, line
+from wrongturn_client.practice_source import PracticeSource
+from wrongturn_protocol.wire import CALLS, Call
+
+_GOODBYE: Final = 2.0
+"""Seconds that a service which is gone is tried again for to end episodes."""
+
+
+class Practice(Closing):
+    """An agent's practice, made when it is first needed: an environment may be made in one process and used in another.
+
+    Args:
+        source: what is drawn.
+        url: of the service; ``WRONGTURN_URL`` by default.
+        token: an agent's; ``WRONGTURN_TOKEN`` by default. Where there is none, an agent for practice is registered.
+        patience: seconds for which is tried again while the service is busy or gone.
+        transport: of httpx, for tests.
+    """
+
+    def __init__(
+        self,
+        source: PracticeSource,
+        url: str | None,
+        token: str | None,
+        patience: float = 60.0,
+        transport: httpx.BaseTransport | None = None,
+    ) -> None:
+        self.patience = patience
+        self._source = source
+        self._url = url
+        self._token = token or settings.token()
+        self._transport = transport
+        self._client: Client | None = None
+        self._line: Line | None = None
+
+    @property
+    def url(self) -> str:
+        """The service's URL."""
+        return self._connected().url
+
+    def call(self, random: np.random.Generator, trial: str | None = None) -> list[Any]:
+        """The call by which the next trial begins; sent again, it gives the same episode.
+
+        Raises:
+            ValueError, WrongturnError: as :meth:`PracticeSource.draw`.
+        """
+        request = self._source.draw(self._connected(), random, trial)
+        return [Call.PRACTISE.value, request.model_dump(mode="json", exclude_none=True), str(uuid.uuid4())]
+
+    def exchange(self, calls: Sequence[Sequence[Any]], patience: float | None = None) -> list[Result]:
+        """The results of any number of calls; raises as :meth:`wrongturn_client.line.Line.exchange`."""
+        if self._line is None:
+            self._connected()
+            self._line = line(self._make, self.patience)
+        return [result for some in _messages(calls) for result in self._line.exchange(some, patience)]
+
+    def abort(self, episodes: Sequence[str]) -> None:
+        """End episodes: those that nobody drives on would hold their simulators until the service gives them up."""
+        if self._line is None or not episodes:
+            return
+        self._line.patience = min(_GOODBYE, self.patience)
+        with contextlib.suppress(WrongturnError):
+            self.exchange([[Call.ABORT.value, episode] for episode in episodes])
+        self._line.patience = self.patience
+
+    def close(self) -> None:
+        """Close the connections; they are made again when they are needed again."""
+        for one in (self._line, self._client):
+            if one is not None:
+                one.close()
+        self._line = self._client = None
+
+    def _make(self, patience: float) -> Client:
+        return Client(self._url, self._token, transport=self._transport, patience=patience)
+
+    def _connected(self) -> Client:
+        if self._client is None:
+            if self._token is None:
+                with self._make(self.patience) as client:
+                    name = f"practice-{secrets.token_hex(6)}"
+                    track = self._source.track
+                    self._token = client.register(name, track, description="Registered for practice.").token
+            self._client = self._make(self.patience)
+        return self._client
+
+
+def granted(result: Result) -> dict[str, Any]:
+    """The fields of a call that was granted. Raises ApiError."""
+    if isinstance(result, ApiError):
+        raise result
+    return result
+
+
+def _messages(calls: Sequence[Sequence[Any]]) -> Iterator[Sequence[Sequence[Any]]]:
+    for begin in range(0, len(calls), CALLS):
+        yield calls[begin : begin + CALLS]

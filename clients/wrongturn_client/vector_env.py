@@ -1,0 +1,263 @@
+"""Many trials of a service as one environment: ``gymnasium.make_vec("wrongturn_client:Wrongturn-v0", num_envs=16)``."""
+
+import time
+from collections.abc import Iterable, Sequence
+from typing import Any, Final, Unpack, cast
+
+import httpx
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
+from numpy.typing import NDArray
+
+from wrongturn_client.drive import Result
+from wrongturn_client.errors import (
+    ApiError,
+    EpisodeFinishedError,
+    EpisodeLostError,
+    InvalidActionError,
+    ServiceBusyError,
+    ServiceFullError,
+)
+from wrongturn_client.practice import Practice, granted
+from wrongturn_client.practice_source import Options, PracticeSource
+from wrongturn_protocol import ProblemType
+from wrongturn_protocol.observations import Observation, action_space, observation_space
+from wrongturn_protocol.vectors import Flags, checked_actions, mask_of, seeds_of, trials_of, whole_number
+from wrongturn_protocol.wire import Call
+
+_BRIEFLY: Final = 5.0
+"""Seconds of patience while simulators are held by environments that wait for others: after 10 they would be lost."""
+_FULL: Final = frozenset({ProblemType.SIMULATORS_BUSY, ProblemType.RATE_LIMITED})
+
+
+class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
+    """Drive many trials at once over one connection, each with its own generator and its own end.
+
+    The steps of all go in one message. Environment ``i`` of ``reset(seed=s)`` draws and drives what a single
+    environment does after ``reset(seed=s + i)``. ``infos`` holds ``trial`` and ``town`` where one began and
+    ``verdict`` where one ended, in Gymnasium's form: with a mask under ``_trial`` and so on. An episode that the
+    service gave up is truncated with its last observation, and ``lost`` says why.
+
+    Args:
+        num_envs: how many; the service needs as many simulators.
+        url: of the service; ``WRONGTURN_URL`` by default.
+        token: an agent's; ``WRONGTURN_TOKEN`` by default. Where there is none, an agent for practice is registered.
+        autoreset_mode: when an environment that ended begins anew: ``NextStep`` (then the action of that step is not
+            looked at), ``SameStep`` (then ``infos["final_obs"]`` and ``["final_info"]`` hold the end), or ``Disabled``
+            (by ``reset(options={"reset_mask": ...})``).
+        patience: seconds for which is tried again while the service is busy or gone.
+        render_mode: None; the pictures are observations.
+        transport: of httpx, for tests.
+        options: ``track``, ``town`` and so on: those of :class:`~wrongturn_client.practice_source.PracticeSource`.
+
+    Raises:
+        ValueError: names that do not exist, or do not go together.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        url: str | None = None,
+        token: str | None = None,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        patience: float = 60.0,
+        render_mode: str | None = None,
+        transport: httpx.BaseTransport | None = None,
+        **options: Unpack[Options],
+    ) -> None:
+        if render_mode is not None:
+            raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
+        self.render_mode = None
+        self.num_envs = whole_number("num_envs", num_envs)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        source = PracticeSource(**options)
+        self.track = source.track
+        self.single_observation_space = observation_space(self.track)
+        self.single_action_space = action_space()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._practice = Practice(source, url, token, patience, transport)
+        self._randoms: list[np.random.Generator | None] = [None] * num_envs
+        self._calls: dict[int, list[Any]] = {}
+        """By which the next episode of an environment begins, until it has: another attempt begins no other."""
+        self._episodes: list[str | None] = [None] * num_envs
+        """None where none was begun, or it ended."""
+        self._seqs = [0] * num_envs
+        self._seen: list[Observation] = [{}] * num_envs
+        self._begun = np.zeros(num_envs, np.bool_)
+        self._over = np.zeros(num_envs, np.bool_)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin the next trials.
+
+        Args:
+            seed: of the generators: of the first, the next ones' are 1 higher each; or one for each; None goes on.
+            options: ``trial``: drive this one of the suite, or one for each; ``reset_mask``, (n,) of bool: begin these
+                only.
+
+        Raises:
+            ValueError: another number of seeds, trials or flags than of environments.
+            ServiceFullError: there are fewer simulators; nothing is left open then.
+            WrongturnError: the service cannot be reached, or refuses.
+        """
+        seeds = seeds_of(seed, self.num_envs)
+        trials = trials_of(options, self.num_envs, str)
+        chosen = mask_of(options, self.num_envs)
+        left = np.ones(self.num_envs, np.bool_)
+        left[chosen] = False
+        if not self._begun[left].all():
+            raise ResetNeeded("options.reset_mask: environments that it leaves out have no trial; reset them too")
+        for i in chosen:
+            if seeds[i] is not None or self._randoms[i] is None:
+                self._randoms[i], _ = seeding.np_random(seeds[i])
+        for i in chosen:
+            self._calls.pop(i, None)
+            self._draw(i, trials[i])
+        self._abort(chosen)
+        infos: dict[str, Any] = {}
+        for i, reply in zip(chosen, self._begin_all(chosen), strict=True):
+            self._start(i, reply, infos)
+        return self._observation(), infos
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[Observation, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+        """Drive on for 0.1 s. Where this raises, the same step may be taken again: each is driven once.
+
+        Args:
+            actions: (n, 3): steer, throttle, brake.
+
+        Raises:
+            InvalidActionError: a field is no number, not finite or out of its range; nothing was driven.
+            ResetNeeded: call ``reset`` first; or one ended, and does not begin anew of itself.
+            WrongturnError: the service cannot be reached, or refuses.
+        """
+        if not self._begun.all():
+            raise ResetNeeded("there is no trial to drive; call reset")
+        waiting = self._over if self.autoreset_mode is AutoresetMode.NEXT_STEP else np.zeros_like(self._over)
+        driven = ~waiting
+        if (self._over & driven).any():
+            raise ResetNeeded(
+                f"environments {np.flatnonzero(self._over).tolist()} ended; reset them with options reset_mask",
+            )
+        rows = checked_actions(actions, driven, InvalidActionError).tolist()
+        results = self._practice.exchange(
+            [
+                self._draw(i) if waiting[i] else [Call.STEP.value, self._episodes[i], self._seqs[i] + 1, *rows[i]]
+                for i in range(self.num_envs)
+            ]
+        )
+        replies = [_lost(result) or granted(result) for result in results]
+        # Nothing is changed before all is known, so that what failed half-way can be repeated.
+        ended = [i for i in np.flatnonzero(driven).tolist() if replies[i]["terminated"] or replies[i]["truncated"]]
+        begun = {}
+        if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
+            begun = dict(zip(ended, map(granted, self._practice.exchange([self._draw(i) for i in ended])), strict=True))
+        return self._advance(replies, driven, begun)
+
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
+        """Give open episodes up and close the connection."""
+        self._abort(range(self.num_envs))
+        self._practice.close()
+
+    def _draw(self, i: int, trial: str | None = None) -> list[Any]:
+        """The call by which an environment's next episode begins."""
+        if i not in self._calls:
+            random = self._randoms[i]
+            assert random is not None
+            self._calls[i] = self._practice.call(random, trial)
+        return self._calls[i]
+
+    def _abort(self, chosen: Iterable[int]) -> None:
+        self._practice.abort([episode for i in chosen if (episode := self._episodes[i]) is not None])
+        for i in chosen:
+            self._episodes[i] = None
+            self._begun[i] = False
+
+    def _begin_all(self, chosen: list[int]) -> list[dict[str, Any]]:
+        """The replies to as many resets, or an error and nothing of them left open."""
+        calls = [self._calls[i] for i in chosen]
+        end = time.monotonic() + self._practice.patience
+        held = sum(episode is not None for episode in self._episodes)
+        while True:
+            results = self._practice.exchange(calls, None if self.num_envs == 1 else _BRIEFLY)
+            begun = [result["id"] for result in results if not isinstance(result, ApiError)]
+            if len(begun) == len(chosen):
+                return [granted(result) for result in results]
+            self._practice.abort(begun)
+            first = next(result for result in results if isinstance(result, ApiError))
+            left = end - time.monotonic()
+            if not all(isinstance(result, ServiceBusyError) for result in results if isinstance(result, ApiError)):
+                raise first
+            if (begun or held) and first.type in _FULL:
+                raise _full(self._practice.url, self.num_envs, len(begun) + held, first) from first
+            if left <= 0 or begun or held:
+                raise first
+            time.sleep(min(left, 1.0 if first.retry_after is None else first.retry_after))
+
+    def _start(self, i: int, reply: dict[str, Any], infos: dict[str, Any]) -> None:
+        self._calls.pop(i, None)
+        self._episodes[i], self._seqs[i], self._seen[i] = reply["id"], 0, reply["observation"]
+        self._begun[i], self._over[i] = True, False
+        self._add_info(infos, {"trial": reply["trial"], "town": reply["town"]}, i)
+
+    def _advance(
+        self, replies: list[dict[str, Any]], driven: Flags, begun: dict[int, dict[str, Any]]
+    ) -> tuple[Observation, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+        rewards = np.zeros(self.num_envs)
+        terminated, truncated = np.zeros((2, self.num_envs), np.bool_)
+        infos: dict[str, Any] = {}
+        for i, reply in enumerate(replies):
+            if not driven[i]:
+                self._start(i, reply, infos)
+                continue
+            self._seqs[i] += 1
+            self._seen[i] = reply.get("observation", self._seen[i])
+            rewards[i] = reply.get("reward") or 0.0
+            terminated[i], truncated[i] = reply["terminated"], reply["truncated"]
+            if terminated[i] or truncated[i]:
+                self._end(i, reply, begun.get(i), infos)
+        return self._observation(), rewards, terminated, truncated, infos
+
+    def _end(self, i: int, reply: dict[str, Any], following: dict[str, Any] | None, infos: dict[str, Any]) -> None:
+        self._over[i], self._episodes[i] = True, None
+        told = {name: str(reply[name]) for name in ("verdict", "lost") if reply.get(name) is not None}
+        if following is None:
+            self._add_info(infos, told, i)
+        else:
+            self._add_info(infos, {"final_obs": self._seen[i], "final_info": told}, i)
+            self._start(i, following, infos)
+
+    def _observation(self) -> Observation:
+        space = self.single_observation_space
+        batch = create_empty_array(space, self.num_envs)
+        return cast(Observation, concatenate(space, self._seen, cast(Observation, batch)))
+
+
+def _full(url: str, wanted: int, there: int, refusal: ApiError) -> ServiceFullError:
+    more = ""
+    if refusal.type == ProblemType.SIMULATORS_BUSY:
+        more = f", or start the service with WRONGTURN_SIMULATORS={wanted} or more"
+    return ServiceFullError(
+        f"num_envs: is {wanted}, and the service at {url} began {there} episodes and refused the rest ({refusal}); "
+        f"make {there} environments at most{more}",
+    )
+
+
+def _lost(result: Result) -> dict[str, Any] | None:
+    """What a step comes to whose episode the service gave up."""
+    if isinstance(result, EpisodeLostError | EpisodeFinishedError):
+        return {"lost": str(result), "terminated": False, "truncated": True}
+    return None

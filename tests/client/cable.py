@@ -1,0 +1,61 @@
+"""A cable between client and service that can be cut."""
+
+import contextlib
+import socket
+import threading
+from urllib.parse import urlsplit
+
+
+class Cable:
+    """What lies between client and service; it can be cut, and counts how often it was plugged in."""
+
+    def __init__(self, url: str) -> None:
+        parts = urlsplit(url)
+        self._to = (parts.hostname or "", parts.port or 80)
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+        self.plugged = 0
+        self.cut_after: int | None = None
+        """Bytes from the service after which each connection ends, once."""
+        self._open: list[socket.socket] = []
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                near, _ = self._listener.accept()
+            except OSError:
+                return
+            self.plugged += 1
+            far = socket.create_connection(self._to)
+            self._open += [near, far]
+            for one, other, back in ((near, far, False), (far, near, True)):
+                threading.Thread(target=self._pass, args=(one, other, back), daemon=True).start()
+
+    def _pass(self, one: socket.socket, other: socket.socket, back: bool) -> None:
+        passed = 0
+        try:
+            while data := one.recv(65536):
+                passed += len(data)
+                if back and self.cut_after is not None and passed > self.cut_after:
+                    self.cut_after = None
+                    break
+                other.sendall(data)
+        except OSError:
+            pass
+        _end(one, other)
+
+    def cut(self) -> None:
+        _end(*self._open)
+
+    def close(self) -> None:
+        self._listener.close()
+        self.cut()
+        for end in self._open:
+            end.close()
+
+
+def _end(*ends: socket.socket) -> None:
+    for end in ends:
+        with contextlib.suppress(OSError):
+            end.shutdown(socket.SHUT_RDWR)

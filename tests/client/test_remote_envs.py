@@ -1,0 +1,130 @@
+"""The environments over the wire of a real service: what breaks, what is full, and who goes on."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import gymnasium
+import httpx
+import numpy as np
+import pytest
+from client_cable import Cable
+
+from wrongturn_client import LocalService, RemoteEnv, RemoteVectorEnv, ServiceFullError, ServiceUnreachableError
+
+GAS = np.float32([0.1, 0.8, 0.0])
+STEPS = 'wrongturn_request_seconds_count{method="POST",route="/v1/episodes/{episode}/step"'
+
+
+def _gas(number: int) -> Any:
+    return np.tile(GAS, (number, 1))
+
+
+def _figure(url: str, name: str) -> float:
+    lines = httpx.get(url + "/metrics").text.splitlines()
+    return sum(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name))
+
+
+@pytest.fixture
+def cable(service: LocalService) -> Iterator[Cable]:
+    cable = Cable(service.url)
+    yield cable
+    cable.close()
+
+
+def test_a_batch_is_what_single_environments_are(service: LocalService) -> None:
+    """Both over the socket, and over HTTP where it is not offered; seeds, autoreset and verdicts too."""
+    before = _figure(service.url, STEPS)
+    options = {"url": service.url, "town": "junctions", "track": "privileged", "fault": "omission"}
+    envs = gymnasium.make_vec("wrongturn_client:Wrongturn-v0", num_envs=3, autoreset_mode="Disabled", **options)
+    seen = [envs.reset(seed=4)[0]]
+    ended: dict[int, tuple[int, str]] = {}
+    rewards = []
+    while len(ended) < 1:
+        observation, reward, terminated, truncated, infos = envs.step(_gas(3))
+        seen.append(observation)
+        rewards.append(reward)
+        for i in np.flatnonzero(terminated | truncated).tolist():
+            ended[i] = (len(seen) - 1, infos["verdict"][i])
+    envs.close()
+    assert _figure(service.url, STEPS) == before, "it went by the socket"
+    for i in range(3):
+        env = RemoteEnv(**options)  # type: ignore[arg-type]
+        first, _ = env.reset(seed=4 + i)
+        _same(first, seen[0], i)
+        for number, batch in enumerate(seen[1:], 1):
+            observation, reward, terminated, truncated, info = env.step(GAS)
+            _same(observation, batch, i)
+            assert reward == rewards[number - 1][i]
+            assert (terminated or truncated) == (ended.get(i, (0, ""))[0] == number)
+        if i in ended:
+            assert info["verdict"] == ended[i][1]
+        env.close()
+    assert _figure(service.url, "wrongturn_open_episodes") == 0
+
+
+def _same(one: dict[str, Any], batch: dict[str, Any], i: int) -> None:
+    assert one.keys() == batch.keys()
+    for name, array in one.items():
+        assert array.dtype == batch[name].dtype
+        np.testing.assert_array_equal(array, batch[name][i])
+
+
+def test_a_connection_that_breaks_costs_no_step(cable: Cable, service: LocalService) -> None:
+    """Driven twice or not at all, an episode would not look as it does over a line that holds."""
+    seen = []
+    for url in (cable.url, service.url):
+        envs = RemoteVectorEnv(2, url, town="junctions", track="segmentation")
+        seen.append([envs.reset(seed=8)[0]])
+        for number in range(30):
+            if url == cable.url and number % 6 == 2:
+                cable.cut()
+            elif url == cable.url and number % 6 == 5:
+                cable.cut_after = 0
+            seen[-1].append(envs.step(_gas(2))[0])
+        envs.close()
+    assert cable.plugged > 10
+    for one, other in zip(*seen, strict=True):
+        for name, array in one.items():
+            np.testing.assert_array_equal(array, other[name])
+
+
+@pytest.fixture
+def small(tmp_path: Any) -> Iterator[dict[str, Any]]:
+    """How to start a service with two simulators."""
+    return {
+        "database": f"sqlite+aiosqlite:///{tmp_path / 'wrongturn.db'}",
+        "environment": {"WRONGTURN_SIMULATORS": "2"},
+    }
+
+
+def test_more_environments_than_simulators_and_a_service_that_is_killed(
+    small: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wrongturn_client.vector_env._BRIEFLY", 1.0)
+    with ExitStack() as stack:
+        first = stack.enter_context(LocalService(**small))
+        too_many = RemoteVectorEnv(3, first.url)
+        with pytest.raises(ServiceFullError, match=r"began 2 episodes .*make 2 environments at most"):
+            too_many.reset(seed=1)
+        too_many.close()
+        envs = RemoteVectorEnv(2, first.url)
+        envs.reset(seed=1)
+        envs.step(_gas(2))
+        os.kill(first.pid, signal.SIGKILL)
+        first.stop()
+        with pytest.raises(ServiceUnreachableError, match="wrongturn serve"):
+            RemoteEnv(first.url, patience=0.0).reset()
+        stack.enter_context(LocalService(**small, port=int(first.url.rpartition(":")[2])))
+        _, rewards, _, truncated, infos = envs.step(_gas(2))
+        assert truncated.all()
+        assert not rewards.any()
+        assert all("lost" in why or "again" in why for why in infos["lost"])
+        _, _, _, truncated, infos = envs.step(_gas(2))
+        assert infos["_trial"].all()
+        _, _, _, truncated, _ = envs.step(_gas(2))
+        assert not truncated.any()
+        envs.close()
+        assert _figure(first.url, "wrongturn_open_episodes") == 0

@@ -1,0 +1,321 @@
+"""Many environments over one connection: against the service in memory, which has no socket."""
+
+from typing import Any
+
+import gymnasium
+import httpx
+import numpy as np
+import pytest
+from client_fake_service import FakeService, problem
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode
+
+from wrongturn_client import (
+    ApiError,
+    InvalidActionError,
+    NotFoundError,
+    RemoteEnv,
+    RemoteVectorEnv,
+    ServiceFullError,
+    ServiceUnreachableError,
+)
+from wrongturn_protocol import ProblemType, Track
+from wrongturn_protocol.observations import observation_space
+
+GAS = np.float32([0.1, 0.5, 0.0])
+
+
+def _make(service: FakeService, number: int = 3, **options: Any) -> RemoteVectorEnv:
+    options = {"track": service.track, "token": "t", **options}
+    return RemoteVectorEnv(number, "http://fake", transport=service.transport, **options)
+
+
+def _gas(number: int = 3) -> Any:
+    return np.tile(GAS, (number, 1))
+
+
+def _stepped(service: FakeService) -> list[int]:
+    return [len(actions) for actions in service.seen.values()]
+
+
+@pytest.mark.parametrize("track", list(Track))
+def test_what_is_shown_is_the_track(track: Track) -> None:
+    envs = _make(FakeService(track=track))
+    assert envs.single_observation_space == observation_space(track)
+    observation, infos = envs.reset(seed=1)
+    assert envs.observation_space.contains(observation)
+    assert infos["trial"].tolist() == ["t1"] * 3
+    assert infos["_town"].all()
+    observation, rewards, terminated, truncated, infos = envs.step(_gas())
+    assert envs.observation_space.contains(observation)
+    assert rewards.tolist() == [1.5] * 3
+    assert not terminated.any()
+    assert not truncated.any()
+    assert infos == {}
+    envs.close()
+
+
+def test_gymnasium_makes_it() -> None:
+    service = FakeService()
+    envs = gymnasium.make_vec(
+        "wrongturn_client:Wrongturn-v0", 2, url="http://fake", transport=service.transport, autoreset_mode="SameStep"
+    )
+    assert isinstance(envs, RemoteVectorEnv)
+    assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert RemoteVectorEnv.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    envs.reset()
+    envs.close()
+    assert sorted(service.aborted) == ["ep0", "ep1"]
+    assert service.paths("POST").count("/v1/agents") == 1
+
+
+def test_each_draws_what_a_single_one_draws() -> None:
+    service = FakeService()
+    envs = _make(service)
+    envs.reset(seed=5)
+    envs.reset()
+    for i in range(3):
+        alone = FakeService()
+        env = RemoteEnv("http://fake", "t", transport=alone.transport)
+        env.reset(seed=5 + i)
+        env.reset()
+        assert all(request in service.practice for request in alone.practice)
+    assert len({request["seed"] for request in service.practice}) == 6
+
+
+def _until_the_end(envs: RemoteVectorEnv) -> Any:
+    for _ in range(2):
+        _, _, terminated, _, _ = envs.step(_gas())
+        assert not terminated.any()
+    return envs.step(_gas())
+
+
+def test_begins_anew_in_the_next_step() -> None:
+    service = FakeService(steps=3)
+    envs = _make(service)
+    envs.reset(seed=1)
+    last, _, terminated, _, infos = _until_the_end(envs)
+    assert terminated.all()
+    assert infos["verdict"].tolist() == ["exit_route"] * 3
+    first, rewards, terminated, _, infos = envs.step(np.full((3, 3), np.nan))
+    assert infos["_trial"].all()
+    assert not terminated.any()
+    assert not rewards.any()
+    assert not np.array_equal(first["speed"], last["speed"])
+    assert _stepped(service) == [3, 3, 3, 0, 0, 0]
+    assert service.aborted == []
+
+
+def test_begins_anew_in_the_same_step() -> None:
+    service = FakeService(steps=3)
+    envs = _make(service, autoreset_mode="SameStep")
+    envs.reset(seed=1)
+    first, _, terminated, _, infos = _until_the_end(envs)
+    assert terminated.all()
+    assert infos["final_info"]["verdict"].tolist() == ["exit_route"] * 3
+    assert infos["_final_obs"].all()
+    assert infos["_trial"].all()
+    for i, last in enumerate(infos["final_obs"]):
+        assert envs.single_observation_space.contains(last)
+        assert not np.array_equal(last["speed"], first["speed"][i])
+    _, _, terminated, _, _ = envs.step(_gas())
+    assert not terminated.any()
+    assert _stepped(service) == [3, 3, 3, 1, 1, 1]
+
+
+def test_begins_anew_when_it_is_told_to() -> None:
+    service = FakeService(steps=3)
+    envs = _make(service, autoreset_mode="Disabled")
+    with pytest.raises(ResetNeeded, match="leaves out"):
+        envs.reset(options={"reset_mask": np.array([True, False, False])})
+    envs.reset(seed=1)
+    before, *_ = _until_the_end(envs)
+    with pytest.raises(ResetNeeded, match=r"\[0, 1, 2\] ended"):
+        envs.step(_gas())
+    after, infos = envs.reset(options={"reset_mask": np.array([False, True, False])})
+    assert infos["_trial"].tolist() == [False, True, False]
+    assert [np.array_equal(after["speed"][i], before["speed"][i]) for i in range(3)] == [True, False, True]
+    with pytest.raises(ResetNeeded, match=r"\[0, 2\] ended"):
+        envs.step(_gas())
+
+
+def test_a_suites_trials_are_driven_one_each() -> None:
+    service = FakeService()
+    envs = _make(service, suite="smoke@1", trial="one")
+    envs.reset(options={"trial": ["a", "b", "c"]})
+    envs.reset()
+    assert sorted(request["trial"] for request in service.practice[:3]) == ["a", "b", "c"]
+    assert [request["trial"] for request in service.practice[3:]] == ["one"] * 3
+
+
+BAD = _gas()
+BAD[1, 2] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("actions", "named"),
+    [
+        (BAD, r"actions\[1\].brake: is nan"),
+        (_gas() * 3, r"actions\[0\].throttle: is 1.5"),
+        (GAS, r"actions: give \(3, 3\)"),
+        (_gas(4), r"actions: give \(3, 3\)"),
+        ("left", "actions: give"),
+        (None, "actions: give"),
+        ([[0, 0, 0], [0, 0], [0, 0, 0]], "actions: give"),
+    ],
+)
+def test_actions_that_are_none_are_named_and_nothing_is_driven(actions: Any, named: str) -> None:
+    service = FakeService()
+    envs = _make(service)
+    with pytest.raises(ResetNeeded):
+        envs.step(_gas())
+    envs.reset()
+    with pytest.raises(InvalidActionError, match=named):
+        envs.step(actions)
+    assert _stepped(service) == [0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"number": 0}, "num_envs"),
+        ({"number": 2.5}, "num_envs"),
+        ({"autoreset_mode": "Sometimes"}, "Sometimes"),
+        ({"render_mode": "human"}, "render_mode"),
+        ({"track": "sonar"}, "sonar"),
+        ({"suite": "smoke@1", "town": "Town01"}, "suite"),
+    ],
+)
+def test_what_cannot_be_made_says_why(options: dict[str, Any], named: str) -> None:
+    service = FakeService()
+    with pytest.raises(ValueError, match=named):
+        _make(service, **options)
+    assert service.requests == []
+
+
+@pytest.mark.parametrize(
+    ("call", "named"),
+    [
+        ({"seed": [1, 2]}, "seed"),
+        ({"options": {"trial": ["a"]}}, "options.trial"),
+        ({"options": {"trial": "a"}}, "suite"),
+        ({"options": {"reset_mask": [1, 0, 0]}}, "reset_mask"),
+    ],
+)
+def test_a_reset_that_cannot_be_leaves_the_episodes_as_they_are(call: dict[str, Any], named: str) -> None:
+    service = FakeService()
+    envs = _make(service)
+    envs.reset()
+    with pytest.raises(ValueError, match=named):
+        envs.reset(**call)
+    envs.step(_gas())
+    assert _stepped(service) == [1, 1, 1]
+
+
+def test_a_reset_that_is_refused_leaves_nothing_open() -> None:
+    service = FakeService()
+    envs = _make(service, suite="smoke@1", trial="one")
+    refused = problem(ProblemType.UNKNOWN_TRIAL, 404, "no trial nine")
+    service.inject = lambda request: refused if b"nine" in request.content else None
+    with pytest.raises(NotFoundError, match="no trial nine"):
+        envs.reset(options={"trial": ["one", "nine", "two"]})
+    assert sorted(service.aborted) == sorted(service.seen)
+    with pytest.raises(ResetNeeded):
+        envs.step(_gas())
+    envs.reset()
+    envs.step(_gas())
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_a_step_that_failed_is_taken_again_and_driven_once(mode: AutoresetMode) -> None:
+    """Whatever was lost of it: the calls before they were taken, or their answers."""
+    service = FakeService(steps=2)
+    envs = _make(service, autoreset_mode=mode, patience=0.0)
+    envs.reset()
+    broken: list[str] = []
+
+    def breaks(request: httpx.Request) -> Exception | None:
+        """The second call of each kind, once."""
+        kind = f"{request.method} {request.url.path.rsplit('/', 1)[-1]}"
+        if kind in broken:
+            return None
+        broken.append(kind)
+        return httpx.ReadError("gone")
+
+    for hook in ("inject", "after"):
+        broken.clear()
+        setattr(service, hook, breaks)
+        with pytest.raises(ServiceUnreachableError):
+            envs.step(_gas())
+        while True:
+            try:
+                _, _, terminated, _, _ = envs.step(_gas())
+                break
+            except ServiceUnreachableError:
+                continue
+        setattr(service, hook, None)
+    assert terminated.all()
+    assert _stepped(service)[:3] == [2, 2, 2]
+
+
+def test_another_error_of_one_loses_nothing_of_the_others() -> None:
+    service = FakeService()
+    envs = _make(service)
+    envs.reset()
+    service.inject = lambda request: (
+        problem(ProblemType.INTERNAL, 500) if "ep1" in request.url.path else None  # only this one's
+    )
+    with pytest.raises(ApiError):
+        envs.step(_gas())
+    service.inject = None
+    _, rewards, _, _, _ = envs.step(_gas())
+    assert rewards.tolist() == [1.5] * 3
+    assert _stepped(service) == [1, 1, 1]
+
+
+def test_an_episode_that_was_given_up_is_truncated() -> None:
+    service = FakeService()
+    envs = _make(service)
+    first, _ = envs.reset()
+    service.lost.add("ep1")
+    seen, rewards, terminated, truncated, infos = envs.step(_gas())
+    (i,) = np.flatnonzero(truncated).tolist()
+    assert not terminated.any()
+    assert [rewards[i], rewards.sum()] == [0.0, 3.0]
+    assert np.flatnonzero(infos["_lost"]).tolist() == [i]
+    np.testing.assert_array_equal(seen["speed"][i], first["speed"][i])
+    _, _, _, truncated, infos = envs.step(_gas())
+    assert not truncated.any()
+    assert np.flatnonzero(infos["_trial"]).tolist() == [i]
+
+
+def test_a_full_service_is_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wrongturn_client.vector_env._BRIEFLY", 0.0)
+    service = FakeService()
+    busy = problem(ProblemType.SIMULATORS_BUSY, 503, "all 2 simulators are busy", {"retry-after": "1"})
+
+    def full(request: httpx.Request) -> httpx.Response | None:
+        there = len(service.seen) - len(service.aborted)
+        return busy if request.url.path == "/v1/episodes" and there >= 2 else None
+
+    service.inject = full
+    with pytest.raises(ServiceFullError, match=r"num_envs: is 3.* began 2 .*all 2 simulators.*WRONGTURN_SIMULATORS=3"):
+        _make(service).reset()
+    assert sorted(service.aborted) == sorted(service.seen)
+    _make(service, 2).reset()
+
+
+def test_waits_for_a_service_that_others_have_filled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wrongturn_client.vector_env._BRIEFLY", 0.0)
+    pauses: list[float] = []
+    service = FakeService()
+    busy = problem(ProblemType.SIMULATORS_BUSY, 503, headers={"retry-after": "7"})
+    service.inject = lambda request: busy if request.url.path == "/v1/episodes" else None
+
+    def sleep(seconds: float) -> None:
+        pauses.append(seconds)
+        service.inject = None
+
+    monkeypatch.setattr("wrongturn_client.vector_env.time.sleep", sleep)
+    _make(service).reset()
+    assert pauses == [7.0]
