@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-# The helper of the service's tests is imported by its plain name.
+# The helpers beside these tests, and those of the service's, are imported by their plain names.
 sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
+sys.path.insert(0, str(Path(__file__).parent))
 
 from service_harness import RunningService
 

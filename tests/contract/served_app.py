@@ -1,0 +1,152 @@
+"""A service behind real sockets in this thread's own event loop, which runs only while a test waits for something.
+
+Its simulators only count, its leases and its line go by a clock that the test moves, and it can be started again on
+its database.
+"""
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import Coroutine, Iterator, MutableMapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, TypeVar
+from unittest.mock import patch
+
+import httpx
+import structlog
+import uvicorn
+from fake_pool import FakePool
+
+from wrongturn_service.api import evaluations
+from wrongturn_service.app import create_app
+from wrongturn_service.episodes.lease import Lease, Terms
+from wrongturn_service.episodes.line import Line
+from wrongturn_service.settings import Settings
+
+T = TypeVar("T")
+RELEASE_S = 10.0
+ABORT_S = 600.0
+SLOTS = 4
+STEPS = 4
+"""Of an episode until it is over."""
+PARALLEL = 3
+PRACTICE = 3
+WAITING = 2
+"""Calls of an agent that may stand in the line for a simulator."""
+
+
+class SilentServer(uvicorn.Server):
+    """Leaves the process's signals alone."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+class ServedApp:
+    """One service; ``wait`` lets it run until a coroutine of the test is done."""
+
+    def __init__(self, folder: Path) -> None:
+        self.loop = asyncio.new_event_loop()
+        self.pool = FakePool(SLOTS)
+        self.pool.steps = STEPS
+        self.now = 0.0
+        """The clock of leases and of the line for simulators, seconds."""
+        self.errors: list[MutableMapping[str, Any]] = []
+        """What was logged as an error."""
+        self._settings = Settings(
+            database=f"sqlite+aiosqlite:///{folder / 'a.db'}",
+            home=folder,
+            simulators=SLOTS,
+            max_parallel=PARALLEL,
+            max_practice=PRACTICE,
+            max_waiting=WAITING,
+            shutdown_grace_s=0.1,
+            lease_release_s=RELEASE_S,
+            lease_abort_s=ABORT_S,
+            registration_limit=1_000_000,
+        )
+        self._exit = contextlib.ExitStack()
+        for clocked in (Lease, Line):
+            self._exit.enter_context(patch.object(clocked.__init__, "__defaults__", (lambda: self.now,)))
+        # The order of an evaluation's trials comes from its secret; a try that is made again has to find the same.
+        known = SimpleNamespace(token_hex=lambda size: "0" * 2 * size)
+        self._exit.enter_context(patch.object(evaluations, "secrets", known))
+        self._exit.callback(structlog.reset_defaults)
+        structlog.configure(processors=[self._heard])
+        # Its leases are looked after by the real clock, once in a second; a test need not wait for that.
+        self._exit.enter_context(patch.object(Terms, "period_s", 0.005))
+        self._start()
+
+    def _heard(self, _logger: object, level: str, event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
+        if level in {"error", "exception", "critical"}:
+            self.errors.append(event)
+        raise structlog.DropEvent
+
+    def _start(self) -> None:
+        # Named as TCP, or asyncio lets small packets wait for one another.
+        bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+        bound.bind(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{bound.getsockname()[1]}"
+        self.app = create_app(self._settings, pool=self.pool)
+        config = uvicorn.Config(
+            self.app,
+            http="httptools",
+            ws="websockets-sansio",
+            ws_per_message_deflate=False,
+            lifespan="on",
+            log_config=None,
+            log_level="critical",
+            access_log=False,
+            # Between two calls the loop stands still for as long as the test thinks.
+            timeout_keep_alive=3600,
+            ws_ping_interval=None,
+            timeout_graceful_shutdown=2,
+        )
+        self._server = SilentServer(config)
+        self._serving = self.loop.create_task(self._server.serve([bound]))
+        self.wait(self._started())
+        self.http = httpx.AsyncClient(base_url=self.url, timeout=30)
+
+    async def _started(self) -> None:
+        while not self._server.started:
+            assert not self._serving.done(), "the service did not start"
+            await asyncio.sleep(0.001)
+
+    def _stop(self) -> None:
+        self.wait(self.http.aclose())
+        self._server.should_exit = True
+        self.wait(self._serving)
+
+    def restart(self) -> None:
+        """End the service, and start another one on its database."""
+        self._stop()
+        # Those of a service that has ended have ended with it.
+        self.pool.taken.clear()
+        self._start()
+
+    def close(self) -> None:
+        """End the service for good."""
+        self._stop()
+        self._exit.close()
+        self.loop.run_until_complete(self.loop.shutdown_asyncgens())
+        self.loop.close()
+
+    def wait(self, work: "Coroutine[Any, Any, T] | asyncio.Task[T]") -> T:
+        """What a coroutine comes to; the service runs meanwhile."""
+        return self.loop.run_until_complete(asyncio.wait_for(work, 60))
+
+    def silence(self, seconds: float) -> None:
+        """Let so much time go by for the leases, and the service do what it has to."""
+
+        async def until_settled() -> None:
+            episodes = self.app.state.service.episodes
+            for _ in range(1000):
+                await asyncio.sleep(0.006)
+                if not episodes.held and (seconds < ABORT_S or not episodes.open):
+                    return
+            raise AssertionError("leases that ran out were not ended")
+
+        self.now += seconds
+        self.wait(until_settled())
