@@ -16,6 +16,8 @@ WIDTH: Final = 132
 """Columns that a leaderboard wants; used where the output is no terminal."""
 _ROOMY: Final = 106
 """Columns of a leaderboard from which nothing need be broken."""
+_BROAD: Final = 60
+"""Columns in which a line below a table without rows has room."""
 _ROWS: Final = {FaultKind.INFEASIBLE: "wrong command", FaultKind.OMISSION: "follow lane"}
 """The paper's words for its two faults."""
 
@@ -58,11 +60,15 @@ def leaderboard_table(leaderboard: Leaderboard) -> Table:
     completed; ``=`` behind a rank says that it is shared. A suite of journeys has CoRL 2017's layout instead: a row for
     each task, a column for each condition.
     """
-    table = (
-        navigation_leaderboard(leaderboard)
-        if any(entry.navigation for entry in leaderboard.entries)
-        else _unsafe_leaderboard(leaderboard)
-    )
+    if not leaderboard.entries:
+        # Which of the two layouts the suite has, its first entry will tell.
+        table = plain_table(leaderboard.suite)
+        table.add_column("rank")
+        table.add_column("agent", min_width=_BROAD)
+    elif any(entry.navigation for entry in leaderboard.entries):
+        table = navigation_leaderboard(leaderboard)
+    else:
+        table = _unsafe_leaderboard(leaderboard)
     notes = [
         f"{entry.agent.name} is not ranked: {entry.why_not or 'not eligible'}"
         for entry in leaderboard.entries

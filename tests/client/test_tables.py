@@ -81,7 +81,9 @@ def test_towns_stay_readable_at_80_columns() -> None:
 
 
 def test_an_empty_leaderboard_says_so() -> None:
-    assert "No evaluation on this suite has been finished" in _shown(leaderboard_table(_leaderboard()))
+    shown = _shown(leaderboard_table(_leaderboard()))
+    assert "No evaluation on this suite has been finished" in shown
+    assert "unsafe" not in shown, "the suite may be one of journeys"
 
 
 def test_an_agents_name_is_no_markup() -> None:

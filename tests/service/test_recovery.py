@@ -142,7 +142,7 @@ def test_a_database_that_another_service_has(service: RunningService) -> None:
     second = RunningService(service.database)
     assert not second.ready
     assert second.stop() == 1
-    assert "in use by another Wrongturn service" in second.stderr
+    assert "in use by another Wrongturn service; use that one (other commands take its URL by --url" in second.stderr
     assert "Traceback" not in second.stderr
     assert httpx.get(f"{service.url}/health/ready").status_code == 200
 

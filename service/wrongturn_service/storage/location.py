@@ -10,6 +10,8 @@ from sqlalchemy.exc import ArgumentError
 from wrongturn_service.errors import StartupError
 
 NAMED_BY = "--database or WRONGTURN_DATABASE"
+OTHERWISE = "use that one (other commands take its URL by --url or WRONGTURN_URL), stop it,"
+"""What can be done about a service that has the database, beside naming another one."""
 
 
 class DatabaseUrlError(StartupError):
@@ -73,7 +75,7 @@ def lock(file: Path) -> int:
         raise unwritable(file, error) from error
     if not _locked(handle):
         raise StartupError(
-            f"the database file {file} is in use by another Wrongturn service; stop that one, "
+            f"the database file {file} is in use by another Wrongturn service; {OTHERWISE} "
             f"or name another file by {NAMED_BY}",
         )
     return handle

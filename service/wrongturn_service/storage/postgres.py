@@ -96,7 +96,7 @@ class Ownership:
         while not await self._lock():
             if time.monotonic() >= deadline:
                 raise StartupError(
-                    f"the database {self._shown} is in use by another Wrongturn service; stop that one, "
+                    f"the database {self._shown} is in use by another Wrongturn service; {location.OTHERWISE} "
                     f"or name another by {location.NAMED_BY}",
                 )
             await asyncio.sleep(_AGAIN_S)
