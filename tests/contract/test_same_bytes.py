@@ -1,4 +1,7 @@
-"""The same trial and actions give the same bytes: in process, in another process, over HTTP in both encodings."""
+"""The same trial and actions give the same bytes: in process, in another process, over the wire.
+
+Over HTTP in both encodings, and by the vectorised environment, whose steps go over the socket.
+"""
 
 import hashlib
 import math
@@ -11,6 +14,7 @@ import numpy as np
 import pytest
 from service_harness import RunningService, expect
 
+from wrongturn_client import RemoteVectorEnv
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Action, Outcome, Track, Trial
 from wrongturn_protocol.observations import Observation, decode
@@ -98,3 +102,30 @@ def test_in_process_and_over_http(service: RunningService, trial: Trial, track: 
         shown = expect(agent.http.get(f"/v1/episodes/{episode}"), 200)
         assert reply["verdict"] == shown["outcome"]["verdict"]
         assert Outcome.model_validate_json(outcome) == Outcome.model_validate(shown["outcome"], strict=False)
+
+
+@pytest.mark.parametrize(("trials", "track"), [(TRIALS[:2], Track.PRIVILEGED), (PICTURED[:2], Track.SEGMENTATION)])
+def test_in_process_and_in_the_vectorised_environment(
+    service: RunningService, trials: list[Trial], track: Track
+) -> None:
+    alone = [in_process(trial, track) for trial in trials]
+    with service.agent(track.value) as agent:
+        envs = RemoteVectorEnv(2, service.url, agent.token, track=track, suite=SUITE, autoreset_mode="SameStep")
+        batch, _ = envs.reset(options={"trial": [trial.id for trial in trials]})
+        left = {0, 1}
+        for step in range(1, 1 + max(len(observations) for observations, _, _ in alone)):
+            for i in left:
+                for name, array in alone[i][0][step - 1].items():
+                    assert batch[name][i].tobytes() == array.tobytes(), (trials[i].id, step - 1, name)
+            actions = [list(action_of(trial, step - 1).model_dump().values()) for trial in trials]
+            batch, _, terminated, truncated, infos = envs.step(np.array(actions))
+            for i in sorted(left & set(np.flatnonzero(terminated | truncated).tolist())):
+                left.remove(i)
+                assert step == len(alone[i][0]) - 1
+                for name, array in alone[i][0][step].items():
+                    assert infos["final_obs"][i][name].tobytes() == array.tobytes(), (trials[i].id, step, name)
+                assert infos["final_info"]["verdict"][i] == Outcome.model_validate_json(alone[i][2]).verdict
+            if not left:
+                break
+        assert not left
+        envs.close()
