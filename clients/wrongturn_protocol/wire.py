@@ -15,6 +15,7 @@ between.
 """
 
 import math
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -35,6 +36,11 @@ CALLS: Final = 256
 RETRY_AFTER: Final = "retry_after_s"
 """A problem's field for what ``Retry-After`` says over HTTP, seconds."""
 _ALIGNMENT: Final = 8
+_TRIPLE: Final = b"\x93"
+"""An array of three follows."""
+_BIN8: Final = struct.Struct(">BB")
+_BIN16: Final = struct.Struct(">BH")
+_BIN32: Final = struct.Struct(">BI")
 
 
 class Call(StrEnum):
@@ -195,19 +201,39 @@ def unpack_calls(data: bytes) -> tuple[int, list[Any]]:
     return number, calls
 
 
-def pack_result(status: int, fields: Mapping[str, Any], observation: bytes | None = None) -> bytes:
+def pack_result(status: int, fields: Mapping[str, Any], observation: bytes | memoryview | None = None) -> bytes:
     """One result, ready to be set into a reply message."""
-    packed: bytes = msgpack.packb((status, fields) if observation is None else (status, fields, observation))
-    return packed
+    if observation is None:
+        packed: bytes = msgpack.packb((status, fields))
+        return packed
+    return result_head(status, fields, len(observation)) + observation
+
+
+def result_head(status: int, fields: Mapping[str, Any], size: int) -> bytes:
+    """What stands before the observation in a result that has one of so many bytes."""
+    head: bytes = msgpack.packb((status, fields))
+    if size < 1 << 8:
+        before = _BIN8.pack(0xC4, size)
+    elif size < 1 << 16:
+        before = _BIN16.pack(0xC5, size)
+    else:
+        before = _BIN32.pack(0xC6, size)
+    return _TRIPLE + head[1:] + before
+
+
+def results_head(number: int | None, count: int) -> bytes:
+    """What stands before the results in a reply message of so many."""
+    packer = msgpack.Packer(autoreset=False)
+    packer.pack_array_header(2)
+    packer.pack(number)
+    packer.pack_array_header(count)
+    head: bytes = packer.bytes()
+    return head
 
 
 def join_results(number: int | None, results: Sequence[bytes]) -> bytes:
     """A reply message of packed results."""
-    packer = msgpack.Packer(autoreset=False)
-    packer.pack_array_header(2)
-    packer.pack(number)
-    packer.pack_array_header(len(results))
-    return b"".join((packer.bytes(), *results))
+    return b"".join((results_head(number, len(results)), *results))
 
 
 def unpack_results(data: bytes) -> tuple[int | None, list[Any]]:

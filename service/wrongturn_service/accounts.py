@@ -70,6 +70,11 @@ class Accounts:
         self._changes = 0
         self._beginning = asyncio.Lock()
 
+    @property
+    def changes(self) -> int:
+        """How many tokens were replaced or revoked so far: while it stays, callers are who they were."""
+        return self._changes
+
     async def caller(self, authorization: str | None) -> Caller:
         """Whose token an ``Authorization`` header holds.
 

@@ -12,9 +12,9 @@ from typing import Any, Final
 import structlog
 from typing_extensions import override
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
-from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from wrongturn_protocol import ProblemType
+from wrongturn_service.direct import DirectWebSocket
 from wrongturn_service.errors import ServiceError, UnavailableError
 
 PROGRESS: Final = 65536
@@ -181,7 +181,7 @@ class GuardedHttp(HttpToolsProtocol):
         self.transport.close()
 
 
-class GuardedWebSocket(WebSocketsSansIOProtocol):
+class GuardedWebSocket(DirectWebSocket):
     """Uvicorn's WebSocket, for as long as the client keeps to the guard's rules."""
 
     def __init__(self, *arguments: Any, guard: Guard, **named: Any) -> None:
@@ -201,7 +201,7 @@ class GuardedWebSocket(WebSocketsSansIOProtocol):
     def data_received(self, data: bytes) -> None:
         self._received += len(data)
         super().data_received(data)
-        if self.frames or self.conn.reader.buffer:
+        if self.incomplete:
             self._message.begin()
         else:
             self._message.end()

@@ -4,7 +4,9 @@ from collections.abc import Callable
 from contextvars import ContextVar
 from typing import Literal
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client import CollectorRegistry, Counter, Gauge, generate_latest
+
+from wrongturn_service.tally import Tally
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -21,31 +23,29 @@ class Telemetry:
 
     def __init__(self) -> None:
         self._registry = registry = CollectorRegistry()
-        self._requests = Histogram(
+        self._requests = Tally(
             "wrongturn_request_seconds",
             "Time to answer a request, by route",
             ("method", "route", "status"),
-            buckets=_BUCKETS,
-            registry=registry,
+            _BUCKETS,
+            registry,
         )
-        self._children: dict[tuple[str, str, int], Histogram] = {}
-        self._simulation = Histogram(
+        self._simulation = Tally(
             "wrongturn_simulation_seconds",
             "Time that a simulator took to answer, by what it was asked for",
             ("call",),
-            buckets=_BUCKETS,
-            registry=registry,
+            _BUCKETS,
+            registry,
         )
-        self._overhead = Histogram(
+        self._overhead = Tally(
             "wrongturn_overhead_seconds",
             "Time to answer a reset or step beyond that of its simulator: the service's own",
             ("call",),
-            buckets=_BUCKETS,
-            registry=registry,
+            _BUCKETS,
+            registry,
         )
         self._by_call = {
-            call: (self._simulation.labels(call), self._overhead.labels(call))
-            for call in ("reset", "step", "replay", "abort")
+            call: (self._simulation.of(call), self._overhead.of(call)) for call in ("reset", "step", "replay", "abort")
         }
         self.steps = Counter("wrongturn_steps", "Decisions that were simulated", registry=registry)
         self._ended = Counter(
@@ -78,11 +78,7 @@ class Telemetry:
 
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
         """A request was answered."""
-        key = (method, route, status)
-        child = self._children.get(key)
-        if child is None:
-            child = self._children[key] = self._requests.labels(method, route, str(status))
-        child.observe(seconds)
+        self._requests.of(method, route, str(status)).observe(seconds)
         simulated = _simulated.get()
         if simulated is not None:
             _simulated.set(None)
@@ -97,6 +93,14 @@ class Telemetry:
         before = _simulated.get()
         # A request is of its last kind: a step may have to be preceded by a replay.
         _simulated.set((call, seconds if before is None else before[1] + seconds))
+
+    def stepped(self, route: str, simulated_s: float, seconds: float) -> None:
+        """A step was taken by the short way: all that :meth:`simulated` and :meth:`answered` note of it."""
+        simulation, overhead = self._by_call["step"]
+        simulation.observe(simulated_s)
+        overhead.observe(seconds - simulated_s)
+        self.steps.inc()
+        self._requests.of("WS", route, "200").observe(seconds)
 
     def ended(self, *, scored: bool, verdict: str) -> None:
         """An episode has its verdict, which is stored."""

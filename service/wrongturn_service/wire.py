@@ -12,6 +12,7 @@ import msgpack
 import orjson
 
 from wrongturn_protocol import Track, Verdict
+from wrongturn_protocol.wire import result_head
 
 if TYPE_CHECKING:
     from wrongturn_protocol.observations import Observation
@@ -57,9 +58,18 @@ class Reply:
             case Wire.MSGPACK:
                 return _msgpack(self, observation)
             case Wire.RAW:
-                # A reset's reply begins with the episode's id.
-                status = 201 if self.head[0][0] == "id" else 200
-                return _pack_result(status, dict(self.head + self.tail), observation)
+                return b"".join(self._raw(observation))
+
+    def pieces(self) -> "tuple[bytes, bytes | memoryview]":
+        """The result for ``WS /v1/drive`` in two pieces, the observation where it lies."""
+        if self.wire is not Wire.RAW:
+            return self._raw(_transcode(bytes(self.observation), self.track, self.wire, Wire.RAW))
+        return self._raw(self.observation if isinstance(self.observation, bytes) else self.observation.data)
+
+    def _raw(self, observation: bytes | memoryview) -> tuple[bytes, bytes | memoryview]:
+        # A reset's reply begins with the episode's id.
+        status = 201 if self.head[0][0] == "id" else 200
+        return result_head(status, dict(self.head + self.tail), len(observation)), observation
 
 
 def reset_reply(
@@ -119,11 +129,6 @@ def _msgpack(reply: Reply, observation: bytes) -> bytes:
         packer.pack(key)
         packer.pack(value)
     return b"".join((head, _OBSERVATION_MSGPACK, observation, packer.bytes()))
-
-
-def _pack_result(status: int, fields: dict[str, object], observation: bytes) -> bytes:
-    packed: bytes = msgpack.packb((status, fields, observation))
-    return packed
 
 
 def _transcode(observation: bytes, track: Track, source: Wire, wire: Wire) -> bytes:

@@ -2,6 +2,9 @@
 
 import asyncio
 import contextlib
+from collections import Counter
+from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import Any, Final
 
 from fastapi import APIRouter, WebSocket
@@ -12,8 +15,10 @@ from wrongturn_service.accounts import Caller
 from wrongturn_service.api.dependencies import address_of
 from wrongturn_service.api.drive_calls import Calls, problem_result
 from wrongturn_service.api.errors import as_service_error, problem_response
+from wrongturn_service.direct import EXTENSION, DirectWebSocket
 from wrongturn_service.errors import ServiceError, UnauthenticatedError
 from wrongturn_service.service import Service
+from wrongturn_service.wire import Reply
 
 router = APIRouter()
 _CLOSE_CODES: Final = {
@@ -39,8 +44,11 @@ async def drive(websocket: WebSocket) -> None:
         except Exception as error:
             await websocket.send_denial_response(problem_response(as_service_error(error)))
             return
+        direct: DirectWebSocket = websocket.scope["extensions"][EXTENSION]
+        connection = Connection(websocket, direct, service, caller)
+        direct.take(connection.take)
         await websocket.accept(subprotocol=wire.SUBPROTOCOL)
-        await Connection(websocket, service, caller).serve()
+        await connection.serve()
 
 
 def _check_version(websocket: WebSocket) -> None:
@@ -56,51 +64,76 @@ def _check_version(websocket: WebSocket) -> None:
         )
 
 
+class _Answer:
+    """What is still to be answered of a message, and what is."""
+
+    __slots__ = ("left", "number", "results")
+
+    def __init__(self, number: int, count: int) -> None:
+        self.number = number
+        self.results: list[bytes | Reply] = [b""] * count
+        self.left = count
+
+
 class Connection:
     """One client's.
 
     Messages are answered side by side, each when all of its calls are. No more is read while as many calls as are
-    allowed are being answered, so that a client that asks without end waits in its own network buffers; and no reply
-    is put on top of those that it does not read.
+    allowed are being answered, so that a client that asks without end waits in its own network buffers; nor while
+    replies are not read.
     """
 
-    def __init__(self, websocket: WebSocket, service: Service, caller: Caller) -> None:
+    def __init__(self, websocket: WebSocket, direct: DirectWebSocket, service: Service, caller: Caller) -> None:
         self._websocket = websocket
+        self._direct = direct
         self._service = service
         self._caller = caller
+        self._known_at = service.accounts.changes
         self._calls = Calls(service, caller)
         self._answering = 0
-        self._freed = asyncio.Event()
+        self._waiting: tuple[int, list[Any]] | None = None
+        self._checking = False
+        self._queued: Counter[str] = Counter()
         self._tasks: set[asyncio.Task[None]] = set()
+        self._over = False
+        self._answered_all = asyncio.Event()
 
     async def serve(self) -> None:
-        """Answer until either side closes; what was begun is brought to its end, so that it can be asked for again."""
+        """Stay until either side closes; what was begun is brought to its end, so that it can be asked for again."""
         try:
-            while True:
-                event = await self._websocket.receive()
-                if event["type"] == "websocket.disconnect":
-                    return
-                try:
-                    number, calls = await self._opened(event)
-                except Exception as error:
-                    await self._refuse(as_service_error(error))
-                    return
-                while self._answering and self._answering + len(calls) > wire.CALLS:
-                    self._freed.clear()
-                    await self._freed.wait()
-                self._answering += len(calls)
-                task = asyncio.create_task(self._answer(number, calls))
-                self._tasks.add(task)
-                task.add_done_callback(self._tasks.discard)
+            while (await self._websocket.receive())["type"] != "websocket.disconnect":
+                # Binary messages do not come this way.
+                await self._refuse(
+                    ServiceError(ProblemType.TEXT_MESSAGE, "messages are binary, this one was text", status=400)
+                )
         finally:
-            if self._tasks:
-                await asyncio.wait(self._tasks)
+            self._over = True
+            while self._answering:
+                self._answered_all.clear()
+                await self._answered_all.wait()
 
-    async def _opened(self, event: Any) -> tuple[int, list[Any]]:
+    def take(self, data: bytes) -> None:
+        """Answer a message."""
+        if self._over:
+            return
+        if self._service.accounts.changes != self._known_at:
+            self._checking = True
+            self._spawn(self._check_again(data))
+        else:
+            try:
+                number, calls = self._opened(data)
+            except ServiceError as error:
+                self._over = True
+                self._spawn(self._refuse(error))
+            else:
+                if self._answering and self._answering + len(calls) > wire.CALLS:
+                    self._waiting = number, calls
+                else:
+                    self._begin(number, calls)
+        self._pace()
+
+    def _opened(self, data: bytes) -> tuple[int, list[Any]]:
         """Number and calls of a message. Raises ServiceError."""
-        data = event.get("bytes")
-        if data is None:
-            raise ServiceError(ProblemType.TEXT_MESSAGE, "messages are binary, this one was text", status=400)
         limit = self._service.settings.body_limit
         if len(data) > limit:
             raise ServiceError(
@@ -108,10 +141,6 @@ class Connection:
                 f"the message has {len(data)} bytes, at most {limit} are taken; send fewer calls at a time",
                 status=413,
             )
-        # As with every request over HTTP: a token that was revoked ends what was begun with it.
-        caller = await self._service.accounts.caller(self._websocket.headers.get("authorization"))
-        if caller.id != self._caller.id:
-            raise UnauthenticatedError("the token is another agent's by now")
         try:
             return wire.unpack_calls(data)
         except wire.TruncatedMessageError as error:
@@ -119,23 +148,79 @@ class Connection:
         except wire.MalformedMessageError as error:
             raise ServiceError(ProblemType.MALFORMED_MESSAGE, str(error), status=400) from error
 
-    async def _answer(self, number: int, calls: list[Any]) -> None:
+    async def _check_again(self, data: bytes) -> None:
+        """As with every request over HTTP: a token that was revoked ends what was begun with it."""
+        accounts = self._service.accounts
+        changes = accounts.changes
         try:
-            if len(calls) == 1:
-                results = [await self._calls.answer(calls[0])]
-            else:
-                results = await asyncio.gather(*map(self._calls.answer, calls))
-            await self._send(wire.join_results(number, results))
-        finally:
-            self._answering -= len(calls)
-            self._freed.set()
+            caller = await accounts.caller(self._websocket.headers.get("authorization"))
+            if caller.id != self._caller.id:
+                raise UnauthenticatedError("the token is another agent's by now")
+        except Exception as error:
+            self._over = True
+            await self._refuse(as_service_error(error))
+            return
+        self._known_at, self._checking = changes, False
+        self.take(data)
 
-    async def _send(self, message: bytes) -> None:
-        # Who has left meanwhile asks again over another connection.
-        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-            await self._websocket.send_bytes(message)
+    def _begin(self, number: int, calls: list[Any]) -> None:
+        self._answering += len(calls)
+        answer = _Answer(number, len(calls))
+        for at, call in enumerate(calls):
+            done = partial(self._take_result, answer, at)
+            about = _about(call)
+            # The short way must not overtake what was sent before about the same episode.
+            if about in self._queued or not self._calls.begin(call, done):
+                self._queued[about] += 1
+                self._spawn(self._answer(call, about, done))
+
+    async def _answer(self, call: Any, about: str, done: Callable[[bytes | Reply], None]) -> None:
+        result = b""
+        try:
+            result = await self._calls.answer(call)
+        finally:
+            self._queued[about] -= 1
+            if not self._queued[about]:
+                del self._queued[about]
+            done(result)
+
+    def _take_result(self, answer: _Answer, at: int, result: bytes | Reply) -> None:
+        answer.results[at] = result
+        answer.left -= 1
+        if not answer.left:
+            pieces: list[bytes | memoryview] = [wire.results_head(answer.number, len(answer.results))]
+            for one in answer.results:
+                if isinstance(one, bytes):
+                    pieces.append(one)
+                else:
+                    pieces += one.pieces()
+            self._direct.send_message(pieces)
+        self._answering -= 1
+        if self._waiting is not None and (not self._answering or self._answering + len(self._waiting[1]) <= wire.CALLS):
+            (number, calls), self._waiting = self._waiting, None
+            self._begin(number, calls)
+        self._pace()
+        if not self._answering:
+            self._answered_all.set()
+
+    def _pace(self) -> None:
+        self._direct.set_busy(self._checking or self._waiting is not None or self._answering >= wire.CALLS)
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     async def _refuse(self, error: ServiceError) -> None:
-        await self._send(wire.join_results(None, [problem_result(error)]))
+        self._over = True
+        self._direct.send_message([wire.join_results(None, [problem_result(error)])])
+        # Who has left meanwhile does not hear it.
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
             await self._websocket.close(_CLOSE_CODES.get(error.kind, _FAILED), error.kind.value)
+
+
+def _about(call: Any) -> str:
+    """The episode that a call is about; of an evaluation or a key no harm is done."""
+    if isinstance(call, list) and len(call) > 1 and isinstance(call[1], str):
+        return call[1]
+    return ""

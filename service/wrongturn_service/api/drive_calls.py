@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Any, Final
 
 import msgpack
@@ -17,9 +18,10 @@ from wrongturn_service.api.dependencies import owned_by
 from wrongturn_service.api.episodes import episode_detail
 from wrongturn_service.api.errors import as_service_error
 from wrongturn_service.episodes import refusals
+from wrongturn_service.episodes.open_episode import rounded
 from wrongturn_service.errors import InvalidRequestError, ServiceError
 from wrongturn_service.service import Service
-from wrongturn_service.wire import Wire
+from wrongturn_service.wire import Reply, Wire
 
 _SHAPES: Final = {
     Call.STEP: "episode, seq, steer, throttle, brake",
@@ -30,6 +32,7 @@ _SHAPES: Final = {
 }
 _NAMES: Final = {call.value: call for call in Call}
 _UNKNOWN: Final = "unknown"
+_STEP_ROUTE: Final = f"{PATH} {Call.STEP}"
 
 
 class Calls:
@@ -45,6 +48,50 @@ class Calls:
             Call.LOOK: self._look,
             Call.ABORT: self._abort,
         }
+
+    def begin(self, call: Any, done: Callable[[bytes | Reply], None]) -> bool:
+        """Answer a step by the short way, which nearly every one can take.
+
+        Args:
+            call: any of a message's.
+            done: called with the result.
+
+        Returns:
+            Whether it is being answered; if not, nothing has happened.
+        """
+        if type(call) is not list or len(call) != 6 or call[0] != "step":
+            return False
+        _, episode, seq, steer, throttle, brake = call
+        if type(episode) is not str or type(seq) is not int:
+            return False
+        if not type(steer) is type(throttle) is type(brake) is float:
+            return False
+        if not (-1.0 <= steer <= 1.0 and 0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0):
+            return False
+        stepped = partial(self._stepped, time.perf_counter(), done)
+        action = rounded(steer, throttle, brake)
+        return self._service.episodes.begin_step(self._caller.id, episode, seq, action, Wire.RAW, stepped)
+
+    def _stepped(
+        self,
+        began: float,
+        done: Callable[[bytes | Reply], None],
+        outcome: Reply | Exception,
+        simulated_s: float | None,
+    ) -> None:
+        telemetry = self._service.telemetry
+        status = 200
+        if isinstance(outcome, Exception):
+            problem = as_service_error(outcome)
+            status = problem.status
+            done(problem_result(problem))
+        else:
+            done(outcome)
+        seconds = time.perf_counter() - began
+        if status == 200 and simulated_s is not None:
+            telemetry.stepped(_STEP_ROUTE, simulated_s, seconds)
+        else:
+            telemetry.answered("WS", _STEP_ROUTE, status, seconds)
 
     async def answer(self, call: Any) -> bytes:
         """The packed result of one call; what goes wrong with it is its result, too."""

@@ -6,14 +6,15 @@ from structlog.contextvars import bind_contextvars
 
 from wrongturn_protocol import EpisodeState, EvaluationState, ProblemType, StepRequest, Track, Trial, Verdict
 from wrongturn_service.episodes import refusals
-from wrongturn_service.episodes.driver import Driver, ReplayFailedError
+from wrongturn_service.episodes.driver import Driver
 from wrongturn_service.episodes.endings import Endings
 from wrongturn_service.episodes.lease import Terms
 from wrongturn_service.episodes.open_episode import ACTION, OpenEpisode, as_float32
 from wrongturn_service.episodes.openings import Openings, Remember
 from wrongturn_service.episodes.registry import Limits, Registry
-from wrongturn_service.episodes.replies import step_reply_of, stored_reply
+from wrongturn_service.episodes.replies import stored_reply
 from wrongturn_service.episodes.running import RunningEvaluations, cancelled
+from wrongturn_service.episodes.steps import Done, Steps
 from wrongturn_service.episodes.watch import Watch
 from wrongturn_service.errors import ConflictError, GoneError, UnavailableError
 from wrongturn_service.pool.pool import Action
@@ -52,6 +53,7 @@ class EpisodeManager:
         self._driver = driver
         self._registry = registry = Registry(limits)
         self._endings = endings = Endings(store, driver, evaluations, registry, telemetry or Telemetry())
+        self._steps = Steps(registry, driver, endings)
         self._openings = Openings(store, driver, evaluations, registry, endings, terms)
         self._watch = Watch(registry, driver, endings, terms)
 
@@ -140,11 +142,15 @@ class EpisodeManager:
             elif request.seq != episode.seq + 1:
                 raise refusals.gap(episode_id, request.seq, episode.seq)
             else:
-                await self._advance(episode, action, wire)
+                await self._steps.take(episode, action, wire)
             if episode.end is not None:
                 await self._endings.settle(episode)
             episode.lease.renew()
             return episode.last.render(wire)
+
+    def begin_step(self, agent: str, episode_id: str, seq: int, action: Action, wire: Wire, done: Done) -> bool:
+        """One step by the short way, see :meth:`Steps.begin`."""
+        return self._steps.begin(agent, episode_id, seq, action, wire, done)
 
     async def look(self, agent: str | None, episode_id: str) -> tuple[OpenEpisode | None, EpisodeRow]:
         """An episode as the owner may see it: from memory while it is open, and always its row.
@@ -187,20 +193,6 @@ class EpisodeManager:
     async def cancel(self, evaluation_id: str) -> None:
         """Cancel an evaluation; its open episodes end without a verdict."""
         await self._endings.cancel(evaluation_id)
-
-    async def _advance(self, episode: OpenEpisode, action: Action, wire: Wire) -> None:
-        try:
-            frame = await self._driver.step(episode, action, wire)
-        except ReplayFailedError as error:
-            await self._endings.invalidate(episode)
-            raise GoneError(
-                f"episode {episode.id}: {error}, so it counts as invalid and its trial runs again; ask for the next",
-            ) from error
-        episode.actions += ACTION.pack(*action)
-        episode.last = step_reply_of(episode, frame, wire)
-        episode.end = frame.final
-        if frame.final is not None:
-            await self._driver.detach(episode)
 
     async def _stored_step(self, agent: str, episode_id: str, seq: int, action: Action, wire: Wire) -> bytes:
         """A step of an episode that is no longer open: the last one's repeat, or an error."""

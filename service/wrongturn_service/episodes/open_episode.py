@@ -19,8 +19,13 @@ ACTION: Final = struct.Struct("<3f")
 
 def as_float32(action: Action) -> Triple:
     """The action as it is used: what differs by less than a float32 is the same action."""
-    steer, throttle, brake = ACTION.unpack(ACTION.pack(action.steer, action.throttle, action.brake))
-    return steer, throttle, brake
+    return rounded(action.steer, action.throttle, action.brake)
+
+
+def rounded(steer: float, throttle: float, brake: float) -> Triple:
+    """The same of an action's values, each in its range."""
+    triple: Triple = ACTION.unpack(ACTION.pack(steer, throttle, brake))
+    return triple
 
 
 @dataclass(eq=False)

@@ -13,6 +13,7 @@ from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.episodes.running import RunningEvaluations, cancelled, finished
 from wrongturn_service.errors import ConflictError, UnavailableError
+from wrongturn_service.pool.screen import Shown
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.tokens import new_id
@@ -109,7 +110,7 @@ class Openings:
         bind_contextvars(episode=episode_id, evaluation=evaluation)
         lease = Lease(self._terms)
 
-        def reply(observation: bytes) -> Reply:
+        def reply(observation: bytes | Shown) -> Reply:
             return reset_reply(
                 episode_id,
                 observation,

@@ -86,6 +86,10 @@ def write_now(transport: asyncio.WriteTransport, handle: int, pieces: Sequence[b
         # What goes wrong here goes wrong for the transport too, which tells its protocol.
         with contextlib.suppress(OSError):
             sent = os.writev(handle, pieces)
-        if sent == sum(map(len, pieces)):
-            return
-    transport.write(b"".join(pieces)[sent:])
+    left = []
+    for piece in pieces:
+        if sent < len(piece):
+            left.append(memoryview(piece)[sent:])
+        sent = max(0, sent - len(piece))
+    if left:
+        transport.write(b"".join(left))

@@ -1,0 +1,184 @@
+"""The short way of a WebSocket's binary messages: from the socket to whoever answers, and back from where they lie.
+
+Uvicorn's own way, by the library's parser, a queue, ASGI's events and a joined copy of each reply, takes several times
+as long as all else that a step costs the service. The library keeps everything that is not a whole binary message: the
+handshake, fragments, text, pings, the close and whatever is malformed.
+"""
+
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from typing_extensions import override
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.http11 import Request
+from websockets.protocol import State
+
+from wrongturn_service.pool.frames import write_now
+
+try:
+    from websockets.speedups import apply_mask
+except ImportError:  # no wheel for this machine
+    from websockets.utils import apply_mask
+
+EXTENSION: Final = "wrongturn.direct"
+"""Where the ASGI scope's extensions have the connection, for the application to take."""
+_WHOLE_BINARY: Final = 0x82
+_FINAL: Final = 0x80
+_MASKED: Final = 0x80
+_CONTROL: Final = 0x08
+_SHORT: Final = struct.Struct("!BBH")
+_LONG: Final = struct.Struct("!BBQ")
+
+
+class DirectWebSocket(WebSocketsSansIOProtocol):
+    """Uvicorn's WebSocket, whose binary messages an application may take for itself."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._taker: Callable[[bytes], None] | None = None
+        self._busy = False
+        self._pending = bytearray()
+        self._wanted = 0
+        self._fragmented = False
+        self._hopeless = False
+        self._handle = -1
+
+    # What the application uses
+
+    def take(self, taker: Callable[[bytes], None]) -> None:
+        """Have binary messages given to somebody as they come, instead of to ASGI's ``receive``; before it accepts."""
+        self._taker = taker
+        self._handle = self.transport.get_extra_info("socket").fileno()
+
+    def set_busy(self, busy: bool) -> None:
+        """Whether no more is to be read for now."""
+        if busy != self._busy:
+            self._busy = busy
+            self._pace()
+
+    def send_message(self, pieces: Sequence[bytes | memoryview]) -> None:
+        """Send a binary message; the pieces are the caller's again when this returns.
+
+        Nothing is sent any more once the connection closes.
+        """
+        if self.conn.state is not State.OPEN or self.close_sent or self.transport.is_closing():
+            return
+        length = sum(map(len, pieces))
+        if length < 126:
+            head = bytes((_WHOLE_BINARY, length))
+        elif length < 1 << 16:
+            head = _SHORT.pack(_WHOLE_BINARY, 126, length)
+        else:
+            head = _LONG.pack(_WHOLE_BINARY, 127, length)
+        write_now(self.transport, self._handle, (head, *pieces))
+
+    # What uvicorn and its transport use
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether a message has begun to come."""
+        return bool(self.frames or self._pending or self.conn.reader.buffer)
+
+    @override
+    def handle_connect(self, event: Request) -> None:
+        super().handle_connect(event)
+        extensions: dict[str, Any] | None = None if self.close_sent else self.scope["extensions"]
+        if extensions is not None:
+            extensions[EXTENSION] = self
+
+    @override
+    def data_received(self, data: bytes) -> None:
+        if not self.handshake_initiated or self._hopeless:
+            super().data_received(data)
+        elif self._pending:
+            self._pending += data
+            if len(self._pending) >= self._wanted and not self.read_paused:
+                whole, self._pending = self._pending, bytearray()
+                self._split(whole)
+        else:
+            self._split(data)
+
+    @override
+    def send_receive_event_to_app(self) -> None:
+        if self._taker is None or self.curr_msg_data_type == "text" or self.close_sent:
+            super().send_receive_event_to_app()
+            return
+        message = b"".join(self.frames)
+        self.frames = []
+        self._taker(message)
+
+    @override
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._pace()
+
+    @override
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        self._pace()
+
+    def _pace(self) -> None:
+        """Read no more while calls are being answered, or replies not taken."""
+        if self._taker is None:
+            return
+        held = self._busy or not self.writable.is_set()
+        if held and not self.read_paused:
+            self.read_paused = True
+            self.transport.pause_reading()
+        elif self.read_paused and not held:
+            self.read_paused = False
+            self.transport.resume_reading()
+            # What came with the last message; not from within whatever freed the way.
+            self.loop.call_soon(self.data_received, b"")
+
+    def _split(self, data: bytes | bytearray) -> None:
+        """Take whole frames; what is left waits for the rest."""
+        at = 0
+        while at < len(data) and not self.read_paused:
+            begin, end = _extent(data, at)
+            if self.config.ws_max_size < end - begin:
+                # Refused by its head alone, which nothing follows.
+                self._hopeless = True
+                super().data_received(bytes(data[at:]))
+                return
+            if end > len(data):
+                self._wanted = end - at
+                break
+            kind = data[at]
+            if kind == _WHOLE_BINARY and data[at + 1] & _MASKED and self._taker is not None and not self._fragmented:
+                if self.conn.state is State.OPEN:
+                    self._taker(apply_mask(data[begin:end], data[begin - 4 : begin]))
+            else:
+                if not kind & _CONTROL:
+                    self._fragmented = not kind & _FINAL
+                super().data_received(bytes(data[at:end]))
+            at = end
+        else:
+            self._wanted = 0
+        self._pending += data[at:]
+
+
+def _extent(data: bytes | bytearray, at: int) -> tuple[int, int]:
+    """Where the payload of the frame that begins there begins and ends; how far is to be read where that is not known.
+
+    Returns:
+        Two indices; the second is beyond the data where the frame is not complete.
+    """
+    begin = at + 2
+    if len(data) < begin:
+        return begin, begin
+    length = data[at + 1] & 127
+    if length == 126:
+        begin += 2
+        if len(data) < begin:
+            return begin, begin
+        (_, _, length) = _SHORT.unpack_from(data, at)
+    elif length == 127:
+        begin += 8
+        if len(data) < begin:
+            return begin, begin
+        (_, _, length) = _LONG.unpack_from(data, at)
+    if data[at + 1] & _MASKED:
+        begin += 4
+    return begin, begin + length

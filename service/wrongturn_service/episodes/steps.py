@@ -1,0 +1,135 @@
+"""The steps of open episodes: the whole way, with all that may have to be waited for, and a short one."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from functools import partial
+
+from structlog.contextvars import bind_contextvars
+
+from wrongturn_service import logs
+from wrongturn_service.episodes.driver import Driver, ReplayFailedError
+from wrongturn_service.episodes.endings import Endings
+from wrongturn_service.episodes.open_episode import ACTION, OpenEpisode
+from wrongturn_service.episodes.registry import Registry
+from wrongturn_service.episodes.replies import step_reply_of
+from wrongturn_service.errors import GoneError
+from wrongturn_service.pool.pool import Action, Frame
+from wrongturn_service.wire import Reply, Wire
+
+Done = Callable[[Reply | Exception, float | None], None]
+"""Called with a step's reply, or with what went wrong; and its simulator's seconds, where they are not noted yet."""
+
+
+class Steps:
+    """Moves open episodes on; where nothing else is said, under the episode's lock."""
+
+    def __init__(self, registry: Registry, driver: Driver, endings: Endings) -> None:
+        self._registry = registry
+        self._driver = driver
+        self._endings = endings
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def take(self, episode: OpenEpisode, action: Action, wire: Wire) -> None:
+        """The next step.
+
+        Raises:
+            UnavailableError, SimulatorsBusyError, SimulatorStartError: it was not taken, and can be asked for again.
+            GoneError: the episode is over, by no fault of its agent's.
+        """
+        try:
+            frame = await self._driver.step(episode, action, wire)
+        except ReplayFailedError as error:
+            await self._endings.invalidate(episode)
+            raise GoneError(
+                f"episode {episode.id}: {error}, so it counts as invalid and its trial runs again; ask for the next",
+            ) from error
+        self._note(episode, action, frame, wire)
+        if frame.final is not None:
+            await self._driver.detach(episode)
+
+    def begin(self, agent: str, episode_id: str, seq: int, action: Action, wire: Wire, done: Done) -> bool:
+        """Begin the next step where nothing but its simulator has to be waited for; takes the lock.
+
+        Returns:
+            Whether it was; if not, nothing has happened, and the whole way tells why.
+        """
+        episode = self._registry.get(episode_id)
+        if episode is None or episode.agent != agent or episode.last.seq + 1 != seq:
+            return False
+        simulator = episode.simulator
+        if episode.end is not None or simulator is None or simulator.dead or not _locked(episode.lock):
+            return False
+        episode.lease.renew()
+        began = time.perf_counter()
+        under_way = simulator.begin_step(action, wire)
+        under_way.add_done_callback(partial(self._stepped, episode, action, wire, began, done))
+        return True
+
+    def _stepped(
+        self,
+        episode: OpenEpisode,
+        action: Action,
+        wire: Wire,
+        began: float,
+        done: Done,
+        under_way: "asyncio.Future[Frame]",
+    ) -> None:
+        seconds = time.perf_counter() - began
+        frame = None if under_way.cancelled() or under_way.exception() is not None else under_way.result()
+        if frame is not None:
+            self._note(episode, action, frame, wire)
+            if frame.final is None:
+                episode.lease.renew()
+                episode.lock.release()
+                done(episode.last, seconds)
+                return
+        rest = self._finish(episode, action, wire, done, None if frame is None else seconds)
+        task = asyncio.get_running_loop().create_task(rest)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _finish(
+        self,
+        episode: OpenEpisode,
+        action: Action,
+        wire: Wire,
+        done: Done,
+        taken_s: float | None,
+    ) -> None:
+        """What else there is to do, now that it has to be waited for."""
+        logs.begin_request()
+        bind_contextvars(episode=episode.id, evaluation=episode.evaluation)
+        outcome: Reply | Exception
+        try:
+            if taken_s is not None:
+                await self._driver.detach(episode)
+            else:
+                await self.take(episode, action, wire)
+            if episode.end is not None:
+                await self._endings.settle(episode)
+            episode.lease.renew()
+            outcome = episode.last
+        except Exception as error:
+            outcome = error
+        finally:
+            episode.lock.release()
+        done(outcome, taken_s)
+
+    def _note(self, episode: OpenEpisode, action: Action, frame: Frame, wire: Wire) -> None:
+        episode.actions += ACTION.pack(*action)
+        episode.last = step_reply_of(episode, frame, wire)
+        episode.end = frame.final
+
+
+def _locked(lock: asyncio.Lock) -> bool:
+    """Take a lock if that is possible without waiting."""
+    if lock.locked():
+        return False
+    attempt = lock.acquire()
+    try:
+        attempt.send(None)
+    except StopIteration:
+        return True
+    attempt.close()  # somebody waits who was told that it is free, and comes first
+    return False
