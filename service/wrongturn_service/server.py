@@ -25,10 +25,6 @@ from wrongturn_service.settings import Settings
 READY = "Wrongturn is ready at "
 _KEEP_ALIVE_S = 75
 """Seconds between two requests of a connection: an agent may think for a while between two steps."""
-_PING_S = 20.0
-"""Seconds between two pings of a WebSocket connection."""
-_PONG_S = 60.0
-"""Seconds after which a WebSocket client that answers no ping is taken for gone; an agent may think for that long."""
 _SILENT_S = 1.0
 """Seconds of silence after which a stop does not wait for an agent."""
 _LOOK_S = 0.05
@@ -94,6 +90,35 @@ class Server(uvicorn.Server):
             log.warning("episodes are lost by the stop; their trials run again", count=service.episodes.open)
 
 
+def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
+    """How uvicorn serves the application.
+
+    Args:
+        app: the application.
+        settings: see there.
+    """
+    guard = Guard(settings.max_connections, settings.slow_client_s, app.state.telemetry.closed)
+    return uvicorn.Config(
+        app,
+        loop="uvloop",
+        http=cast(type[asyncio.Protocol], partial(GuardedHttp, guard=guard)),
+        ws=cast(type[asyncio.Protocol], partial(GuardedWebSocket, guard=guard)),
+        # Pictures do not shrink much for what deflating each costs; the service's own limit names the error.
+        ws_per_message_deflate=False,
+        ws_max_size=2 * settings.body_limit,
+        ws_ping_interval=settings.ping_interval_s,
+        ws_ping_timeout=settings.ping_timeout_s,
+        lifespan="on",
+        access_log=False,
+        log_config=None,
+        log_level="critical",
+        server_header=False,
+        timeout_keep_alive=_KEEP_ALIVE_S,
+        proxy_headers=True,
+        forwarded_allow_ips=settings.trusted_proxies,
+    )
+
+
 def run(settings: Settings, bound: socket.socket) -> None:
     """Serve until SIGTERM or SIGINT.
 
@@ -106,27 +131,9 @@ def run(settings: Settings, bound: socket.socket) -> None:
     """
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     app = create_app(settings)
-    guard = Guard(settings.max_connections, settings.slow_client_s, app.state.telemetry.closed)
-    config = uvicorn.Config(
-        app,
-        loop="uvloop",
-        http=cast(type[asyncio.Protocol], partial(GuardedHttp, guard=guard)),
-        ws=cast(type[asyncio.Protocol], partial(GuardedWebSocket, guard=guard)),
-        # Pictures do not shrink much for what deflating each costs; the service's own limit names the error.
-        ws_per_message_deflate=False,
-        ws_max_size=2 * settings.body_limit,
-        ws_ping_interval=_PING_S,
-        ws_ping_timeout=_PONG_S,
-        lifespan="on",
-        access_log=False,
-        log_config=None,
-        log_level="critical",
-        server_header=False,
-        timeout_keep_alive=_KEEP_ALIVE_S,
-        proxy_headers=True,
-        forwarded_allow_ips=settings.trusted_proxies,
+    server = Server(
+        configuration(app, settings), app, f"http://{host}:{bound.getsockname()[1]}", settings.shutdown_grace_s
     )
-    server = Server(config, app, f"http://{host}:{bound.getsockname()[1]}", settings.shutdown_grace_s)
     # Uvicorn leaves by SystemExit where the start failed; what failed is told below.
     with bound, contextlib.suppress(SystemExit):
         server.run(sockets=[bound])

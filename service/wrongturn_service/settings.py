@@ -79,6 +79,10 @@ class Settings(BaseSettings):
     """Connections at a time, of all clients."""
     slow_client_s: Seconds = 30.0
     """Seconds in which a request, or the next 64 KiB of it, has to come, and a reply to be taken."""
+    ping_interval_s: Seconds = 20.0
+    """Seconds between two pings of a connection to ``/v1/drive``."""
+    ping_timeout_s: Seconds = 60.0
+    """Seconds after which a client that answers no ping is taken for gone; an agent may think for that long."""
     trusted_proxies: str = "127.0.0.1,::1"
     """Addresses and networks of proxies whose ``X-Forwarded-For`` is believed, with commas between; ``*`` for all."""
     body_limit: Annotated[int, Field(ge=1024)] = 4 * 1024 * 1024

@@ -1,0 +1,121 @@
+"""The line for simulators: who is next, what a position means, and whose place is kept."""
+
+import pytest
+
+from wrongturn_protocol import ProblemType
+from wrongturn_service.episodes.line import LONGEST_S, SLACK_S, Limits, Line
+from wrongturn_service.errors import UnavailableError
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def _line(slots: int, clock: Clock | None = None, each: int = 64, most: int = 1024) -> Line:
+    return Line(slots, Limits(each, most), clock or Clock())
+
+
+def _refused(line: Line, agent: str, call: str) -> UnavailableError:
+    with pytest.raises(UnavailableError) as caught:
+        line.enter(agent, call)
+    return caught.value
+
+
+def _position(line: Line, agent: str, call: str) -> int | None:
+    return _refused(line, agent, call).position
+
+
+def test_who_came_first_is_first_among_equals() -> None:
+    line = _line(1)
+    line.enter("holder", "0")
+    agents = ["a", "b", "c"]
+    assert [_position(line, agent, "1") for agent in agents] == [1, 2, 3]
+    assert [_position(line, agent, "1") for agent in reversed(agents)] == [3, 2, 1]
+    line.leave("holder")
+    # The place is a's, whoever asks before.
+    assert [_position(line, agent, "1") for agent in ("c", "b")] == [3 - 1, 2 - 1]
+    assert _position(line, "late", "1") == 3
+    line.enter("a", "1")
+    assert [_position(line, agent, "1") for agent in ("b", "c", "late")] == [1, 2, 3]
+
+
+def test_an_agent_that_asks_for_many_does_not_keep_out_who_asks_for_one() -> None:
+    line = _line(4)
+    for call in range(4):
+        line.enter("greedy", str(call))
+    assert [_position(line, "greedy", f"more {call}") for call in range(10)] == list(range(1, 11))
+    assert _position(line, "modest", "0") == 1
+    assert _position(line, "greedy", "more 0") == 2
+    line.leave("greedy")
+    assert _position(line, "greedy", "more 0") == 1
+    line.enter("modest", "0")
+    # Of those that wait one after the other has its turn, the one with fewer simulators first.
+    assert [_position(line, "modest", str(call)) for call in (1, 2, 3)] == [1, 2, 4]
+    assert _position(line, "greedy", "more 0") == 3
+
+
+def test_as_many_drive_as_there_are_slots_and_no_more() -> None:
+    line = _line(3)
+    for call in range(3):
+        line.enter("a", str(call))
+    for call in range(5):
+        _refused(line, "b", str(call))
+    line.leave("a")
+    line.leave("a")
+    assert _position(line, "b", "4") == 3
+    line.enter("b", "1")
+    line.enter("b", "0")
+    assert _position(line, "b", "2") == 1
+    assert line.waiting == 3
+
+
+def test_a_place_is_kept_for_who_comes_back_in_time() -> None:
+    clock = Clock()
+    line = _line(1, clock)
+    line.enter("holder", "0")
+    first = _refused(line, "gone", "0")
+    wait = int(first.headers["Retry-After"])
+    _refused(line, "patient", "0")
+    clock.now += wait + SLACK_S / 2
+    assert _position(line, "patient", "0") == 2
+    clock.now += SLACK_S
+    assert _position(line, "patient", "0") == 1
+    line.leave("holder")
+    line.enter("patient", "0")
+    assert line.waiting == 0
+
+
+def test_who_is_far_behind_is_asked_to_come_back_later() -> None:
+    line = _line(2)
+    line.enter("holder", "0")
+    line.enter("holder", "1")
+    waits = [int(_refused(line, f"a{number}", "0").headers["Retry-After"]) for number in range(60)]
+    assert waits[:2] == [1, 1]
+    assert waits == sorted(waits)
+    assert waits[-1] == LONGEST_S
+
+
+def test_an_agents_own_part_of_the_line() -> None:
+    line = _line(1, each=2)
+    line.enter("holder", "0")
+    _refused(line, "a", "0")
+    _refused(line, "a", "1")
+    error = _refused(line, "a", "2")
+    assert (error.status, error.kind, error.position) == (429, ProblemType.RATE_LIMITED, 1)
+    assert int(error.headers["Retry-After"]) >= 1
+    assert _position(line, "a", "1") == 2
+    assert _position(line, "b", "0") == 2  # before a's second
+
+
+def test_a_line_that_is_full_keeps_no_more_places() -> None:
+    line = _line(1, most=2)
+    line.enter("holder", "0")
+    _refused(line, "a", "0")
+    _refused(line, "b", "0")
+    error = _refused(line, "c", "0")
+    assert (error.status, error.kind) == (503, ProblemType.SIMULATORS_BUSY)
+    assert "as many as may" in error.detail
+    assert line.waiting == 2
