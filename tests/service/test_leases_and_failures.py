@@ -320,3 +320,36 @@ def test_metrics_that_fail_are_computed_later(tmp_path: Path, monkeypatch: Any) 
             assert expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)["state"] == "finished"
 
     play(story)
+
+
+def test_an_episode_that_begins_between_an_evaluations_cancelling_and_its_end(tmp_path: Path) -> None:
+    async def story() -> None:
+        pool = FakePool()
+        async with application(tmp_path, pool) as http:
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            store = http.app.state.service.store  # type: ignore[attr-defined]
+            cancelled, begun = asyncio.Event(), asyncio.Event()
+            acquire, cancel = pool.acquire, store.cancel_evaluation
+
+            async def late(town: str) -> Any:
+                await cancelled.wait()
+                return await acquire(town)
+
+            async def slow(evaluation_id: str) -> None:
+                await cancel(evaluation_id)
+                cancelled.set()
+                await begun.wait()
+
+            pool.acquire, store.cancel_evaluation = late, slow  # type: ignore[method-assign]
+            reset = asyncio.create_task(http.post(f"/v1/evaluations/{evaluation}/episodes"))
+            await asyncio.sleep(0.1)
+            end = asyncio.create_task(http.delete(f"/v1/evaluations/{evaluation}"))
+            episode = expect(await reset, 201)["id"]
+            begun.set()
+            assert expect(await end, 200)["state"] == "cancelled"
+            problem(await step(http, episode, 1), 409, "evaluation-cancelled")
+            (listed,) = expect(await http.get(f"/v1/evaluations/{evaluation}/episodes"), 200)["episodes"]
+            assert (listed["id"], listed["state"]) == (episode, "lost")
+            assert not pool.taken
+
+    play(story)

@@ -108,6 +108,8 @@ class Endings:
                 continue
             async with episode.lock:
                 if not episode.closed:
+                    # It may have begun after the evaluation's open ones were given up.
+                    await self._store.lose_episode(episode.id)
                     self._telemetry.voided("cancelled")
                 await self._close(episode)
 
