@@ -119,12 +119,13 @@ class Calls:
     async def _next(self, evaluation: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
         wanted = _text("evaluation", evaluation)
-        async with service.idempotency.once(_key(key), caller.id, f"WS {Call.NEXT} {wanted}", b"") as once:
-            if once.stored is not None:
-                return once.stored.body
-            row = await owned_by(service, caller, wanted)
-            remember = once.remember(201, Wire.RAW)
-            return await service.episodes.open_next(row, caller.track, Wire.RAW, remember, once.key)
+        with service.episodes.beginnings.one(wanted):
+            async with service.idempotency.once(_key(key), caller.id, f"WS {Call.NEXT} {wanted}", b"") as once:
+                if once.stored is not None:
+                    return once.stored.body
+                row = await owned_by(service, caller, wanted)
+                remember = once.remember(201, Wire.RAW)
+                return await service.episodes.open_next(row, caller.track, Wire.RAW, remember, once.key)
 
     async def _practise(self, request: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller

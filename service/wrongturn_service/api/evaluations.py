@@ -107,11 +107,12 @@ async def reset(request: Request, evaluation: str) -> Response:
     wire = accepted(request)
     caller = await caller_of(request)
     call = f"POST /v1/evaluations/{evaluation}/episodes"
-    async with service.idempotency.once(key_of(request), caller.id, call, b"") as once:
-        if once.stored is not None:
-            return repeated(once.stored)
-        row = await owned_evaluation(request, caller, evaluation)
-        body = await service.episodes.open_next(row, caller.track, wire, once.remember(201, wire), once.key)
+    with service.episodes.beginnings.one(evaluation):
+        async with service.idempotency.once(key_of(request), caller.id, call, b"") as once:
+            if once.stored is not None:
+                return repeated(once.stored)
+            row = await owned_evaluation(request, caller, evaluation)
+            body = await service.episodes.open_next(row, caller.track, wire, once.remember(201, wire), once.key)
     return Response(body, 201, media_type=wire)
 
 
@@ -120,6 +121,8 @@ async def episodes(request: Request, evaluation: str, state: EpisodeState | None
     """The evaluation's episodes; ``state=open`` to find one's way back after a crash."""
     service = service_of(request)
     row = await owned_evaluation(request, await caller_of(request), evaluation)
+    if state is EpisodeState.OPEN:
+        await service.episodes.beginnings.over(evaluation)
     rows = await service.store.episodes(evaluation, state)
     shown = row.state == EvaluationState.FINISHED
     return reply(EpisodeList(episodes=tuple(episode_detail(service, found, shown=shown) for found in rows)))

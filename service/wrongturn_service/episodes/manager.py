@@ -6,6 +6,7 @@ from structlog.contextvars import bind_contextvars
 
 from wrongturn_protocol import EpisodeState, EvaluationState, ProblemType, StepRequest, Track, Trial, Verdict
 from wrongturn_service.episodes import refusals
+from wrongturn_service.episodes.beginnings import Beginnings
 from wrongturn_service.episodes.driver import Driver
 from wrongturn_service.episodes.endings import Endings
 from wrongturn_service.episodes.lease import Terms
@@ -49,6 +50,8 @@ class EpisodeManager:
         """
         self.stopping = False
         """Whether new episodes are refused."""
+        self.beginnings = Beginnings()
+        """Resets of evaluations that are under way."""
         self._store = store
         self._driver = driver
         self._registry = registry = Registry(limits)
@@ -161,6 +164,9 @@ class EpisodeManager:
         episode = self._registry.get(episode_id)
         if episode is not None and episode.agent == agent:
             episode.lease.renew()
+            # An agent that was killed while a step was under way must not go on from before it.
+            async with episode.lock:
+                pass
         row = await self._store.episode(episode_id)
         if row is None:
             raise refusals.unknown_episode(episode_id)

@@ -1,0 +1,94 @@
+"""An agent that was killed while a call of its was under way, and asks where it was: that call counts."""
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+from app_harness import application, play, step
+from fake_pool import FakePool
+from service_harness import expect, problem
+
+from wrongturn_service.episodes import beginnings
+from wrongturn_service.pool.pool import Simulator
+
+
+class HeldPool(FakePool):
+    """Its simulators answer when the test says so."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.go_on = asyncio.Event()
+        self.go_on.set()
+
+    async def acquire(self, town: str, *, wait: bool = False) -> Simulator:
+        simulator: Any = await super().acquire(town, wait=wait)
+        for name in ("reset", "step"):
+            setattr(simulator, name, self._held(getattr(simulator, name)))
+        return simulator
+
+    def _held(self, call: Any) -> Any:
+        async def held(*arguments: Any) -> Any:
+            await self.go_on.wait()
+            return await call(*arguments)
+
+        return held
+
+
+async def under_way(call: Any) -> asyncio.Task[Any]:
+    task = asyncio.create_task(call)
+    await asyncio.sleep(0.2)
+    assert not task.done()
+    return task
+
+
+def test_a_reset_that_is_under_way_is_among_the_open_ones(tmp_path: Path) -> None:
+    async def story() -> None:
+        pool = HeldPool()
+        async with application(tmp_path, pool) as http:
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            path = f"/v1/evaluations/{evaluation}/episodes"
+            pool.go_on.clear()
+            reset = await under_way(http.post(path))
+            back = await under_way(http.get(f"{path}?state=open"))
+            pool.go_on.set()
+            (found,) = expect(await back, 200)["episodes"]
+            assert found["id"] == expect(await reset, 201)["id"]
+
+    play(story)
+
+
+def test_a_reset_that_takes_too_long_is_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(beginnings.Beginnings.over, "__defaults__", (0.1,))
+
+    async def story() -> None:
+        pool = HeldPool()
+        async with application(tmp_path, pool) as http:
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            path = f"/v1/evaluations/{evaluation}/episodes"
+            pool.go_on.clear()
+            reset = await under_way(http.post(path))
+            response = await http.get(f"{path}?state=open")
+            problem(response, 503, "simulators-busy")
+            assert response.headers["Retry-After"] == "1"
+            assert expect(await http.get(path), 200)["episodes"] == []
+            pool.go_on.set()
+            expect(await reset, 201)
+            assert len(expect(await http.get(f"{path}?state=open"), 200)["episodes"]) == 1
+
+    play(story)
+
+
+def test_a_step_that_is_under_way_is_the_last_reply(tmp_path: Path) -> None:
+    async def story() -> None:
+        pool = HeldPool()
+        async with application(tmp_path, pool) as http:
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+            pool.go_on.clear()
+            stepping = await under_way(step(http, episode, 1))
+            back = await under_way(http.get(f"/v1/episodes/{episode}"))
+            pool.go_on.set()
+            assert expect(await back, 200)["last_reply"] == expect(await stepping, 200)
+
+    play(story)
