@@ -88,3 +88,13 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         yield "database", False, str(error), remedy
     else:
         yield "database", True, found, ""
+    from wrongturn_service.pool.examination import TooLittleMemoryError  # noqa: PLC0415
+    from wrongturn_service.pool.examination import examine as examine_simulators  # noqa: PLC0415
+    from wrongturn_service.pool.pool import SimulatorStartError  # noqa: PLC0415
+
+    try:
+        yield "simulators", True, examine_simulators(settings), ""
+    except SimulatorStartError as error:
+        yield "simulators", False, str(error), "see the checks of libsumo and the kernels"
+    except TooLittleMemoryError as error:
+        yield "simulators", False, str(error), "set WRONGTURN_SIMULATORS to fewer, or give the machine more memory"

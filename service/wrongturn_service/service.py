@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass
 
 import structlog
+from prometheus_client import Gauge
 
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Accounts
@@ -103,7 +104,8 @@ async def run_service(
         telemetry.watch("wrongturn_simulators_awaited", "Calls in the line for a simulator", lambda: line.waiting)
         sockets = Sockets(each=settings.max_sockets, address=settings.max_sockets_per_address)
         telemetry.watch("wrongturn_sockets", "Connections to /v1/drive", lambda: sockets.open)
-        for work in (episodes.watch_leases(), _keep_house(settings, store, evaluations, pool)):
+        memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, looked at now and then")
+        for work in (episodes.watch_leases(), _keep_house(settings, store, evaluations, pool, memory)):
             task = asyncio.create_task(work)
             stack.push_async_callback(_cancel, task)
         log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
@@ -141,7 +143,9 @@ async def _start_pool(pool: Pool, stack: contextlib.AsyncExitStack) -> None:
         raise StartupError(str(error)) from error
 
 
-async def _keep_house(settings: Settings, store: Store, evaluations: RunningEvaluations, pool: Pool) -> None:
+async def _keep_house(
+    settings: Settings, store: Store, evaluations: RunningEvaluations, pool: Pool, memory: Gauge
+) -> None:
     log = structlog.get_logger("service")
     purged = 0.0
     while True:
@@ -153,6 +157,7 @@ async def _keep_house(settings: Settings, store: Store, evaluations: RunningEval
                     replies_before=now - settings.idempotency_keep_hours * 3600.0,
                 )
                 purged = time.monotonic()
+            memory.set(await asyncio.to_thread(pool.memory))
             await evaluations.retry()
             if pool.failure is not None and not pool.running:
                 # Nobody is sent to a service that is not ready, so that no call would find out that it could be again.

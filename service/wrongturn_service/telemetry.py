@@ -76,6 +76,10 @@ class Telemetry:
         """A gauge that is read when somebody asks."""
         Gauge(name, documentation, registry=self._registry).set_function(read)
 
+    def gauge(self, name: str, documentation: str) -> Gauge:
+        """A gauge that is set."""
+        return Gauge(name, documentation, registry=self._registry)
+
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
         """A request was answered."""
         self._requests.of(method, route, str(status)).observe(seconds)

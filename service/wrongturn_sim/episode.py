@@ -20,6 +20,7 @@ from wrongturn_sim.route import Guidance, Navigator, start_pose
 from wrongturn_sim.simulator import Drive, Simulator
 from wrongturn_sim.traffic import EGO_LENGTH, plan_traffic
 from wrongturn_sim.trajectory import Row, Trajectory
+from wrongturn_sim.trials import check as check_trial
 from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry, judge_of
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ class Episode:
         strict: for training: a journey ends where the car leaves its road or lane, or stands.
 
     Raises:
+        InvalidTrialError: one of the trial's fields cannot be.
         FaultNotApplicableError: this version or the approach does not admit the fault.
         TrafficTooDenseError: the town has no room for so many other road users.
     """
@@ -90,6 +92,7 @@ class Episode:
         camera: "Camera | None" = None,
         strict: bool = False,
     ) -> None:
+        check_trial(trial)
         self.trial = trial
         self.track = track
         self.town = load_town(trial.town)

@@ -7,6 +7,7 @@
     ├── EpisodeNotStartedError               a step before the first reset
     ├── EpisodeAlreadyFinishedError          a step after the end
     ├── TrafficTooDenseError (ValueError)    the trial has more road users than its town has room for
+    ├── InvalidTrialError (ValueError)       a trial's field cannot be
     ├── TrialNotAloneError (ValueError)      egos of one batch drive alone, in one town
     ├── TrajectoryError (ValueError)         bytes that are no trajectory
     └── SimulatorError
@@ -36,6 +37,10 @@ class EpisodeAlreadyFinishedError(SimError):
 
 class TrafficTooDenseError(SimError, ValueError):
     """The trial has more road users than its town has room for; the message names the field and the room."""
+
+
+class InvalidTrialError(SimError, ValueError):
+    """A trial's field cannot be; the message names it."""
 
 
 class TrialNotAloneError(SimError, ValueError):

@@ -1,6 +1,7 @@
 """What ``wrongturn doctor`` finds of the database, and which addresses are refused."""
 
 import asyncio
+import itertools
 import os
 import socket
 import sqlite3
@@ -27,7 +28,7 @@ def finding(database: str | None = None) -> tuple[bool, str, str]:
     with pytest.MonkeyPatch.context() as patch:
         if database is not None:
             patch.setenv("WRONGTURN_DATABASE", database)
-        _, (name, ok, detail, remedy) = list(cli.checks())
+        _, (name, ok, detail, remedy) = itertools.islice(cli.checks(), 2)
     assert name == "database"
     return ok, detail, remedy
 

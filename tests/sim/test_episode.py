@@ -6,12 +6,14 @@ import sys
 import numpy as np
 import pytest
 
-from wrongturn_protocol import Track
+from wrongturn_networks import draw_journey, load_town
+from wrongturn_protocol import Task, Track
 from wrongturn_sim import (
     Episode,
     EpisodeAlreadyFinishedError,
     EpisodeNotStartedError,
     InvalidActionError,
+    InvalidTrialError,
     Trajectory,
     judge,
 )
@@ -158,3 +160,25 @@ def test_abort(make_trial):
     assert episode.abort() == outcome
     with pytest.raises(EpisodeAlreadyFinishedError):
         episode.step(0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("copied", "path"),
+    [
+        (lambda trial: {"seed": -1}, "trial.seed"),
+        (lambda trial: {"start": trial.start.model_copy(update={"speed": math.nan})}, "trial.start.speed"),
+        (lambda trial: {"traffic": None}, "trial.traffic"),
+        (lambda trial: {"weather": "fog"}, "trial.weather"),
+    ],
+)
+def test_a_trial_that_was_copied_into_nonsense_is_named(make_trial, copied, path):
+    trial = make_trial()
+    with pytest.raises(InvalidTrialError, match=f"^{path}: "):
+        Episode(trial.model_copy(update=copied(trial)), Track.STATE)
+
+
+def test_a_journey_without_an_end_is_named():
+    trial = draw_journey(load_town("junctions"), Task.NAVIGATION, 0)
+    endless = trial.journey.model_copy(update={"time_limit": math.nan})
+    with pytest.raises(InvalidTrialError, match=r"^trial\.journey\.time_limit: "):
+        Episode(trial.model_copy(update={"journey": endless}), Track.STATE)

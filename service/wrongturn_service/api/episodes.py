@@ -54,7 +54,7 @@ async def practise(request: Request) -> Response:
     return Response(body, 201, media_type=wire)
 
 
-@router.post("/{episode}/step", **described(StepReply, 404, 409, 410, body=StepRequest, token=True, binary=True))
+@router.post("/{episode}/step", **described(StepReply, 404, 409, 410, 429, body=StepRequest, token=True, binary=True))
 async def step(request: Request, episode: str) -> Response:
     """Step: drive on for 0.1 s. The same seq with the same action gives the stored reply."""
     wire = accepted(request)
@@ -95,7 +95,7 @@ async def trajectory(request: Request, episode: str) -> Response:
     return Response(body, media_type=Wire.JSON, headers={"ETag": f'"{sha256}"'})
 
 
-@router.delete("/{episode}", **described(None, 404, 409, 410, status=204, token=True))
+@router.delete("/{episode}", **described(None, 404, 409, 410, 429, status=204, token=True))
 async def abort(request: Request, episode: str) -> Response:
     """End the episode; a scored one counts as ``aborted``, which is unsafe."""
     caller = await caller_of(request)

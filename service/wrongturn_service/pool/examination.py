@@ -1,0 +1,48 @@
+"""What a simulator of this machine takes, for ``wrongturn doctor``."""
+
+import asyncio
+import time
+
+from wrongturn_service.pool.local import COMMAND, LocalSimulator
+from wrongturn_service.pool.memory import available_memory, memory_of
+from wrongturn_service.settings import Settings
+
+_MIB = 2**20
+
+
+class TooLittleMemoryError(Exception):
+    """As many simulators as are set do not fit into this machine's memory."""
+
+
+def examine(settings: Settings) -> str:
+    """Start one simulator and say how long that took and what memory it has.
+
+    Raises:
+        SimulatorStartError: it does not start.
+        TooLittleMemoryError: as many as are set do not fit.
+    """
+    return asyncio.run(_examine(settings))
+
+
+async def _examine(settings: Settings) -> str:
+    available = available_memory()
+    began = time.monotonic()
+    simulator = await LocalSimulator.start(
+        COMMAND,
+        {"WRONGTURN_HOME": str(settings.home)},
+        start_timeout_s=settings.simulator_start_timeout_s,
+        timeout_s=settings.simulator_timeout_s,
+    )
+    try:
+        seconds = time.monotonic() - began
+        memory = memory_of(simulator.process.pid)
+    finally:
+        await simulator.close()
+    count = settings.simulators + settings.spare_simulators
+    found = (
+        f"one was ready after {seconds:.1f} s and has {memory / _MIB:.0f} MiB; {count} of them, with the spare, "
+        f"{count * memory / _MIB:.0f} MiB of {available / _MIB:.0f} that are free"
+    )
+    if available and count * memory > available:
+        raise TooLittleMemoryError(found)
+    return found
