@@ -10,6 +10,7 @@ Requests: ``["reset", trial, track, actions, wire, place]``, ``["step", steer, t
 An observation as raw arrays is written to the place on the screen, and the reply has its number of bytes.
 """
 
+import contextlib
 import hashlib
 import math
 import signal
@@ -143,7 +144,8 @@ def main() -> None:
     # Ctrl-C goes to the whole group of processes; the service decides when its simulators end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    with socket.socket(fileno=int(sys.argv[1])) as connection:
+    # Where the service was killed meanwhile, nobody is left to answer.
+    with socket.socket(fileno=int(sys.argv[1])) as connection, contextlib.suppress(ConnectionError):
         serve(connection, int(sys.argv[2]), Painter(int(sys.argv[3])))
 
 
