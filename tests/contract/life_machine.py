@@ -13,8 +13,17 @@ from hypothesis import strategies as st
 from hypothesis.stateful import initialize, invariant, precondition, rule
 from life_model import TRIALS, Agent, Evaluation
 from living import PRACTISED, WAYS
-from served_app import ABORT_S, RELEASE_S
+from served_app import ABORT_S, LARGEST, RELEASE_S
 
+from wrongturn_protocol import wire
+
+BROKEN: list[tuple[bytes | str, str, int]] = [
+    ("text", "text-message", 1003),
+    (wire.pack_calls(1, [["look", "ep_1"]])[:-1], "truncated-message", 1007),
+    (wire.pack_calls(1, []), "malformed-message", 1007),
+    (bytes(LARGEST + 1), "message-too-large", 1009),
+]
+"""Messages, and what the connection ends with."""
 EXPECTED_ERRORS = {"episode invalid", "simulator start failed"}
 
 
@@ -36,11 +45,12 @@ class Life(EvaluationRules, EpisodeRules):
     def another_token(self, data: st.DataObject) -> None:
         """The old one is nobody's from then on, over an open socket too."""
         agent = self.an_agent(data)
+        assert self.call(agent, Way.SOCKET, "look", "none").kind == "unknown-episode"
         told = self.http(agent, "POST", "/v1/agents/{agent}/token", agent=agent.id)
         assert told.status == 201
         old = Agent(agent.id, agent.token)
         agent.token = told.fields["token"]
-        self.served.wait(self.answers.forget(old.token))
+        assert self.served.wait(self.answers.last_word(old.token)) == ("unauthenticated", 1008)
         assert self.call(old, Way.JSON, "look", "ep_1").kind == "unauthenticated"
 
     @precondition(lambda self: self.keys)
@@ -63,6 +73,13 @@ class Life(EvaluationRules, EpisodeRules):
         answer = self.call(self.an_agent(data), way, name, "none", *rest.get(name, ()))
         assert answer.kind == ("unknown-evaluation" if name == "next" else "unknown-episode")
 
+    @precondition(lambda self: len(self.world.open) > 1)
+    @rule(data=st.data(), broken=st.sampled_from(BROKEN))
+    def break_the_rules_of_the_socket(self, data: st.DataObject, broken: tuple[bytes | str, str, int]) -> None:
+        """The connection ends with its name, and nothing that was driven over it."""
+        message, *expected = broken
+        assert self.served.wait(self.answers.last_word(self.an_agent(data).token, message)) == tuple(expected)
+
     @precondition(lambda self: self.world.open)
     @rule(seconds=st.sampled_from([RELEASE_S + 1, RELEASE_S + 1, ABORT_S + 1]))
     def silence(self, seconds: float) -> None:
@@ -81,7 +98,7 @@ class Life(EvaluationRules, EpisodeRules):
         ).fields["state"] == "running":
             await asyncio.sleep(0.01)
 
-    @precondition(lambda self: self.world.episodes)
+    @precondition(lambda self: len(self.world.open) > 1)
     @rule()
     def restart(self) -> None:
         self.served.restart()

@@ -88,9 +88,8 @@ class Living(RuleBasedStateMachine):
         assert told.fields["finished"] == evaluation.finished
         path = "/v1/evaluations/{evaluation}/episodes"
         listed = self.http(evaluation.agent, "GET", path, evaluation=evaluation.id).fields["episodes"]
-        assert {found["id"]: found["state"] for found in listed} == {
-            episode.id: episode.state for episode in evaluation.episodes
-        }
+        states = {found["id"]: found["state"] for found in listed}
+        assert states == {episode.id: episode.state for episode in evaluation.episodes}, (states, evaluation)
         if evaluation.state == "finished":
             assert told.fields["metrics"]["unsafe"]["trials"] == TRIALS // 2
             trials = [found["trial"] for found in listed if found["state"] == "finished"]

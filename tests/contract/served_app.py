@@ -16,18 +16,22 @@ from unittest.mock import patch
 import httpx
 import structlog
 import uvicorn
+import uvloop
 from fake_pool import FakePool
 
 from wrongturn_service.api import evaluations
 from wrongturn_service.app import create_app
 from wrongturn_service.episodes.lease import Lease, Terms
 from wrongturn_service.episodes.line import Line
+from wrongturn_service.server import configuration
 from wrongturn_service.settings import Settings
 
 T = TypeVar("T")
 RELEASE_S = 10.0
 ABORT_S = 600.0
 SLOTS = 4
+LARGEST = 65536
+"""Bytes of a message or body."""
 STEPS = 4
 """Of an episode until it is over."""
 PARALLEL = 3
@@ -48,7 +52,7 @@ class ServedApp:
     """One service; ``wait`` lets it run until a coroutine of the test is done."""
 
     def __init__(self, folder: Path) -> None:
-        self.loop = asyncio.new_event_loop()
+        self.loop = uvloop.new_event_loop()
         self.pool = FakePool(SLOTS)
         self.pool.steps = STEPS
         self.now = 0.0
@@ -62,6 +66,9 @@ class ServedApp:
             max_parallel=PARALLEL,
             max_practice=PRACTICE,
             max_waiting=WAITING,
+            body_limit=LARGEST,
+            slow_client_s=3600,
+            ping_interval_s=3600,
             shutdown_grace_s=0.1,
             lease_release_s=RELEASE_S,
             lease_abort_s=ABORT_S,
@@ -85,29 +92,16 @@ class ServedApp:
         raise structlog.DropEvent
 
     def _start(self) -> None:
-        # Named as TCP, or asyncio lets small packets wait for one another.
-        bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-        bound.bind(("127.0.0.1", 0))
+        bound = socket.create_server(("127.0.0.1", 0))
         self.url = f"http://127.0.0.1:{bound.getsockname()[1]}"
         self.app = create_app(self._settings, pool=self.pool)
-        config = uvicorn.Config(
-            self.app,
-            http="httptools",
-            ws="websockets-sansio",
-            ws_per_message_deflate=False,
-            lifespan="on",
-            log_config=None,
-            log_level="critical",
-            access_log=False,
-            # Between two calls the loop stands still for as long as the test thinks.
-            timeout_keep_alive=3600,
-            ws_ping_interval=None,
-            timeout_graceful_shutdown=2,
-        )
+        config = configuration(self.app, self._settings)
+        # Between two calls the loop stands still for as long as the test thinks.
+        config.timeout_keep_alive = 3600
         self._server = SilentServer(config)
         self._serving = self.loop.create_task(self._server.serve([bound]))
         self.wait(self._started())
-        self.http = httpx.AsyncClient(base_url=self.url, timeout=30)
+        self.http = httpx.AsyncClient(base_url=self.url, timeout=30, verify=False)  # no certificates to load
 
     async def _started(self) -> None:
         while not self._server.started:
