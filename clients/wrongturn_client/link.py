@@ -117,14 +117,14 @@ class Link:
         """Take what comes next, and answer pings."""
         try:
             data = self._socket.recv(_PIECE)
+            if data:
+                self._protocol.receive_data(data)
+            else:
+                self._protocol.receive_eof()
+            self._events += [event for event in self._protocol.events_received() if isinstance(event, Frame)]
+            self._flush()
         except OSError as error:
             raise ConnectionBrokeError(str(error) or type(error).__name__) from error
-        if data:
-            self._protocol.receive_data(data)
-        else:
-            self._protocol.receive_eof()
-        self._events += [event for event in self._protocol.events_received() if isinstance(event, Frame)]
-        self._flush()
 
     def _flush(self) -> None:
         for data in self._protocol.data_to_send():

@@ -30,6 +30,7 @@ from wrongturn_protocol.wire import Call
 
 _BRIEFLY: Final = 5.0
 """Seconds of patience while simulators are held by environments that wait for others: after 10 they would be lost."""
+_STEP: Final = Call.STEP.value
 _FULL: Final = frozenset({ProblemType.SIMULATORS_BUSY, ProblemType.RATE_LIMITED})
 
 
@@ -155,7 +156,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         rows = checked_actions(actions, driven, InvalidActionError).tolist()
         results = self._practice.exchange(
             [
-                self._draw(i) if waiting[i] else [Call.STEP.value, self._episodes[i], self._seqs[i] + 1, *rows[i]]
+                self._draw(i) if waiting[i] else [_STEP, self._episodes[i], self._seqs[i] + 1, *rows[i]]
                 for i in range(self.num_envs)
             ]
         )

@@ -48,6 +48,15 @@ class Cable:
     def cut(self) -> None:
         _end(*self._open)
 
+    def hang_up(self) -> None:
+        """A last word, a ping, and gone: who answers it finds nobody."""
+        for near in self._open[::2]:
+            near.sendall(b"\x89\x00")
+        self.cut()
+        for end in self._open:
+            end.close()
+        self._open.clear()
+
     def close(self) -> None:
         self._listener.close()
         self.cut()

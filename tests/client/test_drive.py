@@ -2,6 +2,7 @@
 
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
@@ -142,6 +143,17 @@ def test_an_evaluation_goes_on_after_each_cut(client: Client, cable: Cable) -> N
     assert cable.plugged > policy.steps // 20
     episodes = client.finished_episodes(evaluation.id)
     assert sum(episode.seq for episode in episodes) == policy.steps
+
+
+def test_a_last_ping_that_cannot_be_answered_costs_no_step(client: Client, cable: Cable) -> None:
+    with Client(cable.url, client._token) as hung, hung.drive() as drive:
+        episode = drive.practise(REQUEST).id
+        cable.hang_up()
+        time.sleep(0.1)  # what is sent now is answered by a reset, behind the ping
+        assert drive.step(episode, 1, GAS).seq == 1
+        assert drive.step(episode, 2, GAS).seq == 2
+        assert cable.plugged == 2
+        drive.abort_episode(episode)
 
 
 def test_open_episodes_are_gone_on_with(client: Client) -> None:
