@@ -1,0 +1,237 @@
+"""More clients than there is room for, and clients that vanish: nothing leaks, and nobody is kept waiting unanswered.
+
+The short ones run with the others; the long ones by ``pytest -m soak -s tests/system/test_overload.py``, which prints
+their figures.
+"""
+
+import asyncio
+import contextlib
+import json
+import statistics
+import sys
+import time
+import uuid
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
+
+from raw_socket import dial, frame, upgrade
+from service_harness import GAS, RunningService, expect
+
+from wrongturn_protocol import wire
+
+PRACTICE = {"town": "Town01", "approach": "J3-S", "track": "segmentation"}
+GROWTH = 1.1
+"""Times the memory that there was before."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much of it."""
+
+    slots: int
+    connections: int
+    seconds: float
+
+
+SIZES = [
+    pytest.param(Size(slots=2, connections=100, seconds=6.0), id="short"),
+    pytest.param(
+        Size(slots=16, connections=1000, seconds=120.0), id="full", marks=[pytest.mark.soak, pytest.mark.timeout(1200)]
+    ),
+]
+
+
+@contextlib.contextmanager
+def _service(folder: Path, size: Size, **settings: object) -> Iterator[RunningService]:
+    running = RunningService(
+        folder / "wrongturn.db",
+        simulators=size.slots,
+        registration_limit=100_000,
+        max_sockets=10_000,
+        max_sockets_per_address=10_000,
+        log_level="warning",
+        **settings,
+    )
+    try:
+        assert running.ready, running.stderr
+        yield running
+        assert running.stop() == 0, running.stderr
+    finally:
+        running.kill() if running.process.poll() is None else None
+
+
+def _resident(service: RunningService) -> int:
+    """kB of the service's own process."""
+    status = Path(f"/proc/{service.process.pid}/status").read_text(encoding="ascii")
+    return next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS"))
+
+
+def _figures(service: RunningService) -> dict[str, float]:
+    lines = httpx.get(service.url + "/metrics", timeout=60).text.splitlines()
+    return {name: float(value) for name, _, value in (line.rpartition(" ") for line in lines if line[0] != "#")}
+
+
+def _await_figures(service: RunningService, seconds: float, **wanted: float) -> dict[str, float]:
+    deadline = time.monotonic() + seconds
+    while True:
+        figures = _figures(service)
+        if all(figures[f"wrongturn_{name}"] == value for name, value in wanted.items()):
+            return figures
+        assert time.monotonic() < deadline, {name: figures[f"wrongturn_{name}"] for name in wanted}
+        time.sleep(0.2)
+
+
+def _report(**figures: object) -> None:
+    sys.stdout.write(json.dumps(figures) + "\n")
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_connections_whose_clients_are_gone_without_a_word(tmp_path: Path, size: Size) -> None:
+    """Each answers no ping, takes no reply, and has asked for a reset, by half or whole, over HTTP or the socket."""
+    reset = frame(wire.pack_calls(1, [["practise", PRACTICE, None]]))
+    patience = {"lease_release_s": 2, "lease_abort_s": 4, "slow_client_s": 5, "ping_interval_s": 2, "ping_timeout_s": 3}
+
+    def vanish(service: RunningService, token: str, count: int) -> None:
+        silent = []
+        try:
+            for number in range(count):
+                raw = dial(service, 4096)
+                silent.append(raw)
+                if number % 10 == 9:
+                    raw.sendall(b"POST /v1/episodes HTTP/1.1\r\nHost: x\r\n")
+                    continue
+                assert b" 101 " in upgrade(raw, token)
+                raw.sendall(reset if number % 2 else reset[:-10])
+            held = _figures(service)
+            memory = _resident(service)
+            gone = _await_figures(
+                service, 300, sockets=0, open_episodes=0, leases_held=0, simulators_busy=0, simulators_awaited=0
+            )
+        finally:
+            for raw in silent:
+                raw.close()
+        if count == size.connections:
+            assert held["wrongturn_sockets"] > size.connections / 2
+            closed = {name: value for name, value in gone.items() if "connections_closed_total" in name and value}
+            _report(connections=count, sockets=held["wrongturn_sockets"], kB_while=memory, closed=closed)
+
+    with _service(tmp_path, size, **patience) as service, service.agent() as agent:
+        vanish(service, agent.token, size.connections // 2)
+        before = _resident(service)
+        vanish(service, agent.token, size.connections)
+        after = _resident(service)
+        _report(kB_before=before, kB_after=after)
+        assert after < GROWTH * before
+        # All slots are there again.
+        opened = [agent.practise()["id"] for _ in range(size.slots)]
+        for episode in opened:
+            expect(agent.step(episode, 1), 200)
+
+
+@dataclass
+class Client:
+    """One of too many."""
+
+    headers: dict[str, str]
+    begun: int = 0
+    finished: int = 0
+    refused: Counter[int] = field(default_factory=Counter)
+    positions: list[int] = field(default_factory=list)
+    waits: list[float] = field(default_factory=list)
+    strange: list[str] = field(default_factory=list)
+
+
+async def _crowd(http: httpx.AsyncClient, client: Client, deadline: float) -> None:
+    key, since = str(uuid.uuid4()), time.monotonic()
+    while time.monotonic() < deadline:
+        response = await http.post("/v1/episodes", json=PRACTICE, headers={**client.headers, "Idempotency-Key": key})
+        if response.status_code in {429, 503}:
+            await asyncio.sleep(_pause(client, response))
+            continue
+        client.begun += 1
+        client.waits.append(time.monotonic() - since)
+        if await _drive(http, client, expect(response, 201)["id"]):
+            client.finished += 1
+        key, since = str(uuid.uuid4()), time.monotonic()
+
+
+async def _drive(http: httpx.AsyncClient, client: Client, episode: str) -> bool:
+    seq = 1
+    while True:
+        body = {"seq": seq, "action": GAS}
+        response = await http.post(
+            f"/v1/episodes/{episode}/step",
+            json=body,
+            headers={**client.headers, "Accept": "application/msgpack"},
+        )
+        if response.status_code in {429, 503}:
+            await asyncio.sleep(_pause(client, response))
+            continue
+        if response.status_code != 200:
+            client.strange.append(f"{response.status_code} {response.text[:200]}")
+            return False
+        if b"verdict" in response.content:
+            return True
+        seq += 1
+
+
+def _pause(client: Client, response: httpx.Response) -> float:
+    told: dict[str, Any] = response.json()
+    client.refused[response.status_code] += 1
+    client.positions.append(told["position"])
+    return int(response.headers["Retry-After"])
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_ten_times_more_clients_than_slots(tmp_path: Path, size: Size) -> None:
+    """All is answered: an episode that comes to its end, or a place and when to come back."""
+    clients: list[Client] = []
+    memory: list[int] = []
+
+    async def crowd(service: RunningService, seconds: float) -> None:
+        limits = httpx.Limits(max_connections=None, max_keepalive_connections=None)
+        async with httpx.AsyncClient(base_url=service.url, timeout=120, limits=limits) as http:
+            if not clients:
+                for number in range(10 * size.slots):
+                    body = {"name": f"one of too many {number}", "track": "segmentation"}
+                    token = expect(await http.post("/v1/agents", json=body), 201)["token"]
+                    clients.append(Client({"Authorization": f"Bearer {token}"}))
+            deadline = time.monotonic() + seconds
+            await asyncio.gather(*(_crowd(http, client, deadline) for client in clients))
+
+    with _service(tmp_path, size) as service:
+        # What each process and connection takes once is there after a while.
+        asyncio.run(crowd(service, size.seconds / 4))
+        for _ in range(2):
+            memory.append(_resident(service))
+            asyncio.run(crowd(service, size.seconds / 2))
+        memory.append(_resident(service))
+        figures = _figures(service)
+    refused = sum((client.refused for client in clients), Counter())
+    assert not [strange for client in clients for strange in client.strange]
+    assert sum(client.begun for client in clients) == sum(client.finished for client in clients) > 0
+    assert refused.keys() <= {429, 503}
+    assert sum(refused.values()) > 0
+    assert all(1 <= position <= len(clients) for client in clients for position in client.positions)
+    assert figures["wrongturn_open_episodes"] == figures["wrongturn_simulators_busy"] == 0
+    each = [client.finished for client in clients]
+    waits = sorted(wait for client in clients for wait in client.waits)
+    _report(
+        slots=size.slots,
+        clients=len(clients),
+        seconds=size.seconds,
+        finished=sum(each),
+        each={"least": min(each), "median": statistics.median(each), "most": max(each)},
+        refused=dict(refused),
+        wait_s={"median": round(statistics.median(waits), 2), "longest": round(waits[-1], 2)},
+        kB=memory,
+    )
+    assert memory[-1] < GROWTH * memory[0]
