@@ -64,10 +64,10 @@ class FakeSimulator(Simulator):
         return self._final(Verdict.ABORTED)
 
     def _fail(self, deaths: list[None]) -> None:
-        if self.is_dead or deaths:
-            if deaths:
-                deaths.pop()
+        if deaths and not self.is_dead:
+            deaths.pop()
             self.is_dead = True
+        if self.is_dead:
             raise SimulatorDiedError("played")
 
     def _frame(self, wire: Wire) -> Frame:

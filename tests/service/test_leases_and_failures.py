@@ -353,3 +353,22 @@ def test_an_episode_that_begins_between_an_evaluations_cancelling_and_its_end(tm
             assert not pool.taken
 
     play(story)
+
+
+def test_an_evaluation_that_is_cancelled_while_its_trials_are_laid_out(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool()) as http:
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            store = http.app.state.service.store  # type: ignore[attr-defined]
+            trials = store.trials_by_state
+
+            async def late(evaluation_id: str) -> Any:
+                expect(await http.delete(f"/v1/evaluations/{evaluation}"), 200)
+                return await trials(evaluation_id)
+
+            store.trials_by_state = late
+            for _ in range(2):
+                problem(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 409, "evaluation-cancelled")
+            assert expect(await http.get(f"/v1/evaluations/{evaluation}/episodes"), 200)["episodes"] == []
+
+    play(story)

@@ -52,6 +52,11 @@ class RunningEvaluations:
                 done = await self._store.trials_by_state(evaluation.id)
                 found = Schedule(suite.episodes, evaluation.secret, done[EpisodeState.FINISHED])
                 self._schedules[evaluation.id] = found
+                # Only now would a cancelling find it to drop it; one that came before is seen here.
+                newest = await self._store.evaluation(evaluation.id)
+                if newest is None or newest.state == EvaluationState.CANCELLED:
+                    self.drop(evaluation.id)
+                    raise cancelled(evaluation.id)
         return found
 
     def known(self, evaluation_id: str) -> Schedule | None:
