@@ -25,7 +25,9 @@ SUITE = "smoke@1"
 SEATS = (("careful", HTTP, 2), ("obeys-blindly", SOCKET, 2), ("careful", SOCKET, 1))
 """Agents that drive at the same time: their policy, by which channel, and how many episodes at a time."""
 PATIENCE_S = 120.0
-_WRITE_S = 3.0
+_WRITE_S = 2.0
+_COUNTED_S = 1.5
+"""Seconds in which the last replays are counted."""
 RELEASE_S = 1.5
 """Seconds of silence after which a simulator goes to others: some killed clients are back before, some after."""
 
@@ -40,7 +42,7 @@ class Report:
     retries: int = 0
     gone_on_with: int = 0
     """Episodes that were open when their client was killed, and were driven to their end by the one that came after."""
-    replays: float = 0
+    replays: int = 0
     refusals: Counter[str] = field(default_factory=Counter)
     gave_up: Counter[str] = field(default_factory=Counter)
     """Why workers ended by themselves, to be started again."""
@@ -65,6 +67,11 @@ class Seat:
         self._worker: Kept | None = None
         self._name = name
         self.thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+
+    @property
+    def there(self) -> bool:
+        """Whether its program runs."""
+        return self._worker is not None and self._worker.pid is not None
 
     def kill(self, back_s: float) -> bool:
         killed = self._worker is not None and self._worker.kill(back_s)
@@ -152,14 +159,14 @@ def run(store: Store, folder: Path, kills: Sequence[Moment], seats: Sequence[tup
             time.sleep(kill.pause_s)
             if kill.at_write:
                 _await_write(store)
-            until(lambda kill=kill: _kill(kill, service, store, driving), 60.0, f"nothing to kill: {kill}")
+            until(lambda kill=kill: _kill(kill, service, store, driving), 120.0, f"nothing to kill: {kill}")
             report.kills[kill.victim] += 1
             if kill.victim in {SERVICE, POSTGRES}:
                 disturbances.append(time.time())
         for seat in driving:
             seat.last.set()
         _await(driving)
-        service.note_replays()
+        time.sleep(_COUNTED_S)
         report.replays = service.replays
     finally:
         for seat in taken:
@@ -183,7 +190,8 @@ def _kill(kill: Moment, service: Service, store: Store, seats: Sequence[Seat]) -
     if kill.victim == POSTGRES:
         return store.kill(kill.pick)
     if kill.victim == CLIENT:
-        return seats[int(kill.pick * len(seats))].kill(kill.back_s)
+        there = [seat for seat in seats if seat.there]
+        return bool(there) and there[int(kill.pick * len(there))].kill(kill.back_s)
     assert kill.victim == SIMULATOR
     found = service.simulators()
     if not found:
@@ -202,7 +210,7 @@ def _await_write(store: Store) -> None:
         time.sleep(0.001)
 
 
-def _await(seats: Sequence[Seat], timeout_s: float = 180.0) -> None:
+def _await(seats: Sequence[Seat], timeout_s: float = 240.0) -> None:
     deadline = time.monotonic() + timeout_s
     for seat in seats:
         seat.thread.join(max(0.0, deadline - time.monotonic()))

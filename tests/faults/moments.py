@@ -8,7 +8,7 @@ ALL = (SERVICE, SIMULATOR, CLIENT, POSTGRES)
 NO_SERVER = (SERVICE, SIMULATOR, CLIENT)
 """Where the database is a file."""
 WEIGHTS = {SERVICE: 2, SIMULATOR: 4, CLIENT: 3, POSTGRES: 2}
-_OFTEN_S, _AT_ONCE_S = (0.2, 3.5), (0.0, 0.3)
+_OFTEN_S, _AT_ONCE_S = (0.1, 2.5), (0.0, 0.3)
 
 
 @dataclass(frozen=True)

@@ -102,31 +102,41 @@ class Service(Kept):
     def __init__(self, database: str, log: Path, **settings: object) -> None:
         port = free_port()
         self.url = f"http://127.0.0.1:{port}"
-        self.replays = 0.0
-        """Episodes that were brought back in another simulator, as far as it could be asked before it was killed."""
         self.kills: list[float] = []
+        self._replays: dict[int, float] = {}
+        self._counting = threading.Thread(target=self._count, daemon=True)
         command = [sys.executable, "-m", "wrongturn_service", "--port", str(port), "--database", database]
         super().__init__(command, log, {f"WRONGTURN_{name.upper()}": str(value) for name, value in settings.items()})
 
-    def await_ready(self, timeout_s: float = 120.0) -> None:
+    def await_ready(self, timeout_s: float = 240.0) -> None:
         until(lambda: self._get("/health/ready") is not None, timeout_s, "the service is not ready")
 
+    def start(self) -> None:
+        super().start()
+        self._counting.start()
+
+    @property
+    def replays(self) -> int:
+        """Episodes that were brought back in another simulator, as far as it could be asked before it was killed."""
+        return int(sum(self._replays.values()))
+
     def kill(self, back_s: float = _AGAIN_S) -> bool:
-        self.note_replays()
         self.kills.append(time.time())
         return super().kill(back_s)
 
     def simulators(self) -> list[int]:
         return [] if self.pid is None else children(self.pid)
 
-    def note_replays(self) -> None:
-        for line in (self._get("/metrics") or "").splitlines():
-            if line.startswith("wrongturn_replays_total "):
-                self.replays += float(line.split()[1])
+    def _count(self) -> None:
+        while not self._stopping.wait(1.0):
+            pid = self.pid
+            for line in (self._get("/metrics") or "").splitlines():
+                if line.startswith("wrongturn_replays_total ") and pid is not None and pid == self.pid:
+                    self._replays[pid] = float(line.split()[1])
 
     def _get(self, path: str) -> str | None:
         with contextlib.suppress(httpx.HTTPError):
-            response = httpx.get(self.url + path, timeout=1.0)
+            response = httpx.get(self.url + path, timeout=5.0)
             return response.text if response.is_success else None
         return None
 

@@ -25,7 +25,7 @@ def show(reports: list[Report]) -> None:
     line("last replies acknowledged", *(report.findings.acknowledged for report in reports))
     line("retries of clients", *(report.retries for report in reports))
     line("clients that gave up and came again", *(report.gave_up.total() for report in reports))
-    line("replays in another simulator", *(f"{report.replays:.0f}" for report in reports))
+    line("replays in another simulator", *(report.replays for report in reports))
     line("gone on with by the next client", *(report.gone_on_with for report in reports))
     line("voided and driven again", *(report.findings.voided.total() for report in reports))
     table.add_section()

@@ -38,22 +38,22 @@ def check(report: Report, kills: int) -> None:
 
 
 def test_a_few_kills_with_sqlite(tmp_path: Path) -> None:
-    check(run(File(tmp_path), tmp_path, moments(6, 6, NO_SERVER), FEW_SEATS), 6)
+    check(run(File(tmp_path), tmp_path, moments(19, 6, NO_SERVER), FEW_SEATS), 6)
 
 
 def test_a_few_kills_with_postgresql(postgres: Server, tmp_path: Path) -> None:
-    check(run(postgres, tmp_path, moments(4, 4, ALL), FEW_SEATS), 4)
+    check(run(postgres, tmp_path, moments(11, 4, ALL), FEW_SEATS), 4)
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(3600)
 def test_a_hundred_kills_with_sqlite(tmp_path: Path) -> None:
-    seed = int(os.environ.get("WRONGTURN_FAULT_SEED", "1"))
+    seed = int(os.environ.get("WRONGTURN_FAULT_SEED", "3"))
     check(run(File(tmp_path), tmp_path, moments(seed, 100, NO_SERVER)), 100)
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(3600)
 def test_a_hundred_kills_with_postgresql(postgres: Server, tmp_path: Path) -> None:
-    seed = int(os.environ.get("WRONGTURN_FAULT_SEED", "1"))
+    seed = int(os.environ.get("WRONGTURN_FAULT_SEED", "3"))
     check(run(postgres, tmp_path, moments(seed, 100, ALL)), 100)
