@@ -128,3 +128,22 @@ def test_more_environments_than_simulators_and_a_service_that_is_killed(
         assert not truncated.any()
         envs.close()
         assert _figure(first.url, "wrongturn_open_episodes") == 0
+
+
+def test_stable_baselines_learns_over_the_wire(service: LocalService) -> None:
+    ppo = pytest.importorskip("stable_baselines3").PPO
+    from wrongturn_agents.training import WrongturnVecEnv
+
+    envs = WrongturnVecEnv(2, url=service.url, town="junctions", track="privileged")
+    before = _figure(service.url, "wrongturn_steps_total")
+    ppo("MultiInputPolicy", envs, n_steps=16, batch_size=16, n_epochs=1, seed=1, device="cpu").learn(64)
+    assert _figure(service.url, "wrongturn_steps_total") - before == 64
+    envs.seed(3)
+    envs.reset()
+    told: list[dict[str, Any]] = []
+    while not told:
+        _, _, dones, infos = envs.step(_gas(2))
+        told = [infos[i] for i in np.flatnonzero(dones)]
+    assert envs.observation_space.contains(told[0]["terminal_observation"])
+    assert {"verdict", "trial", "TimeLimit.truncated"} <= told[0].keys()
+    envs.close()

@@ -1,4 +1,4 @@
-"""Many egos in one process for Stable-Baselines3."""
+"""Many egos in one process, or of a service, for Stable-Baselines3."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -10,26 +10,29 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
+from wrongturn_client import RemoteVectorEnv
 from wrongturn_sim import WrongturnVectorEnv
 
 
 class WrongturnVecEnv(VecEnv):
-    """A :class:`~wrongturn_sim.vector_env.WrongturnVectorEnv` as a ``VecEnv``.
+    """A :class:`~wrongturn_sim.vector_env.WrongturnVectorEnv` as a ``VecEnv``; over the wire where ``url`` is given.
 
     An episode that ended is followed by the next one at once, as Stable-Baselines3 wants it: ``infos[i]`` then holds
-    ``terminal_observation`` and ``TimeLimit.truncated``, beside ``verdict`` and ``outcome`` of the one that ended and
-    the ``trial`` of the one that began.
+    ``terminal_observation`` and ``TimeLimit.truncated``, beside what the one that ended came to (``verdict``, and
+    ``outcome`` in process) and the ``trial`` of the one that began.
 
     Args:
         num_envs: how many.
-        options: as the vectorised environment's, such as ``town``, ``track``, ``fault``, ``weather``, ``threads``.
+        options: as the vectorised environment's, such as ``town``, ``track``, ``fault``, ``weather``, ``threads``; with
+            ``url``, of a service, as :class:`wrongturn_client.RemoteVectorEnv`'s.
 
     Raises:
         ValueError: names that do not exist, or do not go together.
     """
 
     def __init__(self, num_envs: int, **options: Any) -> None:
-        self.envs = WrongturnVectorEnv(num_envs, **options, autoreset_mode=AutoresetMode.SAME_STEP)
+        made = RemoteVectorEnv if "url" in options else WrongturnVectorEnv
+        self.envs = made(num_envs, **options, autoreset_mode=AutoresetMode.SAME_STEP)
         self._waiting: NDArray[Any] | None = None
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
 
@@ -68,8 +71,7 @@ class WrongturnVecEnv(VecEnv):
             infos[i] = {
                 "terminal_observation": told["final_obs"][i],
                 "TimeLimit.truncated": bool(truncated[i]),
-                "verdict": told["final_info"]["verdict"][i],
-                "outcome": told["final_info"]["outcome"][i],
+                **_of(told["final_info"], i),
                 "trial": told["trial"][i],
                 "town": told["town"][i],
             }
@@ -115,6 +117,11 @@ class WrongturnVecEnv(VecEnv):
     def _chosen(self, indices: VecEnvIndices) -> Iterable[int]:
         chosen: Iterable[int] = self._get_indices(indices)
         return chosen
+
+
+def _of(infos: dict[str, Any], i: int) -> dict[str, Any]:
+    """What is told of one environment."""
+    return {name: infos[name][i] for name in infos if not name.startswith("_") and infos[f"_{name}"][i]}
 
 
 def _pairs(infos: dict[str, Any], *names: str) -> Iterable[tuple[Any, ...]]:
