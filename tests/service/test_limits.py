@@ -197,3 +197,27 @@ def test_a_refused_reset_takes_nothing_of_the_limit(tmp_path: Path) -> None:
             expect(await http.post("/v1/episodes", json=PRACTICE), 201)
 
     play(story)
+
+
+def test_a_database_whose_file_is_gone_is_not_written_to(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool()) as http:
+            expect(await http.get("/health/ready"), 200)
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            reset = f"/v1/evaluations/{evaluation}/episodes"
+            episode = expect(await http.post(reset), 201)["id"]
+            file = tmp_path / "a.db"
+            file.rename(tmp_path / "elsewhere.db")
+            for call in (http.get("/health/ready"), http.post(reset), http.delete(f"/v1/episodes/{episode}")):
+                response = await call
+                problem(response, 503, "storage-failed")
+                assert int(response.headers["retry-after"]) >= 1
+            file.write_bytes(b"")  # another of the name is none either
+            problem(await http.get("/health/ready"), 503, "storage-failed")
+            file.unlink()
+            (tmp_path / "elsewhere.db").rename(file)
+            expect(await http.get("/health/ready"), 200)
+            expect(await http.post(reset), 201)
+            assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
+
+    play(story)

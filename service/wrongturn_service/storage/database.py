@@ -23,11 +23,23 @@ _READ = "wrongturn_read"
 _BUSY_MS = 30_000
 
 
+class DatabaseGoneError(SQLAlchemyError):
+    """The file was deleted, moved or replaced: what is written is lost with the service."""
+
+
 class Database:
     """An engine with its lock; use :meth:`open`."""
 
-    def __init__(self, engine: AsyncEngine, lock: int | None, ownership: postgres.Ownership | None = None) -> None:
+    def __init__(
+        self,
+        engine: AsyncEngine,
+        lock: int | None,
+        ownership: postgres.Ownership | None = None,
+        file: Path | None = None,
+    ) -> None:
         self._writing = engine
+        self._file = file
+        self._identity = None if file is None else _identity(file)
         options: dict[str, Any] = {_READ: True}
         if ownership is not None:
             options |= {"isolation_level": "REPEATABLE READ", "postgresql_readonly": True}
@@ -87,10 +99,19 @@ class Database:
                 f"the database {shown} was made by another version of Wrongturn ({error}); "
                 f"upgrade Wrongturn, or name another database by {location.NAMED_BY}",
             ) from error
-        return cls(engine, lock, ownership)
+        return cls(engine, lock, ownership, file)
 
     def check(self) -> None:
-        """Raise DatabaseTakenError where it is known that another service has taken the database."""
+        """Whether it is still there, and this service's, as far as can be known without asking it.
+
+        Raises:
+            DatabaseTakenError: another service has taken it.
+            DatabaseGoneError: its file is another one, or none.
+        """
+        if self._file is not None and _identity(self._file) != self._identity:
+            raise DatabaseGoneError(
+                f"{self._file} was deleted, moved or replaced; put it back, or start the service anew"
+            )
         if self._ownership is not None:
             self._ownership.check_known()
 
@@ -104,6 +125,7 @@ class Database:
     @contextlib.asynccontextmanager
     async def write(self) -> AsyncIterator[AsyncSession]:
         """A session whose changes are on the disk once the block is left, or gone where it raised."""
+        self.check()
         with postgres.told():
             async with self._writer, AsyncSession(self._writing, expire_on_commit=False) as session, session.begin():
                 if self._ownership is not None:
@@ -114,6 +136,14 @@ class Database:
         """Close the connections and let go of the file, or of the server's database."""
         await _close(self._writing, self._lock, self._ownership)
         self._lock = None
+
+
+def _identity(file: Path) -> tuple[int, int] | None:
+    try:
+        found = file.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
 
 
 async def _close(engine: AsyncEngine | None, lock: int | None, ownership: postgres.Ownership | None) -> None:
