@@ -1,6 +1,7 @@
 """What the three agents see with: each an encoder of one image of the observation, and what makes it different."""
 
 import copy
+from abc import ABC, abstractmethod
 
 import torch
 from torch import Tensor, nn
@@ -17,7 +18,7 @@ FEATURES = 512
 _DEEP = WIDTHS[-1] * 2 * 6
 
 
-class Encoder(nn.Module):
+class Encoder(nn.Module, ABC):
     """The part of an agent that looks.
 
     Attributes:
@@ -30,9 +31,9 @@ class Encoder(nn.Module):
         """The same observation, its image changed at random, for training."""
         return observation
 
+    @abstractmethod
     def forward(self, observation: Observation) -> Tensor:
         """Encode (B, 64, 192[, 3]) as (B, ``width``), in autocast's dtype."""
-        raise NotImplementedError
 
     def project(self, encoded: Tensor) -> Tensor:
         """What the agent learns to make of (B, ``width``): (B, 512) float32."""

@@ -160,5 +160,5 @@ def _shipped(path: Path) -> dict[str, int]:
         return {}
     try:
         return TypeAdapter(dict[str, int]).validate_json(path.read_bytes())
-    except ValidationError as error:
+    except (OSError, ValidationError) as error:
         raise ResultsError(f"{path.name}: give each agent's seed, as {{'ppo-image': 3}} in JSON ({error})") from error

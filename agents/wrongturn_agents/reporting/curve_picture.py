@@ -54,7 +54,9 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
         try:
             figure.savefig(path, format="svg", metadata=note)
         except OSError as error:
-            raise ResultsError(f"--curves: {path} cannot be written ({error.strerror})") from error
+            raise ResultsError(
+                f"--curves: {path} cannot be written ({error.strerror}); run it from the repository's root"
+            ) from error
 
 
 def check(curves: Sequence[Curve], path: Path) -> None:

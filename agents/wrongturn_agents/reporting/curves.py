@@ -112,7 +112,7 @@ def read_progress(path: Path, agent: str, seed: int, variant: str | None = None)
     if not rows or "step" not in rows[0]:
         raise ResultsError(f"{path}: has no column 'step' with a row; give the progress.csv of a training run")
     try:
-        kept = [name for name in rows[0] if name in COLUMNS or name.startswith(SECONDS)]
+        kept = [name for name in rows[0] if name in COLUMNS or str(name).startswith(SECONDS)]
         columns = {name: tuple(_number(row[name]) for row in rows) for name in kept}
     except ValueError as error:
         raise ResultsError(f"{path}: {error}; give the progress.csv of a training run") from error
@@ -151,7 +151,10 @@ def _place(curve: Curve) -> tuple[int, str, str, int]:
 
 
 def _number(text: str | None) -> float:
-    return math.nan if text is None or not text.strip() else float(text)
+    value = math.nan if text is None or not text.strip() else float(text)
+    if math.isinf(value):
+        raise ValueError(f"{text!r} is not finite")
+    return value
 
 
 def _text(value: float) -> str:

@@ -1,9 +1,12 @@
 """Taking what was driven or trained elsewhere into the stored results."""
 
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+from pydantic import ValidationError
 
 from wrongturn_agents.reporting.collection import check
 from wrongturn_agents.reporting.curves import read_progress
@@ -11,6 +14,12 @@ from wrongturn_agents.reporting.errors import ResultsError
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
 from wrongturn_agents.reporting.suites import SuiteOf
 from wrongturn_protocol import EpisodeDetail
+
+_REMEDY: Final = (
+    "give a file of 'wrongturn score --json' or of 'wrongturn run --json', or the directory of a training run"
+)
+_PLAIN: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+"""Names that a curve's file can be called by."""
 
 
 @dataclass(frozen=True)
@@ -45,19 +54,20 @@ def take_in(source: Path, directory: Path, origin: Origin, suite_of: SuiteOf) ->
         return _curve(source, directory, origin)
     try:
         content = json.loads(source.read_bytes())
-    except (OSError, ValueError) as error:
-        raise ResultsError(f"--import: {source} cannot be read as JSON ({error})") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise ResultsError(f"--import: {source} cannot be read as JSON ({error}); {_REMEDY}") from error
     if isinstance(content, dict) and "trials" in content and "verdict" not in content and "id" not in content:
         file = ResultsFile.read(source)
-    elif isinstance(content, dict) and {"id", "suite", "state"} <= content.keys():
+    elif isinstance(content, dict) and {"id", "suite", "state"} <= content.keys() and isinstance(content["id"], str):
         file = _evaluation(content["id"], suite_of)
     else:
-        raise ResultsError(
-            f"--import: {source} is nothing that can be stored; give a file of 'wrongturn score --json' or of "
-            "'wrongturn run --json', or the directory of a training run",
-        )
+        raise ResultsError(f"--import: {source} is nothing that can be stored; {_REMEDY}")
     told = {name: value for name, value in vars(origin).items() if value is not None}
-    file = ResultsFile.model_validate({**file.model_dump(), **told})
+    try:
+        file = ResultsFile.model_validate({**file.model_dump(), **told})
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise ResultsError(f"--{first['loc'][0]}: {first['input']!r} cannot be one: {first['msg']}") from error
     check(source.name, file, suite_of(file.suite))
     return file.write(directory)
 
@@ -105,11 +115,16 @@ def _curve(run: Path, directory: Path, origin: Origin) -> Path:
     if (run / "config.json").is_file():
         try:
             config = json.loads((run / "config.json").read_bytes())
-        except ValueError as error:
-            raise ResultsError(f"--import: {run / 'config.json'} is no JSON ({error})") from error
+        except (OSError, ValueError, RecursionError) as error:
+            raise ResultsError(f"--import: {run / 'config.json'} cannot be read as JSON ({error})") from error
+    if not isinstance(config, dict):
+        raise ResultsError(f"--import: {run / 'config.json'} is no run's; name the directory of a training run")
     agent = origin.agent or config.get("algorithm")
     seed = origin.seed if origin.seed is not None else config.get("seed")
     if not isinstance(agent, str) or not isinstance(seed, int):
         raise ResultsError(f"--import: {run} does not say which algorithm and seed it is of; give --agent and --seed")
     variant = origin.variant or config.get("variant")
+    for option, value in (("--agent", agent), ("--variant", variant)):
+        if value is not None and not (isinstance(value, str) and _PLAIN.fullmatch(value)):
+            raise ResultsError(f"{option}: {value!r} cannot be one; give letters, digits, dashes and underscores")
     return read_progress(run / "progress.csv", agent, seed, variant).thinned().write(directory / "curves")

@@ -29,6 +29,8 @@ def filled(page: Path, sections: Sections) -> str:
         text = page.read_text(encoding="utf-8")
     except OSError as error:
         raise ResultsError(f"{page}: cannot be read ({error.strerror}); name a page that exists") from error
+    except UnicodeDecodeError as error:
+        raise ResultsError(f"{page}: is no text in UTF-8; name a page") from error
     begun = text.count("<!-- wrongturn results: ")
     found = list(_SECTION.finditer(text))
     if not begun:
@@ -53,7 +55,9 @@ def write(page: Path, sections: Sections) -> bool:
     try:
         page.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise ResultsError(f"{page}: cannot be written ({error.strerror})") from error
+        raise ResultsError(
+            f"{page}: cannot be written ({error.strerror}); name another, or make it writable"
+        ) from error
     return True
 
 

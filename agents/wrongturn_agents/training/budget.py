@@ -37,8 +37,8 @@ class Budget:
         if steps is None and minutes is None:
             raise TrainingError("steps: give steps, minutes or both; a run must end")
         for name, value in (("steps", steps), ("minutes", minutes)):
-            if value is not None and not value > 0:
-                raise TrainingError(f"{name}: is {value}; give a number above 0")
+            if value is not None and not 0 < value <= NO_LIMIT:
+                raise TrainingError(f"{name}: is {value}; give a number above 0, of at most {NO_LIMIT}")
         self.steps = NO_LIMIT if steps is None else steps
         self.seconds = None if minutes is None else 60.0 * minutes
         self.reserve = 0.0 if self.seconds is None else min(60.0, 0.1 * self.seconds)

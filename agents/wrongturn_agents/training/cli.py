@@ -9,19 +9,21 @@ import typer
 
 from wrongturn_agents.training.errors import TrainingError
 
-_Threads = Annotated[int | None, typer.Option(help="Of the simulation and of torch on the CPU; all by default.")]
+_Threads = Annotated[int | None, typer.Option(min=1, help="Of the simulation and of torch on the CPU; all by default.")]
 _Device = Annotated[str, typer.Option(help="cpu, cuda or auto.")]
 
 
 def train(
     algorithm: Annotated[str, typer.Argument(help="ppo-segmentation, ppo-image or ppo-auxiliary.")],
-    seed: Annotated[int, typer.Option(help="Of weights, drives and actions.")] = 1,
-    steps: Annotated[int | None, typer.Option(help="Environment steps; the algorithm's own by default.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Of weights, drives and actions; 1 by default.", show_default=False)
+    ] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Environment steps; the algorithm's own by default.")] = None,
     minutes: Annotated[float | None, typer.Option(help="Wall clock for everything, kept exactly.")] = None,
     device: _Device = "auto",
     directory: Annotated[Path | None, typer.Option(help="Of the run; runs/ALGORITHM-SEED by default.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the directory.")] = False,
-    num_envs: Annotated[int | None, typer.Option(help="Egos driven side by side.")] = None,
+    num_envs: Annotated[int | None, typer.Option(min=1, help="Egos driven side by side.")] = None,
     threads: _Threads = None,
     option: Annotated[list[str] | None, typer.Option(help="name=value of the algorithm's configuration.")] = None,
 ) -> None:
@@ -31,7 +33,7 @@ def train(
     from wrongturn_agents.training.train import train as run  # noqa: PLC0415
 
     options = [*(option or []), *([] if num_envs is None else [f"num_envs={num_envs}"])]
-    folder = directory or Path("runs") / f"{algorithm}-{seed}"
+    folder = directory or Path("runs") / f"{algorithm}-{1 if seed is None else seed}"
     with Display(algorithm) as display:
         best = run(
             algorithm,
@@ -55,13 +57,15 @@ def score(
     json: Annotated[Path | None, typer.Option(help="Write the results there.")] = None,
     device: _Device = "auto",
     threads: _Threads = None,
-    batch: Annotated[int | None, typer.Option(help="Trials driven side by side.")] = None,
+    batch: Annotated[int | None, typer.Option(min=1, help="Trials driven side by side.")] = None,
 ) -> None:
     """Drive a suite with a checkpoint in this process, and tell what each trial came to."""
     _require_extra()
     from wrongturn_agents.training.score import score as run  # noqa: PLC0415
-    from wrongturn_agents.training.score import summary, write_results  # noqa: PLC0415
+    from wrongturn_agents.training.score import see_writable, summary, write_results  # noqa: PLC0415
 
+    if json is not None:
+        see_writable(json)
     begin = time.monotonic()
     results = run(checkpoint, suite, device=device, threads=threads, batch=batch)
     for line in summary(results):

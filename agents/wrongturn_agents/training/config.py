@@ -13,6 +13,9 @@ from typing import Any, ClassVar, Final
 from wrongturn_agents.training.errors import TrainingError
 
 _POSITIVE: Final = ("learning_rate", "reward_divisor", "time_limit", "clip_range")
+_ACTIVATIONS: Final = ("tanh", "elu", "relu")
+_MOST: Final = 10**12
+_SHOWN: Final = 40
 _SHARES: Final = ("gamma", "gae_lambda", "near_junctions", "near_bends", "masked_classes", "auxiliary_share")
 
 
@@ -119,16 +122,31 @@ class PPOConfig:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or field.name == "kl_stop":
-                continue  # a negative divergence stops each update at once
-            least = 1 if isinstance(value, int) else 0.0
+            value: Any = getattr(self, field.name)
+            kind: Any = type(field.default)
+            if not _is(value, kind):
+                raise TrainingError(f"option {field.name}: is {value!r}; give a {kind.__name__}")
+            if isinstance(value, bool | str):
+                continue
+            # A negative divergence stops each update at once.
+            least = -math.inf if field.name == "kl_stop" else 1 if kind is int else 0.0
+            if kind is int and value > _MOST:
+                raise TrainingError(f"option {field.name}: is {value}; give at most {_MOST}")
             if not (math.isfinite(value) and value >= least):
                 raise TrainingError(f"option {field.name}: is {value}; give a finite number, {least} or more")
             if field.name in _POSITIVE and value == 0.0:
                 raise TrainingError(f"option {field.name}: is 0; give a number above 0")
             if field.name in _SHARES and value > 1.0:
                 raise TrainingError(f"option {field.name}: is {value}; give a number from 0 to 1")
+        if self.near_junctions + self.near_bends > 1.0:
+            raise TrainingError("option near_junctions, near_bends: are more than all drives; give shares of at most 1")
+        if self.activation not in _ACTIVATIONS:
+            raise TrainingError(f"option activation: is {self.activation!r}; give one of {', '.join(_ACTIVATIONS)}")
+        if 1 in {self.batch_size, self.num_envs * self.n_steps % self.batch_size}:
+            raise TrainingError(
+                f"option batch_size: is {self.batch_size}, so that a minibatch of num_envs * n_steps = "
+                f"{self.num_envs * self.n_steps} frames has one alone, without a deviation; give another"
+            )
 
     @property
     def frozen(self) -> bool:
@@ -325,12 +343,23 @@ def config_of(algorithm: str, fields: Mapping[str, Any] | None = None) -> PPOCon
     """
     if algorithm not in ALGORITHMS:
         raise TrainingError(f"algorithm: there is no {algorithm!r}; choose one of {', '.join(ALGORITHMS)}")
-    return ALGORITHMS[algorithm](**(fields or {}))
+    config = ALGORITHMS[algorithm]
+    unknown = [name for name in fields or {} if name not in {field.name for field in dataclasses.fields(config)}]
+    if unknown:
+        raise TrainingError(f"config: this version knows no {unknown[0]!r} of {algorithm}; install the one it is of")
+    return config(**(fields or {}))
 
 
 def _without(**present: bool) -> str | None:
     left_out = [name for name, there in present.items() if not there]
     return "without-" + "-and-".join(left_out) if left_out else None
+
+
+def _is(value: Any, kind: type) -> bool:
+    """Whether a value is one of a field's kind; whole numbers are floats, and truth is no number."""
+    if kind is float:
+        kind = int if isinstance(value, int) else float
+    return isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
 
 
 def _parsed(name: str, text: str, kind: type) -> Any:
@@ -343,4 +372,4 @@ def _parsed(name: str, text: str, kind: type) -> Any:
     try:
         return kind(text.replace("_", "")) if kind is int else kind(text)
     except ValueError as error:
-        raise TrainingError(f"option {name}: is {text!r}; give a {kind.__name__}") from error
+        raise TrainingError(f"option {name}: is {text[:_SHOWN]!r}; give a {kind.__name__}") from error

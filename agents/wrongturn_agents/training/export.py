@@ -15,6 +15,7 @@ import numpy as np
 import onnx
 import torch
 from numpy.typing import NDArray
+from pydantic import ValidationError
 from torch import Tensor, nn
 
 from wrongturn_agents.onnx_agent import ACTION, open_session
@@ -23,7 +24,7 @@ from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.quantisation import halve, quantise
 from wrongturn_agents.training.recording import record_observations
-from wrongturn_protocol import Track
+from wrongturn_protocol import AgentRegistration, Track
 
 OPSET: Final = 18
 """Of the files: torch's exporter writes it without a conversion, and every onnxruntime since 1.14 reads it."""
@@ -99,7 +100,10 @@ def export(
     file = Path(file)
     if file.is_dir() or not file.absolute().parent.is_dir():
         raise TrainingError(f"FILE: {file} cannot be written; name a file in a directory that exists")
+    if file.suffix != ".onnx":
+        raise TrainingError(f"FILE: {file} would not be known by its name; let it end with .onnx")
     told = load_checkpoint(Path(checkpoint))
+    _see_name(name)
     algorithm, precision = told["algorithm"], Precision(precision)
     keys = inputs_of(algorithm)
     graph = _graph(model_of(told), keys)
@@ -126,6 +130,18 @@ def export(
     found = agreement(checkpoint, file, compared)
     _write(file, graph, facts | {"agreement": json.dumps(asdict(found), sort_keys=True)})
     return found
+
+
+def _see_name(name: str | None) -> None:
+    if name is None:
+        return
+    try:
+        AgentRegistration(name=name, track=Track.CAMERA)
+    except ValidationError as error:
+        raise TrainingError(
+            f"--name: {name!r} cannot be one; give at most 64 letters, digits, spaces, dots, dashes and underscores, "
+            "a letter or digit first"
+        ) from error
 
 
 def _write(file: Path, graph: onnx.ModelProto, facts: dict[str, str]) -> None:

@@ -29,12 +29,14 @@ def export(
 
     try:
         from wrongturn_agents.training import export as exporting  # noqa: PLC0415
+        from wrongturn_agents.training.checkpoint import load_checkpoint, model_of  # noqa: PLC0415
         from wrongturn_agents.training.recording import record_observations  # noqa: PLC0415
     except ImportError as error:
         raise TrainingError(
             f"export: {error.name} is not installed; install what it needs with: "
             f"{python()} -m pip install 'wrongturn-agents[training]'",
         ) from error
+    model_of(load_checkpoint(checkpoint))  # names what cannot be, before minutes are spent on observations
     compared = record_observations("segmentation", _COMPARED, seed=1) if compare else None
     found = exporting.export(checkpoint, file, precision, name=name, compared=compared)
     typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")

@@ -18,7 +18,7 @@ from wrongturn_agents.training.checkpoint import load_checkpoint, read
 from wrongturn_agents.training.display import Display
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.lock import locked
-from wrongturn_agents.training.score import score, summary
+from wrongturn_agents.training.score import score, summary, write_results
 from wrongturn_agents.training.train import train
 
 DONE = "done.json"
@@ -53,7 +53,7 @@ def _do(told: dict[str, Any], folder: Path) -> None:
             results = score(where / "best.pt", suite, device=device, threads=threads)
             print("\n".join(summary(results)))
             print(f"{suite}: {len(results['trials'])} trials in {time.monotonic() - begin:.0f} s", flush=True)
-            replace(file, (json.dumps(results, indent=1, sort_keys=True) + "\n").encode())
+            write_results(file, results)
         (bundle / "results").mkdir(parents=True, exist_ok=True)
         replace(bundle / "results" / f"{job.name}.{suite}.json", file.read_bytes())
     replace(folder / DONE, b"{}\n")

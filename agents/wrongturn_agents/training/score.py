@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import torch
 
+from wrongturn_agents.training.bundle import replace
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.drive import drive
@@ -39,6 +41,9 @@ def score(
         TrainingError: the checkpoint is none, or the device cannot be.
         UnknownSuiteError: there is no such suite.
     """
+    for name, value in (("threads", threads), ("batch", batch)):
+        if value is not None and value < 1:
+            raise TrainingError(f"{name}: is {value}; give 1 or more")
     if device not in {"auto", "cpu", "cuda"}:
         raise TrainingError(f"device: is {device!r}; give auto, cpu or cuda")
     found = load_checkpoint(checkpoint)
@@ -79,9 +84,36 @@ def score(
 
 
 def write_results(path: Path, results: Results) -> None:
-    """Write results as JSON, the same bytes for the same results."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(results, indent=1, sort_keys=True) + "\n", "utf-8")
+    """Write results as JSON in one go, the same bytes for the same results.
+
+    Raises:
+        TrainingError: it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace(path, (json.dumps(results, indent=1, sort_keys=True) + "\n").encode())
+    except OSError as error:
+        raise _unwritable(path, error.strerror) from error
+
+
+def see_writable(path: Path) -> None:
+    """See to it, before anything is driven, that results can be written there.
+
+    Raises:
+        TrainingError: they cannot.
+    """
+    if path.is_dir():
+        raise _unwritable(path, "it is a directory")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise _unwritable(path, error.strerror) from error
+
+
+def _unwritable(path: Path, reason: str | None) -> TrainingError:
+    return TrainingError(f"--json: {path} cannot be written ({reason}); name another file")
 
 
 def summary(results: Results) -> Iterator[str]:
@@ -107,6 +139,8 @@ def _main() -> None:
     parser.add_argument("--batch", type=int)
     arguments = vars(parser.parse_args())
     path = arguments.pop("json")
+    if path is not None:
+        see_writable(path)
     results = score(**arguments)
     print("\n".join(summary(results)))
     if path is not None:

@@ -16,21 +16,27 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from wrongturn_agents.models import ActorCritic, build
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.candidates import Candidate, Candidates
-from wrongturn_agents.training.checkpoint import load_checkpoint, read, versions, write
+from wrongturn_agents.training.checkpoint import load_checkpoint, read, write
 from wrongturn_agents.training.config import ImageConfig, PPOConfig, SegmentationConfig, config_of
 from wrongturn_agents.training.display import Display
 from wrongturn_agents.training.environments import environments, rendered_on
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, shortest
+from wrongturn_agents.training.memory import memory_named
 from wrongturn_agents.training.ppo import WrongturnPPO
 from wrongturn_agents.training.pretrain import pretrain
 from wrongturn_agents.training.progress_file import ProgressFile
 from wrongturn_agents.training.run_callback import Row, RunCallback
+from wrongturn_agents.training.run_directory import STATE, Begun, held
 from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_protocol import Trial
 
 _SEEDS = 2**32
+_THREADS = 1024
+_STATE = {
+    *("steps", "updates", "seconds", "begun", "policy", "optimizer", "torch", "cuda", "caution", "evaluated_at"),
+}
 _WARMING = 40
 """Batches from which batch normalisation learns its first statistics."""
 
@@ -39,7 +45,7 @@ def train(
     algorithm: str,
     *,
     directory: Path | str,
-    seed: int = 1,
+    seed: int | None = None,
     steps: int | None = None,
     minutes: float | None = None,
     device: str = "auto",
@@ -58,7 +64,7 @@ def train(
     Args:
         algorithm: ``ppo-segmentation``, ``ppo-image`` or ``ppo-auxiliary``.
         directory: of the run; made where it is missing.
-        seed: of weights, drives and actions.
+        seed: of weights, drives and actions; 1 by default, and a resumed run's is its own.
         steps: environment steps; the configuration's where neither these nor minutes are given.
         minutes: of wall clock, with everything; the learning rate falls by whichever of the two is further on.
         device: ``cpu``, ``cuda`` or ``auto``.
@@ -72,32 +78,53 @@ def train(
         Where the best is.
 
     Raises:
-        TrainingError: an argument cannot be.
+        TrainingError: an argument cannot be, a file of the run is damaged or cannot be written, or memory is short.
     """
     folder = Path(directory)
     config = config_of(algorithm).with_options(options)
-    if not 0 <= seed < _SEEDS:
-        raise TrainingError(f"seed: is {seed}; give a whole number from 0 to {_SEEDS - 1}")
     if resume:
-        config, seed, steps, minutes = _found(folder, config, steps, minutes, tuple(options))
-    elif (folder / "config.json").exists():
-        raise TrainingError(f"directory {folder}: holds a run already; resume it, or name another")
-    state = read(folder / "state.pt") if resume else None
-    limit = config.steps if steps is None and minutes is None else steps
-    budget = Budget(limit, minutes, used=state["seconds"] if state else 0.0)
+        begun = _going_on(Begun.read(folder), config, seed, steps, minutes, tuple(options))
+    else:
+        limit = config.steps if steps is None and minutes is None else steps
+        begun = Begun(config, 1 if seed is None else seed, limit, minutes)
+    if not 0 <= begun.seed < _SEEDS:
+        raise TrainingError(f"seed: is {seed}; give a whole number from 0 to {_SEEDS - 1}")
+    if threads is not None and not 1 <= threads <= _THREADS:
+        raise TrainingError(f"threads: is {threads}; give a whole number from 1 to {_THREADS}")
+    Budget(begun.steps, begun.minutes)  # names what cannot be, before a directory is made
     place = _device(device)
+    encoder = None
+    if isinstance(begun.config, ImageConfig) and begun.config.encoder and not resume:
+        encoder = _encoder_of(Path(begun.config.encoder))
+    with memory_named(begun.config), held(folder, resume=resume):
+        state = _state(folder) if resume else None
+        begun.write(folder, place)
+        return _train(begun, folder, place, state, encoder, threads, on_row, on_pretraining)
+
+
+def _train(
+    begun: Begun,
+    folder: Path,
+    place: torch.device,
+    state: dict[str, Any] | None,
+    encoder: dict[str, torch.Tensor] | None,
+    threads: int | None,
+    on_row: Callable[[Row], None],
+    on_pretraining: Callable[[int, float], None],
+) -> Path:
+    config, seed = begun.config, begun.seed
+    budget = Budget(begun.steps, begun.minutes, used=state["seconds"] if state else 0.0)
     cores = threads or len(os.sched_getaffinity(0))
     if place.type == "cpu":
         torch.set_num_threads(cores)
     else:
         torch.backends.cudnn.benchmark = True  # few shapes, again and again
         torch.set_float32_matmul_precision("high")
-    folder.mkdir(parents=True, exist_ok=True)
-    _write_config(folder, config, seed, limit, minutes, place)
-
     agent = _agent(config, seed).to(place)
-    if isinstance(config, ImageConfig) and config.pretrained and not resume:
-        _encoder(agent, config, folder, place, seed, budget, on_pretraining, threads=cores)
+    if encoder is not None:
+        _take(encoder, agent, config)
+    elif isinstance(config, ImageConfig) and config.pretrained and state is None:
+        _pretrain(agent, config, folder, place, seed, budget, on_pretraining, threads=cores)
     stopwatch = Stopwatch(place)
     envs = environments(config, agent, stopwatch, threads=cores)
     begun_at = state["steps"] if state else 0
@@ -175,7 +202,25 @@ def _agent(config: PPOConfig, seed: int) -> ActorCritic:
     return agent
 
 
-def _encoder(
+def _encoder_of(path: Path) -> dict[str, torch.Tensor]:
+    """The weights of a run's ``encoder.pt``."""
+    found = read(path, "option encoder:", "a run's encoder.pt")
+    weights = found.get("state_dict") if isinstance(found, dict) else None
+    if not isinstance(weights, dict):
+        raise TrainingError(f"option encoder: {path} is no encoder; name a run's encoder.pt")
+    return weights
+
+
+def _take(weights: dict[str, torch.Tensor], agent: ActorCritic, config: PPOConfig) -> None:
+    """Take another run's encoder; what follows it is each run's own."""
+    try:
+        agent.encoder.load_state_dict(agent.encoder.state_dict() | weights)
+    except (RuntimeError, TypeError, AttributeError) as error:
+        path = getattr(config, "encoder", "")
+        raise TrainingError(f"option encoder: {path} is no ResNet-34's; name a run's encoder.pt") from error
+
+
+def _pretrain(
     agent: ActorCritic,
     config: ImageConfig,
     folder: Path,
@@ -186,11 +231,7 @@ def _encoder(
     *,
     threads: int,
 ) -> None:
-    """Pretrain the encoder, or take another run's."""
-    if config.encoder:
-        # What follows the encoder is each run's own.
-        agent.encoder.load_state_dict(agent.encoder.state_dict() | read(Path(config.encoder))["state_dict"])
-        return
+    """Pretrain the encoder, and keep it for other runs."""
     torch.manual_seed(seed)
     options = {"threads": threads, **rendered_on(device)}
     found = pretrain(agent, config, device=device, seed=seed, budget=budget, on_progress=on_progress, **options)
@@ -211,8 +252,13 @@ def _warm(model: WrongturnPPO, envs: SeenVecEnv) -> None:
 
 
 def _restore(model: WrongturnPPO, state: dict[str, Any]) -> None:
-    model.policy.load_state_dict(state["policy"])
-    model.policy.optimizer.load_state_dict(state["optimizer"])
+    try:
+        model.policy.load_state_dict(state["policy"])
+        model.policy.optimizer.load_state_dict(state["optimizer"])
+    except (RuntimeError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise TrainingError(
+            f"resume: {STATE} is of other networks than this version's; begin anew in another directory"
+        ) from error
     model.num_timesteps = state["steps"]
     model._n_updates = state["updates"]
     model.caution = state["caution"]
@@ -238,42 +284,42 @@ def _longest(journeys: Sequence[Trial]) -> float:
     return max((one.journey.time_limit for one in journeys if one.journey), default=1.0)
 
 
-def _write_config(
-    folder: Path, config: PPOConfig, seed: int, steps: int | None, minutes: float | None, device: torch.device
-) -> None:
-    content = {
-        "algorithm": config.algorithm,
-        "variant": config.variant,
-        "seed": seed,
-        "steps": steps,
-        "minutes": minutes,
-        "config": config.as_dict(),
-        "device": torch.cuda.get_device_name() if device.type == "cuda" else "cpu",
-        "versions": versions(),
-    }
-    (folder / "config.json").write_text(json.dumps(content, indent=1) + "\n", "utf-8")
-
-
-def _found(
-    folder: Path, config: PPOConfig, steps: int | None, minutes: float | None, options: tuple[str, ...]
-) -> tuple[PPOConfig, int, int | None, float | None]:
-    """What the run in a folder was begun with; steps and minutes may be given anew, to go on for longer."""
-    path = folder / "config.json"
+def _state(folder: Path) -> dict[str, Any]:
+    """What a run goes on from."""
+    path = folder / STATE
     if not path.is_file():
-        raise TrainingError(f"directory {folder}: holds no run to resume; name the directory of one")
-    content = json.loads(path.read_text("utf-8"))
-    if content["algorithm"] != config.algorithm or options:
-        raise TrainingError(f"resume: the run is {content['algorithm']} with its own options; give no others")
+        raise TrainingError(f"resume: the run in {folder} has saved nothing to go on from; begin it without --resume")
+    found = read(path, "resume:", "a run's own; begin anew in another directory")
+    if not isinstance(found, dict) or not found.keys() >= _STATE:
+        raise TrainingError(f"resume: {path} is damaged; begin anew in another directory")
+    return found
+
+
+def _going_on(
+    begun: Begun,
+    config: PPOConfig,
+    seed: int | None,
+    steps: int | None,
+    minutes: float | None,
+    options: tuple[str, ...],
+) -> Begun:
+    """What a run is gone on with; steps and minutes may be given anew, to go on for longer."""
+    if begun.config.algorithm != config.algorithm:
+        raise TrainingError(f"algorithm: the run is of {begun.config.algorithm}, not {config.algorithm}; name its own")
+    if options:
+        raise TrainingError(f"option {options[0]!r}: the run has its own options; give none with --resume")
+    if seed is not None and seed != begun.seed:
+        raise TrainingError(f"seed: the run has seed {begun.seed}, not {seed}; leave --seed out with --resume")
     if steps is None and minutes is None:
-        steps, minutes = content["steps"], content["minutes"]
-    return config_of(config.algorithm, content["config"]), content["seed"], steps, minutes
+        return begun
+    return dataclasses.replace(begun, steps=steps, minutes=minutes)
 
 
 def _main() -> None:
     """As ``wrongturn train``, where there is this package and no program."""
     parser = argparse.ArgumentParser(prog="python -m wrongturn_agents.training.train")
     parser.add_argument("algorithm")
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=int)
     parser.add_argument("--steps", type=int)
     parser.add_argument("--minutes", type=float)
     parser.add_argument("--device", default="auto")

@@ -1,0 +1,42 @@
+"""Runs that want more memory than there is."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+import torch
+
+from wrongturn_agents.training.config import PPOConfig
+from wrongturn_agents.training.errors import TrainingError
+
+_PIXELS: Final = 64 * 192
+_BYTES: Final = {"rgb": 3 * _PIXELS, "segmentation": _PIXELS}
+_FEATURES: Final = 2 * 6144
+_REMEDY: Final = "give a smaller --num-envs, or fewer n_steps or frames of a minibatch by --option"
+
+
+@contextmanager
+def memory_named(config: PPOConfig) -> Iterator[None]:
+    """Say in words where memory is short, rather than let the system end the process.
+
+    Raises:
+        TrainingError: a rollout's pictures alone are more than this machine's memory, or an allocation failed.
+    """
+    kept = _FEATURES if config.frozen else sum(_BYTES.get(key, 0) for key in config.keys)
+    # Each ego has a picture of each kind at hand, whatever is kept of it.
+    wanted = config.num_envs * (config.n_steps * kept + sum(_BYTES.values()))
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if wanted > there:
+        raise TrainingError(
+            f"option num_envs: {config.num_envs} egos need {wanted / 2**30:,.0f} GiB of pictures, and there are "
+            f"{there / 2**30:,.0f}; {_REMEDY}"
+        )
+    try:
+        yield
+    except (MemoryError, torch.OutOfMemoryError) as error:
+        raise TrainingError(f"option num_envs: there is not memory enough; {_REMEDY}") from error
+    except RuntimeError as error:
+        if "allocate memory" not in str(error):  # the words of torch's allocator on the CPU
+            raise
+        raise TrainingError(f"option num_envs: there is not memory enough; {_REMEDY}") from error

@@ -1,0 +1,133 @@
+"""The directory of a run: that it can be written, whose it is, and what its run was begun with."""
+
+import fcntl
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from wrongturn_agents.training.checkpoint import versions
+from wrongturn_agents.training.config import PPOConfig, config_of
+from wrongturn_agents.training.errors import TrainingError
+
+CONFIG = "config.json"
+STATE = "state.pt"
+_WEIGHTS = ("best.pt", "last.pt")
+_ENCODER = "encoder.pt"
+
+
+@dataclass(frozen=True)
+class Begun:
+    """What a run was begun with."""
+
+    config: PPOConfig
+    seed: int
+    steps: int | None
+    minutes: float | None
+
+    def write(self, folder: Path, device: torch.device) -> None:
+        """Write ``config.json``.
+
+        Raises:
+            TrainingError: it cannot be written.
+        """
+        content = {
+            "algorithm": self.config.algorithm,
+            "variant": self.config.variant,
+            "seed": self.seed,
+            "steps": self.steps,
+            "minutes": self.minutes,
+            "config": self.config.as_dict(),
+            "device": torch.cuda.get_device_name() if device.type == "cuda" else "cpu",
+            "versions": versions(),
+        }
+        try:
+            (folder / CONFIG).write_text(json.dumps(content, indent=1) + "\n", "utf-8")
+        except OSError as error:
+            raise _unwritable(folder, error) from error
+
+    @classmethod
+    def read(cls, folder: Path) -> "Begun":
+        """Read it.
+
+        Raises:
+            TrainingError: the folder holds no run, or the file is damaged.
+        """
+        path = folder / CONFIG
+        if not path.is_file():
+            raise TrainingError(f"directory {folder}: holds no run to resume; name the directory of one")
+        try:
+            content: Any = json.loads(path.read_text("utf-8"))
+            begun = cls(
+                config_of(content["algorithm"], content["config"]),
+                content["seed"],
+                content["steps"],
+                content["minutes"],
+            )
+            right = isinstance(begun.seed, int) and all(
+                value is None or (isinstance(value, int | float) and value > 0)
+                for value in (begun.steps, begun.minutes)
+            )
+        except TrainingError as error:
+            raise TrainingError(f"directory {folder}: {CONFIG}: {error}") from error
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            right = False
+        if not right:
+            raise TrainingError(f"directory {folder}: its {CONFIG} is damaged; put it back, or train in another")
+        return begun
+
+
+@contextmanager
+def held(folder: Path, *, resume: bool) -> Iterator[None]:
+    """Hold a directory, made where it is missing, while the block runs.
+
+    A run that came to no checkpoint leaves nothing that could be gone on with: another may begin in its place.
+
+    Raises:
+        TrainingError: it cannot be written; another process trains there; it holds a run that would be lost.
+    """
+    if not resume:
+        _refuse_to_lose(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            directory = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    try:
+        # The directory itself is locked, so that no file tells of it; whatever ends the process frees it.
+        try:
+            fcntl.flock(directory, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise TrainingError(
+                f"directory {folder}: another process trains there; wait for its end, or name another"
+            ) from error
+        yield
+    finally:
+        os.close(directory)
+
+
+def _refuse_to_lose(folder: Path) -> None:
+    try:
+        there = {path.name for path in folder.iterdir()} if folder.exists() else set()
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    if STATE in there:
+        raise TrainingError(f"directory {folder}: holds a run already; resume it (--resume), or name another")
+    lost = [name for name in (*_WEIGHTS, _ENCODER) if name in there]
+    if lost:
+        raise TrainingError(
+            f"directory {folder}: holds another run's {lost[0]}; move it away, or name another directory"
+        )
+
+
+def _unwritable(folder: Path, error: OSError) -> TrainingError:
+    return TrainingError(
+        f"directory {folder}: cannot be written ({error.strerror or error}); name another by --directory"
+    )
