@@ -17,9 +17,13 @@ class EvaluationRules(Living):
     @rule(data=st.data())
     def evaluate(self, data: st.DataObject) -> None:
         agent = self.an_agent(data)
+        self.evaluations.append(self.begun(agent))
+
+    def begun(self, agent: Agent) -> Evaluation:
+        """A new one."""
         told = self.http(agent, "POST", "/v1/evaluations", {"suite": "smoke@1"})
         assert (told.status, told.fields["trials"], told.fields["max_parallel"]) == (201, TRIALS, PARALLEL)
-        self.evaluations.append(Evaluation(told.fields["id"], agent))
+        return Evaluation(told.fields["id"], agent)
 
     @precondition(lambda self: self.evaluations)
     @rule(data=st.data(), way=WAYS, keyed=st.booleans())
@@ -84,29 +88,23 @@ class EvaluationRules(Living):
     @precondition(lambda self: self.evaluations)
     @rule(data=st.data(), way=WAYS)
     def cancel_while_an_episode_begins(self, data: st.DataObject, way: Way) -> None:
-        evaluation = self.an_evaluation(data)
-        if self.refused(evaluation, evaluation.agent) or self.world.full or self.world.line:
+        """Either may come first, so that nothing of it stays for other rules."""
+        agent = self.an_agent(data)
+        if self.world.full or self.world.line:
             return
+        evaluation = self.begun(agent)
         begun, ended = self.at_once(
-            self.answers.call(evaluation.agent.token, way, "next", evaluation.id, None),
-            self.answers.http(
-                evaluation.agent.token, ("DELETE", "/v1/evaluations/{evaluation}"), {"evaluation": evaluation.id}
-            ),
+            self.answers.call(agent.token, way, "next", evaluation.id, None),
+            self.answers.http(agent.token, ("DELETE", "/v1/evaluations/{evaluation}"), {"evaluation": evaluation.id}),
         )
         assert (ended.status, ended.fields["state"]) == (200, "cancelled")
-        if begun.kind:
-            assert begun.kind in {"evaluation-cancelled", "no-trial-available"}
-            # It may be there all the same, told to nobody.
-            path = "/v1/evaluations/{evaluation}/episodes"
-            listed = self.http(evaluation.agent, "GET", path, evaluation=evaluation.id).fields["episodes"]
-            known = {episode.id for episode in evaluation.episodes}
-            assert {found["state"] for found in listed if found["id"] not in known} <= {"lost"}
-            for found in listed:
-                if found["id"] not in known:
-                    self.began(Answer(201, {"id": found["id"]}, 0.0), evaluation.agent, evaluation)
-        else:
-            self.began(begun, evaluation.agent, evaluation)
-        self.cancelled(evaluation)
+        assert begun.kind in {"", "evaluation-cancelled"}
+        path = "/v1/evaluations/{evaluation}/episodes"
+        listed = self.http(agent, "GET", path, evaluation=evaluation.id).fields["episodes"]
+        assert [found["state"] for found in listed] in ([], ["lost"])
+        if not begun.kind:
+            assert [found["id"] for found in listed] == [begun.fields["id"]]
+            assert self.call(agent, way, "step", begun.fields["id"], 1, 0.0, 0.0, 0.0).kind == "evaluation-cancelled"
 
     def cancelled(self, evaluation: Evaluation) -> None:
         evaluation.cancelled = True

@@ -7,7 +7,7 @@ its database.
 import asyncio
 import contextlib
 import socket
-from collections.abc import Coroutine, Iterator, MutableMapping
+from collections.abc import Callable, Coroutine, Iterator, MutableMapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
@@ -130,6 +130,10 @@ class ServedApp:
     def wait(self, work: "Coroutine[Any, Any, T] | asyncio.Task[T]") -> T:
         """What a coroutine comes to; the service runs meanwhile."""
         return self.loop.run_until_complete(asyncio.wait_for(work, 60))
+
+    def beside(self, work: Callable[[], None]) -> None:
+        """Do something in another thread while the service runs in this one, where its database's tasks are at home."""
+        self.loop.run_until_complete(asyncio.wait_for(asyncio.to_thread(work), 240))
 
     def silence(self, seconds: float) -> None:
         """Let so much time go by for the leases, and the service do what it has to."""

@@ -7,9 +7,15 @@ import httpx
 import pytest
 import schemathesis
 from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from schemathesis import GenerationMode
 from schemathesis.checks import not_a_server_error
-from service_harness import RunningService
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    response_schema_conformance,
+    status_code_conformance,
+)
+from service_harness import Agent, RunningService, problem
 
 from wrongturn_protocol import ProblemType
 
@@ -115,33 +121,52 @@ def test_every_reference_leads_somewhere(document: dict[str, Any]) -> None:
 
 
 KINDS = {f"/problems/{kind}" for kind in ProblemType} - {"/problems/internal"}
+CHECKS = [not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance]
 
 
-@pytest.fixture(scope="module")
-def token(service: RunningService) -> Iterator[str]:
+@pytest.fixture
+def agent(service: RunningService) -> Iterator[Agent]:
     with service.agent() as agent:
-        agent.evaluate()
-        yield agent.token
+        yield agent
+
+
+@pytest.fixture
+def real(agent: Agent) -> dict[str, str]:
+    """What there is, by the names of the paths' parameters."""
+    return {
+        "suite": "smoke@1",
+        "town": "Town01",
+        "kind": "validation",
+        "evaluation": agent.evaluate()["id"],
+        "episode": agent.practise(track="state")["id"],
+    }
 
 
 @pytest.mark.parametrize("name", sorted(INTERFACE))
 def test_no_request_breaks_the_service(
-    service: RunningService, document: dict[str, Any], token: str, name: str
+    service: RunningService, document: dict[str, Any], agent: Agent, real: dict[str, str], name: str
 ) -> None:
     method, _, path = name.partition(" ")
     operation = schemathesis.openapi.from_dict(document)[path][method]
 
     @settings(max_examples=20, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
-    @given(case=operation.as_strategy(generation_mode=GenerationMode.NEGATIVE) | operation.as_strategy())
-    def check(case: schemathesis.Case) -> None:
+    @given(
+        case=operation.as_strategy(generation_mode=GenerationMode.NEGATIVE) | operation.as_strategy(),
+        there=st.booleans(),
+    )
+    def check(case: schemathesis.Case, there: bool) -> None:
+        if there:
+            case.path_parameters |= {key: real[key] for key in case.path_parameters.keys() & real.keys()}
         if path.endswith("/token"):
             # Nobody takes the token away from the other cases.
             case.path_parameters["agent"] = "not-this-one"
-        response = case.call(base_url=service.url, headers={"Authorization": f"Bearer {token}"})
+        response = case.call(base_url=service.url, headers={"Authorization": f"Bearer {agent.token}"})
         if response.status_code == 503:
             assert response.json()["type"] == "/problems/simulators-busy"
             return
-        case.validate_response(response, checks=[not_a_server_error])
+        if response.status_code not in {404, 405}:
+            # A path that nothing can be at is another operation's, or none's.
+            case.validate_response(response, checks=CHECKS)
         if response.status_code >= 400:
             assert response.headers["content-type"] == ["application/problem+json"]
             told = response.json()
@@ -149,3 +174,27 @@ def test_no_request_breaks_the_service(
             assert told["status"] == response.status_code
 
     check()
+
+
+def test_every_other_method_is_refused_with_those_that_are_right(
+    service: RunningService, document: dict[str, Any]
+) -> None:
+    with httpx.Client(base_url=service.url) as http:
+        for path, operations_there in document["paths"].items():
+            right = {method.upper() for method in operations_there}
+            for method in {"GET", "PUT", "POST", "DELETE", "PATCH", "OPTIONS"} - right:
+                response = http.request(method, path)
+                told = problem(response, 405, "method-not-allowed")
+                assert set(response.headers["allow"].split(", ")) == right, (path, told)
+
+
+def test_replies_with_an_id_lead_to_the_calls_that_take_it(document: dict[str, Any]) -> None:
+    names = {operation["operationId"]: name for name, operation in operations(document).items()}
+    links = {
+        name: {names[link["operationId"]] for link in operation["responses"].get("201", {}).get("links", {}).values()}
+        for name, operation in operations(document).items()
+    }
+    below = {kind: {name for name in INTERFACE if f"/{kind}s/{{{kind}}}" in name} for kind in ("evaluation", "episode")}
+    assert links["POST /v1/evaluations"] == below["evaluation"]
+    assert links["POST /v1/evaluations/{evaluation}/episodes"] == links["POST /v1/episodes"] == below["episode"]
+    assert len(below["evaluation"]) == 5

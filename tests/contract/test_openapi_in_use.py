@@ -1,0 +1,106 @@
+"""Every operation of the OpenAPI document in use: schemathesis' boundary cases for each, and walks along its links."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import schemathesis
+from schemathesis.engine import Status, events, from_schema
+from served_app import ServedApp
+
+from wrongturn_protocol import ProblemType
+
+KINDS = {f"/problems/{kind}" for kind in ProblemType} - {"/problems/internal"}
+UNCHECKED = {
+    # A DELETE ends an evaluation or an episode; what came of it can still be read.
+    "use_after_free",
+    # A schema cannot say all that makes a request good: names that exist, a key that is new.
+    "positive_data_acceptance",
+}
+OUT_OF_REACH = {
+    # Names that no reply tells by a link, and what is right only for one state of an episode or an evaluation.
+    "GET /problems/{kind}",
+    "GET /v1/leaderboards/{suite}",
+    "GET /v1/episodes/{episode}/trajectory",
+    "POST /v1/episodes/{episode}/step",
+    "PUT /v1/evaluations/{evaluation}/results",
+    # These would take the token away from the other cases.
+    "POST /v1/agents/{agent}/token",
+    "DELETE /v1/agents/{agent}/token",
+}
+"""Operations that no case need have success with; the tests beside this one do."""
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[ServedApp]:
+    served = ServedApp(tmp_path)
+    try:
+        yield served
+    finally:
+        served.close()
+
+
+def schema_of(served: ServedApp) -> Any:
+    with httpx.Client(base_url=served.url, timeout=60) as http:
+        token = http.post("/v1/agents", json={"name": "one", "track": "privileged"}).json()["token"]
+        document = http.get("/openapi.json").json()
+    config = schemathesis.Config.from_dict(
+        {
+            "seed": 1,
+            "headers": {"Authorization": f"Bearer {token}"},
+            "continue-on-failure": True,
+            "request-timeout": 60,
+            "generation": {"max-examples": 25, "deterministic": True, "database": "none"},
+            "checks": {
+                "negative_data_rejection": {"expected-statuses": ["4xx", 503]},
+                **{name: {"enabled": False} for name in UNCHECKED},
+            },
+            "phases": {"examples": {"enabled": False}, "fuzzing": {"enabled": False}},
+            "operations": [{"include-path": "/v1/agents/{agent}/token", "enabled": False}],
+        }
+    )
+    config.projects.default.base_url = served.url
+    return schemathesis.openapi.from_dict(document, config=config)
+
+
+def test_boundary_cases_and_links(served: ServedApp) -> None:
+    served.beside(lambda: use(served))
+    assert not [error for error in served.errors if error["event"] == "internal error"]
+
+
+def use(served: ServedApp) -> None:
+    """Let schemathesis do what it can think of; nothing may be wrong, and each call has to have been reached."""
+    schema = schema_of(served)
+    statuses: defaultdict[str, Counter[int]] = defaultdict(Counter)
+    wrong: list[str] = []
+    for event in from_schema(schema).execute():
+        if isinstance(event, events.NonFatalError | events.FatalError):
+            wrong.append(repr(event))
+        if not isinstance(event, events.ScenarioFinished):
+            continue
+        for name, case in event.recorder.cases.items():
+            label = case.value.operation.label
+            wrong += [
+                f"{label}: {check.name}: {check.failure_info and check.failure_info.failure}"
+                for check in event.recorder.checks.get(name, [])
+                if check.status is Status.FAILURE
+            ]
+            interaction = event.recorder.interactions.get(name)
+            if interaction is None or interaction.response is None:
+                continue
+            response = interaction.response
+            statuses[label][response.status_code] += 1
+            if response.status_code >= 400:
+                told = response.json()
+                assert told["type"] in KINDS
+                assert told["status"] == response.status_code
+    assert not wrong, "\n".join(wrong)
+    for label, found in sorted(statuses.items()):
+        print(label, dict(sorted(found.items())))
+    print(sum(sum(found.values()) for found in statuses.values()), "calls")
+    operations = {found.ok().label for found in schema.get_all_operations()}
+    reached = {label for label, found in statuses.items() if any(status < 300 for status in found)}
+    assert operations - reached <= OUT_OF_REACH
