@@ -50,9 +50,9 @@ class AsyncDrive(Threaded):
         """Reset: the next trial's episode."""
         return await self._run(self._drive.next_episode, evaluation)
 
-    async def practise(self, request: PracticeRequest) -> EpisodeReply:
+    async def practise(self, request: PracticeRequest, *, key: str | None = None) -> EpisodeReply:
         """Reset: an episode for practice."""
-        return await self._run(self._drive.practise, request)
+        return await self._run(self._drive.practise, request, key=key)
 
     async def step(self, episode: str, seq: int, action: Action) -> StepReply:
         """Drive on for 0.1 s."""
@@ -220,9 +220,9 @@ class AsyncClient(Threaded):
 
     # Episodes
 
-    async def practise(self, request: PracticeRequest) -> EpisodeReply:
+    async def practise(self, request: PracticeRequest, *, key: str | None = None) -> EpisodeReply:
         """Reset: an episode for practice."""
-        return await self._run(self._client.practise, request)
+        return await self._run(self._client.practise, request, key=key)
 
     async def step(self, episode: str, seq: int, action: Action) -> StepReply:
         """Drive on for 0.1 s."""

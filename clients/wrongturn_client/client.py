@@ -252,10 +252,15 @@ class Client(Closing):
 
     # Episodes
 
-    def practise(self, request: PracticeRequest) -> EpisodeReply:
-        """Reset: an episode for practice, never scored."""
+    def practise(self, request: PracticeRequest, *, key: str | None = None) -> EpisodeReply:
+        """Reset: an episode for practice, never scored.
+
+        Args:
+            request: what is practised.
+            key: of the caller's choice; with the same key again, the same episode. Each call has its own by default.
+        """
         body = request.model_dump(mode="json", exclude_none=True)
-        return self._episode_model(EpisodeReply, self._create("/v1/episodes", body, self._media_type))
+        return self._episode_model(EpisodeReply, self._create("/v1/episodes", body, self._media_type, key))
 
     def step(self, episode: str, seq: int, action: Action) -> StepReply:
         """Drive on for 0.1 s.
@@ -322,8 +327,8 @@ class Client(Closing):
         """The ranking on a suite."""
         return _model(Leaderboard, self._transport.call("GET", path_of("v1", "leaderboards", suite)))
 
-    def _create(self, path: str, body: Any, media_type: str = JSON) -> Reply:
-        headers = {"Idempotency-Key": str(uuid.uuid4())}
+    def _create(self, path: str, body: Any, media_type: str = JSON, key: str | None = None) -> Reply:
+        headers = {"Idempotency-Key": key or str(uuid.uuid4())}
         return self._transport.call("POST", path, body=body, media_type=media_type, headers=headers)
 
     def _episode_model(self, kind: type[M], reply: Reply) -> M:

@@ -115,10 +115,9 @@ class Drive(Closing):
         """Reset: as :meth:`Client.next_episode`."""
         return self._one(EpisodeReply, [Call.NEXT, evaluation, str(uuid.uuid4())])
 
-    def practise(self, request: PracticeRequest) -> EpisodeReply:
+    def practise(self, request: PracticeRequest, *, key: str | None = None) -> EpisodeReply:
         """Reset: as :meth:`Client.practise`."""
-        body = request.model_dump(mode="json", exclude_none=True)
-        return self._one(EpisodeReply, [Call.PRACTISE, body, str(uuid.uuid4())])
+        return self._one(EpisodeReply, practise_call(request, key))
 
     def step(self, episode: str, seq: int, action: Action) -> StepReply:
         """Drive on for 0.1 s: as :meth:`Client.step`."""
@@ -224,6 +223,12 @@ class Drive(Closing):
 def step_call(episode: str, seq: int, action: Action) -> list[Any]:
     """The call of a step."""
     return [_STEP, episode, seq, action.steer, action.throttle, action.brake]
+
+
+def practise_call(request: PracticeRequest, key: str | None = None) -> list[Any]:
+    """The call of an episode for practice; sent again, it gives the same episode."""
+    body = request.model_dump(mode="json", exclude_none=True)
+    return [Call.PRACTISE.value, body, key or str(uuid.uuid4())]
 
 
 def _read(result: list[Any]) -> Result:

@@ -77,7 +77,8 @@ def _answer(client: Client, call: Sequence[Any]) -> Result:
             episode, seq, steer, throttle, brake = given
             return dict(client.step(episode, seq, Action(steer=steer, throttle=throttle, brake=brake)))
         if kind == Call.PRACTISE:
-            return dict(client.practise(PracticeRequest.model_validate(given[0])))
+            request, key = given
+            return dict(client.practise(PracticeRequest.model_validate(request), key=key))
         if kind == Call.ABORT:
             client.abort_episode(given[0])
             return {}

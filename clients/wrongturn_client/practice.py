@@ -2,7 +2,6 @@
 
 import contextlib
 import secrets
-import uuid
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
@@ -12,7 +11,7 @@ import numpy as np
 from wrongturn_client import settings
 from wrongturn_client.client import Client
 from wrongturn_client.closing import Closing
-from wrongturn_client.drive import Result
+from wrongturn_client.drive import Result, practise_call
 from wrongturn_client.errors import ApiError, WrongturnError
 from wrongturn_client.line import Line, line
 from wrongturn_client.practice_source import PracticeSource
@@ -60,8 +59,7 @@ class Practice(Closing):
         Raises:
             ValueError, WrongturnError: as :meth:`PracticeSource.draw`.
         """
-        request = self._source.draw(self._connected(), random, trial)
-        return [Call.PRACTISE.value, request.model_dump(mode="json", exclude_none=True), str(uuid.uuid4())]
+        return practise_call(self._source.draw(self._connected(), random, trial))
 
     def exchange(self, calls: Sequence[Sequence[Any]], patience: float | None = None) -> list[Result]:
         """The results of any number of calls; raises as :meth:`wrongturn_client.line.Line.exchange`."""
