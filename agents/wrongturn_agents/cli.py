@@ -42,6 +42,13 @@ def run(
         Path | None,
         typer.Option("--json", metavar="FILE", help="Write the evaluation with its metrics.", show_default=False),
     ] = None,
+    task: Annotated[
+        str | None,
+        typer.Option(
+            help="This task's trials alone, as practice that is never ranked; goes on with what --json lacks.",
+            show_default=False,
+        ),
+    ] = None,
     resume: Annotated[
         str | None,
         typer.Option(metavar="ID|FILE", help="Go on with a run that was interrupted.", show_default=False),
@@ -71,6 +78,9 @@ def run(
     from wrongturn_client.tables import console, evaluation_table  # noqa: PLC0415
 
     try:
+        if task is not None:
+            _run_task(agent, task, suite, url, json_file, parallel, progress, unused=(name, resume))
+            return
         shown, evaluation = _run(
             agent,
             suite=suite,
@@ -89,6 +99,47 @@ def run(
         raise typer.Exit(_INTERRUPTED) from None
     if evaluation.metrics is not None:
         console().print(evaluation_table(shown, evaluation.metrics))
+
+
+def _run_task(
+    agent: str | None,
+    task: str,
+    suite: str | None,
+    url: str | None,
+    json_file: Path | None,
+    parallel: int | None,
+    progress: ProgressStyle,
+    *,
+    unused: tuple[str | None, ...],
+) -> None:
+    """Drive a task's trials, and tell how many of them came to what."""
+    from collections import Counter  # noqa: PLC0415
+    from dataclasses import replace  # noqa: PLC0415
+
+    from wrongturn_agents.errors import RunError  # noqa: PLC0415
+    from wrongturn_agents.progress import report  # noqa: PLC0415
+    from wrongturn_agents.registry import resolve  # noqa: PLC0415
+    from wrongturn_agents.reporting.suites import installed_suite  # noqa: PLC0415
+    from wrongturn_agents.task_run import TaskRun  # noqa: PLC0415
+    from wrongturn_agents.worker import service_at, side_by_side  # noqa: PLC0415
+    from wrongturn_client import settings  # noqa: PLC0415
+
+    if agent is None:
+        raise RunError("AGENT: name one; 'wrongturn agents' lists the shipped ones")
+    if json_file is None:
+        raise RunError("--json: give it with --task: nothing else would keep what the trials came to")
+    if any(value is not None for value in unused):
+        raise RunError("--task: its trials are practice; leave --name and --resume out")
+    source = resolve(agent)
+    made = source.make()
+    source = replace(source, make=lambda: made)
+    parallel = side_by_side(made, parallel)
+    driven = TaskRun(source, installed_suite(suite or "navigation@1"), task, json_file)
+    token = settings.token() if url is not None else None
+    with service_at(url, None) as (at, _), report(progress, source.name) as told:
+        results = driven.drive(at, token, told, parallel=parallel)
+    counts = Counter(result.verdict for result in results.trials.values())
+    typer.echo(f"{task}: " + ", ".join(f"{verdict} {count}" for verdict, count in counts.most_common()))
 
 
 def _run(

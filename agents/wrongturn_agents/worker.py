@@ -125,7 +125,7 @@ def drive(
         WrongturnError: the service refuses, or cannot be reached any more; the run can be resumed.
     """
     agent = source.make()
-    policy = _Guarded(source.name, agent)
+    policy = Guarded(source.name, agent)
     with Client(url, run_file.token) as client:
         return client.evaluate(
             policy,
@@ -182,13 +182,14 @@ def _same_track(client: Client, evaluation: EvaluationDetail, source: AgentSourc
             )
 
 
-class _Guarded:
+class Guarded:
     """Passes the two calls on, so that an agent's own mistake is told from the service's."""
 
     def __init__(self, name: str, agent: Agent) -> None:
         self._name, self._agent = name, agent
 
     def reset(self, observation_space: spaces.Space[Any]) -> None:
+        """As the agent's; raises AgentFailedError."""
         try:
             self._agent.reset(observation_space)
         except AgentsError:
@@ -197,6 +198,7 @@ class _Guarded:
             raise AgentFailedError(f"agent: {self._name}.reset raised {type(error).__name__}: {error}") from error
 
     def act(self, observation: Observation) -> Action:
+        """As the agent's; raises AgentFailedError, also for what is no action."""
         try:
             action: object = self._agent.act(observation)
         except AgentsError:

@@ -53,17 +53,16 @@ class Collection:
         return cls(tuple(found[stem][1] for stem in sorted(found)), _shipped(directory / SHIPPED), suite_of)
 
     def of(self, suite: str, agent: str, variant: str | None = None) -> dict[int | None, ResultsFile]:
-        """An agent's results on a suite by training seed; in process where a seed was driven both ways."""
-        return {file.seed: file for file in self._sorted(suite, agent, variant, last="in process")}
+        """An agent's results on a suite by training seed; of a trial driven both ways, those in process."""
+        return _by_seed(self._sorted(suite, agent, variant, last="in process"))
 
     def of_shipped(self, suite: str, agent: str) -> ResultsFile | None:
-        """The shipped weights' results, over the service where they were driven both ways.
+        """The shipped weights' results; of a trial driven both ways, those over the service.
 
         An agent that is not trained has no seed, and is shipped as it is.
         """
         seed = self.shipped.get(agent)
-        files = {file.seed: file for file in self._sorted(suite, agent, None, last="over the service")}
-        return files.get(seed)
+        return _by_seed(self._sorted(suite, agent, None, last="over the service")).get(seed)
 
     def agents(self, suite: str) -> tuple[str, ...]:
         """Who has results on a suite as it is, no variant: the paper's algorithms first, then by name."""
@@ -122,7 +121,8 @@ class Collection:
 def check(name: str, file: ResultsFile, suite: SuiteTrials) -> None:
     """See that a file is of the suite as it is installed, and has all its trials and no others.
 
-    Drives in process may leave out all that need other road users, and thereby SUMO.
+    Drives in process may leave out all that need other road users, and thereby SUMO; drives over the service may be
+    of these alone.
 
     Raises:
         ResultsError: it is not.
@@ -134,7 +134,8 @@ def check(name: str, file: ResultsFile, suite: SuiteTrials) -> None:
         )
     lacking = suite.trials.keys() - file.trials
     crowded = {name for name, trial in suite.trials.items() if trial.traffic.vehicles or trial.traffic.pedestrians}
-    if file.driven == "in process" and lacking == crowded:
+    left_out = crowded if file.driven == "in process" else suite.trials.keys() - crowded
+    if crowded and lacking == left_out:
         lacking = set()
     for what, ids in (("lacks", lacking), ("has unknown", file.trials.keys() - suite.trials)):
         if ids:
@@ -149,6 +150,15 @@ def describe(file: ResultsFile) -> str:
     """A file in words."""
     words = [file.agent, file.variant, None if file.seed is None else f"seed {file.seed}", f"on {file.suite}"]
     return " ".join(word for word in (*words, file.driven) if word is not None)
+
+
+def _by_seed(files: Iterable[ResultsFile]) -> dict[int | None, ResultsFile]:
+    """A seed's files as one; of a trial that stands in several, the last one's."""
+    found: dict[int | None, ResultsFile] = {}
+    for file in files:
+        before = found.get(file.seed)
+        found[file.seed] = file.model_copy(update={"trials": {**(before.trials if before else {}), **file.trials}})
+    return found
 
 
 def _place(agent: str) -> int:

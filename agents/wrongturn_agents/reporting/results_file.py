@@ -79,16 +79,19 @@ class ResultsFile(BaseModel):
             ResultsError: it cannot be written.
         """
         path = directory / f"{self.stem}.json"
+        try:
+            path.write_text(self.text(), encoding="utf-8")
+        except OSError as error:
+            raise ResultsError(f"{path}: cannot be written ({error.strerror}); name another --directory") from error
+        return path
+
+    def text(self) -> str:
+        """Its JSON, a line for each trial: short to store, and a change of one is a change of one line."""
         content = self.model_dump(mode="json") | {
             "trials": {
                 name: self.trials[name].model_dump(mode="json", exclude_none=True) for name in sorted(self.trials)
             },
         }
-        # A line for each trial: short to store, and a change of one is a change of one line.
         trials = ",\n".join(f"  {json.dumps(name)}: {json.dumps(one)}" for name, one in content.pop("trials").items())
         head = "".join(f" {json.dumps(field)}: {json.dumps(value)},\n" for field, value in content.items())
-        try:
-            path.write_text(f'{{\n{head} "trials": {{\n{trials}\n }}\n}}\n', encoding="utf-8")
-        except OSError as error:
-            raise ResultsError(f"{path}: cannot be written ({error.strerror}); name another --directory") from error
-        return path
+        return f'{{\n{head} "trials": {{\n{trials}\n }}\n}}\n'

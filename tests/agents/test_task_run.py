@@ -1,0 +1,91 @@
+"""One task of a suite, driven in practice."""
+
+import json
+from pathlib import Path
+
+import pytest
+from made_results import keep, navigation
+from typer.testing import CliRunner
+
+from wrongturn_agents.errors import AgentsError, RunError
+from wrongturn_agents.registry import resolve
+from wrongturn_agents.reporting.collection import Collection
+from wrongturn_agents.reporting.errors import ResultsError
+from wrongturn_agents.reporting.navigation import tasks_table
+from wrongturn_agents.reporting.results_file import ResultsFile
+from wrongturn_agents.reporting.suites import SuiteTrials, installed_suite
+from wrongturn_agents.task_run import TaskRun
+from wrongturn_client import LocalService
+from wrongturn_client.cli import app
+from wrongturn_protocol import Condition, Task, Verdict
+
+
+def of_task(file: ResultsFile, task: Task) -> ResultsFile:
+    trials = {name: one for name, one in file.trials.items() if f".{task.value}." in name}
+    return file.model_copy(update={"trials": trials})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ([], "--json"),
+        (["--json", "{}/a.json", "--name", "me"], "--name"),
+        (["--json", "{}/a.json", "--resume", "run"], "--resume"),
+        (["--json", "{}/a.json", "--suite", "wrong-command@1"], "it has none"),
+        (["--json", "{}/a.json", "--suite", "none@1"], "suite"),
+        (["--json", "{}/other.json"], "another run"),
+        (["--json", "{}/text.json"], "text.json"),
+    ],
+)
+def test_what_cannot_be_driven_is_told(tmp_path, arguments, named):
+    (tmp_path / "text.json").write_text("no results")
+    (tmp_path / "other.json").write_text(navigation("careful", {}, driven="over the service").text())
+    command = ["run", "parked", "--task", "straight", *(word.format(tmp_path) for word in arguments)]
+    done = CliRunner().invoke(app, command)
+    assert isinstance(done.exception, AgentsError), done.output or repr(done.exception)
+    assert named in str(done.exception)
+
+
+def test_a_task_that_is_not_there_is_told_with_those_that_are(tmp_path):
+    with pytest.raises(RunError, match="navigation_dynamic"):
+        TaskRun(resolve("parked"), installed_suite("navigation@1"), "cruise", tmp_path / "a.json")
+
+
+def test_results_among_other_road_users_join_those_in_process(tmp_path: Path):
+    dynamic = (Task.NAVIGATION_DYNAMIC, Condition.TRAINING)
+    whole = navigation("ppo-image", {dynamic: 20}, seed=1, driven="over the service")
+    alone = navigation("ppo-image", {}, seed=1, driven="in process", traffic=False)
+    keep(tmp_path, alone, of_task(whole, Task.NAVIGATION_DYNAMIC), shipped={"ppo-image": 1})
+    collection = Collection.read(tmp_path, installed_suite)
+    shipped = collection.of_shipped("navigation@1", "ppo-image")
+    assert shipped is not None
+    assert len(shipped.trials) == len(collection.of("navigation@1", "ppo-image")[1].trials) == 400
+    assert not any("other road users" in line for line in collection.missing(("navigation@1",)))
+    assert any(row[1] == "navigation with traffic" and "80" in row[3] for row in tasks_table(collection).rows)
+
+
+def test_a_part_of_a_task_is_not_stored(tmp_path: Path):
+    part = of_task(navigation("ppo-image", {}, seed=1, driven="over the service"), Task.NAVIGATION_DYNAMIC)
+    keep(tmp_path, part.model_copy(update={"trials": dict(list(part.trials.items())[:99])}))
+    with pytest.raises(ResultsError, match="lacks 301"):
+        Collection.read(tmp_path, installed_suite)
+
+
+@pytest.mark.slow
+def test_trials_are_driven_and_gone_on_with(tmp_path: Path):
+    whole = installed_suite("navigation@1")
+    names = [name for name in whole.trials if ".straight." in name][:3]
+    file, told = tmp_path / "straight.json", []
+
+    def run(*chosen: str) -> ResultsFile:
+        suite = SuiteTrials(whole.id, whole.sha256, {name: whole.trials[name] for name in chosen})
+        driven = TaskRun(resolve("parked"), suite, "straight", file)
+        return driven.drive(service.url, None, lambda *numbers: told.append(numbers), parallel=1)
+
+    with LocalService(database=f"sqlite+aiosqlite:///{tmp_path / 'own.db'}") as service:
+        run(names[0])
+        results = run(*names)
+    assert told == [(0, 1), (1, 1), (1, 3), (2, 3), (3, 3)]
+    assert set(results.trials) == set(names)
+    assert {one.verdict for one in results.trials.values()} == {Verdict.TIMEOUT}
+    assert json.loads(file.read_text())["driven"] == "over the service"
