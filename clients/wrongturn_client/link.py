@@ -1,10 +1,12 @@
-"""One WebSocket connection to ``/v1/drive``, blocking: frames by the websockets library, bytes by a plain socket.
+"""One WebSocket connection to ``/v1/drive``, blocking, on a plain socket.
 
-The library's own blocking client hands each message from one thread to another, which was seen to take longer than
-all the rest of a step.
+Whole binary messages are framed here, all else by the websockets library without its own input and output: its
+blocking client hands each message from one thread to another, and its parser copies what was read, each of which took
+longer than all the rest of a step.
 """
 
 import contextlib
+import os
 import socket
 import ssl
 from typing import Final
@@ -22,10 +24,13 @@ from websockets.uri import parse_uri
 from wrongturn_client.connections import Answer, ConnectionBrokeError
 from wrongturn_client.errors import NotOfferedError
 from wrongturn_client.transport import check
+from wrongturn_protocol import framing
 from wrongturn_protocol.wire import PATH, SUBPROTOCOL
 
 _PIECE: Final = 1 << 18
-"""Bytes that are asked of the socket at a time."""
+"""Bytes that are read at a time, into memory that stays: to have new memory each time took longer than to read."""
+_SWITCHED: Final = b"HTTP/1.1 101 "
+_HEAD_END: Final = b"\r\n\r\n"
 _CLOSE_TIMEOUT: Final = 1.0
 _ANSWERS: Final = frozenset({401, 429, 502, 503, 504})
 """Refusals of the handshake that say nothing of whether there is such a socket."""
@@ -51,6 +56,10 @@ class Link:
         self._socket = _connected(url, timeout, secure=secure)
         self._message: list[bytes] = []
         self._events: list[Frame] = []
+        self._memory = memoryview(bytearray(_PIECE))
+        self._begin = self._end = 0
+        self._fragmented = False
+        self._head = bytearray()
         target = url._replace(scheme="wss" if secure else "ws", path=url.path + PATH).geturl()
         self._protocol = ClientProtocol(parse_uri(target), subprotocols=[Subprotocol(SUBPROTOCOL)], max_size=None)
         try:
@@ -62,18 +71,18 @@ class Link:
     def send(self, data: bytes) -> None:
         """Send a message. Raises ConnectionBrokeError."""
         try:
-            self._protocol.send_binary(data)
-            self._flush()
-        except (OSError, InvalidState) as error:
+            if self._protocol.state is not State.OPEN:
+                raise ConnectionBrokeError(self._why_closed())
+            mask = os.urandom(4)
+            self._socket.sendall(b"".join((framing.head(len(data), masked=True), mask, framing.apply_mask(data, mask))))
+        except OSError as error:
             raise ConnectionBrokeError(str(error) or type(error).__name__) from error
 
-    def receive(self) -> bytes:
-        """The next message. Raises ConnectionBrokeError."""
+    def receive(self) -> bytes | memoryview:
+        """The next message; what is read is good until the next is asked for. Raises ConnectionBrokeError."""
         while True:
             while self._events:
                 frame = self._events.pop(0)
-                if frame.opcode is Opcode.BINARY and frame.fin:
-                    return bytes(frame.data)
                 if frame.opcode in {Opcode.BINARY, Opcode.TEXT, Opcode.CONT}:
                     self._message.append(bytes(frame.data))
                     if frame.fin:
@@ -81,7 +90,9 @@ class Link:
                         return whole
             if self._protocol.state is not State.OPEN:
                 raise ConnectionBrokeError(self._why_closed())
-            self._read()
+            message = self._taken()
+            if message is not None:
+                return message
 
     def close(self) -> None:
         """Say goodbye, where there is somebody, and close."""
@@ -100,7 +111,7 @@ class Link:
         try:
             self._flush()
             while self._protocol.state is State.CONNECTING and self._protocol.handshake_exc is None:
-                self._read()
+                self._read_head()
         except OSError as error:
             raise ConnectionBrokeError(str(error) or type(error).__name__) from error
         failure = self._protocol.handshake_exc
@@ -113,10 +124,55 @@ class Link:
         if self._protocol.subprotocol != SUBPROTOCOL:
             raise NotOfferedError(f"the WebSocket at {PATH} speaks another protocol than {SUBPROTOCOL}")
 
-    def _read(self) -> None:
-        """Take what comes next, and answer pings."""
+    def _taken(self) -> memoryview | None:
+        """The next message where it has come and is whole; else read more, or let the library have what is no such."""
+        at = self._begin
+        begin, end = framing.extent(self._memory, at, self._end)
+        if end > self._end:
+            self._read(end - at)
+            return None
+        kind = self._memory[at]
+        self._begin = end
+        if kind == framing.BINARY and not self._fragmented and not self._memory[at + 1] & framing.MASKED:
+            return self._memory[begin:end]
+        if not kind & framing.CONTROL:
+            self._fragmented = not kind & framing.FINAL
+        self._give(bytes(self._memory[at:end]))
+        return None
+
+    def _read(self, wanted: int) -> None:
+        """Take what comes next, with room for so many bytes from the frame's first."""
+        left = self._end - self._begin
+        if not left:
+            self._begin = self._end = 0
+        if self._begin + wanted > len(self._memory):
+            before = self._memory[self._begin : self._end]
+            self._memory = memoryview(bytearray(max(wanted, _PIECE)))
+            self._memory[:left] = before
+            self._begin, self._end = 0, left
         try:
-            data = self._socket.recv(_PIECE)
+            count = self._socket.recv_into(self._memory[self._end :])
+        except OSError as error:
+            raise ConnectionBrokeError(str(error) or type(error).__name__) from error
+        self._end += count
+        if not count:
+            self._give(b"")
+
+    def _read_head(self) -> None:
+        """Give the library the answer to the handshake, and nothing of what may follow it."""
+        data = self._socket.recv(_PIECE)
+        self._head += data
+        end = self._head.find(_HEAD_END)
+        if end >= 0 and self._head.startswith(_SWITCHED):
+            after = self._head[end + len(_HEAD_END) :]
+            self._memory[: len(after)] = after
+            self._end = len(after)
+            data = data[: len(data) - len(after)]
+        self._give(data)
+
+    def _give(self, data: bytes) -> None:
+        """Let the library have bytes, none at the end of the stream, and answer pings."""
+        try:
             if data:
                 self._protocol.receive_data(data)
             else:

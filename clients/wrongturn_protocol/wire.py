@@ -38,6 +38,8 @@ RETRY_AFTER: Final = "retry_after_s"
 _ALIGNMENT: Final = 8
 _TRIPLE: Final = b"\x93"
 """An array of three follows."""
+_ARRAYS: Final = tuple(bytes((0x90 | count,)) for count in range(16))
+"""By count, an array of so many follows."""
 _BIN8: Final = struct.Struct(">BB")
 _BIN16: Final = struct.Struct(">BH")
 _BIN32: Final = struct.Struct(">BI")
@@ -184,7 +186,7 @@ def pack_calls(number: int, calls: Sequence[Sequence[Any]]) -> bytes:
     return packed
 
 
-def unpack_calls(data: bytes) -> tuple[int, list[Any]]:
+def unpack_calls(data: bytes | memoryview) -> tuple[int, list[Any]]:
     """Number and calls of a message; the calls themselves are looked at one by one, by whoever answers them.
 
     Raises:
@@ -223,12 +225,16 @@ def result_head(status: int, fields: Mapping[str, Any], size: int) -> bytes:
 
 def results_head(number: int | None, count: int) -> bytes:
     """What stands before the results in a reply message of so many."""
+    packed: bytes
+    if count < len(_ARRAYS):
+        packed = msgpack.packb((number, ()))
+        return packed[:-1] + _ARRAYS[count]  # instead of the empty array's
     packer = msgpack.Packer(autoreset=False)
     packer.pack_array_header(2)
     packer.pack(number)
     packer.pack_array_header(count)
-    head: bytes = packer.bytes()
-    return head
+    packed = packer.bytes()
+    return packed
 
 
 def join_results(number: int | None, results: Sequence[bytes]) -> bytes:
@@ -236,7 +242,7 @@ def join_results(number: int | None, results: Sequence[bytes]) -> bytes:
     return b"".join((results_head(number, len(results)), *results))
 
 
-def unpack_results(data: bytes) -> tuple[int | None, list[Any]]:
+def unpack_results(data: bytes | memoryview) -> tuple[int | None, list[Any]]:
     """Number and results of a reply message.
 
     Raises:
@@ -254,7 +260,7 @@ def unpack_results(data: bytes) -> tuple[int | None, list[Any]]:
     return number, results
 
 
-def _unpacked(data: bytes) -> Any:
+def _unpacked(data: bytes | memoryview) -> Any:
     try:
         return msgpack.unpackb(data)
     except (ValueError, TypeError, RecursionError, msgpack.UnpackException) as error:
@@ -263,7 +269,7 @@ def _unpacked(data: bytes) -> Any:
         raise MalformedMessageError(f"the message is no msgpack: {str(error)[:200] or type(error).__name__}") from error
 
 
-def _ends_early(data: bytes) -> bool:
+def _ends_early(data: bytes | memoryview) -> bool:
     unpacker = msgpack.Unpacker(max_buffer_size=max(1, len(data)))
     unpacker.feed(data)
     try:

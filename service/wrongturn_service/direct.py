@@ -5,7 +5,6 @@ as long as all else that a step costs the service. The library keeps everything 
 handshake, fragments, text, pings, the close and whatever is malformed.
 """
 
-import struct
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
@@ -14,21 +13,11 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from websockets.http11 import Request
 from websockets.protocol import State
 
+from wrongturn_protocol import framing
 from wrongturn_service.pool.frames import write_now
-
-try:
-    from websockets.speedups import apply_mask
-except ImportError:  # no wheel for this machine
-    from websockets.utils import apply_mask
 
 EXTENSION: Final = "wrongturn.direct"
 """Where the ASGI scope's extensions have the connection, for the application to take."""
-_WHOLE_BINARY: Final = 0x82
-_FINAL: Final = 0x80
-_MASKED: Final = 0x80
-_CONTROL: Final = 0x08
-_SHORT: Final = struct.Struct("!BBH")
-_LONG: Final = struct.Struct("!BBQ")
 
 
 class DirectWebSocket(WebSocketsSansIOProtocol):
@@ -65,13 +54,7 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         if self.conn.state is not State.OPEN or self.close_sent or self.transport.is_closing():
             return
         length = sum(map(len, pieces))
-        if length < 126:
-            head = bytes((_WHOLE_BINARY, length))
-        elif length < 1 << 16:
-            head = _SHORT.pack(_WHOLE_BINARY, 126, length)
-        else:
-            head = _LONG.pack(_WHOLE_BINARY, 127, length)
-        write_now(self.transport, self._handle, (head, *pieces))
+        write_now(self.transport, self._handle, (framing.head(length), *pieces))
 
     # What uvicorn and its transport use
 
@@ -136,7 +119,7 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         """Take whole frames; what is left waits for the rest."""
         at = 0
         while at < len(data) and not self.read_paused:
-            begin, end = _extent(data, at)
+            begin, end = framing.extent(data, at, len(data))
             if self.config.ws_max_size < end - begin:
                 # Refused by its head alone, which nothing follows.
                 self._hopeless = True
@@ -146,39 +129,19 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
                 self._wanted = end - at
                 break
             kind = data[at]
-            if kind == _WHOLE_BINARY and data[at + 1] & _MASKED and self._taker is not None and not self._fragmented:
+            if (
+                kind == framing.BINARY
+                and data[at + 1] & framing.MASKED
+                and self._taker is not None
+                and not self._fragmented
+            ):
                 if self.conn.state is State.OPEN:
-                    self._taker(apply_mask(data[begin:end], data[begin - 4 : begin]))
+                    self._taker(framing.apply_mask(data[begin:end], data[begin - 4 : begin]))
             else:
-                if not kind & _CONTROL:
-                    self._fragmented = not kind & _FINAL
+                if not kind & framing.CONTROL:
+                    self._fragmented = not kind & framing.FINAL
                 super().data_received(bytes(data[at:end]))
             at = end
         else:
             self._wanted = 0
         self._pending += data[at:]
-
-
-def _extent(data: bytes | bytearray, at: int) -> tuple[int, int]:
-    """Where the payload of the frame that begins there begins and ends; how far is to be read where that is not known.
-
-    Returns:
-        Two indices; the second is beyond the data where the frame is not complete.
-    """
-    begin = at + 2
-    if len(data) < begin:
-        return begin, begin
-    length = data[at + 1] & 127
-    if length == 126:
-        begin += 2
-        if len(data) < begin:
-            return begin, begin
-        (_, _, length) = _SHORT.unpack_from(data, at)
-    elif length == 127:
-        begin += 8
-        if len(data) < begin:
-            return begin, begin
-        (_, _, length) = _LONG.unpack_from(data, at)
-    if data[at + 1] & _MASKED:
-        begin += 4
-    return begin, begin + length

@@ -28,9 +28,9 @@ class Wire(StrEnum):
     """A result of ``WS /v1/drive``, see :mod:`wrongturn_protocol.wire`; over HTTP nobody can ask for it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Reply:
-    """The reply to a reset or a step, before it is encoded.
+    """The reply to a reset or a step, before it is encoded. Nobody changes it: to have that checked takes too long.
 
     Attributes:
         seq: 0 for a reset.

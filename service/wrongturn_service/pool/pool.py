@@ -67,9 +67,9 @@ class Final:
     actions_sha256: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Frame:
-    """What a simulator shows after a reset or a step."""
+    """What a simulator shows after a reset or a step. Nobody changes it: to have that checked takes too long."""
 
     observation: bytes | Shown
     """Encoded for the wire."""
