@@ -1,6 +1,7 @@
 """The whole of it by hand: ``.venv/bin/python tests/faults --kills 100 --seed 1 --database sqlite postgresql``."""
 
 import argparse
+import math
 import sys
 import tempfile
 from pathlib import Path
@@ -19,8 +20,10 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=100, help="on each database")
     parser.add_argument("--seed", type=int, default=3, help="of the moments")
     parser.add_argument("--database", nargs="+", choices=("sqlite", "postgresql"), default=["sqlite", "postgresql"])
+    parser.add_argument("--minutes", type=float, default=math.inf, help="after which nothing more is killed")
     parser.add_argument("--logs", type=Path, help="a folder for logs and journals; else they are gone")
     given = parser.parse_args()
+    longest_s = 60 * given.minutes
     reports: list[Report] = []
     for database in given.database:
         with tempfile.TemporaryDirectory(prefix="wt-faults-", ignore_cleanup_errors=True) as name:
@@ -29,10 +32,12 @@ def main() -> int:
             logs = folder if given.logs is None else given.logs / database
             logs.mkdir(parents=True, exist_ok=True)
             if database == "sqlite":
-                reports.append(run(File(folder), logs, moments(given.seed, given.kills, NO_SERVER)))
+                reports.append(
+                    run(File(folder), logs, moments(given.seed, given.kills, NO_SERVER), longest_s=longest_s)
+                )
             else:
                 with server(folder) as store:
-                    reports.append(run(store, logs, moments(given.seed, given.kills, ALL)))
+                    reports.append(run(store, logs, moments(given.seed, given.kills, ALL), longest_s=longest_s))
     show(reports)
     for report in reports:
         for kind, found in report.findings.bad.items():

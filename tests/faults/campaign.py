@@ -1,6 +1,7 @@
 """Evaluations that go on side by side while processes are killed, and what came of them."""
 
 import json
+import math
 import os
 import signal
 import sys
@@ -119,7 +120,14 @@ class Seat:
         self.starts += worker.starts
 
 
-def run(store: Store, folder: Path, kills: Sequence[Moment], seats: Sequence[tuple[str, str, int]] = SEATS) -> Report:
+def run(
+    store: Store,
+    folder: Path,
+    kills: Sequence[Moment],
+    seats: Sequence[tuple[str, str, int]] = SEATS,
+    *,
+    longest_s: float = math.inf,
+) -> Report:
     """Drive, kill, let everything come to its end, and examine.
 
     Args:
@@ -127,6 +135,7 @@ def run(store: Store, folder: Path, kills: Sequence[Moment], seats: Sequence[tup
         folder: where logs and journals go.
         kills: what is killed when.
         seats: agents that drive meanwhile.
+        longest_s: seconds after which nothing more is killed, though the list is longer.
     """
     began = time.monotonic()
     report = Report(store.name)
@@ -153,7 +162,10 @@ def run(store: Store, folder: Path, kills: Sequence[Moment], seats: Sequence[tup
         for seat in driving:
             seat.thread.start()
         disturbances = []
+        until_s = time.monotonic() + longest_s
         for kill in kills:
+            if time.monotonic() > until_s:
+                break
             if not kill.at_once:
                 service.await_ready()
             time.sleep(kill.pause_s)
@@ -163,6 +175,8 @@ def run(store: Store, folder: Path, kills: Sequence[Moment], seats: Sequence[tup
             report.kills[kill.victim] += 1
             if kill.victim in {SERVICE, POSTGRES}:
                 disturbances.append(time.time())
+            with (folder / "kills.log").open("a") as log:
+                log.write(f"{time.time():.3f} {kill}\n")
         for seat in driving:
             seat.last.set()
         _await(driving)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import httpx
 
-_AGAIN_S = 0.3
+_AGAIN_S, _AFTER_FAILURE_S = 0.3, 2.0
 
 
 def free_port() -> int:
@@ -92,6 +92,7 @@ class Kept:
                 return
             if status != -signal.SIGKILL and not self._stopping.is_set():
                 self.failures.append(status)
+                self._back_s = _AFTER_FAILURE_S
             self._stopping.wait(self._back_s)
             self._back_s = _AGAIN_S
 
@@ -103,6 +104,7 @@ class Service(Kept):
         port = free_port()
         self.url = f"http://127.0.0.1:{port}"
         self.kills: list[float] = []
+        self._http = httpx.Client(timeout=5.0)
         self._replays: dict[int, float] = {}
         self._counting = threading.Thread(target=self._count, daemon=True)
         command = [sys.executable, "-m", "wrongturn_service", "--port", str(port), "--database", database]
@@ -136,7 +138,7 @@ class Service(Kept):
 
     def _get(self, path: str) -> str | None:
         with contextlib.suppress(httpx.HTTPError):
-            response = httpx.get(self.url + path, timeout=5.0)
+            response = self._http.get(self.url + path)
             return response.text if response.is_success else None
         return None
 
@@ -145,4 +147,4 @@ def until(condition: Callable[[], bool], timeout_s: float, message: str) -> None
     deadline = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < deadline, f"{message} after {timeout_s:.0f} s"
-        time.sleep(0.05)
+        time.sleep(0.1)
