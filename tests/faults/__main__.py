@@ -1,4 +1,4 @@
-"""The whole of it by hand: ``.venv/bin/python tests/faults --kills 100 --seed 1 --database sqlite postgresql``."""
+"""The whole of it by hand: ``.venv/bin/python tests/faults --kills 100 --seed 3 --database sqlite postgresql``."""
 
 import argparse
 import math

@@ -1,6 +1,5 @@
 """Evaluations that go on side by side while processes are killed, and what came of them."""
 
-import json
 import math
 import os
 import signal
@@ -47,7 +46,6 @@ class Report:
     refusals: Counter[str] = field(default_factory=Counter)
     gave_up: Counter[str] = field(default_factory=Counter)
     """Why workers ended by themselves, to be started again."""
-    starts: Counter[str] = field(default_factory=Counter)
     seconds: float = 0.0
 
 
@@ -57,7 +55,6 @@ class Seat:
     def __init__(self, service: Service, folder: Path, name: str, drives: tuple[str, str, int]) -> None:
         self.evaluations: list[str] = []
         self.journals: list[Path] = []
-        self.starts = 0
         self.kills: list[float] = []
         self.last = threading.Event()
         self.error: BaseException | None = None
@@ -117,7 +114,6 @@ class Seat:
         worker.start()
         while not worker.wait(1.0):
             pass
-        self.starts += worker.starts
 
 
 def run(
@@ -191,9 +187,6 @@ def run(
     evaluations = {evaluation: seat.policy for seat in driving for evaluation in seat.evaluations}
     report.findings = examine(store, evaluations, undisturbed, told, [*service.kills, *disturbances])
     _tell(report, told, driving, store)
-    report.starts = Counter(
-        {SERVICE: service.starts, CLIENT: sum(seat.starts for seat in driving), POSTGRES: store.restarts}
-    )
     report.seconds = time.monotonic() - began
     return report
 
@@ -249,8 +242,3 @@ def _tell(report: Report, told: list[dict[str, Any]], seats: Sequence[Seat], sto
         report.gone_on_with += sum(
             any(row["created"] < when < row["finished"] for when in seat.kills) for row in finished
         )
-
-
-def saved(report: Report) -> str:
-    """As JSON."""
-    return json.dumps(report, default=lambda value: value.__dict__, indent=2)

@@ -23,7 +23,6 @@ class Store(ABC):
 
     name: str
     url: str
-    restarts = 0
 
     @abstractmethod
     def rows(self, query: str) -> list[dict[str, Any]]:
@@ -105,7 +104,6 @@ class Server(Store):
                 assert time.monotonic() < deadline, "PostgreSQL does not start again"
                 time.sleep(0.2)
             else:
-                self.restarts += 1
                 return
 
 

@@ -34,9 +34,6 @@ class Kept:
     """A process that is started again when it ends."""
 
     def __init__(self, command: list[str], log: Path, environment: dict[str, str]) -> None:
-        self.starts = 0
-        self.failures: list[int] = []
-        """Statuses with which it ended by itself, other than 0."""
         self._command = command
         self._log = log
         self._environment = {n: v for n, v in os.environ.items() if not n.startswith("WRONGTURN_")}
@@ -86,12 +83,10 @@ class Kept:
                 self._process = subprocess.Popen(
                     self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self._environment
                 )
-            self.starts += 1
             status = self._process.wait()
             if status == 0:
                 return
             if status != -signal.SIGKILL and not self._stopping.is_set():
-                self.failures.append(status)
                 self._back_s = _AFTER_FAILURE_S
             self._stopping.wait(self._back_s)
             self._back_s = _AGAIN_S
@@ -123,8 +118,11 @@ class Service(Kept):
         return int(sum(self._replays.values()))
 
     def kill(self, back_s: float = _AGAIN_S) -> bool:
-        self.kills.append(time.time())
-        return super().kill(back_s)
+        when = time.time()
+        killed = super().kill(back_s)
+        if killed:
+            self.kills.append(when)
+        return killed
 
     def simulators(self) -> list[int]:
         return [] if self.pid is None else children(self.pid)

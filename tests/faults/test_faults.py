@@ -41,6 +41,7 @@ def test_a_few_kills_with_sqlite(tmp_path: Path) -> None:
     check(run(File(tmp_path), tmp_path, moments(19, 6, NO_SERVER), FEW_SEATS), 6)
 
 
+@pytest.mark.soak
 def test_a_few_kills_with_postgresql(postgres: Server, tmp_path: Path) -> None:
     check(run(postgres, tmp_path, moments(11, 4, ALL), FEW_SEATS), 4)
 
