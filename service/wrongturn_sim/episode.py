@@ -2,6 +2,7 @@
 
 import hashlib
 import struct
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple, SupportsFloat
 
 from wrongturn_networks import load_town
@@ -153,6 +154,31 @@ class Episode:
             SimulatorInUseError: another environment of this process took the simulator.
             SimulatorFailedError: SUMO refused.
         """
+        self._advance(steer, throttle, brake)
+        truncated = self._judge.ran_out
+        return Step(
+            self._observe(),
+            reward(self._state[3], self._state[2], self._guidance),
+            self.outcome is not None and not truncated,
+            truncated,
+        )
+
+    def repeat(self, actions: Sequence[tuple[float, float, float]]) -> Step | None:
+        """Take many steps of which the last alone is looked at; None where there is none.
+
+        Args:
+            actions: steer, throttle, brake of each.
+
+        Raises:
+            As :meth:`step`.
+        """
+        if not actions:
+            return None
+        for action in actions[:-1]:
+            self._advance(*action)
+        return self.step(*actions[-1])
+
+    def _advance(self, steer: float, throttle: float, brake: float) -> None:
         drive = self._drive
         if drive is None:
             raise EpisodeNotStartedError("step before the first reset; call reset")
@@ -185,13 +211,6 @@ class Episode:
         self._actions.append(action)
         self.steps += 1
         self._guide()
-        truncated = self._judge.ran_out
-        return Step(
-            self._observe(),
-            reward(state[3], state[2], self._guidance),
-            self.outcome is not None and not truncated,
-            truncated,
-        )
 
     def abort(self) -> Outcome:
         """End it here, as the agent's own doing; an episode that has ended keeps its outcome.

@@ -3,7 +3,8 @@
 import asyncio
 import time
 
-from wrongturn_service.pool.local import COMMAND, LocalSimulator
+from wrongturn_service.pool.local import COMMAND
+from wrongturn_service.pool.local_simulator import LocalSimulator
 from wrongturn_service.pool.memory import available_memory, memory_of
 from wrongturn_service.settings import Settings
 

@@ -5,8 +5,9 @@ it ends, so no simulator outlives its service; a call that takes too long ends i
 while SUMO does not give Python the word.
 
 Requests: ``["reset", trial, track, actions, wire, place]``, ``["step", steer, throttle, brake, wire, place]``,
-``["abort"]``. Replies: ``[OK, observation, reward, terminated, truncated, final]``, ``[REFUSED, name, message]``,
-``[FAILED, name, message]``; ``final`` is None or ``[outcome, steps, trajectory, its sha256, the actions' sha256]``.
+``["abort"]``, ``["prepare", town]``. Replies: ``[OK, observation, reward, terminated, truncated, final]``,
+``[REFUSED, name, message]``, ``[FAILED, name, message]``; ``final`` is None or ``[outcome, steps, trajectory, its
+sha256, the actions' sha256]``.
 An observation as raw arrays is written to the place on the screen, and the reply has its number of bytes.
 """
 
@@ -19,7 +20,7 @@ import struct
 import sys
 from typing import Any, Final
 
-from wrongturn_networks import draw_journey, draw_trial, load_town
+from wrongturn_networks import Town, draw_journey, draw_trial, load_town
 from wrongturn_protocol import FaultKind, Outcome, Task, Track, Trial, observations
 from wrongturn_service.pool import frames
 from wrongturn_service.pool.pool import replay_s
@@ -47,12 +48,17 @@ class Server:
             return self._step(*arguments)
         if operation == "reset":
             return self._reset(*arguments)
+        if operation == "prepare":
+            self._drive_a_little(load_town(*arguments))
+            return [frames.OK]
         episode = self._driven()
         return [frames.OK, _final(episode, episode.abort())]
 
     def warm_up(self) -> None:
         """Drive a little, so that what is compiled or loaded late is there before the first agent comes."""
-        town = load_town("junctions")
+        self._drive_a_little(load_town("junctions"))
+
+    def _drive_a_little(self, town: Town) -> None:
         junction = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
         journey = draw_journey(town, Task.NAVIGATION, 0)  # judged by arithmetic of its own
         for trial, track in ((junction, Track.PRIVILEGED), (junction, Track.SEGMENTATION), (journey, Track.STATE)):
@@ -69,8 +75,9 @@ class Server:
         self._episode = episode = Episode(Trial.model_validate_json(trial), self._track)
         observation = episode.reset()
         reward, terminated, truncated = 0.0, False, False
-        for action in _ACTION.iter_unpack(actions):
-            observation, reward, terminated, truncated = episode.step(*action)
+        repeated = episode.repeat(list(_ACTION.iter_unpack(actions)))
+        if repeated is not None:
+            observation, reward, terminated, truncated = repeated
         return self._frame(observation, reward, terminated, truncated, wire, place)
 
     def _step(self, steer: float, throttle: float, brake: float, wire: str, place: int) -> list[Any]:

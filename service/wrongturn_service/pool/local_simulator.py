@@ -1,0 +1,245 @@
+"""One simulator as a process of this machine."""
+
+import asyncio
+import os
+import socket
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
+
+from typing_extensions import override
+
+from wrongturn_protocol import Outcome, Track
+from wrongturn_service.pool import frames
+from wrongturn_service.pool.pool import (
+    Action,
+    EpisodeRefusedError,
+    Final,
+    Frame,
+    Simulator,
+    SimulatorDiedError,
+    SimulatorError,
+    SimulatorStartError,
+    replay_s,
+)
+from wrongturn_service.pool.screen import Screen
+from wrongturn_service.wire import Wire
+
+_T = TypeVar("_T")
+
+
+class _Line(asyncio.Protocol):
+    """The stream to a process: one request out, one reply in."""
+
+    def __init__(self) -> None:
+        self.closed = False
+        self._waiting: asyncio.Future[Any] | None = None
+        self._read: Callable[[list[Any]], Any] = list
+        self._splitter = frames.Splitter()
+
+    @property
+    def waiting(self) -> "asyncio.Future[Any] | None":
+        """What a reply is waited for by, where one is."""
+        return None if self._waiting is None or self._waiting.done() else self._waiting
+
+    def expect(self, waiting: "asyncio.Future[_T]", read: Callable[[list[Any]], _T]) -> None:
+        """Let the next reply be read and given to somebody."""
+        self._waiting, self._read = waiting, read
+        if self.closed:
+            self.fail("the simulator process ended")
+
+    def fail(self, reason: str) -> None:
+        """Tell who waits that nothing comes."""
+        if self.waiting is not None:
+            self.waiting.set_exception(SimulatorDiedError(reason))
+
+    @override
+    def data_received(self, data: bytes) -> None:
+        for value in self._splitter.feed(data):
+            waiting = self.waiting
+            if waiting is not None:
+                try:
+                    waiting.set_result(self._read(value))
+                except SimulatorError as error:
+                    waiting.set_exception(error)
+
+    @override
+    def connection_lost(self, exc: Exception | None) -> None:
+        self.closed = True
+        self.fail("the simulator process ended")
+
+
+class LocalSimulator(Simulator):
+    """One process; use :meth:`start`."""
+
+    def __init__(
+        self,
+        process: subprocess.Popen[bytes],
+        transport: asyncio.Transport,
+        line: _Line,
+        screen: Screen,
+        timeout_s: float,
+    ) -> None:
+        self.process = process
+        self.town = ""
+        """What it has loaded."""
+        self._transport = transport
+        self._handle: int = transport.get_extra_info("socket").fileno()
+        self._line = line
+        self._screen = screen
+        self._timeout_s = timeout_s
+        self._loop = asyncio.get_running_loop()
+        self._alarm: asyncio.TimerHandle | None = None
+        self._limit_s = timeout_s
+        self._deadline = 0.0
+
+    @classmethod
+    async def start(
+        cls,
+        command: Sequence[str],
+        environment: Mapping[str, str],
+        *,
+        start_timeout_s: float,
+        timeout_s: float,
+    ) -> "LocalSimulator":
+        """Start a process and wait until it is ready.
+
+        Raises:
+            SimulatorStartError: it ended, or was not ready in time.
+        """
+        ours, theirs = socket.socketpair()
+        screen = Screen()
+        with theirs, screen.lent() as screen_handle:
+            handle = theirs.fileno()
+
+            def spawn() -> subprocess.Popen[bytes]:
+                return subprocess.Popen(  # noqa: S603 - our own program
+                    [*command, str(handle), str(int(timeout_s) + 1), str(screen_handle)],
+                    pass_fds=[handle, screen_handle],
+                    stdin=subprocess.DEVNULL,
+                    # What SUMO prints must not get between the lines of the service's own stdout.
+                    stdout=2,
+                    env={**os.environ, **environment},
+                )
+
+            try:
+                process = await asyncio.to_thread(spawn)
+            except OSError as error:
+                ours.close()
+                raise SimulatorStartError(f"no simulator process could be started: {error}") from error
+        ours.setblocking(False)
+        transport, line = await asyncio.get_running_loop().create_unix_connection(_Line, sock=ours)
+        simulator = cls(process, transport, line, screen, timeout_s)
+        try:
+            await simulator._finished(simulator._expected(lambda reply: reply, start_timeout_s))
+        except SimulatorDiedError as error:
+            await simulator.close()
+            status = process.returncode
+            raise SimulatorStartError(
+                f"a simulator process did not get ready ({error}, status {status}); what it said is on stderr, "
+                "and 'wrongturn doctor' checks the installation",
+            ) from error
+        except BaseException:
+            simulator.kill()
+            raise
+        return simulator
+
+    @property
+    @override
+    def dead(self) -> bool:
+        return self._line.closed
+
+    @override
+    async def reset(self, trial: str, track: Track, actions: bytes, wire: Wire) -> Frame:
+        request: list[object] = ["reset", trial, track.value, actions, wire.value, self._screen.turn()]
+        return await self._finished(self._asked(request, self._frame, self._timeout_s + replay_s(actions)))
+
+    @override
+    async def step(self, action: Action, wire: Wire) -> Frame:
+        return await self._finished(self.begin_step(action, wire))
+
+    @override
+    def begin_step(self, action: Action, wire: Wire) -> "asyncio.Future[Frame]":
+        return self._asked(["step", *action, wire.value, self._screen.turn()], self._frame, self._timeout_s)
+
+    @override
+    async def abort(self) -> Final:
+        return await self._finished(self._asked(["abort"], lambda reply: _final(reply[1]), self._timeout_s))
+
+    async def prepare(self, town: str) -> None:
+        """Load a town, so that the first reset there takes no longer than any. Raises SimulatorDiedError."""
+        await self._finished(self._asked(["prepare", town], lambda _: None, self._timeout_s))
+        self.town = town
+
+    def kill(self) -> None:
+        """End it at once; whoever waits for it hears of it."""
+        self._line.closed = True
+        self._transport.abort()
+        self.process.kill()
+        if self._alarm is not None:
+            self._alarm.cancel()
+            self._alarm = None
+
+    async def close(self) -> None:
+        """End it and wait until it is gone."""
+        self.kill()
+        await asyncio.to_thread(self.process.wait)
+
+    def _asked(self, request: list[object], read: Callable[[list[Any]], _T], timeout_s: float) -> "asyncio.Future[_T]":
+        """Send a request; what comes of its reply."""
+
+        def checked(reply: list[Any]) -> _T:
+            if reply[0] == frames.REFUSED:
+                raise EpisodeRefusedError(reply[1], reply[2])
+            if reply[0] != frames.OK:
+                # What state it is in nobody knows: the next episode must not inherit it.
+                self.kill()
+                raise SimulatorDiedError(f"{reply[1]}: {reply[2]}")
+            return read(reply)
+
+        if not self.dead:
+            frames.write_now(self._transport, self._handle, [frames.pack(request)])
+        return self._expected(checked, timeout_s)
+
+    def _expected(self, read: Callable[[list[Any]], _T], timeout_s: float) -> "asyncio.Future[_T]":
+        waiting: asyncio.Future[_T] = self._loop.create_future()
+        self._line.expect(waiting, read)
+        self._limit_s, self._deadline = timeout_s, self._loop.time() + timeout_s
+        self._set_alarm()
+        return waiting
+
+    async def _finished(self, waiting: "asyncio.Future[_T]") -> _T:
+        try:
+            return await waiting
+        except asyncio.CancelledError:
+            # Its reply would be taken for the next request's.
+            self.kill()
+            raise
+
+    def _set_alarm(self) -> None:
+        """Look when the deadline has come; an alarm that rings earlier is left to be set again then, not each time."""
+        if self._alarm is not None:
+            if self._alarm.when() <= self._deadline:
+                return
+            self._alarm.cancel()
+        self._alarm = self._loop.call_at(self._deadline, self._ring)
+
+    def _ring(self) -> None:
+        self._alarm = None
+        if self._line.waiting is None:
+            return
+        if self._loop.time() < self._deadline:
+            self._set_alarm()
+            return
+        self._line.fail(f"the simulator process did not answer within {self._limit_s:g} s")
+        self.kill()
+
+    def _frame(self, reply: list[Any]) -> Frame:
+        _, observation, reward, terminated, truncated, final = reply
+        shown = self._screen.shown(observation) if isinstance(observation, int) else observation
+        return Frame(shown, reward, terminated, truncated, None if final is None else _final(final))
+
+
+def _final(values: list[Any]) -> Final:
+    outcome, steps, trajectory, trajectory_sha256, actions_sha256 = values
+    return Final(Outcome.model_validate_json(outcome), steps, trajectory, trajectory_sha256, actions_sha256)
