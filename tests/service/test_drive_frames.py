@@ -1,0 +1,181 @@
+"""A message means the same however it comes; what breaks WebSocket's own rules ends the connection, not the drive."""
+
+import socket
+import struct
+import time
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from raw_socket import connected, upgrade
+from service_harness import Agent, RunningService
+
+from wrongturn_protocol import wire
+
+TEXT, BINARY, CLOSE, PING, PONG = 0x1, 0x2, 0x8, 0x9, 0xA
+LIMIT = 4 * 1024 * 1024
+LOOKS = [wire.pack_calls(number, [["look", f"none {number}"]]) for number in range(3)]
+
+
+def frame(kind: int, payload: bytes, *, final: bool = True, mask: bytes = b"\x01\x02\x03\x04") -> bytes:
+    """One frame of a client's."""
+    size = len(payload)
+    first = kind | (0x80 if final else 0)
+    if size < 126:
+        head = bytes([first, 0x80 | size])
+    elif size < 65536:
+        head = struct.pack("!BBH", first, 0xFE, size)
+    else:
+        head = struct.pack("!BBQ", first, 0xFF, size)
+    repeated = int.from_bytes((mask * (size // 4 + 1))[:size], "big")
+    return head + mask + (int.from_bytes(payload, "big") ^ repeated).to_bytes(size, "big")
+
+
+def told(raw: socket.socket) -> Iterator[tuple[int, bytes]]:
+    """Kind and payload of each frame that the service sends, up to the close, which it would wait to see answered."""
+    file = raw.makefile("rb")
+    while len(head := file.read(2)) == 2:
+        size = head[1]
+        if size >= 126:
+            size = int.from_bytes(file.read(2 if size == 126 else 8), "big")
+        kind = head[0] & 0x0F
+        yield kind, file.read(size)
+        if kind == CLOSE:
+            return
+
+
+@st.composite
+def streams(draw: st.DrawFn) -> tuple[list[bytes], int]:
+    """The bytes of all messages, in fragments with pings between, cut anywhere; and how many pings there are."""
+    data, pings = b"", 0
+    for message in LOOKS:
+        cuts = sorted(draw(st.lists(st.integers(0, len(message)), max_size=3)))
+        parts = [message[begin:end] for begin, end in zip([0, *cuts], [*cuts, len(message)], strict=True)]
+        for index, part in enumerate(parts):
+            mask = draw(st.binary(min_size=4, max_size=4))
+            data += frame(0 if index else BINARY, part, final=index == len(parts) - 1, mask=mask)
+            if draw(st.booleans()):
+                data += frame(PING, b"here?")
+                pings += 1
+    cuts = sorted(draw(st.lists(st.integers(1, len(data) - 1), max_size=6)))
+    return [data[begin:end] for begin, end in zip([0, *cuts], [*cuts, len(data)], strict=True)], pings
+
+
+@settings(
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=list(HealthCheck),
+)
+@given(stream=streams())
+def test_a_message_means_the_same_however_it_comes(
+    service: RunningService, agent: Agent, stream: tuple[list[bytes], int]
+) -> None:
+    pieces, pings = stream
+    with connected(service) as raw:
+        upgrade(raw, agent.token)
+        raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for piece in pieces:
+            raw.sendall(piece)
+            time.sleep(0.002)  # so that the next comes on its own
+        answered: dict[int | None, str] = {}
+        frames = told(raw)
+        while len(answered) < len(LOOKS) or pings:
+            kind, payload = next(frames)
+            if kind == PONG:
+                pings -= 1
+                continue
+            assert kind == BINARY
+            number, ((status, fields),) = wire.unpack_results(payload)
+            assert status == 404
+            answered[number] = fields["detail"]
+        assert answered == {number: f"there is no episode 'none {number}'" for number in range(3)}
+
+
+def test_a_message_that_trickles_in_is_answered(service: RunningService, agent: Agent) -> None:
+    with connected(service) as raw:
+        upgrade(raw, agent.token)
+        raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for byte in frame(BINARY, LOOKS[1]):
+            raw.sendall(bytes([byte]))
+            time.sleep(0.02)
+        _, payload = next(told(raw))
+        assert wire.unpack_results(payload)[0] == 1
+
+
+HALF = bytes(LIMIT // 2 + 1)
+BROKEN = {
+    "a frame without a mask": (b"\x82\x01\x90", 1002, ""),
+    "a reserved bit": (frame(BINARY | 0x40, LOOKS[0]), 1002, ""),
+    "a kind that there is none of": (frame(0x3, b"x"), 1002, ""),
+    "a fragment that nothing began": (frame(0x0, b"x"), 1002, ""),
+    "a message within another": (frame(BINARY, b"x", final=False) + frame(BINARY, b"y"), 1002, ""),
+    "a ping that is too long": (frame(PING, bytes(126)), 1002, ""),
+    "a ping in fragments": (frame(PING, b"x", final=False), 1002, ""),
+    "text that is none": (frame(TEXT, b"\xff"), 1007, ""),
+    "text in fragments": (frame(TEXT, b"te", final=False) + frame(0, b"xt"), 1003, "text-message"),
+    "too large in fragments": (frame(BINARY, HALF, final=False) + frame(0, HALF), 1009, "message-too-large"),
+    "far too large by its head": (b"\x82\xff" + (3 * LIMIT).to_bytes(8, "big") + b"\x01\x02\x03\x04", 1009, ""),
+    "truncated in fragments": (frame(BINARY, LOOKS[0][:3], final=False) + frame(0, b""), 1007, "truncated-message"),
+    "nothing at all": (frame(BINARY, b""), 1007, "truncated-message"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_what_breaks_the_rules_ends_the_connection(service: RunningService, agent: Agent, name: str) -> None:
+    data, code, kind = BROKEN[name]
+    episode = agent.practise()["id"]
+    with connected(service) as raw:
+        upgrade(raw, agent.token)
+        raw.sendall(frame(BINARY, wire.pack_calls(7, [["step", episode, 1, 0.0, 0.5, 0.0]])))
+        raw.sendall(data)
+        frames = list(told(raw))
+    *messages, (last, reason) = frames
+    assert (last, int.from_bytes(reason[:2], "big")) == (CLOSE, code)
+    results = dict(wire.unpack_results(payload) for sort, payload in messages if sort == BINARY)
+    if kind:
+        assert reason[2:].decode() == kind
+        ((_, fields),) = results[None]
+        assert fields["type"] == f"/problems/{kind}"
+    # What was begun before is not lost by it.
+    assert agent.step(episode, 1, {"steer": 0.0, "throttle": 0.5, "brake": 0.0}).json()["seq"] == 1
+
+
+@pytest.mark.parametrize("length", range(len(LOOKS[0])))
+def test_a_message_cut_anywhere_is_truncated(service: RunningService, agent: Agent, length: int) -> None:
+    with connected(service) as raw:
+        upgrade(raw, agent.token)
+        raw.sendall(frame(BINARY, LOOKS[0][:length]))
+        (_, reply), (_, reason) = told(raw)
+    number, ((status, fields),) = wire.unpack_results(reply)
+    assert (number, status, fields["type"]) == (None, 400, "/problems/truncated-message")
+    assert reason == (1007).to_bytes(2, "big") + b"truncated-message"
+
+
+MALFORMED = {
+    "no calls": b"\x92\x01\x90",
+    "too many calls": wire.pack_calls(1, [["look", "x"]] * (wire.CALLS + 1)),
+    "a number below zero": b"\x92\xff\x91\xc0",
+    "a number too large": b"\x92\xcf" + (2**32).to_bytes(8, "big") + b"\x91\xc0",
+    "true for a number": b"\x92\xc3\x91\xc0",
+    "calls that are a map": b"\x92\x01\x80",
+    "three things": b"\x93\x01\x91\xc0\xc0",
+    "two messages in one": LOOKS[0] * 2,
+    "text that is no UTF-8": b"\x92\x01\x91\x92\xa4look\xa1\xff",
+    "an array for a key": b"\x92\x01\x91\x92\xa8practise\x81\x90\x01",
+    "arrays a thousand deep": b"\x92\x01\x91" + b"\x91" * 5000 + b"\xc0",
+}
+
+
+@pytest.mark.parametrize("name", MALFORMED)
+def test_what_is_no_message_of_calls_is_malformed(service: RunningService, agent: Agent, name: str) -> None:
+    with connected(service) as raw:
+        upgrade(raw, agent.token)
+        raw.sendall(frame(BINARY, MALFORMED[name]))
+        (_, reply), (_, reason) = told(raw)
+    number, ((status, fields),) = wire.unpack_results(reply)
+    assert (number, status, fields["type"]) == (None, 400, "/problems/malformed-message")
+    assert fields["detail"]
+    assert reason == (1007).to_bytes(2, "big") + b"malformed-message"
