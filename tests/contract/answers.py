@@ -154,10 +154,13 @@ class Answers:
         """What a message ends the agent's socket with: the problem's type, and the close's code.
 
         Args:
-            token: whose socket; it is opened where there is none.
-            message: what is sent; a good one where None.
+            token: whose socket.
+            message: what is sent; a good one over a socket that is open where None.
         """
-        socket = self._sockets.pop(token, None) or await self.open(token)
+        if message is not None:
+            # One that the service has not left behind by being started again.
+            await self.batch(token, [("look", "none")])
+        socket = self._sockets.pop(token)
         await socket.send(wire.pack_calls(1, [["look", "none"]]) if message is None else message)
         told = await socket.recv()
         assert isinstance(told, bytes)
