@@ -97,7 +97,15 @@ def _report(**figures: object) -> None:
 def test_connections_whose_clients_are_gone_without_a_word(tmp_path: Path, size: Size) -> None:
     """Each answers no ping, takes no reply, and has asked for a reset, by half or whole, over HTTP or the socket."""
     reset = frame(wire.pack_calls(1, [["practise", PRACTICE, None]]))
-    patience = {"lease_release_s": 2, "lease_abort_s": 4, "slow_client_s": 5, "ping_interval_s": 2, "ping_timeout_s": 3}
+    # All have to be there before the first is given up.
+    unit = size.connections / 100
+    patience = {
+        "slow_client_s": 4 + 2 * unit,
+        "ping_interval_s": 1 + unit,
+        "ping_timeout_s": 2 + 2 * unit,
+        "lease_release_s": 2,
+        "lease_abort_s": 4,
+    }
 
     def vanish(service: RunningService, token: str, count: int) -> None:
         silent = []
@@ -118,13 +126,13 @@ def test_connections_whose_clients_are_gone_without_a_word(tmp_path: Path, size:
         finally:
             for raw in silent:
                 raw.close()
-        if count == size.connections:
-            assert held["wrongturn_sockets"] > size.connections / 2
-            closed = {name: value for name, value in gone.items() if "connections_closed_total" in name and value}
-            _report(connections=count, sockets=held["wrongturn_sockets"], kB_while=memory, closed=closed)
+        assert held["wrongturn_sockets"] == 0.9 * count
+        closed = {name: value for name, value in gone.items() if "connections_closed_total" in name and value}
+        _report(connections=count, sockets=held["wrongturn_sockets"], kB_while=memory, closed=closed)
 
     with _service(tmp_path, size, **patience) as service, service.agent() as agent:
-        vanish(service, agent.token, size.connections // 2)
+        # What Python has taken for the first crowd it keeps for the next.
+        vanish(service, agent.token, size.connections)
         before = _resident(service)
         vanish(service, agent.token, size.connections)
         after = _resident(service)
@@ -198,7 +206,7 @@ def test_ten_times_more_clients_than_slots(tmp_path: Path, size: Size) -> None:
 
     async def crowd(service: RunningService, seconds: float) -> None:
         limits = httpx.Limits(max_connections=None, max_keepalive_connections=None)
-        async with httpx.AsyncClient(base_url=service.url, timeout=120, limits=limits) as http:
+        async with httpx.AsyncClient(base_url=service.url, timeout=600, limits=limits) as http:
             if not clients:
                 for number in range(10 * size.slots):
                     body = {"name": f"one of too many {number}", "track": "segmentation"}
