@@ -110,6 +110,10 @@ class AsyncClient(Threaded):
         """Whether the service can take episodes; waits for as long as the patience lasts."""
         return await self._run(self._client.ready)
 
+    async def simulators(self) -> int | None:
+        """How many episodes can be driven at a time, all agents' together; None where the service does not say."""
+        return await self._run(self._client.simulators)
+
     async def suites(self) -> tuple[SuiteSummary, ...]:
         """All suites."""
         return await self._run(self._client.suites)

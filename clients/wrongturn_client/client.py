@@ -1,8 +1,9 @@
 """The calls of a Wrongturn service, each a method."""
 
+import re
 import uuid
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 from urllib.parse import urlsplit
 from urllib.request import getproxies, proxy_bypass
 
@@ -47,6 +48,8 @@ from wrongturn_protocol import (
 )
 
 M = TypeVar("M", bound=BaseModel)
+_SLOTS: Final = re.compile(rb"^wrongturn_simulator_slots ([0-9.e+]+)$", re.MULTILINE)
+"""In the service's figures for Prometheus."""
 
 
 class Client(Closing):
@@ -117,6 +120,11 @@ class Client(Closing):
         """Whether the service can take episodes; waits for as long as the patience lasts."""
         self._transport.call("GET", "/health/ready")
         return True
+
+    def simulators(self) -> int | None:
+        """How many episodes can be driven at a time, all agents' together; None where the service does not say."""
+        found = _SLOTS.search(self._transport.call("GET", "/metrics").content)
+        return None if found is None else int(float(found[1]))
 
     def suites(self) -> tuple[SuiteSummary, ...]:
         """All suites."""

@@ -1,7 +1,7 @@
 """Over what an environment's episodes are driven: the socket, or HTTP where there is none."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
 from typing import Any, Final, Protocol
 
@@ -59,7 +59,9 @@ class HttpLine(Closing):
             return [answer(calls[0])]
         if self._threads is None:
             self._threads = ThreadPoolExecutor(_THREADS, "wrongturn-line")
-        return list(self._threads.map(answer, calls))
+        answers = [self._threads.submit(answer, call) for call in calls]
+        wait(answers)  # where one fails too: none may still be under way when it is sent again
+        return [one.result() for one in answers]
 
     def close(self) -> None:
         """Close the connections."""

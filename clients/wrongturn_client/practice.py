@@ -2,6 +2,7 @@
 
 import contextlib
 import secrets
+import uuid
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
@@ -30,6 +31,9 @@ class Practice(Closing):
         token: an agent's; ``WRONGTURN_TOKEN`` by default. Where there is none, an agent for practice is registered.
         patience: seconds for which is tried again while the service is busy or gone.
         transport: of httpx, for tests.
+
+    Raises:
+        ValueError: the patience is no number of seconds.
     """
 
     def __init__(
@@ -40,6 +44,8 @@ class Practice(Closing):
         patience: float = 60.0,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
+        if isinstance(patience, bool) or not isinstance(patience, int | float) or not patience >= 0:
+            raise ValueError(f"patience: is {patience!r}; give seconds, 0 or more")
         self.patience = patience
         self._source = source
         self._url = url
@@ -60,6 +66,17 @@ class Practice(Closing):
             ValueError, WrongturnError: as :meth:`PracticeSource.draw`.
         """
         return practise_call(self._source.draw(self._connected(), random, trial))
+
+    def again(self, call: list[Any]) -> list[Any]:
+        """The same trial, as another episode."""
+        return [*call[:2], str(uuid.uuid4())]
+
+    def slots(self) -> int | None:
+        """How many episodes the service can drive at a time; None where it does not say."""
+        try:
+            return self._connected().simulators()
+        except ApiError:
+            return None
 
     def exchange(self, calls: Sequence[Sequence[Any]], patience: float | None = None) -> list[Result]:
         """The results of any number of calls; raises as :meth:`wrongturn_client.line.Line.exchange`."""

@@ -23,7 +23,6 @@ from wrongturn_client.errors import (
 )
 from wrongturn_client.practice import Practice, granted
 from wrongturn_client.practice_source import Options, PracticeSource
-from wrongturn_protocol import ProblemType
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 from wrongturn_protocol.vectors import Flags, checked_actions, mask_of, seeds_of, trials_of, whole_number
 from wrongturn_protocol.wire import Call
@@ -31,7 +30,6 @@ from wrongturn_protocol.wire import Call
 _BRIEFLY: Final = 5.0
 """Seconds of patience while simulators are held by environments that wait for others: after 10 they would be lost."""
 _STEP: Final = Call.STEP.value
-_FULL: Final = frozenset({ProblemType.SIMULATORS_BUSY, ProblemType.RATE_LIMITED})
 
 
 class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
@@ -75,25 +73,26 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         if render_mode is not None:
             raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
         self.render_mode = None
-        self.num_envs = whole_number("num_envs", num_envs)
+        self.num_envs = count = whole_number("num_envs", num_envs)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         source = PracticeSource(**options)
         self.track = source.track
         self.single_observation_space = observation_space(self.track)
         self.single_action_space = action_space()
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, count)
+        self.action_space = batch_space(self.single_action_space, count)
         self._practice = Practice(source, url, token, patience, transport)
-        self._randoms: list[np.random.Generator | None] = [None] * num_envs
+        self._slots: int | None = None
+        self._randoms: list[np.random.Generator | None] = [None] * count
         self._calls: dict[int, list[Any]] = {}
         """By which the next episode of an environment begins, until it has: another attempt begins no other."""
-        self._episodes: list[str | None] = [None] * num_envs
+        self._episodes: list[str | None] = [None] * count
         """None where none was begun, or it ended."""
-        self._seqs = [0] * num_envs
-        self._seen: list[Observation] = [{}] * num_envs
-        self._begun = np.zeros(num_envs, np.bool_)
-        self._over = np.zeros(num_envs, np.bool_)
+        self._seqs = [0] * count
+        self._seen: list[Observation] = [{}] * count
+        self._begun = np.zeros(count, np.bool_)
+        self._over = np.zeros(count, np.bool_)
 
     def reset(
         self,
@@ -110,7 +109,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
 
         Raises:
             ValueError: another number of seeds, trials or flags than of environments.
-            ServiceFullError: there are fewer simulators; nothing is left open then.
+            ServiceFullError: the service has fewer simulators, or too few to spare; nothing is left open then.
             WrongturnError: the service cannot be reached, or refuses.
         """
         seeds = seeds_of(seed, self.num_envs)
@@ -127,6 +126,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             self._calls.pop(i, None)
             self._draw(i, trials[i])
         self._abort(chosen)
+        self.closed = False  # else what begins now would not be given up by another close
         infos: dict[str, Any] = {}
         for i, reply in zip(chosen, self._begin_all(chosen), strict=True):
             self._start(i, reply, infos)
@@ -189,24 +189,42 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
 
     def _begin_all(self, chosen: list[int]) -> list[dict[str, Any]]:
         """The replies to as many resets, or an error and nothing of them left open."""
-        calls = [self._calls[i] for i in chosen]
+        self._check_slots()
         end = time.monotonic() + self._practice.patience
-        held = sum(episode is not None for episode in self._episodes)
         while True:
-            results = self._practice.exchange(calls, None if self.num_envs == 1 else _BRIEFLY)
-            begun = [result["id"] for result in results if not isinstance(result, ApiError)]
-            if len(begun) == len(chosen):
+            results = self._practice.exchange(
+                [self._calls[i] for i in chosen], None if self.num_envs == 1 else _BRIEFLY
+            )
+            refused = [result for result in results if isinstance(result, ApiError)]
+            if not refused:
                 return [granted(result) for result in results]
-            self._practice.abort(begun)
-            first = next(result for result in results if isinstance(result, ApiError))
-            left = end - time.monotonic()
-            if not all(isinstance(result, ServiceBusyError) for result in results if isinstance(result, ApiError)):
+            # Who waits for more must not hold what others wait for.
+            begun = {i: result["id"] for i, result in zip(chosen, results, strict=True) if isinstance(result, dict)}
+            self._practice.abort(list(begun.values()))
+            for refusal in refused:
+                if not isinstance(refusal, ServiceBusyError):
+                    raise refusal
+            first, left = refused[0], end - time.monotonic()
+            if left <= 0 and not begun:
                 raise first
-            if (begun or held) and first.type in _FULL:
-                raise _full(self._practice.url, self.num_envs, len(begun) + held, first) from first
-            if left <= 0 or begun or held:
-                raise first
+            if left <= 0:
+                raise ServiceFullError(
+                    f"num_envs: is {self.num_envs}, and {len(begun)} of {len(chosen)} episodes could be begun at once "
+                    f"({first}); make fewer environments, or come back when the service is less busy",
+                ) from first
+            for i in begun:
+                self._calls[i] = self._practice.again(self._calls[i])
             time.sleep(min(left, 1.0 if first.retry_after is None else first.retry_after))
+
+    def _check_slots(self) -> None:
+        if self.num_envs > 1 and self._slots is None:
+            self._slots = self._practice.slots()
+        if self._slots is not None and self._slots < self.num_envs:
+            slots, self._slots = self._slots, None  # the next service at the URL may have more
+            raise ServiceFullError(
+                f"num_envs: is {self.num_envs}, and the service at {self._practice.url} has {slots} simulators; make "
+                f"{slots} environments at most, or start it with WRONGTURN_SIMULATORS={self.num_envs} or more",
+            )
 
     def _start(self, i: int, reply: dict[str, Any], infos: dict[str, Any]) -> None:
         self._calls.pop(i, None)
@@ -245,16 +263,6 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         space = self.single_observation_space
         batch = create_empty_array(space, self.num_envs)
         return cast(Observation, concatenate(space, self._seen, cast(Observation, batch)))
-
-
-def _full(url: str, wanted: int, there: int, refusal: ApiError) -> ServiceFullError:
-    more = ""
-    if refusal.type == ProblemType.SIMULATORS_BUSY:
-        more = f", or start the service with WRONGTURN_SIMULATORS={wanted} or more"
-    return ServiceFullError(
-        f"num_envs: is {wanted}, and the service at {url} began {there} episodes and refused the rest ({refusal}); "
-        f"make {there} environments at most{more}",
-    )
 
 
 def _lost(result: Result) -> dict[str, Any] | None:

@@ -33,10 +33,14 @@ def trials_of(options: dict[str, Any] | None, count: int, single: type | tuple[t
     """``options["trial"]``, shared out: one for all of them, of a type of ``single``; or one for each.
 
     Raises:
-        ValueError: there are more or fewer.
+        ValueError: there are more or fewer, or it is neither.
     """
     given = (options or {}).get("trial")
-    trials = [given] * count if given is None or isinstance(given, single) else list(given)
+    if given is None or isinstance(given, single):
+        return [given] * count
+    if not isinstance(given, Sequence):
+        raise ValueError(f"options.trial: is {given!r}; give one trial, or one for each environment")
+    trials = list(given)
     _check_number("options.trial", len(trials), count)
     return trials
 

@@ -23,6 +23,7 @@ from wrongturn_protocol import ProblemType, Track
 from wrongturn_protocol.observations import observation_space
 
 GAS = np.float32([0.1, 0.5, 0.0])
+BUSY = problem(ProblemType.SIMULATORS_BUSY, 503, "all 2 simulators are busy", {"retry-after": "1"})
 
 
 def _make(service: FakeService, number: int = 3, **options: Any) -> RemoteVectorEnv:
@@ -139,6 +140,18 @@ def test_begins_anew_when_it_is_told_to() -> None:
         envs.step(_gas())
 
 
+def test_it_may_be_reset_after_it_was_closed() -> None:
+    service = FakeService()
+    envs = _make(service)
+    for _ in range(2):
+        envs.reset()
+        envs.step(_gas())
+        envs.close()
+        with pytest.raises(ResetNeeded):
+            envs.step(_gas())
+    assert sorted(service.aborted) == sorted(service.seen)
+
+
 def test_a_suites_trials_are_driven_one_each() -> None:
     service = FakeService()
     envs = _make(service, suite="smoke@1", trial="one")
@@ -182,6 +195,8 @@ def test_actions_that_are_none_are_named_and_nothing_is_driven(actions: Any, nam
         ({"number": 2.5}, "num_envs"),
         ({"autoreset_mode": "Sometimes"}, "Sometimes"),
         ({"render_mode": "human"}, "render_mode"),
+        ({"patience": "long"}, "patience"),
+        ({"patience": -1.0}, "patience"),
         ({"track": "sonar"}, "sonar"),
         ({"suite": "smoke@1", "town": "Town01"}, "suite"),
     ],
@@ -198,6 +213,7 @@ def test_what_cannot_be_made_says_why(options: dict[str, Any], named: str) -> No
     [
         ({"seed": [1, 2]}, "seed"),
         ({"options": {"trial": ["a"]}}, "options.trial"),
+        ({"options": {"trial": 5}}, "options.trial"),
         ({"options": {"trial": "a"}}, "suite"),
         ({"options": {"reset_mask": [1, 0, 0]}}, "reset_mask"),
     ],
@@ -212,13 +228,17 @@ def test_a_reset_that_cannot_be_leaves_the_episodes_as_they_are(call: dict[str, 
     assert _stepped(service) == [1, 1, 1]
 
 
-def test_a_reset_that_is_refused_leaves_nothing_open() -> None:
+def test_a_reset_that_is_refused_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wrongturn_client.vector_env._BRIEFLY", 0.0)
     service = FakeService()
     envs = _make(service, suite="smoke@1", trial="one")
     refused = problem(ProblemType.UNKNOWN_TRIAL, 404, "no trial nine")
-    service.inject = lambda request: refused if b"nine" in request.content else None
+    service.inject = lambda request: (
+        BUSY if b"eight" in request.content else refused if b"nine" in request.content else None
+    )
     with pytest.raises(NotFoundError, match="no trial nine"):
-        envs.reset(options={"trial": ["one", "nine", "two"]})
+        envs.reset(options={"trial": ["one", "eight", "nine"]})
+    service.inject = None
     assert sorted(service.aborted) == sorted(service.seen)
     with pytest.raises(ResetNeeded):
         envs.step(_gas())
@@ -289,19 +309,48 @@ def test_an_episode_that_was_given_up_is_truncated() -> None:
     assert np.flatnonzero(infos["_trial"]).tolist() == [i]
 
 
-def test_a_full_service_is_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_service_with_fewer_simulators_is_told_with_the_remedy() -> None:
+    service = FakeService()
+    figures = httpx.Response(200, text="# HELP a b\nwrongturn_simulator_slots 2.0\nother 1.0\n")
+    service.inject = lambda request: figures if request.url.path == "/metrics" else None
+    with pytest.raises(ServiceFullError, match=r"num_envs: is 3.* has 2 simulators; make 2 .*WRONGTURN_SIMULATORS=3"):
+        _make(service).reset()
+    assert service.practice == []
+    _make(service, 2).reset()
+
+
+def _with_room_for_two(service: FakeService) -> None:
+    free = iter(range(2))
+    service.inject = lambda request: BUSY if request.url.path == "/v1/episodes" and next(free, None) is None else None
+
+
+def test_a_service_that_stays_too_full_is_told_and_nothing_is_left_open(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("wrongturn_client.vector_env._BRIEFLY", 0.0)
     service = FakeService()
-    busy = problem(ProblemType.SIMULATORS_BUSY, 503, "all 2 simulators are busy", {"retry-after": "1"})
-    free = iter(range(2))
-
-    def full(request: httpx.Request) -> httpx.Response | None:
-        return busy if request.url.path == "/v1/episodes" and next(free, None) is None else None
-
-    service.inject = full
-    with pytest.raises(ServiceFullError, match=r"num_envs: is 3.* began 2 .*all 2 simulators.*WRONGTURN_SIMULATORS=3"):
-        _make(service).reset()
+    _with_room_for_two(service)
+    with pytest.raises(ServiceFullError, match=r"num_envs: is 3.* 2 of 3 episodes .*all 2 simulators"):
+        _make(service, patience=0.0).reset()
     assert sorted(service.aborted) == sorted(service.seen)
+
+
+def test_waits_for_more_and_holds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wrongturn_client.vector_env._BRIEFLY", 0.0)
+    service = FakeService()
+    _with_room_for_two(service)
+    held: list[int] = []
+
+    def sleep(seconds: float) -> None:
+        held.append(len(service.seen) - len(service.aborted))
+        service.inject = None
+
+    monkeypatch.setattr("wrongturn_client.vector_env.time.sleep", sleep)
+    envs = _make(service)
+    envs.reset(seed=1)
+    assert held == [0]
+    assert len(service.seen) == 5, "who was given up begins as another episode"
+    assert {request["seed"] for request in service.practice[:2]} < {request["seed"] for request in service.practice[2:]}
+    envs.step(_gas())
+    assert sorted(_stepped(service)) == [0, 0, 1, 1, 1]
 
 
 def test_waits_for_a_service_that_others_have_filled(monkeypatch: pytest.MonkeyPatch) -> None:
