@@ -9,13 +9,13 @@ from typing import Any, Final
 import msgpack
 from pydantic import ValidationError
 
-from wrongturn_protocol import EpisodeState, EvaluationState, PracticeRequest, StepRequest
+from wrongturn_protocol import PracticeRequest, StepRequest
 from wrongturn_protocol.wire import PATH, RETRY_AFTER, Call, pack_result
 from wrongturn_service import catalogue, logs
 from wrongturn_service.accounts import Caller
 from wrongturn_service.api.body import refused
 from wrongturn_service.api.dependencies import owned_by
-from wrongturn_service.api.episodes import episode_detail
+from wrongturn_service.api.episodes import episode_detail, is_shown
 from wrongturn_service.api.errors import as_service_error
 from wrongturn_service.episodes import refusals
 from wrongturn_service.episodes.open_episode import rounded
@@ -148,11 +148,9 @@ class Calls:
         service, wanted = self._service, _text("episode", episode)
         _, row = await service.episodes.look(self._caller.id, wanted)
         refusals.check_owner(self._caller.id, row.agent_id, wanted)
-        shown = row.state == EpisodeState.FINISHED
-        if shown and row.evaluation_id is not None:
-            evaluation = await service.store.evaluation(row.evaluation_id)
-            shown = evaluation is not None and evaluation.state == EvaluationState.FINISHED
-        detail = episode_detail(service, row, shown=shown, last_reply=False).model_dump(mode="json")
+        detail = episode_detail(service, row, shown=await is_shown(service, row), last_reply=False).model_dump(
+            mode="json"
+        )
         last = service.episodes.last_reply(wanted, Wire.RAW)
         if last is None:
             return pack_result(200, detail)

@@ -108,17 +108,22 @@ async def _seen(request: Request, episode_id: str) -> tuple[EpisodeRow, bool]:
     service = service_of(request)
     given = request.headers.get("authorization") is not None
     row = await service.store.episode(episode_id)
-    public = False
-    if row is not None and row.evaluation_id is not None and row.state == EpisodeState.FINISHED:
-        evaluation = await service.store.evaluation(row.evaluation_id)
-        public = evaluation is not None and evaluation.state == EvaluationState.FINISHED
+    public = row is not None and row.evaluation_id is not None and await is_shown(service, row)
     if row is not None and public and not given:
         return row, True
     caller: Caller = await caller_of(request)
     _, row = await service.episodes.look(caller.id, episode_id)
     if not public and row.agent_id != caller.id:
         raise ForbiddenError(f"episode {episode_id} is another agent's")
-    return row, public or (row.evaluation_id is None and row.state == EpisodeState.FINISHED)
+    return row, public or await is_shown(service, row)
+
+
+async def is_shown(service: Service, row: EpisodeRow) -> bool:
+    """Whether an episode's trial and outcome may be told: it, and in an evaluation the whole of it, is finished."""
+    if row.state != EpisodeState.FINISHED or row.evaluation_id is None:
+        return row.state == EpisodeState.FINISHED
+    evaluation = await service.store.evaluation(row.evaluation_id)
+    return evaluation is not None and evaluation.state == EvaluationState.FINISHED
 
 
 def episode_detail(service: Service, row: EpisodeRow, *, shown: bool, last_reply: bool = True) -> EpisodeDetail:
