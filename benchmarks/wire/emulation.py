@@ -1,0 +1,104 @@
+"""A simulator that only takes as long as one, and shows the same observation again and again."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from wrongturn_protocol import Track, wire
+from wrongturn_protocol.observations import observation_space
+
+TRACK = Track.SEGMENTATION
+SIZE = wire.layout(TRACK).size
+WORK = "WRONGTURN_BENCHMARK_WORK_S"
+COMMAND = (sys.executable, str(Path(__file__).parent), "--simulator")
+"""What is started in a simulator process's place."""
+
+
+def seconds() -> float:
+    """Of a step."""
+    return float(os.environ[WORK])
+
+
+def work(duration: float) -> None:
+    """Keep a core busy."""
+    end = time.perf_counter() + duration
+    while time.perf_counter() < end:
+        pass
+
+
+def observation() -> dict[str, Any]:
+    space = observation_space(TRACK)
+    space.seed(0)
+    sample: dict[str, Any] = space.sample()
+    return sample
+
+
+class Emulated:
+    """In place of an episode."""
+
+    def __init__(self, *_: object) -> None:
+        self.shown = observation()
+        self.duration = seconds()
+
+    def reset(self) -> Any:
+        return self.shown
+
+    def repeat(self, actions: list[Any]) -> Any:
+        shown = None
+        for action in actions:
+            shown = self.step(*action)
+        return shown
+
+    def step(self, *_: float) -> Any:
+        work(self.duration)
+        return self.shown, 1.0, False, False
+
+
+def simulator() -> None:
+    """The service's simulator process around it."""
+    from wrongturn_service.pool import process  # noqa: PLC0415
+
+    process.Episode = Emulated  # type: ignore[misc, assignment]
+    process.Server.warm_up = lambda _: None  # type: ignore[method-assign]
+    process.main()
+
+
+class Asked:
+    """The same process, asked over its socket and its shared memory by a program that waits: the bare hop."""
+
+    def __init__(self) -> None:
+        import socket  # noqa: PLC0415
+
+        from wrongturn_service.pool import frames  # noqa: PLC0415
+        from wrongturn_service.pool.screen import Screen  # noqa: PLC0415
+        from wrongturn_service.wire import Wire  # noqa: PLC0415
+
+        ours, theirs = socket.socketpair()
+        self.screen = Screen()
+        with theirs, self.screen.lent() as screen:
+            subprocess.Popen([*COMMAND, str(theirs.fileno()), "60", str(screen)], pass_fds=[theirs.fileno(), screen])
+        self.socket = ours
+        self.replies = frames.Receiver(ours)
+        self.replies.receive()
+        self.request = frames.pack(["step", 0.0, 0.5, 0.0, Wire.RAW.value, self.screen.turn()])
+        trial = _trial()
+        ours.sendall(frames.pack(["reset", trial, TRACK.value, b"", Wire.RAW.value, 0]))
+        self.replies.receive()
+
+    def ask(self) -> None:
+        self.socket.sendall(self.request)
+
+    def answer(self) -> bytes | memoryview:
+        """The block, where it lies."""
+        return self.screen.shown(self.replies.receive()[1]).data
+
+
+def _trial() -> str:
+    from wrongturn_networks import draw_trial, load_town  # noqa: PLC0415
+    from wrongturn_protocol import FaultKind  # noqa: PLC0415
+
+    town = load_town("junctions")
+    return draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0).model_dump_json()
