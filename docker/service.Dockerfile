@@ -35,14 +35,16 @@ RUN pip install --no-deps ./clients ./networks ./service \
 RUN useradd --system --uid 10001 --home-dir /var/lib/wrongturn --shell /usr/sbin/nologin wrongturn \
     && install -d -o wrongturn -g wrongturn -m 0750 /var/lib/wrongturn
 COPY docker/entrypoint.sh /usr/local/bin/wrongturn-entrypoint
+# The first start compiles; on a machine with much else to do that took longer than the service's own default allows.
 ENV WRONGTURN_HOME=/var/lib/wrongturn \
-    NUMBA_CACHE_DIR=/var/lib/wrongturn/numba
+    NUMBA_CACHE_DIR=/var/lib/wrongturn/numba \
+    WRONGTURN_SIMULATOR_START_TIMEOUT_S=600
 USER wrongturn
 WORKDIR /var/lib/wrongturn
 VOLUME /var/lib/wrongturn
 EXPOSE 8000
 
-HEALTHCHECK --interval=10s --timeout=5s --start-period=120s --retries=3 \
+HEALTHCHECK --interval=10s --timeout=5s --start-period=600s --retries=3 \
     CMD ["python", "-c", "import urllib.request; urllib.request.urlopen('http://127.0.0.1:8000/health/ready', timeout=4)"]
 
 ENTRYPOINT ["sh", "/usr/local/bin/wrongturn-entrypoint"]
