@@ -73,7 +73,7 @@ class Service:
 
     def up(self) -> None:
         self.compose("up", "-d")
-        deadline = time.monotonic() + 180
+        deadline = time.monotonic() + 600
         while self.call("GET", "/health/ready").status != 200:
             # A service that ends at once is started again and again; waiting for that one is of no use.
             hopeless = time.monotonic() > deadline or int(inspect(self.container(), "{{.RestartCount}}")) > 2
