@@ -31,6 +31,8 @@ class Crowd:
 
 def _serve(make: Callable[[], Ways], pipe: Any) -> None:
     ways = make()
+    for step in ways.values():
+        step()  # whatever is started by the first
     pipe.send("ready")
     with contextlib.suppress(EOFError):
         while True:
