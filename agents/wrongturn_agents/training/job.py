@@ -77,9 +77,12 @@ def keep(job: Job, where: Path, bundle: Path) -> None:
                 split(where / "best.pt", manifest.parent, job.algorithm)
 
 
-def rank(evaluation: dict[str, Any]) -> tuple[float, float]:
-    """By which the best seed is chosen: held-out success; among equals, reward."""
-    return evaluation.get("success", -1.0), evaluation.get("reward", 0.0)
+def rank(evaluation: dict[str, Any]) -> tuple[float, int, float]:
+    """By which the best seed is chosen: held-out success; among equals, the journeys that show it, then reward.
+
+    Rewards compare among the same journeys alone: a brief evaluation has the shortest ones.
+    """
+    return evaluation.get("success", -1.0), evaluation.get("journeys", 0), evaluation.get("reward", 0.0)
 
 
 def _train(job: Job, where: Path, device: str, threads: int) -> None:

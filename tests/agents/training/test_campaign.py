@@ -123,6 +123,7 @@ def test_gpus_that_are_not_there():
 
 def test_success_goes_before_reward():
     assert rank({"success": 0.9, "reward": 1.0}) > rank({"success": 0.8, "reward": 9.0}) > rank({})
+    assert rank({"success": 1.0, "journeys": 50, "reward": 1.0}) > rank({"success": 1.0, "journeys": 20, "reward": 9.0})
 
 
 PLAN = f"""
