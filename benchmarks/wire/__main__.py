@@ -83,9 +83,8 @@ def lone_steps(given: argparse.Namespace, url: str, token: str, ports: tuple[int
             for way, value in medians(rates).items():
                 of_hop, of_bare = ratio(rates, way, HOP), ratio(rates, way, BARE)
                 print(f"  {way:28}{value:8,.0f} steps/s   {of_hop:5.2f} of {HOP}   {of_bare:5.2f} of {BARE}")
-            for way in (RAW, OURS, HTTP):
-                own, whole = percentiles(overheads[way]), percentiles(took[way])
-                print(f"  {way:28}service's own ms {own}   a step's {whole}")
+            for way, seconds in took.items():
+                print(f"  {way:28}a step's ms {percentiles(seconds)}   the service's own {percentiles(overheads[way])}")
             found[str(clients)] = {
                 "rates": rates,
                 "ratios": {f"{above} / {below}": ratio(rates, above, below) for above, below, _ in TARGETS},
