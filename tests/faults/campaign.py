@@ -25,7 +25,7 @@ SUITE = "smoke@1"
 SEATS = (("careful", HTTP, 2), ("obeys-blindly", SOCKET, 2), ("careful", SOCKET, 1))
 """Agents that drive at the same time: their policy, by which channel, and how many episodes at a time."""
 PATIENCE_S = 120.0
-_WRITE_S = 2.0
+_WRITE_S, _DRIVING_S = 2.0, 20.0
 _COUNTED_S = 1.5
 """Seconds in which the last replays are counted."""
 RELEASE_S = 1.5
@@ -164,6 +164,7 @@ def run(
                 break
             if not kill.at_once:
                 service.await_ready()
+                _await_driving(service)
             time.sleep(kill.pause_s)
             if kill.at_write:
                 _await_write(store)
@@ -208,6 +209,13 @@ def _kill(kill: Moment, service: Service, store: Store, seats: Sequence[Seat]) -
     except ProcessLookupError:
         return False
     return True
+
+
+def _await_driving(service: Service) -> None:
+    """Until somebody drives, so that a slow machine's kills hit something; where nobody does, for a while only."""
+    deadline = time.monotonic() + _DRIVING_S
+    while not service.driven() and time.monotonic() < deadline:
+        time.sleep(0.1)
 
 
 def _await_write(store: Store) -> None:

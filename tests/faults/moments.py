@@ -18,7 +18,7 @@ class Moment:
     Attributes:
         victim: one of the kinds above.
         at_once: whether it comes upon the kill before, and so may hit what is just being started again; else it waits
-            until the service is ready.
+            until the service is ready and somebody drives.
         pause_s: seconds since then.
         at_write: whether it waits for the next write to the database after the pause, to come between it and its reply.
         pick: which of the victim's kind, from 0 to 1.

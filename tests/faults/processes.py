@@ -117,6 +117,10 @@ class Service(Kept):
         """Episodes that were brought back in another simulator, as far as it could be asked before it was killed."""
         return int(sum(self._replays.values()))
 
+    def driven(self) -> bool:
+        """Whether episodes are open."""
+        return self._figure("wrongturn_open_episodes") > 0
+
     def kill(self, back_s: float = _AGAIN_S) -> bool:
         when = time.time()
         killed = super().kill(back_s)
@@ -127,12 +131,22 @@ class Service(Kept):
     def simulators(self) -> list[int]:
         return [] if self.pid is None else children(self.pid)
 
+    def stop(self) -> int:
+        status = super().stop()
+        self._counting.join()
+        self._http.close()
+        return status
+
     def _count(self) -> None:
         while not self._stopping.wait(1.0):
             pid = self.pid
-            for line in (self._get("/metrics") or "").splitlines():
-                if line.startswith("wrongturn_replays_total ") and pid is not None and pid == self.pid:
-                    self._replays[pid] = float(line.split()[1])
+            replays = self._figure("wrongturn_replays_total")
+            if pid is not None and pid == self.pid:
+                self._replays[pid] = replays
+
+    def _figure(self, name: str) -> float:
+        lines = (self._get("/metrics") or "").splitlines()
+        return next((float(line.split()[1]) for line in lines if line.startswith(f"{name} ")), 0.0)
 
     def _get(self, path: str) -> str | None:
         with contextlib.suppress(httpx.HTTPError):
