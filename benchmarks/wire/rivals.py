@@ -31,10 +31,10 @@ def compared(given: argparse.Namespace, client: Client, folder: str) -> dict[str
         found["openenv"] = _shown("OpenEnv, the same observation", theirs, _ours(given, Batch(client, 1)))
     if given.others or given.real:
         with contextlib.ExitStack() as stack:
-            port, _ = stack.enter_context(servers.started(servers.service, folder, False, 2))
+            port, _ = stack.enter_context(servers.started(servers.service, folder, False, 4))
             url = f"http://127.0.0.1:{port}"
-            with Client(url) as anybody:
-                anybody.ready()
+            with Client(url, timeout=600) as anybody:
+                anybody.ready()  # its simulators may have to be compiled first
             found["real"] = {}
             for track in (Track.STATE, Track.PRIVILEGED, Track.CAMERA):
                 with Client(url) as anybody:
