@@ -318,6 +318,8 @@ class Problem(Message):
     detail: str
     errors: tuple[FieldError, ...] = ()
     position: Annotated[int, Field(ge=1)] | None = Field(default=None, exclude_if=is_none)
-    """With 429 and 503: how many places have to become free until it is this call's turn, 1 the next. Of simulators
-    where the call stands in the line for one, which is kept for who comes back after ``Retry-After``; of one's own where
-    a limit of one's own is met."""
+    """With 429 and 503: how many places have to become free until it is this call's turn, 1 the next.
+
+    Of simulators where the call stands in the line for one, which is kept for who comes back after ``Retry-After``; of
+    one's own where a limit of one's own is met.
+    """
