@@ -51,9 +51,9 @@ class SilentServer(uvicorn.Server):
 class ServedApp:
     """One service; ``wait`` lets it run until a coroutine of the test is done."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, slots: int = SLOTS) -> None:
         self.loop = uvloop.new_event_loop()
-        self.pool = FakePool(SLOTS)
+        self.pool = FakePool(slots)
         self.pool.steps = STEPS
         self.now = 0.0
         """The clock of leases and of the line for simulators, seconds."""
@@ -62,7 +62,7 @@ class ServedApp:
         self._settings = Settings(
             database=f"sqlite+aiosqlite:///{folder / 'a.db'}",
             home=folder,
-            simulators=SLOTS,
+            simulators=slots,
             max_parallel=PARALLEL,
             max_practice=PRACTICE,
             max_waiting=WAITING,

@@ -36,7 +36,7 @@ OUT_OF_REACH = {
 
 @pytest.fixture
 def served(tmp_path: Path) -> Iterator[ServedApp]:
-    served = ServedApp(tmp_path)
+    served = ServedApp(tmp_path, slots=32)
     try:
         yield served
     finally:

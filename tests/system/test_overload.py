@@ -228,7 +228,8 @@ def test_ten_times_more_clients_than_slots(tmp_path: Path, size: Size) -> None:
     assert sum(client.begun for client in clients) == sum(client.finished for client in clients) > 0
     assert refused.keys() <= {429, 503}
     assert sum(refused.values()) > 0
-    assert all(1 <= position <= len(clients) for client in clients for position in client.positions)
+    # A place whose client went away with an earlier crowd is kept for a while.
+    assert all(1 <= position <= len(memory) * len(clients) for client in clients for position in client.positions)
     assert figures["wrongturn_open_episodes"] == figures["wrongturn_simulators_busy"] == 0
     each = [client.finished for client in clients]
     waits = sorted(wait for client in clients for wait in client.waits)
