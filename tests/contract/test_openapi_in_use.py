@@ -32,6 +32,7 @@ OUT_OF_REACH = {
     "DELETE /v1/agents/{agent}/token",
 }
 """Operations that no case need have success with; the tests beside this one do."""
+WALKS = 6
 
 
 @pytest.fixture
@@ -43,13 +44,13 @@ def served(tmp_path: Path) -> Iterator[ServedApp]:
         served.close()
 
 
-def schema_of(served: ServedApp) -> Any:
+def schema_of(served: ServedApp, seed: int) -> Any:
     with httpx.Client(base_url=served.url, timeout=60) as http:
-        token = http.post("/v1/agents", json={"name": "one", "track": "privileged"}).json()["token"]
+        token = http.post("/v1/agents", json={"name": f"walk {seed}", "track": "privileged"}).json()["token"]
         document = http.get("/openapi.json").json()
     config = schemathesis.Config.from_dict(
         {
-            "seed": 1,
+            "seed": seed,
             "headers": {"Authorization": f"Bearer {token}"},
             "continue-on-failure": True,
             "request-timeout": 60,
@@ -82,9 +83,26 @@ def is_busy(response: Any) -> bool:
 
 
 def use(served: ServedApp) -> None:
-    """Let schemathesis do what it can think of; nothing may be wrong, and each call has to have been reached."""
-    schema = schema_of(served)
+    """Let schemathesis do what it can think of; nothing may be wrong, and each call has to have been reached.
+
+    Its walks are drawn anew where too little was reached: what they come by depends on all that is imported.
+    """
     statuses: defaultdict[str, Counter[int]] = defaultdict(Counter)
+    for seed in range(1, WALKS + 1):
+        schema = schema_of(served, seed)
+        walk(schema, statuses)
+        operations = {found.ok().label for found in schema.get_all_operations()}
+        reached = {label for label, found in statuses.items() if any(status < 300 for status in found)}
+        if operations - reached <= OUT_OF_REACH:
+            break
+    for label, found in sorted(statuses.items()):
+        print(label, dict(sorted(found.items())))
+    print(sum(sum(found.values()) for found in statuses.values()), "calls")
+    assert operations - reached <= OUT_OF_REACH
+
+
+def walk(schema: Any, statuses: defaultdict[str, Counter[int]]) -> None:
+    """All that one seed comes to; statuses are counted by operation."""
     wrong: list[str] = []
     for event in from_schema(schema).execute():
         if isinstance(event, events.NonFatalError | events.FatalError):
@@ -108,9 +126,3 @@ def use(served: ServedApp) -> None:
                 assert told["type"] in KINDS
                 assert told["status"] == response.status_code
     assert not wrong, "\n".join(wrong)
-    for label, found in sorted(statuses.items()):
-        print(label, dict(sorted(found.items())))
-    print(sum(sum(found.values()) for found in statuses.values()), "calls")
-    operations = {found.ok().label for found in schema.get_all_operations()}
-    reached = {label for label, found in statuses.items() if any(status < 300 for status in found)}
-    assert operations - reached <= OUT_OF_REACH
