@@ -1,10 +1,11 @@
 """What is closed at the end of a ``with`` block."""
 
+from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import Self
 
 
-class Closing:
+class Closing(ABC):
     """Base of what has a ``close``."""
 
     def __enter__(self) -> Self:
@@ -20,6 +21,6 @@ class Closing:
         """Close."""
         self.close()
 
+    @abstractmethod
     def close(self) -> None:
         """Give back what is held; again is no harm."""
-        raise NotImplementedError

@@ -91,14 +91,46 @@ class Patience:
             self._over()
 
 
-class GuardedHttp(HttpToolsProtocol):
-    """Uvicorn's HTTP, for as long as the client keeps to the guard's rules."""
+class GuardedWriting(asyncio.BaseProtocol):
+    """Stands before a protocol of uvicorn's: a client that takes nothing of its replies is cut off."""
+
+    transport: asyncio.Transport
 
     def __init__(self, *arguments: Any, guard: Guard, **named: Any) -> None:
         super().__init__(*arguments, **named)
         self._guard = guard
-        self._head = Patience(guard, self._too_slow, excused=self._answering)
         self._taken = Patience(guard, self._not_taken, self._written)
+
+    @override
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._taken.end()
+        super().connection_lost(exc)
+
+    @override
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._taken.begin()
+
+    @override
+    def resume_writing(self) -> None:
+        self._taken.end()
+        super().resume_writing()
+
+    def _written(self) -> int:
+        return -self.transport.get_write_buffer_size()
+
+    def _not_taken(self) -> None:
+        # A word of farewell would only stand behind what is not taken.
+        self._guard.close("slow-reader", self.transport)
+        self.transport.abort()
+
+
+class GuardedHttp(GuardedWriting, HttpToolsProtocol):
+    """Uvicorn's HTTP, for as long as the client keeps to the guard's rules."""
+
+    def __init__(self, *arguments: Any, guard: Guard, **named: Any) -> None:
+        super().__init__(*arguments, guard=guard, **named)
+        self._head = Patience(guard, self._too_slow, excused=self._answering)
 
     @override
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -118,7 +150,6 @@ class GuardedHttp(HttpToolsProtocol):
     @override
     def connection_lost(self, exc: Exception | None) -> None:
         self._head.end()
-        self._taken.end()
         super().connection_lost(exc)
 
     @override
@@ -136,22 +167,9 @@ class GuardedHttp(HttpToolsProtocol):
         self._head.end()
         super().handle_websocket_upgrade()
 
-    @override
-    def pause_writing(self) -> None:
-        super().pause_writing()
-        self._taken.begin()
-
-    @override
-    def resume_writing(self) -> None:
-        self._taken.end()
-        super().resume_writing()
-
     def _answering(self) -> bool:
         # Meanwhile the next request's head is not read.
         return self.cycle is not None and not self.cycle.response_complete
-
-    def _written(self) -> int:
-        return -self.transport.get_write_buffer_size()
 
     def _too_slow(self) -> None:
         self._refuse(
@@ -162,10 +180,6 @@ class GuardedHttp(HttpToolsProtocol):
                 status=408,
             ),
         )
-
-    def _not_taken(self) -> None:
-        self._guard.close("slow-reader", self.transport)
-        self.transport.abort()
 
     def _refuse(self, reason: str, error: ServiceError) -> None:
         self._guard.close(reason, self.transport)
@@ -181,20 +195,17 @@ class GuardedHttp(HttpToolsProtocol):
         self.transport.close()
 
 
-class GuardedWebSocket(DirectWebSocket):
+class GuardedWebSocket(GuardedWriting, DirectWebSocket):
     """Uvicorn's WebSocket, for as long as the client keeps to the guard's rules."""
 
     def __init__(self, *arguments: Any, guard: Guard, **named: Any) -> None:
-        super().__init__(*arguments, **named)
-        self._guard = guard
+        super().__init__(*arguments, guard=guard, **named)
         self._received = 0
         self._message = Patience(guard, self._too_slow, lambda: self._received, lambda: self.read_paused)
-        self._taken = Patience(guard, self._not_taken, self._written)
 
     @override
     def connection_lost(self, exc: Exception | None) -> None:
         self._message.end()
-        self._taken.end()
         super().connection_lost(exc)
 
     @override
@@ -206,19 +217,6 @@ class GuardedWebSocket(DirectWebSocket):
         else:
             self._message.end()
 
-    @override
-    def pause_writing(self) -> None:
-        super().pause_writing()
-        self._taken.begin()
-
-    @override
-    def resume_writing(self) -> None:
-        self._taken.end()
-        super().resume_writing()
-
-    def _written(self) -> int:
-        return -self.transport.get_write_buffer_size()
-
     def _too_slow(self) -> None:
         if self.close_sent or self.transport.is_closing():
             return
@@ -227,8 +225,3 @@ class GuardedWebSocket(DirectWebSocket):
         self.transport.write(b"".join(self.conn.data_to_send()))
         self.close_sent = True
         self.transport.close()
-
-    def _not_taken(self) -> None:
-        # A word of farewell would only stand behind what is not taken.
-        self._guard.close("slow-reader", self.transport)
-        self.transport.abort()

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 from wrongturn_protocol import ProblemType
+from wrongturn_service.counting import one_less
 from wrongturn_service.errors import UnavailableError
 
 _COME_BACK_S = 5
@@ -50,10 +51,8 @@ class Sockets:
         try:
             yield
         finally:
-            for counter, name in ((self._agents, agent), (self._addresses, address)):
-                counter[name] -= 1
-                if not counter[name]:
-                    del counter[name]
+            one_less(self._agents, agent)
+            one_less(self._addresses, address)
 
 
 def _too_many(which: str) -> UnavailableError:

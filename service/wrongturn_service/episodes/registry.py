@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from wrongturn_protocol import ProblemType
+from wrongturn_service.counting import one_less
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.errors import UnavailableError
 
@@ -67,9 +68,9 @@ class Registry:
 
     def give_back(self, agent: str, *, practice: bool) -> None:
         """It came to nothing."""
-        _less(self._agents, agent)
+        one_less(self._agents, agent)
         if practice:
-            _less(self._practising, agent)
+            one_less(self._practising, agent)
 
     def add(self, episode: OpenEpisode) -> None:
         """It is open; it was counted before."""
@@ -79,12 +80,6 @@ class Registry:
         """It is open no more."""
         del self._open[episode.id]
         self.give_back(episode.agent, practice=episode.practice)
-
-
-def _less(counter: Counter[str], agent: str) -> None:
-    counter[agent] -= 1
-    if not counter[agent]:
-        del counter[agent]
 
 
 def _too_many(which: str) -> UnavailableError:
