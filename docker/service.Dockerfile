@@ -31,20 +31,26 @@ COPY service service
 RUN pip install --no-deps ./clients ./networks ./service \
     && rm -rf clients networks service
 
+# Compiled here, as no container should have to: on a busy machine it takes minutes. Whoever runs the container only reads
+# them; the volume has a copy, to which is added what another processor needs.
+ENV WRONGTURN_KERNELS=/opt/wrongturn/kernels
+RUN NUMBA_CACHE_DIR="$WRONGTURN_KERNELS" WRONGTURN_HOME=/tmp/home python -m wrongturn_sim \
+    && rm -rf /tmp/home \
+    && chmod -R a=rX,u+w "$WRONGTURN_KERNELS"
+
 # What the service writes (database, caches) lies in one folder, which compose puts on a volume.
 RUN useradd --system --uid 10001 --home-dir /var/lib/wrongturn --shell /usr/sbin/nologin wrongturn \
     && install -d -o wrongturn -g wrongturn -m 0750 /var/lib/wrongturn
 COPY docker/entrypoint.sh /usr/local/bin/wrongturn-entrypoint
-# The first start compiles; on a machine with much else to do that took longer than the service's own default allows.
+# More than the service's own default, for a processor that the kernels above do not fit.
 ENV WRONGTURN_HOME=/var/lib/wrongturn \
-    NUMBA_CACHE_DIR=/var/lib/wrongturn/numba \
-    WRONGTURN_SIMULATOR_START_TIMEOUT_S=600
+    WRONGTURN_SIMULATOR_START_TIMEOUT_S=300
 USER wrongturn
 WORKDIR /var/lib/wrongturn
 VOLUME /var/lib/wrongturn
 EXPOSE 8000
 
-HEALTHCHECK --interval=10s --timeout=5s --start-period=600s --retries=3 \
+HEALTHCHECK --interval=10s --timeout=5s --start-period=300s --retries=3 \
     CMD ["python", "-c", "import urllib.request; urllib.request.urlopen('http://127.0.0.1:8000/health/ready', timeout=4)"]
 
 ENTRYPOINT ["sh", "/usr/local/bin/wrongturn-entrypoint"]

@@ -2,6 +2,7 @@ import os
 import stat
 import subprocess
 import sys
+from pathlib import Path
 
 from wrongturn_sim import simulator as bridge
 from wrongturn_sim.checks import checks
@@ -53,3 +54,55 @@ def test_a_home_that_cannot_be_made_is_no_obstacle(tmp_path):
     blocked.chmod(stat.S_IRUSR)
     code = "from wrongturn_sim.ego import advance; print(advance(*[0.0] * 8, 0.05)[3])"
     assert run(code, WRONGTURN_HOME=str(blocked / "home")) == "0.0"
+
+
+KERNELS = "from wrongturn_sim.ego import advance; advance(*[0.0] * 8, 0.05);"
+WHERE = "import os; print(os.environ['NUMBA_CACHE_DIR'])"
+
+
+def test_kernels_that_came_along_are_copied_and_not_compiled_again(tmp_path):
+    compiled, home = tmp_path / "compiled", tmp_path / "home"
+    run(KERNELS, NUMBA_CACHE_DIR=str(compiled))
+    came = files(compiled)
+    (home / "numba" / "of an older version").mkdir(parents=True)
+    (home / "numba-0123").mkdir()
+    copy = Path(run(KERNELS + WHERE, WRONGTURN_HOME=str(home), WRONGTURN_KERNELS=str(compiled)))
+    assert list(home.iterdir()) == [copy]
+    assert files(copy) == came == files(compiled)
+
+
+def test_what_another_processor_needs_is_added_to_the_copy_and_kept(tmp_path):
+    compiled, home = tmp_path / "compiled", tmp_path / "home"
+    run(KERNELS, NUMBA_CACHE_DIR=str(compiled))
+    came = files(compiled)
+    here = {"WRONGTURN_HOME": str(home), "WRONGTURN_KERNELS": str(compiled), "NUMBA_CPU_NAME": "generic"}
+    copy = Path(run(KERNELS + WHERE, **here))
+    assert files(compiled) == came
+    added = files(copy)
+    assert came.keys() < added.keys()
+    assert run(KERNELS + WHERE, **here) == str(copy)
+    assert files(copy) == added
+
+
+def test_kernels_of_another_image_have_a_copy_of_their_own(tmp_path):
+    compiled, home = tmp_path / "compiled", tmp_path / "home"
+    compiled.mkdir()
+    copies = []
+    for content in ("one", "another"):
+        (compiled / "kernel").write_text(content, encoding="ascii")
+        copies.append(run("import wrongturn_sim;" + WHERE, WRONGTURN_HOME=str(home), WRONGTURN_KERNELS=str(compiled)))
+    assert copies[0] != copies[1]
+    assert (Path(copies[1]) / "kernel").read_text(encoding="ascii") == "another"
+
+
+def test_kernels_are_copied_where_home_cannot_be_made_too(tmp_path):
+    compiled = tmp_path / "compiled"
+    compiled.mkdir()
+    (compiled / "kernel").write_text("one", encoding="ascii")
+    (tmp_path / "file").write_text("", encoding="ascii")
+    here = {"WRONGTURN_HOME": str(tmp_path / "file" / "home"), "WRONGTURN_KERNELS": str(compiled)}
+    assert (Path(run("import wrongturn_sim;" + WHERE, **here, TMPDIR=str(tmp_path))) / "kernel").is_file()
+
+
+def files(directory):
+    return {file.relative_to(directory): file.read_bytes() for file in directory.rglob("*") if file.is_file()}

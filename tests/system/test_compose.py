@@ -73,7 +73,7 @@ class Service:
 
     def up(self) -> None:
         self.compose("up", "-d")
-        deadline = time.monotonic() + 600
+        deadline = time.monotonic() + 300
         while self.call("GET", "/health/ready").status != 200:
             # A service that ends at once is started again and again; waiting for that one is of no use.
             hopeless = time.monotonic() > deadline or int(inspect(self.container(), "{{.RestartCount}}")) > 2
@@ -186,6 +186,15 @@ def test_agents_from_outside_and_as_workers_come_on_the_leaderboard(service: Ser
     service.compose("--profile", "careful", "up", "--no-recreate", "careful")
     found = {entry["agent"]["name"]: entry["agent"]["kind"] for entry in entries(service)}
     assert found == {"always-stops": "submitted", "careful": "baseline"}
+
+
+def test_no_container_compiles_what_the_image_brings_along(service: Service) -> None:
+    """After the drives above, and one that looks through the camera; a processor may need other code off x86-64."""
+    token = register(service, "looks")["token"]
+    practice = {"suite": "smoke@1", "trial": first_trial(service), "track": "camera"}
+    assert service.call("POST", "/v1/episodes", practice, token).status == 201
+    compare = 'diff -r "$WRONGTURN_KERNELS" "$WRONGTURN_HOME"/numba-*'
+    assert service.compose("exec", "-T", "service", "sh", "-c", compare) == ""
 
 
 def test_what_was_written_is_there_after_down_and_up(service: Service) -> None:
