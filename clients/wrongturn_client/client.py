@@ -82,7 +82,8 @@ class Client(Closing):
             token: an agent's or the operator's; ``WRONGTURN_TOKEN`` by default. Public calls need none.
             transport: of httpx, for tests.
             timeout: seconds for each attempt at a call.
-            patience: seconds for which a call is repeated while the service is busy or gone; 0 for never.
+            patience: seconds for which a call is repeated while the service is busy or gone; 0 for never. A URL at
+                which nobody has answered this client yet is given up after 5 s.
             binary: whether episodes go as msgpack; else as JSON.
         """
         self._transport = Transport(
@@ -323,7 +324,8 @@ class Client(Closing):
             raise NotOfferedError("the WebSocket is binary; this client was asked for JSON")
         if self._injected or (url.scheme in getproxies() and not proxy_bypass(url.hostname or "")):
             raise NotOfferedError("no WebSocket through a proxy or another transport; HTTP does the same")
-        return Drive(url, self._token, timeout=self._timeout, patience=self._patience)
+        contact = self._transport.contact
+        return Drive(url, self._token, timeout=self._timeout, patience=self._patience, contact=contact)
 
     # Leaderboards
 

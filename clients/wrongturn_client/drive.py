@@ -9,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 from wrongturn_client.closing import Closing
 from wrongturn_client.connections import ConnectionBrokeError
+from wrongturn_client.contact import Contact
 from wrongturn_client.errors import ApiError, ProtocolError, ServiceBusyError, ServiceUnreachableError
 from wrongturn_client.link import Link
 from wrongturn_client.problems import api_error
@@ -39,7 +40,15 @@ class Drive(Closing):
     not taken twice, by its ``seq``, nor is an episode begun twice, by its key. Make it by :meth:`Client.drive`.
     """
 
-    def __init__(self, url: SplitResult, token: str | None, *, timeout: float = 30.0, patience: float = 60.0) -> None:
+    def __init__(
+        self,
+        url: SplitResult,
+        token: str | None,
+        *,
+        timeout: float = 30.0,
+        patience: float = 60.0,
+        contact: Contact | None = None,
+    ) -> None:
         """Connect.
 
         Args:
@@ -47,6 +56,7 @@ class Drive(Closing):
             token: an agent's.
             timeout: seconds for each wait for an answer.
             patience: seconds for which is tried again while the service is busy or gone; 0 for never.
+            contact: what is known of the service; nothing by default, and then it is given up soon.
 
         Raises:
             ServiceUnreachableError, NotOfferedError, ApiError.
@@ -55,7 +65,7 @@ class Drive(Closing):
         self._url = url
         self._make: Callable[[], Link] = lambda: Link(url, token, timeout)
         self._link: Link | None = None
-        self._answered = False
+        self._contact = contact or Contact(url.geturl())
         self._number = 0
         self._unanswered: dict[int, bytes] = {}
         self._early: dict[int, list[Result]] = {}
@@ -187,7 +197,7 @@ class Drive(Closing):
         if before is not None:
             before.close()
         try:
-            for attempt in attempts(self.patience, lambda: self._answered):
+            for attempt in attempts(self.patience, self._contact):
                 with attempt:
                     link = self._make()
                     try:
@@ -196,7 +206,8 @@ class Drive(Closing):
                     except BaseException:
                         link.close()
                         raise
-                    self._link, self._answered = link, True
+                    self._link = link
+                    self._contact.reached()
                     return
         except ConnectionBrokeError as error:
             raise ServiceUnreachableError(self._url.geturl(), str(error)) from error.__cause__
@@ -205,7 +216,7 @@ class Drive(Closing):
         """Send calls again that met a busy service; where it stays busy, that stays their result."""
         first = True
         try:
-            for attempt in attempts(patience, lambda: True):
+            for attempt in attempts(patience, self._contact):
                 with attempt:
                     left = [at for at, result in enumerate(results) if isinstance(result, ServiceBusyError)]
                     if not first:

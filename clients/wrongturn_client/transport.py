@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 from urllib.parse import SplitResult, quote, urlsplit
@@ -13,6 +13,7 @@ import stamina
 from pydantic import ValidationError
 
 from wrongturn_client.connections import Answer, ConnectionBrokeError, connect
+from wrongturn_client.contact import Contact
 from wrongturn_client.errors import (
     ProtocolError,
     ServiceBusyError,
@@ -30,8 +31,6 @@ _LONGEST_GROWN_PAUSE: Final = 5.0
 """Seconds; pauses grow no longer than this."""
 _JITTER: Final = 0.1
 """Seconds, drawn on top of a pause, lest workers that lost the same service come back as one."""
-_FIRST_CONTACT: Final = 2.0
-"""Seconds of patience with a URL at which nobody has answered yet: it may well be mistyped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +63,7 @@ class Transport:
 
     A call that meets a broken connection, or 429, 502, 503, 504, is sent again for ``patience`` seconds, with growing
     pauses or after the pause that ``Retry-After`` asks for. All calls of the interface bear a repetition: those that
-    create carry an ``Idempotency-Key``, a step its ``seq``.
+    create carry an ``Idempotency-Key``, a step its ``seq``. A URL at which nobody has answered yet is given up sooner.
     """
 
     def __init__(
@@ -94,7 +93,7 @@ class Transport:
         self._headers = {"User-Agent": "wrongturn-client"}
         if token:
             self._headers["Authorization"] = f"Bearer {token}"
-        self._answered = False
+        self.contact = Contact(self.url)
 
     def close(self) -> None:
         """Close the connections."""
@@ -132,7 +131,7 @@ class Transport:
     def send(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Reply:
         """Send prepared bytes until they are answered; raises as :meth:`call`."""
         try:
-            for attempt in attempts(self.patience, lambda: self._answered):
+            for attempt in attempts(self.patience, self.contact):
                 with attempt:
                     return self._once(method, path, headers, content)
         except ConnectionBrokeError as error:
@@ -141,29 +140,38 @@ class Transport:
 
     def _once(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Reply:
         answer = self._connections.exchange(method, path, self._headers | headers, content)
-        self._answered = True
+        self.contact.reached()
         return check(answer)
 
 
-def attempts(patience: float, answered: Callable[[], bool]) -> Iterator[stamina.Attempt]:
+def attempts(patience: float, contact: Contact) -> Iterator[stamina.Attempt]:
     """Attempts at something that a broken connection or a busy service may stop, with pauses between them.
 
     Args:
         patience: seconds from now on.
-        answered: whether anybody ever answered at the URL; before, little patience is had.
+        contact: what is known of the service.
     """
     begin = time.monotonic()
-    longest = min(_LONGEST_GROWN_PAUSE, (patience if answered() else _FIRST_CONTACT) / 4)
+    longest = min(_LONGEST_GROWN_PAUSE, contact.patience(patience) / 4)
+    broken = 0
 
     def again(error: Exception) -> bool | float:
         """Whether to try again; a number is the pause that the service asked for, seconds."""
+        nonlocal broken
         if not isinstance(error, ConnectionBrokeError | ServiceBusyError):
             return False
-        left = (patience if answered() else min(patience, _FIRST_CONTACT)) - (time.monotonic() - begin)
+        left = contact.patience(patience) - (time.monotonic() - begin)
         asked = getattr(error, "retry_after", None)
-        if asked is None:
-            return left > longest + _JITTER
-        return float(asked) if asked <= left else False
+        if asked is not None:
+            return float(asked) if asked <= left else False
+        more = left > longest + _JITTER
+        if isinstance(error, ConnectionBrokeError):
+            broken += 1
+            if not more:
+                contact.given_up()
+            elif broken > 1:  # one that broke and is there again is not worth a line
+                contact.waits(str(error), left)
+        return more
 
     return iter(
         stamina.retry_context(

@@ -13,7 +13,8 @@ class Cable:
         parts = urlsplit(url)
         self._to = (parts.hostname or "", parts.port or 80)
         self._listener = socket.create_server(("127.0.0.1", 0))
-        self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+        self._at = self._listener.getsockname()
+        self.url = f"http://127.0.0.1:{self._at[1]}"
         self.plugged = 0
         self.cut_after: int | None = None
         """Bytes from the service after which each connection ends, once."""
@@ -56,6 +57,20 @@ class Cable:
         for end in self._open:
             end.close()
         self._open.clear()
+
+    def unplug(self) -> None:
+        """Whoever comes is refused, as while the service is started again; until :meth:`plug`."""
+        with contextlib.suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+        self.cut()
+        for end in self._open:
+            end.close()
+        self._open.clear()
+
+    def plug(self) -> None:
+        self._listener = socket.create_server(self._at)
+        threading.Thread(target=self._serve, daemon=True).start()
 
     def close(self) -> None:
         self._listener.close()

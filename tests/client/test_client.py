@@ -138,7 +138,7 @@ def test_a_first_contact_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> No
         service.inject = lambda _: httpx.ConnectError("refused")
         with pytest.raises(ServiceUnreachableError):
             client.suites()
-        assert clock[0] <= 2
+        assert 3 < clock[0] <= 5
         service.inject = None
         client.suites()
         clock[0] = 0.0
@@ -146,6 +146,29 @@ def test_a_first_contact_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> No
         with pytest.raises(ServiceUnreachableError):
             client.suites()
         assert 50 < clock[0] <= 60, "a service that has answered before may be starting again"
+
+
+def test_it_is_told_once_that_a_service_is_waited_for(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("wrongturn_client.transport.time.sleep", lambda _: None)
+    caplog.set_level("INFO", logger="wrongturn_client")
+    service = FakeService()
+
+    def outage(times: int) -> list[str]:
+        """What is logged when so many attempts break."""
+        broken = [httpx.ConnectError("refused")] * times
+        service.inject = lambda _: broken.pop() if broken else None
+        caplog.clear()
+        client.suites()
+        return [record.getMessage() for record in caplog.records if record.name == "wrongturn_client"]
+
+    with Client("http://fake", transport=service.transport, patience=30) as client:
+        assert outage(0) == outage(1) == []
+        for _ in range(2):
+            waits, again = outage(4)
+            assert waits == "http://fake does not answer (refused); trying again for up to 30 s"
+            assert again == "http://fake answers again"
 
 
 def test_retry_after_is_honoured(monkeypatch: pytest.MonkeyPatch) -> None:

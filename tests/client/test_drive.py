@@ -3,7 +3,7 @@
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import httpx
@@ -154,6 +154,60 @@ def test_a_last_ping_that_cannot_be_answered_costs_no_step(client: Client, cable
         assert drive.step(episode, 2, GAS).seq == 2
         assert cable.plugged == 2
         drive.abort_episode(episode)
+
+
+@pytest.fixture
+def gone(cable: Cable, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
+    """Takes the service away for so many seconds, which are not waited for: they pass as the client sleeps."""
+    clock = [0.0]
+
+    def go(seconds: float) -> None:
+        cable.unplug()
+        back = clock[0] + seconds
+
+        def sleep(pause: float) -> None:
+            before, clock[0] = clock[0], clock[0] + pause
+            if before < back <= clock[0]:
+                cable.plug()
+
+        monkeypatch.setattr("wrongturn_client.transport.time.monotonic", lambda: clock[0])
+        monkeypatch.setattr("wrongturn_client.transport.time.sleep", sleep)
+
+    return go
+
+
+def test_a_drive_bears_that_the_service_is_started_again(
+    client: Client, cable: Cable, gone: Callable[[float], None]
+) -> None:
+    with Client(cable.url, client._token) as here, here.drive() as drive:
+        episode = drive.practise(REQUEST).id
+        gone(15)
+        assert drive.step(episode, 1, GAS).seq == 1
+        drive.abort_episode(episode)
+
+
+def test_a_drive_begins_while_a_known_service_is_started_again(
+    client: Client, cable: Cable, gone: Callable[[float], None]
+) -> None:
+    with Client(cable.url, client._token) as here:
+        here.ready()
+        gone(15)
+        with here.drive() as drive:
+            drive.abort_episode(drive.practise(REQUEST).id)
+
+
+def test_an_evaluation_bears_that_the_service_is_started_again(
+    client: Client, cable: Cable, gone: Callable[[float], None]
+) -> None:
+    class Interrupted(Gas):
+        def act(self, observation: Observation) -> Action:
+            if self.steps == 5:
+                gone(15)
+            return super().act(observation)
+
+    with Client(cable.url, client._token) as here:
+        assert here.evaluate(Interrupted(), "smoke@1").state is EvaluationState.FINISHED
+    assert cable.plugged > 1
 
 
 def test_open_episodes_are_gone_on_with(client: Client) -> None:
