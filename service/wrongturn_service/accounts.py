@@ -3,6 +3,7 @@
 import asyncio
 import time
 from collections import OrderedDict, deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from wrongturn_protocol import AgentDetail, AgentKind, AgentRegistration, ProblemType, Track
@@ -62,7 +63,15 @@ class AddressLimit:
 class Accounts:
     """Agents and their tokens; tokens are known here by their SHA-256 alone."""
 
-    def __init__(self, store: Store, settings: Settings) -> None:
+    def __init__(self, store: Store, settings: Settings, changed: Callable[[], None] = lambda: None) -> None:
+        """None is known yet.
+
+        Args:
+            store: where they are.
+            settings: see there.
+            changed: called when a token is good no more.
+        """
+        self._changed = changed
         self._store = store
         self._settings = settings
         self._limit = AddressLimit(settings.registration_limit)
@@ -165,6 +174,7 @@ class Accounts:
         for known, caller in list(self._callers.items()):
             if caller.id == agent_id:
                 del self._callers[known]
+        self._changed()
 
 
 def bearer(authorization: str | None) -> str:

@@ -32,6 +32,8 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         self._fragmented = False
         self._hopeless = False
         self._handle = -1
+        self._recall: Callable[[], None] | None = None
+        self._ending = False
 
     # What the application uses
 
@@ -55,6 +57,49 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             return
         length = sum(map(len, pieces))
         write_now(self.transport, self._handle, (framing.head(length), *pieces))
+
+    def lend(self, recall: Callable[[], None]) -> int | None:
+        """Let another process read and write, until it is called back or gives it back by itself.
+
+        Args:
+            recall: calls it back.
+
+        Returns:
+            The file descriptor; None where it cannot be lent: it is encrypted, closes, or something is half done.
+        """
+        if (
+            self.conn.state is not State.OPEN
+            or self.close_sent
+            or self.scheme != "ws"
+            or self.read_paused
+            or self.incomplete
+            or self.transport.is_closing()
+            or self.transport.get_write_buffer_size()
+        ):
+            return None
+        self._recall = recall
+        self._pace()
+        return self._handle
+
+    def take_back(self, unread: bytes, unsent: bytes, *, broken: bool) -> None:
+        """Go on where the other process has stopped.
+
+        Args:
+            unread: what it has read and not answered.
+            unsent: what is left of its last reply.
+            broken: whether the connection is of no more use, since nobody knows how much of a reply was sent.
+        """
+        self._recall = None
+        if broken or self.transport.is_closing():
+            self.transport.abort()
+            return
+        self._pending += unread
+        if unsent:
+            self.transport.write(unsent)
+        if self._ending:
+            super().shutdown()
+        else:
+            self._pace()
 
     # What uvicorn and its transport use
 
@@ -92,6 +137,27 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         self._taker(message)
 
     @override
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._recall is not None:
+            self._recall()  # else the socket would stay open there
+        super().connection_lost(exc)
+
+    @override
+    def shutdown(self) -> None:
+        if self._recall is None:
+            super().shutdown()
+        else:
+            self._ending = True
+            self._recall()
+
+    @override
+    def send_keepalive_ping(self) -> None:
+        if self._recall is None:
+            super().send_keepalive_ping()
+        else:
+            self.schedule_ping()  # it would get between the other process's frames; who steps is alive
+
+    @override
     def pause_writing(self) -> None:
         super().pause_writing()
         self._pace()
@@ -105,7 +171,7 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         """Read no more while calls are being answered, or replies not taken."""
         if self._taker is None:
             return
-        held = self._busy or not self.writable.is_set()
+        held = self._busy or self._recall is not None or not self.writable.is_set()
         if held and not self.read_paused:
             self.read_paused = True
             self.transport.pause_reading()

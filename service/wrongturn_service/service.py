@@ -104,6 +104,7 @@ async def run_service(
         telemetry.watch("wrongturn_simulators_awaited", "Calls in the line for a simulator", lambda: line.waiting)
         sockets = Sockets(each=settings.max_sockets, address=settings.max_sockets_per_address)
         telemetry.watch("wrongturn_sockets", "Connections to /v1/drive", lambda: sockets.open)
+        telemetry.watch("wrongturn_sockets_lent", "Of these, lent to simulators", lambda: episodes.lent)
         memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, looked at now and then")
         for work in (episodes.watch_leases(), _keep_house(settings, store, evaluations, pool, memory)):
             task = asyncio.create_task(work)
@@ -115,7 +116,7 @@ async def run_service(
             pool,
             episodes,
             evaluations,
-            Accounts(store, settings),
+            Accounts(store, settings, episodes.recall),
             Idempotency(store),
             leaderboards,
             telemetry,

@@ -10,8 +10,8 @@ from typing_extensions import override
 
 from wrongturn_protocol import JourneyOutcome, Outcome, Track, Verdict
 from wrongturn_protocol.observations import FIELDS
+from wrongturn_service.pool.actions import Action
 from wrongturn_service.pool.pool import (
-    Action,
     EpisodeRefusedError,
     Final,
     Frame,

@@ -11,12 +11,15 @@ from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect
 
 from wrongturn_protocol import ProblemType, wire
+from wrongturn_protocol.wire import Call
 from wrongturn_service.accounts import Caller
 from wrongturn_service.api.dependencies import address_of
 from wrongturn_service.api.drive_calls import Calls, problem_result
 from wrongturn_service.api.errors import as_service_error, problem_response
 from wrongturn_service.direct import EXTENSION, DirectWebSocket
+from wrongturn_service.episodes.steps import Done
 from wrongturn_service.errors import ServiceError, UnauthenticatedError
+from wrongturn_service.pool.loan import LastStep, Returned
 from wrongturn_service.service import Service
 from wrongturn_service.wire import Reply
 
@@ -30,6 +33,8 @@ _CLOSE_CODES: Final = {
 }
 """What the connection is closed with after these (RFC 6455, 7.4.1); the close's reason is the problem's type."""
 _FAILED: Final = 1011
+_STREAK: Final = 2
+"""Steps of one episode, with nothing between them, after which its simulator answers them itself."""
 
 
 @router.websocket(wire.PATH)
@@ -96,6 +101,7 @@ class Connection:
         self._queued: Counter[str] = Counter()
         self._tasks: set[asyncio.Task[None]] = set()
         self._over = False
+        self._driven, self._streak = "", 0
         self._answered_all = asyncio.Event()
 
     async def serve(self) -> None:
@@ -166,6 +172,7 @@ class Connection:
     def _begin(self, number: int, calls: list[Any]) -> None:
         self._answering += len(calls)
         answer = _Answer(number, len(calls))
+        self._look_at(calls)
         for at, call in enumerate(calls):
             done = partial(self._take_result, answer, at)
             about = _about(call)
@@ -202,6 +209,37 @@ class Connection:
         self._pace()
         if not self._answering:
             self._answered_all.set()
+            if self._streak >= _STREAK:
+                self._lend()
+
+    def _look_at(self, calls: list[Any]) -> None:
+        """Count messages that hold nothing but one step of the same episode."""
+        only = calls[0]
+        episode = _about(only) if len(calls) == 1 and isinstance(only, list) and only[:1] == [Call.STEP] else ""
+        self._streak = self._streak + 1 if episode and episode == self._driven else 0
+        self._driven = episode
+
+    def lend(self, recall: Callable[[], None]) -> int | None:
+        """Have the connection used by another process."""
+        return self._direct.lend(recall)
+
+    def returned(self, came: Returned) -> None:
+        """Go on where the other process has stopped, or let it go on."""
+        self._calls.note(came)
+        self._direct.take_back(came.unread, came.unsent, broken=came.broken)
+        if came.again:
+            self._lend()
+
+    def answer(self, last: LastStep) -> Done:
+        """Answer the step that ended the other process's episode."""
+        self._answering += 1
+        self._streak = 0
+        return self._calls.stepped(partial(self._take_result, _Answer(last.number, 1), 0), last.seconds)
+
+    def _lend(self) -> None:
+        """Let the simulator answer the steps that follow, where that is possible now."""
+        if not self._over and self._service.accounts.changes == self._known_at:
+            self._calls.lend(self._driven, self)
 
     def _pace(self) -> None:
         self._direct.set_busy(self._checking or self._waiting is not None or self._answering >= wire.CALLS)

@@ -18,8 +18,11 @@ from wrongturn_service.api.dependencies import owned_by
 from wrongturn_service.api.episodes import episode_detail, is_shown
 from wrongturn_service.api.errors import as_service_error
 from wrongturn_service.episodes import refusals
-from wrongturn_service.episodes.open_episode import rounded
+from wrongturn_service.episodes.loans import Lendable
+from wrongturn_service.episodes.steps import Done
 from wrongturn_service.errors import InvalidRequestError, ServiceError
+from wrongturn_service.plain_step import plain_step
+from wrongturn_service.pool.loan import Returned
 from wrongturn_service.service import Service
 from wrongturn_service.wire import Reply, Wire
 
@@ -59,18 +62,23 @@ class Calls:
         Returns:
             Whether it is being answered; if not, nothing has happened.
         """
-        if type(call) is not list or len(call) != 6 or call[0] != "step":
+        step = plain_step(call)
+        if step is None:
             return False
-        _, episode, seq, steer, throttle, brake = call
-        if type(episode) is not str or type(seq) is not int:
-            return False
-        if not type(steer) is type(throttle) is type(brake) is float:
-            return False
-        if not (-1.0 <= steer <= 1.0 and 0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0):
-            return False
-        stepped = partial(self._stepped, time.perf_counter(), done)
-        action = rounded(steer, throttle, brake)
-        return self._service.episodes.begin_step(self._caller.id, episode, seq, action, Wire.RAW, stepped)
+        return self._service.episodes.begin_step(self._caller.id, *step, Wire.RAW, self.stepped(done))
+
+    def stepped(self, done: Callable[[bytes | Reply], None], ago_s: float = 0.0) -> Done:
+        """What notes that a step is over that began so long ago, and then calls somebody with the result."""
+        return partial(self._stepped, time.perf_counter() - ago_s, done)
+
+    def lend(self, episode: str, connection: Lendable) -> bool:
+        """Let the simulator of an episode answer its next steps itself; whether it does."""
+        return self._service.episodes.lend(self._caller.id, episode, connection)
+
+    def note(self, came: Returned) -> None:
+        """Count the steps that were answered during a loan."""
+        for simulated_s, seconds in came.seconds:
+            self._service.telemetry.stepped(_STEP_ROUTE, simulated_s, seconds)
 
     def _stepped(
         self,

@@ -9,15 +9,15 @@ import structlog
 from wrongturn_protocol import FaultKind, Outcome, Reaction, Verdict
 from wrongturn_service.episodes.line import Line
 from wrongturn_service.episodes.open_episode import OpenEpisode
+from wrongturn_service.pool.actions import Action
+from wrongturn_service.pool.pool import Final as End
 from wrongturn_service.pool.pool import (
-    Action,
     Frame,
     Pool,
     Simulator,
     SimulatorDiedError,
     SimulatorStartError,
 )
-from wrongturn_service.pool.pool import Final as End
 from wrongturn_service.telemetry import Call
 from wrongturn_service.wire import Wire
 

@@ -8,9 +8,10 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from wrongturn_protocol import Verdict
 from wrongturn_service.episodes.driver import Driver
-from wrongturn_service.episodes.open_episode import ACTION, OpenEpisode
+from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.episodes.running import RunningEvaluations, cancelled
+from wrongturn_service.pool.actions import ACTION
 from wrongturn_service.storage.store import Store
 from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.wire import Wire

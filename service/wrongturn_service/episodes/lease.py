@@ -43,9 +43,9 @@ class Lease:
         self._clock = clock
         self._heard = clock()
 
-    def renew(self) -> None:
-        """The agent was heard of."""
-        self._heard = self._clock()
+    def renew(self, ago_s: float = 0.0) -> None:
+        """The agent was heard of, so many seconds ago."""
+        self._heard = self._clock() - ago_s
 
     @property
     def silence_s(self) -> float:

@@ -10,7 +10,8 @@ from wrongturn_service.episodes.beginnings import Beginnings
 from wrongturn_service.episodes.driver import Driver
 from wrongturn_service.episodes.endings import Endings
 from wrongturn_service.episodes.lease import Terms
-from wrongturn_service.episodes.open_episode import ACTION, OpenEpisode, as_float32
+from wrongturn_service.episodes.loans import Lendable, Loans
+from wrongturn_service.episodes.open_episode import OpenEpisode, as_float32
 from wrongturn_service.episodes.openings import Openings, Remember
 from wrongturn_service.episodes.registry import Limits, Registry
 from wrongturn_service.episodes.replies import stored_reply
@@ -18,7 +19,7 @@ from wrongturn_service.episodes.running import RunningEvaluations, cancelled
 from wrongturn_service.episodes.steps import Done, Steps
 from wrongturn_service.episodes.watch import Watch
 from wrongturn_service.errors import ConflictError, GoneError, UnavailableError
-from wrongturn_service.pool.pool import Action
+from wrongturn_service.pool.actions import ACTION, Action
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.telemetry import Telemetry
@@ -56,7 +57,8 @@ class EpisodeManager:
         self._driver = driver
         self._registry = registry = Registry(limits)
         self._endings = endings = Endings(store, driver, evaluations, registry, telemetry or Telemetry())
-        self._steps = Steps(registry, driver, endings)
+        self._steps = steps = Steps(registry, driver, endings)
+        self._loans = Loans(registry, steps)
         self._openings = Openings(store, driver, evaluations, registry, endings, terms)
         self._watch = Watch(registry, driver, endings, terms)
 
@@ -154,6 +156,19 @@ class EpisodeManager:
     def begin_step(self, agent: str, episode_id: str, seq: int, action: Action, wire: Wire, done: Done) -> bool:
         """One step by the short way, see :meth:`Steps.begin`."""
         return self._steps.begin(agent, episode_id, seq, action, wire, done)
+
+    def lend(self, agent: str, episode_id: str, connection: Lendable) -> bool:
+        """Let the next steps be answered by the simulator itself, see :meth:`Loans.begin`."""
+        return self._loans.begin(agent, episode_id, connection)
+
+    def recall(self) -> None:
+        """Have every connection that is lent back soon: who its client is may have changed."""
+        self._loans.recall()
+
+    @property
+    def lent(self) -> int:
+        """How many connections are lent to simulators."""
+        return len(self._loans)
 
     async def look(self, agent: str | None, episode_id: str) -> tuple[OpenEpisode | None, EpisodeRow]:
         """An episode as the owner may see it: from memory while it is open, and always its row.

@@ -1,20 +1,20 @@
 """What is kept in memory of an open episode: enough to repeat it in another simulator."""
 
 import asyncio
-import struct
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Literal
+
+from typing_extensions import override
 
 from wrongturn_protocol import Track, Trial
 from wrongturn_protocol.episodes import Action
 from wrongturn_service.episodes.lease import Lease
-from wrongturn_service.pool.pool import Action as Triple
+from wrongturn_service.pool.actions import ACTION, rounded
+from wrongturn_service.pool.actions import Action as Triple
 from wrongturn_service.pool.pool import Final as End
 from wrongturn_service.pool.pool import Simulator
 from wrongturn_service.wire import Reply
-
-ACTION: Final = struct.Struct("<3f")
-"""An action as it is hashed and stored: little-endian float32, steer, throttle, brake."""
 
 
 def as_float32(action: Action) -> Triple:
@@ -22,10 +22,31 @@ def as_float32(action: Action) -> Triple:
     return rounded(action.steer, action.throttle, action.brake)
 
 
-def rounded(steer: float, throttle: float, brake: float) -> Triple:
-    """The same of an action's values, each in its range."""
-    triple: Triple = ACTION.unpack(ACTION.pack(steer, throttle, brake))
-    return triple
+class EpisodeLock(asyncio.Lock):
+    """Whoever wants it has what is lent to the episode's simulator called back."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.recall: Callable[[], None] | None = None
+        """Calls it back; None while nothing is lent. Who lends holds the lock."""
+
+    @override
+    async def acquire(self) -> Literal[True]:
+        if self.recall is not None:
+            self.recall()
+        return await super().acquire()
+
+    def taken_now(self) -> bool:
+        """Take it if that is possible without waiting; whether it is."""
+        if self.locked():
+            return False
+        attempt = self.acquire()
+        try:
+            attempt.send(None)
+        except StopIteration:
+            return True
+        attempt.close()  # somebody waits who was told that it is free, and comes first
+        return False
 
 
 @dataclass(eq=False)
@@ -59,7 +80,7 @@ class OpenEpisode:
     placed: bool = False
     end: End | None = None
     closed: bool = False
-    lock: asyncio.Lock = field(default_factory=asyncio.Lock)
+    lock: EpisodeLock = field(default_factory=EpisodeLock)
 
     @property
     def seq(self) -> int:

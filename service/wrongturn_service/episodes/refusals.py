@@ -2,7 +2,7 @@
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError
-from wrongturn_service.pool.pool import Action
+from wrongturn_service.pool.actions import Action
 
 
 def check_owner(agent: str, owner: str, episode_id: str) -> None:

@@ -2,19 +2,21 @@
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from functools import partial
+from typing import Any
 
 from structlog.contextvars import bind_contextvars
 
 from wrongturn_service import logs
 from wrongturn_service.episodes.driver import Driver, ReplayFailedError
 from wrongturn_service.episodes.endings import Endings
-from wrongturn_service.episodes.open_episode import ACTION, OpenEpisode
+from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.episodes.replies import step_reply_of
 from wrongturn_service.errors import GoneError
-from wrongturn_service.pool.pool import Action, Frame
+from wrongturn_service.pool.actions import ACTION, Action
+from wrongturn_service.pool.pool import Frame
 from wrongturn_service.wire import Reply, Wire
 
 Done = Callable[[Reply | Exception, float | None], None]
@@ -58,7 +60,7 @@ class Steps:
         if episode is None or episode.agent != agent or episode.last.seq + 1 != seq:
             return False
         simulator = episode.simulator
-        if episode.end is not None or simulator is None or simulator.dead or not _locked(episode.lock):
+        if episode.end is not None or simulator is None or simulator.dead or not episode.lock.taken_now():
             return False
         episode.lease.renew()
         began = time.perf_counter()
@@ -77,15 +79,34 @@ class Steps:
     ) -> None:
         seconds = time.perf_counter() - began
         frame = None if under_way.cancelled() or under_way.exception() is not None else under_way.result()
-        if frame is not None:
-            self._note(episode, action, frame, wire)
-            if frame.final is None:
-                episode.lease.renew()
-                episode.lock.release()
-                done(episode.last, seconds)
-                return
-        rest = self._finish(episode, action, wire, done, None if frame is None else seconds)
-        task = asyncio.get_running_loop().create_task(rest)
+        if frame is None:
+            self._spawn(self._finish(episode, action, wire, done, None))
+        else:
+            self.take_in(episode, action, wire, frame, seconds, done)
+
+    def take_in(
+        self, episode: OpenEpisode, action: Action, wire: Wire, frame: Frame, seconds: float, done: Done
+    ) -> None:
+        """Note a step that was made, settle the episode where it is over, and release its lock.
+
+        Args:
+            episode: which.
+            action: what was done.
+            wire: the frame's encoding.
+            frame: what came of it.
+            seconds: of the simulation.
+            done: see there.
+        """
+        self._note(episode, action, frame, wire)
+        if frame.final is None:
+            episode.lease.renew()
+            episode.lock.release()
+            done(episode.last, seconds)
+        else:
+            self._spawn(self._finish(episode, action, wire, done, seconds))
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -120,16 +141,3 @@ class Steps:
         episode.actions += ACTION.pack(*action)
         episode.last = step_reply_of(episode, frame, wire)
         episode.end = frame.final
-
-
-def _locked(lock: asyncio.Lock) -> bool:
-    """Take a lock if that is possible without waiting."""
-    if lock.locked():
-        return False
-    attempt = lock.acquire()
-    try:
-        attempt.send(None)
-    except StopIteration:
-        return True
-    attempt.close()  # somebody waits who was told that it is free, and comes first
-    return False

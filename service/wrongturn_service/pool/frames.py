@@ -58,6 +58,18 @@ class Receiver:
         self._connection = connection
         self._splitter = Splitter()
         self._values: deque[Any] = deque()
+        self._handle: int | None = None
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a value has come that nobody has received."""
+        return bool(self._values)
+
+    def take_handle(self) -> int:
+        """The file descriptor that came with the last value, the caller's from now on."""
+        handle, self._handle = self._handle, None
+        assert handle is not None
+        return handle
 
     def receive(self) -> Any:
         """The next value.
@@ -66,9 +78,11 @@ class Receiver:
             EOFError: the other side is gone.
         """
         while not self._values:
-            data = self._connection.recv(_PIECE)
+            data, handles, _, _ = socket.recv_fds(self._connection, _PIECE, 1)
             if not data:
                 raise EOFError
+            if handles:
+                (self._handle,) = handles
             self._values.extend(self._splitter.feed(data))
         return self._values.popleft()
 

@@ -10,9 +10,12 @@ from typing import Any, TypeVar
 from typing_extensions import override
 
 from wrongturn_protocol import Outcome, Track
+from wrongturn_protocol.wire import layout
 from wrongturn_service.pool import frames
+from wrongturn_service.pool.actions import Action
+from wrongturn_service.pool.ledger import State
+from wrongturn_service.pool.loan import LOAN_S, SENDING_S, LastStep, Loan, Returned
 from wrongturn_service.pool.pool import (
-    Action,
     EpisodeRefusedError,
     Final,
     Frame,
@@ -26,6 +29,7 @@ from wrongturn_service.pool.screen import Screen
 from wrongturn_service.wire import Wire
 
 _T = TypeVar("_T")
+_RECALL = frames.pack(["recall"])
 
 
 class _Line(asyncio.Protocol):
@@ -75,6 +79,7 @@ class LocalSimulator(Simulator):
     def __init__(
         self,
         process: subprocess.Popen[bytes],
+        stream: socket.socket,
         transport: asyncio.Transport,
         line: _Line,
         screen: Screen,
@@ -83,8 +88,8 @@ class LocalSimulator(Simulator):
         self.process = process
         self.town = ""
         """What it has loaded."""
+        self._stream = stream
         self._transport = transport
-        self._handle: int = transport.get_extra_info("socket").fileno()
         self._line = line
         self._screen = screen
         self._timeout_s = timeout_s
@@ -92,6 +97,7 @@ class LocalSimulator(Simulator):
         self._alarm: asyncio.TimerHandle | None = None
         self._limit_s = timeout_s
         self._deadline = 0.0
+        self._loans = 0
 
     @classmethod
     async def start(
@@ -129,7 +135,7 @@ class LocalSimulator(Simulator):
                 raise SimulatorStartError(f"no simulator process could be started: {error}") from error
         ours.setblocking(False)
         transport, line = await asyncio.get_running_loop().create_unix_connection(_Line, sock=ours)
-        simulator = cls(process, transport, line, screen, timeout_s)
+        simulator = cls(process, ours, transport, line, screen, timeout_s)
         try:
             await simulator._finished(simulator._expected(lambda reply: reply, start_timeout_s))
         except SimulatorDiedError as error:
@@ -166,6 +172,54 @@ class LocalSimulator(Simulator):
     async def abort(self) -> Final:
         return await self._finished(self._asked(["abort"], lambda reply: _final(reply[1]), self._timeout_s))
 
+    @property
+    @override
+    def lends(self) -> bool:
+        return not self.dead and not self._transport.get_write_buffer_size()
+
+    @override
+    def lend(self, loan: Loan) -> "asyncio.Future[Returned]":
+        self._loans += 1
+        first = self._screen.clear()
+        request = frames.pack(["lend", self._loans, first, loan.episode, loan.seq, loan.practice])
+        returned: asyncio.Future[Returned] = self._loop.create_future()
+
+        def done(answered: "asyncio.Future[list[Any]]") -> None:
+            gone = answered.exception() is not None
+            returned.set_result(self._returned(loan, first, None if gone else answered.result()))
+
+        self._expected(self._sound, LOAN_S + SENDING_S + self._timeout_s).add_done_callback(done)
+        try:
+            socket.send_fds(self._stream, [request], [loan.handle])
+        except OSError as error:
+            self._line.fail(f"the simulator process could not be asked: {error}")
+            self.kill()
+        return returned
+
+    @override
+    def recall(self) -> None:
+        if not self.dead:
+            frames.write_now(self._transport, self._stream.fileno(), [_RECALL])
+
+    def _returned(self, loan: Loan, first: int, reply: list[Any] | None) -> Returned:
+        """What came of a loan, by the reply and by what is noted; without one it has died of it."""
+        book = self._screen.book(self._loans)
+        observation = self._screen.shown_last(first, book.steps, layout(loan.track).size) if book.steps else None
+        if reply is None:
+            return Returned(
+                book.actions,
+                book.seconds,
+                book.reward,
+                observation,
+                unread=book.message if book.state is State.ANSWERING else b"",
+                broken=book.state is State.SENDING,
+            )
+        _, silence_s, unread, unsent, last, again = reply
+        if last is not None:
+            number, action, seconds, frame = last
+            last = LastStep(number, tuple(action), self._frame(frame), seconds)
+        return Returned(book.actions, book.seconds, book.reward, observation, silence_s, unread, unsent, last, again)
+
     async def prepare(self, town: str) -> None:
         """Load a town, so that the first reset there takes no longer than any. Raises SimulatorDiedError."""
         await self._finished(self._asked(["prepare", town], lambda _: None, self._timeout_s))
@@ -187,19 +241,19 @@ class LocalSimulator(Simulator):
 
     def _asked(self, request: list[object], read: Callable[[list[Any]], _T], timeout_s: float) -> "asyncio.Future[_T]":
         """Send a request; what comes of its reply."""
-
-        def checked(reply: list[Any]) -> _T:
-            if reply[0] == frames.REFUSED:
-                raise EpisodeRefusedError(reply[1], reply[2])
-            if reply[0] != frames.OK:
-                # What state it is in nobody knows: the next episode must not inherit it.
-                self.kill()
-                raise SimulatorDiedError(f"{reply[1]}: {reply[2]}")
-            return read(reply)
-
         if not self.dead:
-            frames.write_now(self._transport, self._handle, [frames.pack(request)])
-        return self._expected(checked, timeout_s)
+            frames.write_now(self._transport, self._stream.fileno(), [frames.pack(request)])
+        return self._expected(lambda reply: read(self._sound(reply)), timeout_s)
+
+    def _sound(self, reply: list[Any]) -> list[Any]:
+        """A reply that is none of an error. Raises EpisodeRefusedError, SimulatorDiedError."""
+        if reply[0] == frames.REFUSED:
+            raise EpisodeRefusedError(reply[1], reply[2])
+        if reply[0] != frames.OK:
+            # What state it is in nobody knows: the next episode must not inherit it.
+            self.kill()
+            raise SimulatorDiedError(f"{reply[1]}: {reply[2]}")
+        return reply
 
     def _expected(self, read: Callable[[list[Any]], _T], timeout_s: float) -> "asyncio.Future[_T]":
         waiting: asyncio.Future[_T] = self._loop.create_future()

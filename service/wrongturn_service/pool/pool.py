@@ -12,13 +12,15 @@
 import asyncio
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from wrongturn_protocol import Outcome, Track
+from wrongturn_service.pool.actions import ACTION, Action
 from wrongturn_service.pool.screen import Shown
 from wrongturn_service.wire import Wire
 
-Action = tuple[float, float, float]
-"""Steer, throttle, brake, each already a float32."""
+if TYPE_CHECKING:
+    from wrongturn_service.pool.loan import Loan, Returned
 
 
 def replay_s(actions: bytes) -> float:
@@ -27,7 +29,7 @@ def replay_s(actions: bytes) -> float:
     Args:
         actions: little-endian float32 [n, 3].
     """
-    return 0.02 * (len(actions) // 12)
+    return 0.02 * (len(actions) // ACTION.size)
 
 
 class SimulatorError(Exception):
@@ -111,6 +113,26 @@ class Simulator(ABC):
     def begin_step(self, action: Action, wire: Wire) -> "asyncio.Future[Frame]":
         """The same without a task, where that is possible; not to be cancelled."""
         return asyncio.ensure_future(self.step(action, wire))
+
+    @property
+    def lends(self) -> bool:
+        """Whether a client's connection can be lent to it now."""
+        return False
+
+    def lend(self, loan: "Loan") -> "asyncio.Future[Returned]":
+        """Let it answer the steps that come on a connection; nothing else may be asked of it until that is returned.
+
+        Args:
+            loan: what is lent, where :attr:`lends` says that it can be.
+
+        Returns:
+            What comes of it, also where the simulator dies of it; not to be cancelled.
+        """
+        raise NotImplementedError
+
+    def recall(self) -> None:
+        """Have what is lent returned soon; where nothing is, nothing happens."""
+        raise NotImplementedError
 
     @abstractmethod
     async def abort(self) -> Final:

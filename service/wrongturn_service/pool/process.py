@@ -5,9 +5,11 @@ it ends, so no simulator outlives its service; a call that takes too long ends i
 while SUMO does not give Python the word.
 
 Requests: ``["reset", trial, track, actions, wire, place]``, ``["step", steer, throttle, brake, wire, place]``,
-``["abort"]``, ``["prepare", town]``. Replies: ``[OK, observation, reward, terminated, truncated, final]``,
-``[REFUSED, name, message]``, ``[FAILED, name, message]``; ``final`` is None or ``[outcome, steps, trajectory, its
-sha256, the actions' sha256]``.
+``["abort"]``, ``["prepare", town]``, ``["lend", number, place, episode, seq, practice]`` with a connection's file
+descriptor, and ``["recall"]``, which ends a loan and has no reply.
+Replies: ``[OK, observation, reward, terminated, truncated, final]``, ``[REFUSED, name, message]``,
+``[FAILED, name, message]``; ``final`` is None or ``[outcome, steps, trajectory, its sha256, the actions' sha256]``.
+A loan's is ``[OK, …]`` with what :meth:`Lent.drive` hands back.
 An observation as raw arrays is written to the place on the screen, and the reply has its number of bytes.
 """
 
@@ -16,13 +18,15 @@ import hashlib
 import math
 import signal
 import socket
-import struct
 import sys
 from typing import Any, Final
 
 from wrongturn_networks import Town, draw_journey, draw_trial, load_town
 from wrongturn_protocol import FaultKind, Outcome, Task, Track, Trial, observations
 from wrongturn_service.pool import frames
+from wrongturn_service.pool.actions import ACTION
+from wrongturn_service.pool.lent import Borrowed, Lent
+from wrongturn_service.pool.loan import LOAN_S, SENDING_S
 from wrongturn_service.pool.pool import replay_s
 from wrongturn_service.pool.screen import Painter
 from wrongturn_service.wire import Wire, encoded
@@ -30,7 +34,6 @@ from wrongturn_sim import Episode
 
 REFUSALS: Final = frozenset({"FaultNotApplicableError", "TrafficTooDenseError"})
 """Errors that are the caller's mistake and leave the simulator sound."""
-_ACTION: Final = struct.Struct("<3f")
 
 
 class Server:
@@ -62,7 +65,7 @@ class Server:
         junction = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
         journey = draw_journey(town, Task.NAVIGATION, 0)  # judged by arithmetic of its own
         for trial, track in ((junction, Track.PRIVILEGED), (junction, Track.SEGMENTATION), (journey, Track.STATE)):
-            self._reset(trial.model_dump_json(), track, _ACTION.pack(0.0, 0.5, 0.0) * 3, Wire.RAW, 0)
+            self._reset(trial.model_dump_json(), track, ACTION.pack(0.0, 0.5, 0.0) * 3, Wire.RAW, 0)
             self._driven().abort()
 
     def _driven(self) -> Episode:
@@ -75,7 +78,7 @@ class Server:
         self._episode = episode = Episode(Trial.model_validate_json(trial), self._track)
         observation = episode.reset()
         reward, terminated, truncated = 0.0, False, False
-        repeated = episode.repeat(list(_ACTION.iter_unpack(actions)))
+        repeated = episode.repeat(list(ACTION.iter_unpack(actions)))
         if repeated is not None:
             observation, reward, terminated, truncated = repeated
         return self._frame(observation, reward, terminated, truncated, wire, place)
@@ -91,11 +94,11 @@ class Server:
         terminated: bool,
         truncated: bool,
         wire: str,
-        place: int,
+        place: int | None,
     ) -> list[Any]:
         shown: bytes | int
-        if wire == Wire.RAW:
-            shown = self._painter.paint(observation, self._track, place)
+        if wire == Wire.RAW and place is not None:
+            shown = len(self._painter.paint(observation, self._track, place))
         else:
             shown = encoded(observation, self._track, Wire(wire))
         final = None
@@ -111,6 +114,20 @@ class Server:
             bool(truncated),
             final,
         ]
+
+    def lend(
+        self, lent: Lent, handle: int, number: int, place: int, episode: str, seq: int, practice: bool
+    ) -> list[Any]:
+        """The reply to a loan."""
+        self._painter.ledger.open(number)
+        with socket.socket(fileno=handle) as connection:
+            loan = Borrowed(connection, episode, seq, place, practice)
+            return [frames.OK, *lent.drive(loan, self._driven(), self._track, self._finished)]
+
+    def _finished(
+        self, observation: observations.Observation, reward: float, terminated: bool, truncated: bool
+    ) -> list[Any]:
+        return self._frame(observation, reward, terminated, truncated, Wire.RAW, None)
 
 
 def _final(episode: Episode, outcome: Outcome) -> list[Any]:
@@ -131,19 +148,33 @@ def serve(connection: socket.socket, limit_s: int, painter: Painter) -> None:
     server.warm_up()
     connection.sendall(frames.pack([frames.OK]))
     requests = frames.Receiver(connection)
+    lent = Lent(connection, requests, painter)
     while True:
         try:
             request = requests.receive()
         except (EOFError, ConnectionError):
             return
-        signal.alarm(limit_s + (math.ceil(replay_s(request[3])) if request[0] == "reset" else 0))
+        operation, *arguments = request
+        if operation == "recall":
+            continue  # what it would end has just ended
+        signal.alarm(limit_s + math.ceil(_more_s(request)))
         try:
-            reply = server.answer(request)
+            if operation == "lend":
+                reply = server.lend(lent, requests.take_handle(), *arguments)
+            else:
+                reply = server.answer(request)
         except Exception as error:
             kind = frames.REFUSED if type(error).__name__ in REFUSALS else frames.FAILED
             reply = [kind, type(error).__name__, str(error)]
         signal.alarm(0)
         connection.sendall(frames.pack(reply))
+
+
+def _more_s(request: list[Any]) -> float:
+    """Seconds that a request may take on top of those for any."""
+    if request[0] == "reset":
+        return replay_s(request[3])
+    return LOAN_S + SENDING_S if request[0] == "lend" else 0.0
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 It holds two observations, which are written in turn: the last can be told again while the next is being made, even
 after the process has died of it. Whoever still has the one before when its place is needed gets a copy of its own.
+Behind them lies the ledger of what the process does on a connection that is lent to it.
 """
 
 import contextlib
@@ -16,10 +17,14 @@ from typing_extensions import override
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.wire import Block, layout
+from wrongturn_service.pool import ledger
 
-_PLACES: Final = 2
+PLACES: Final = 2
 _ROOM: Final = -(-max(layout(track).size for track in Track) // mmap.PAGESIZE) * mmap.PAGESIZE
 """Bytes for one observation."""
+_BOOK: Final = PLACES * _ROOM
+"""Where the ledger begins."""
+_SIZE: Final = _BOOK + ledger.SIZE
 
 
 class Shown:
@@ -52,9 +57,9 @@ class Screen:
 
     def __init__(self) -> None:
         self._handle = os.memfd_create("observations")
-        os.ftruncate(self._handle, _PLACES * _ROOM)
-        self._memory = memoryview(mmap.mmap(self._handle, _PLACES * _ROOM, prot=mmap.PROT_READ))
-        self._shown: list[ReferenceType[Shown] | None] = [None] * _PLACES
+        os.ftruncate(self._handle, _SIZE)
+        self._memory = memoryview(mmap.mmap(self._handle, _SIZE, prot=mmap.PROT_READ))
+        self._shown: list[ReferenceType[Shown] | None] = [None] * PLACES
         self._place = 0
 
     @contextlib.contextmanager
@@ -67,7 +72,7 @@ class Screen:
 
     def turn(self) -> int:
         """The place for the next observation, free to be written to."""
-        self._place = place = (self._place + 1) % _PLACES
+        self._place = place = (self._place + 1) % PLACES
         before = self._shown[place]
         if before is not None:
             shown = before()
@@ -83,21 +88,37 @@ class Screen:
         self._shown[self._place] = ref(found)
         return found
 
+    def clear(self) -> int:
+        """Free all places, to be written to in turn; the first of them."""
+        for _ in range(PLACES):
+            self.turn()
+        return (self._place + 1) % PLACES
+
+    def shown_last(self, first: int, count: int, size: int) -> Shown:
+        """The last of so many observations that were written in turn."""
+        self._place = (first + count - 1) % PLACES
+        return self.shown(size)
+
+    def book(self, loan: int) -> ledger.Entries:
+        """What is noted of a loan."""
+        return ledger.read(self._memory[_BOOK:], loan)
+
 
 class Painter:
     """The process's side."""
 
     def __init__(self, handle: int) -> None:
         """Take over a screen's handle."""
-        memory = memoryview(mmap.mmap(handle, _PLACES * _ROOM))
+        memory = memoryview(mmap.mmap(handle, _SIZE))
         os.close(handle)
-        self._places = [memory[at * _ROOM : (at + 1) * _ROOM] for at in range(_PLACES)]
-        self._blocks: list[Block | None] = [None] * _PLACES
+        self._places = [memory[at * _ROOM : (at + 1) * _ROOM] for at in range(PLACES)]
+        self._blocks: list[Block | None] = [None] * PLACES
+        self.ledger = ledger.Ledger(memory[_BOOK:])
 
-    def paint(self, observation: Observation, track: Track, place: int) -> int:
-        """Write an observation to a place; its bytes."""
+    def paint(self, observation: Observation, track: Track, place: int) -> memoryview:
+        """Write an observation to a place; what stands there then."""
         block = self._blocks[place]
         if block is None or block.layout.track is not track:
             self._blocks[place] = block = Block(self._places[place], track)
         block.write(observation)
-        return block.layout.size
+        return self._places[place][: block.layout.size]

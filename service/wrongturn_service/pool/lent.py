@@ -1,0 +1,190 @@
+"""How a simulator process answers steps on a connection that is lent to it, see :mod:`wrongturn_service.pool.loan`."""
+
+import select
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from wrongturn_protocol import Track, framing, wire
+from wrongturn_service.plain_step import PlainStep, plain_step
+from wrongturn_service.pool import ledger
+from wrongturn_service.pool.actions import Action
+from wrongturn_service.pool.frames import Receiver
+from wrongturn_service.pool.loan import LOAN_S, SENDING_S
+from wrongturn_service.pool.screen import PLACES, Painter, Shown
+from wrongturn_service.wire import Wire, step_reply
+from wrongturn_sim import Episode
+
+_PIECE: Final = 1 << 16
+
+
+@dataclass(slots=True)
+class Borrowed:
+    """A loan as the process knows it.
+
+    Attributes:
+        connection: the client's; it does not block.
+        episode: its id.
+        seq: of its last reply.
+        place: where the next observation is written.
+        practice: whether rewards are told.
+    """
+
+    connection: socket.socket
+    episode: str
+    seq: int
+    place: int
+    practice: bool
+
+
+class Lent:
+    """Answers steps until somebody else has to."""
+
+    def __init__(
+        self,
+        service: socket.socket,
+        requests: Receiver,
+        painter: Painter,
+    ) -> None:
+        """Nothing is lent yet.
+
+        Args:
+            service: the stream to the service; whatever comes there ends a loan.
+            requests: what reads it.
+            painter: where observations are written.
+        """
+        self._service = service
+        self._requests = requests
+        self._painter = painter
+
+    def drive(self, loan: Borrowed, driven: Episode, track: Track, finished: Callable[..., list[Any]]) -> list[Any]:
+        """Answer steps.
+
+        Args:
+            loan: what is lent.
+            driven: the episode.
+            track: what is observed.
+            finished: puts together the frame of the step that ended the episode.
+
+        Returns:
+            What is handed back: seconds of silence, what is unread, what is unsent, the step that ended the episode as
+            ``[number, action, seconds, frame]`` or None, and whether it was only for its length that it ended.
+        """
+        book, connection = self._painter.ledger, loan.connection
+        poll = select.poll()
+        poll.register(self._service, select.POLLIN)
+        poll.register(connection, select.POLLIN)
+        service = self._service.fileno()
+        heard = time.monotonic()
+        deadline = heard + LOAN_S
+        unread, unsent, last = b"", b"", None
+        again = False
+        while not self._requests.waiting:
+            left = deadline - time.monotonic()
+            if left <= 0 or book.count == ledger.STEPS:
+                again = book.count > 0
+                break
+            ready = poll.poll(left * 1000)
+            if not ready:
+                again = book.count > 0
+                break
+            if any(handle == service for handle, _ in ready):
+                break
+            began = time.perf_counter()
+            try:
+                data = connection.recv(_PIECE)
+            except BlockingIOError:
+                continue
+            except OSError:
+                break  # the service finds out for itself
+            if not data:
+                break
+            heard = time.monotonic()
+            found = _taken(data, loan)
+            if found is None:
+                unread = data
+                break
+            number, step = found
+            book.take(data)
+            observation, reward, terminated, truncated = driven.step(*step.action)
+            if terminated or truncated:
+                simulated = time.perf_counter() - began
+                last = [number, step.action, simulated, finished(observation, reward, terminated, truncated)]
+                break
+            unsent = self._answer(loan, number, step.action, track, observation, reward, began)
+            if unsent:
+                break
+        return [time.monotonic() - heard, unread, unsent, last, again]
+
+    def _answer(
+        self, loan: Borrowed, number: int, action: Action, track: Track, observation: Any, reward: float, began: float
+    ) -> bytes:
+        """Note a step and tell of it; what of the reply was not taken."""
+        shown = Shown(self._painter.paint(observation, track, loan.place))
+        loan.place = (loan.place + 1) % PLACES
+        simulated = time.perf_counter() - began
+        book = self._painter.ledger
+        book.commit(action, reward)
+        loan.seq += 1
+        reply = step_reply(
+            loan.seq,
+            shown,
+            Wire.RAW,
+            track,
+            terminated=False,
+            truncated=False,
+            reward=reward if loan.practice else None,
+            verdict=None,
+        )
+        pieces = (wire.results_head(number, 1), *reply.pieces())
+        book.send()
+        unsent = self._send(loan.connection, (framing.head(sum(map(len, pieces))), *pieces))
+        book.finish(simulated, time.perf_counter() - began)
+        return unsent
+
+    def _send(self, connection: socket.socket, pieces: tuple[bytes | memoryview, ...]) -> bytes:
+        """Send as much as is taken in time; what is left of it."""
+        left = sum(map(len, pieces))
+        try:
+            left -= connection.sendmsg(pieces)
+            if not left:
+                return b""
+        except BlockingIOError:
+            pass
+        except OSError:
+            return b""  # nobody is there any more to take it
+        rest = memoryview(b"".join(pieces))[-left:]
+        poll = select.poll()
+        poll.register(connection, select.POLLOUT)
+        poll.register(self._service, select.POLLIN)
+        deadline = time.monotonic() + SENDING_S
+        while rest and time.monotonic() < deadline:
+            ready = poll.poll(SENDING_S * 1000)
+            if any(handle == self._service.fileno() for handle, _ in ready):
+                break
+            try:
+                rest = rest[connection.send(rest) :]
+            except BlockingIOError:
+                continue
+            except OSError:
+                return b""
+        return bytes(rest)
+
+
+def _taken(data: bytes, loan: Borrowed) -> tuple[int, PlainStep] | None:
+    """The number and the step of what has come, where it is one message with the episode's next step, and no more."""
+    if len(data) > ledger.MESSAGE or data[0] != framing.BINARY:
+        return None
+    begin, end = framing.extent(data, 0, len(data))
+    if end != len(data) or not data[1] & framing.MASKED:
+        return None
+    try:
+        number, calls = wire.unpack_calls(framing.apply_mask(data[begin:end], data[begin - 4 : begin]))
+    except wire.MalformedMessageError:
+        return None
+    step = plain_step(calls[0]) if len(calls) == 1 else None
+    if step is None or step.episode != loan.episode or step.seq != loan.seq + 1:
+        return None
+    return number, step
