@@ -160,6 +160,7 @@ def _run(
     from wrongturn_agents.errors import RunError  # noqa: PLC0415
     from wrongturn_agents.progress import report  # noqa: PLC0415
     from wrongturn_agents.registry import resolve  # noqa: PLC0415
+    from wrongturn_agents.reporting.suites import installed_suite  # noqa: PLC0415
     from wrongturn_agents.run_file import RunFile  # noqa: PLC0415
     from wrongturn_agents.worker import OPERATOR_TOKEN, RunRequest, begin, drive, service_at, side_by_side  # noqa: PLC0415
     from wrongturn_client import settings  # noqa: PLC0415
@@ -181,6 +182,8 @@ def _run(
         raise RunError("AGENT: name one, or a run to go on with by --resume; 'wrongturn agents' lists the shipped ones")
     suite = suite or DEFAULT_SUITE
     source = resolve(agent)
+    if run_file is None and url is None:
+        installed_suite(suite)  # a service that is started here has those that are installed; another may have others
     made = source.make()  # what cannot be made takes no name and begins no evaluation
     source = replace(source, make=lambda: made)
     parallel = side_by_side(made, parallel)

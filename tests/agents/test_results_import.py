@@ -61,6 +61,25 @@ def test_something_else_is_refused(tmp_path, text):
         take_in(path, tmp_path, Origin(), installed_suite)
 
 
+@pytest.mark.parametrize(
+    ("named", "says"),
+    [
+        ("missing.json", r"--import: there is no file \S+missing\.json; give a file of"),
+        ("thing.json/below", r"--import: \S+below cannot be read \(Not a directory\); give a file of"),
+        (
+            "folder",
+            r"--import: \S+folder is a directory, and no training run's: it has no progress\.csv; give a file of",
+        ),
+        ("thing.json", r"--import: \S+thing\.json cannot be read as JSON"),
+    ],
+)
+def test_what_cannot_be_read_is_told_as_what_it_is(tmp_path, named, says):
+    (tmp_path / "thing.json").write_text("{")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(ResultsError, match=says):
+        take_in(tmp_path / named, tmp_path, Origin(), installed_suite)
+
+
 def test_episodes_of_an_evaluation_become_results():
     clean = {"distance": 9.0, "completion": 1.0, "junctions": 1, "off_road": 0, "wrong_lane": 0, "collisions": 0}
     bitten = JourneyOutcome.model_validate({**clean, "off_road": 1})

@@ -277,13 +277,24 @@ def test_a_token_of_another_track_is_refused(url):
         ({"agent": "careful", "json_file": Path("no/such/x.json")}, "--json: no/such/x.json cannot be written"),
         ({"agent": "careful", "json_file": Path()}, "--json: . cannot be written"),
         ({"resume": "ev-none"}, "--resume: no run 'ev-none'"),
+        (
+            {"agent": "careful", "suite": "nope@1"},
+            "suite: 'nope@1' is not known; there are: navigation@1, smoke@1, wrong-command@1",
+        ),
         ({"agent": "careful", "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
     ],
 )
-def test_mistakes_are_told_before_anything_starts(arguments, says):
+def test_mistakes_are_told_before_anything_starts(arguments, says, monkeypatch):
+    monkeypatch.delenv("WRONGTURN_URL", raising=False)
+    monkeypatch.setattr("wrongturn_agents.worker.LocalService", lambda **_: pytest.fail("a service was started"))
     with pytest.raises(AgentsError) as caught:
         cli.run(**arguments)
     assert says in str(caught.value)
+
+
+def test_which_suites_there_are_is_the_services_to_say(url):
+    with pytest.raises(NotFoundError, match=r"nope@1.*smoke@1"):
+        cli.run("careful", suite="nope@1", url=url)
 
 
 def test_a_mistake_is_one_line():

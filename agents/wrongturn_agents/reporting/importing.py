@@ -54,7 +54,11 @@ def take_in(source: Path, directory: Path, origin: Origin, suite_of: SuiteOf) ->
         return _curve(source, directory, origin)
     try:
         content = json.loads(source.read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
+    except FileNotFoundError as error:
+        raise ResultsError(f"--import: there is no file {source}; {_REMEDY}") from error
+    except OSError as error:
+        raise ResultsError(f"--import: {source} cannot be read ({error.strerror}); {_REMEDY}") from error
+    except (ValueError, RecursionError) as error:
         raise ResultsError(f"--import: {source} cannot be read as JSON ({error}); {_REMEDY}") from error
     if isinstance(content, dict) and "trials" in content and "verdict" not in content and "id" not in content:
         file = ResultsFile.read(source)
@@ -111,6 +115,8 @@ def _evaluation(evaluation: str, suite_of: SuiteOf) -> ResultsFile:
 
 
 def _curve(run: Path, directory: Path, origin: Origin) -> Path:
+    if not (run / "progress.csv").is_file():
+        raise ResultsError(f"--import: {run} is a directory, and no training run's: it has no progress.csv; {_REMEDY}")
     config: Any = {}
     if (run / "config.json").is_file():
         try:

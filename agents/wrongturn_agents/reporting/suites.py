@@ -33,7 +33,7 @@ def installed_suite(suite: str) -> SuiteTrials:
     """The suite of this id, as it is installed here.
 
     Raises:
-        ResultsError: there is none, or no networks are installed.
+        ResultsError: there is none, and those that there are are named; or no networks are installed.
     """
     point = entry_points(_GROUP).get("shipped")
     if point is None:
@@ -41,5 +41,5 @@ def installed_suite(suite: str) -> SuiteTrials:
     try:
         found = load(point)(suite)
     except ValueError as error:
-        raise ResultsError(f"suite: {error}") from error
+        raise ResultsError(str(error)) from error
     return SuiteTrials(found.id, found.sha256, {trial.id: trial for trial in found.episodes})
