@@ -33,8 +33,11 @@ class Contact:
             _LOG.info("%s answers again", self.url)
 
     def waits(self, why: str, seconds: float) -> None:
-        """Nobody answers, and is waited for; logged once until somebody does or it is given up."""
-        if not self._waiting:
+        """Nobody answers, and is waited for; logged once until somebody does or it is given up.
+
+        Of a first contact nothing is logged: its error comes soon enough.
+        """
+        if self._answered and not self._waiting:
             self._waiting = True
             _LOG.warning("%s does not answer (%s); trying again for up to %.0f s", self.url, why, seconds)
 
