@@ -17,7 +17,8 @@ from wrongturn_agents.reporting.suites import installed_suite
 from wrongturn_agents.reporting.wrong_command import seeds_table, wrong_command_table
 from wrongturn_agents.shipped import SHIPPED
 from wrongturn_client.cli import app
-from wrongturn_protocol import Condition, Task
+from wrongturn_networks import load_suite
+from wrongturn_protocol import Condition, FaultKind, Reaction, Task
 
 ROOT = Path(__file__).parents[2]
 NAVIGATION_IN_NEW_TOWN = (Task.NAVIGATION, Condition.NEW_TOWN)
@@ -229,12 +230,31 @@ def test_variants_stand_beside_the_algorithm_in_the_ablations_alone(tmp_path):
 def test_how_trials_ended(tmp_path):
     table = endings_table(read(keep(tmp_path, wrong_command("ppo-image", (0, 0, 0, 0, 9, 3), seed=1))))
     assert table.head[3:10] == (
-        "collision", "off road", "stopped in it", "wrong way", "stopped before", "an exit", "other",
+        "collision", "off road", "stopped in it", "wrong way", "stopped before", "an exit", "other end",
     )  # fmt: skip
     assert [row[1:10] for row in table.rows] == [
         ("wrong", "30", "30", "0", "0", "0", "0", "70", "0"),
         ("follow lane", "30", "10", "0", "0", "0", "0", "90", "0"),
     ]
+
+
+def test_how_the_fault_was_met_and_by_whom(tmp_path):
+    driven = wrong_command("ppo-image", (0,) * 6, seed=1)
+    faults = {trial.id: trial.fault.kind for trial in load_suite("wrong-command@1").episodes}
+    trials = {
+        name: one.model_copy(update={"reaction": Reaction.OTHER}) if faults[name] is not FaultKind.NONE else one
+        for name, one in driven.trials.items()
+    }
+    files = (driven.model_copy(update={"trials": trials}), wrong_command("parked", (0,) * 6, twins_failed=60))
+    table = endings_table(read(keep(tmp_path, *files)))
+    assert table.head[10:] == ("obeyed", "overrode", "froze", "other reaction")
+    assert [(row[0], *row[10:]) for row in table.rows] == [
+        ("`ppo-image`", "0", "0", "0", "100"),
+        ("", "", "", "0", "100"),
+        ("`parked`", "0", "0", "0", "0"),
+        ("", "", "", "0", "0"),
+    ]
+    assert "of a trained agent those of all seeds that drive, of any other all that it has" in table.notes[0]
 
 
 def test_the_seeds_called_shipped_are_those_of_the_weights():

@@ -18,11 +18,22 @@ _ENDS: Final = {
     "stopped before": {Verdict.STOPPED_BEFORE_JUNCTION},
     "an exit": {Verdict.EXIT_COMMANDED, Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER},
 }
-_REACTIONS: Final = (Reaction.OBEYED, Reaction.OVERRODE, Reaction.FROZE)
+_REACTIONS: Final = {
+    Reaction.OBEYED: "obeyed",
+    Reaction.OVERRODE: "overrode",
+    Reaction.FROZE: "froze",
+    Reaction.OTHER: "other reaction",
+}
+"""All but ``exit``, which is an end too."""
+_TO_A_COMMAND: Final = {Reaction.OBEYED, Reaction.OVERRODE}
+_NOTE: Final = (
+    "Percent of trials: of a trained agent those of all seeds that drive, of any other all that it has, whether it "
+    'drives or not. Behind the ends, how the agent met the fault; to "follow lane" an exit is a reaction too.'
+)
 
 
 def endings_table(collection: Collection) -> ReportTable:
-    """Percent of the trials of all seeds, by agent and command; of trained agents those of seeds that drive."""
+    """Percent of the trials of all seeds, by agent and command; of a trained agent those of seeds that drive."""
     rows: list[tuple[str, ...]] = []
     suite = collection.suite_of(WRONG_COMMAND)
     for agent in collection.agents(WRONG_COMMAND):
@@ -40,15 +51,15 @@ def endings_table(collection: Collection) -> ReportTable:
             ]
             verdicts = Counter(one.verdict for one in found)
             ends = [sum(verdicts[verdict] for verdict in verdicts if verdict in end) for end in _ENDS.values()]
-            counts = [
-                *ends,
-                len(found) - sum(ends),
-                *(sum(one.reaction is kind for one in found) for kind in _REACTIONS),
-            ]
-            shown = [f"{100 * count / len(found):.0f}" for count in counts]
-            if fault is FaultKind.OMISSION:  # there is nothing to obey or to override
-                shown[-len(_REACTIONS) : -1] = ["", ""]
+            reactions = Counter(one.reaction for one in found)
+            shown = [_percent(count, len(found)) for count in (*ends, len(found) - sum(ends))]
+            for kind in _REACTIONS:
+                meant = fault is FaultKind.INFEASIBLE or kind not in _TO_A_COMMAND
+                shown.append(_percent(reactions[kind], len(found)) if meant else "")
             rows.append(("" if number else f"`{agent}`", command, str(len(found)), *shown))
-    head = ("agent", "command", "trials", *_ENDS, "other", *(kind.value for kind in _REACTIONS))
-    note = "Percent of the trials of all seeds that drive. Behind them, how the agent met the fault."
-    return ReportTable("How trials under a wrong command ended", head, tuple(rows), (note,) if rows else ())
+    head = ("agent", "command", "trials", *_ENDS, "other end", *_REACTIONS.values())
+    return ReportTable("How trials under a wrong command ended", head, tuple(rows), (_NOTE,) if rows else ())
+
+
+def _percent(count: int, of: int) -> str:
+    return f"{100 * count / of:.0f}"
