@@ -13,10 +13,12 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from wrongturn_client.errors import PluginError
+from wrongturn_client.usage import in_one_line
 
 COMMANDS: Final = "wrongturn.commands"
 LISTINGS: Final = "wrongturn.listings"
 CHECKS: Final = "wrongturn.checks"
+_USAGE: Final = 2
 
 
 def entry_points(group: str) -> dict[str, metadata.EntryPoint]:
@@ -103,6 +105,16 @@ class LazyCommand(TyperCommand):
 
 class PluginGroup(TyperGroup):
     """The program's commands: its own, then those of other parts."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; of a value that an option cannot have, one line on stderr and status 2."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            if type(error) is not typer.BadParameter:  # one that is missing: the usage tells more
+                raise
+            typer.echo(f"{ctx.info_name}: {in_one_line(error)}", err=True)
+            raise typer.Exit(_USAGE) from None
 
     def list_commands(self, ctx: Any) -> list[str]:
         """The names in the order of the help."""

@@ -126,6 +126,22 @@ def test_an_unknown_command_is_a_usage_error() -> None:
     assert done.stdout == ""
 
 
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["train", "ppo-image", "--steps", "0"], "--steps: is 0; give a whole number, 1 or more"),
+        (["train", "ppo-image", "--steps", "many"], "--steps: is 'many'; give a whole number, 1 or more"),
+        (["train", "ppo-image", "--minutes", "few"], "--minutes: is 'few'; give a number"),
+        (["run", "careful", "--parallel", "-1"], "--parallel: is -1; give a whole number, 1 or more"),
+        (["serve", "--port", "65536"], "--port: is 65536; give a whole number from 0 to 65535"),
+        (["run", "careful", "--progress", "loud"], "--progress: 'loud' is not one of 'auto', 'bar', 'lines', 'json'"),
+    ],
+)
+def test_a_value_that_an_option_cannot_have_is_told_in_one_line(arguments: list[str], says: str) -> None:
+    done = _program(*arguments)
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"wrongturn: {says}\n")
+
+
 def test_another_parts_command_is_listed_and_runs(points: dict[tuple[str, str], str]) -> None:
     points["wrongturn.commands", "greet"] = "client_cli_plugin:greet"
     result = runner.invoke(cli.app, ["greet", "--name", "Ada"])
