@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator
 from fastapi import FastAPI
 
 from wrongturn_service.api import agents, drive, episodes, errors, evaluations, health, leaderboards, suites, towns
-from wrongturn_service.api.documents import document
+from wrongturn_service.api.documents import document, serve_document
 from wrongturn_service.api.middleware import Middleware
 from wrongturn_service.errors import StartupError
 from wrongturn_service.pool.pool import Pool
@@ -48,6 +48,7 @@ def create_app(settings: Settings, *, pool: Pool | None = None) -> FastAPI:
         description=DESCRIPTION,
         lifespan=lifespan,
         redirect_slashes=False,
+        openapi_url=None,  # FastAPI would make the document in the event loop
         docs_url=None,
         redoc_url=None,
     )
@@ -57,5 +58,6 @@ def create_app(settings: Settings, *, pool: Pool | None = None) -> FastAPI:
     errors.install(app)
     for part in (health, suites, towns, agents, evaluations, episodes, drive, leaderboards, errors):
         app.include_router(part.router)
+    app.add_route("/openapi.json", serve_document, include_in_schema=False)
     app.openapi = lambda: document(app)  # type: ignore[method-assign]
     return app

@@ -1,11 +1,13 @@
 """The OpenAPI document: bodies that are parsed by hand, problems, the token."""
 
 import re
+import threading
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
-from fastapi import FastAPI
+from fastapi import FastAPI, Request, Response
 from fastapi.openapi.utils import get_openapi
+from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 from starlette.routing import compile_path
@@ -20,6 +22,7 @@ from wrongturn_protocol import (
 )
 from wrongturn_service.idempotency import HEADER
 
+_MAKING: Final = threading.Lock()
 _REFERENCE = "#/components/schemas/{model}"
 _BODIES: tuple[type[BaseModel], ...] = (
     AgentRegistration,
@@ -116,30 +119,40 @@ def described(
 
 
 def document(app: FastAPI) -> dict[str, Any]:
-    """The OpenAPI document of the application."""
-    if app.openapi_schema is None:
-        found = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
-        schemas = found.setdefault("components", {}).setdefault("schemas", {})
-        _, definitions = models_json_schema(
-            _INPUTS,
-            ref_template=_REFERENCE,
-        )
-        for name, schema in definitions.get("$defs", {}).items():
-            schemas.setdefault(name, schema)
-        # FastAPI's own shape of errors, which this service never sends.
-        schemas.pop("HTTPValidationError", None)
-        schemas.pop("ValidationError", None)
-        for path in found["paths"].values():
-            for operation in path.values():
-                refused = operation["responses"].get("422", {}).get("content", {})
-                if "application/json" in refused:
-                    del operation["responses"]["422"]
-        _link(found["paths"])
-        found["components"]["securitySchemes"] = {
-            "token": {"type": "http", "scheme": "bearer", "description": "From POST /v1/agents"},
-        }
-        app.openapi_schema = found
+    """The OpenAPI document of the application; made once, which takes up to a second: not in the event loop."""
+    with _MAKING:
+        if app.openapi_schema is None:
+            app.openapi_schema = _built(app)
     return app.openapi_schema
+
+
+def serve_document(request: Request) -> Response:
+    """``GET /openapi.json``; a plain function, so that it has a thread to itself."""
+    return JSONResponse(document(request.app))
+
+
+def _built(app: FastAPI) -> dict[str, Any]:
+    found = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
+    schemas = found.setdefault("components", {}).setdefault("schemas", {})
+    _, definitions = models_json_schema(
+        _INPUTS,
+        ref_template=_REFERENCE,
+    )
+    for name, schema in definitions.get("$defs", {}).items():
+        schemas.setdefault(name, schema)
+    # FastAPI's own shape of errors, which this service never sends.
+    schemas.pop("HTTPValidationError", None)
+    schemas.pop("ValidationError", None)
+    for path in found["paths"].values():
+        for operation in path.values():
+            refused = operation["responses"].get("422", {}).get("content", {})
+            if "application/json" in refused:
+                del operation["responses"]["422"]
+    _link(found["paths"])
+    found["components"]["securitySchemes"] = {
+        "token": {"type": "http", "scheme": "bearer", "description": "From POST /v1/agents"},
+    }
+    return found
 
 
 def _link(paths: dict[str, Any]) -> None:
@@ -157,7 +170,7 @@ def _link(paths: dict[str, Any]) -> None:
 
 
 def methods_at(app: FastAPI, path: str) -> list[str]:
-    """The methods that a path takes, as the document has them."""
+    """The methods that a path takes, as the document has them; not in the event loop either."""
     return [
         method.upper()
         for template, operations in document(app)["paths"].items()

@@ -1,5 +1,7 @@
 """One handler: whatever goes wrong becomes ``application/problem+json`` of a type from the closed list."""
 
+import asyncio
+
 import structlog
 from fastapi import APIRouter, FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -141,9 +143,11 @@ def _http_error(error: HTTPException) -> ServiceError:
 
 async def _handle(request: Request, error: Exception) -> Response:
     found = as_service_error(error)
-    if found.kind is ProblemType.METHOD_NOT_ALLOWED and (methods := methods_at(request.app, request.scope["path"])):
+    if found.kind is ProblemType.METHOD_NOT_ALLOWED:
         # Starlette names those of the first route of this path alone.
-        found.headers["Allow"] = ", ".join(methods)
+        methods = await asyncio.to_thread(methods_at, request.app, request.scope["path"])
+        if methods:
+            found.headers["Allow"] = ", ".join(methods)
     return problem_response(found)
 
 
