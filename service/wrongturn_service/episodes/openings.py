@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from structlog.contextvars import bind_contextvars
 
@@ -21,6 +22,26 @@ from wrongturn_service.wire import Reply, Wire, reset_reply
 
 Remember = Callable[[bytes], IdempotencyRow] | None
 """Makes of a reply what is stored for its idempotency key; None where the request had no key."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """An episode that is asked for."""
+
+    agent: str
+    evaluation: str | None
+    """None for practice."""
+    trial: Trial
+    track: Track
+    wire: Wire
+    """Of the reply."""
+    remember: Remember
+    call: str
+    """Names the request in the line for a simulator: sent again, it keeps its place."""
+
+    @property
+    def practice(self) -> bool:
+        return self.evaluation is None
 
 
 class Openings:
@@ -61,7 +82,8 @@ class Openings:
             )
         try:
             call = f"{evaluation.id} {key}"
-            body = await self._begin(evaluation.agent_id, evaluation.id, trial, track, wire, remember, call)
+            wanted = _Wanted(evaluation.agent_id, evaluation.id, trial, track, wire, remember, call)
+            body = await self._begin(wanted)
         except BaseException:
             schedule.put_back(trial)
             raise
@@ -75,39 +97,20 @@ class Openings:
         self, agent: str, trial: Trial, track: Track, wire: Wire, remember: Remember, key: str | None
     ) -> bytes:
         """See :meth:`EpisodeManager.open_practice`."""
-        return await self._begin(agent, None, trial, track, wire, remember, f"practice {key}")
+        return await self._begin(_Wanted(agent, None, trial, track, wire, remember, f"practice {key}"))
 
-    async def _begin(
-        self,
-        agent: str,
-        evaluation: str | None,
-        trial: Trial,
-        track: Track,
-        wire: Wire,
-        remember: Remember,
-        call: str,
-    ) -> bytes:
-        practice = evaluation is None
-        self._registry.reserve(agent, practice=practice)
+    async def _begin(self, wanted: _Wanted) -> bytes:
+        self._registry.reserve(wanted.agent, practice=wanted.practice)
         try:
-            return await self._open(agent, evaluation, trial, track, wire, remember, call)
+            return await self._open(wanted)
         except BaseException:
-            self._registry.give_back(agent, practice=practice)
+            self._registry.give_back(wanted.agent, practice=wanted.practice)
             raise
 
-    async def _open(
-        self,
-        agent: str,
-        evaluation: str | None,
-        trial: Trial,
-        track: Track,
-        wire: Wire,
-        remember: Remember,
-        call: str,
-    ) -> bytes:
-        practice = evaluation is None
+    async def _open(self, wanted: _Wanted) -> bytes:
+        trial, track, wire = wanted.trial, wanted.track, wanted.wire
         episode_id = new_id("ep")
-        bind_contextvars(episode=episode_id, evaluation=evaluation)
+        bind_contextvars(episode=episode_id, evaluation=wanted.evaluation)
         lease = Lease(self._terms)
 
         def reply(observation: bytes | Shown) -> Reply:
@@ -116,23 +119,23 @@ class Openings:
                 observation,
                 wire,
                 track,
-                town=trial.town if practice or track is Track.PRIVILEGED else None,
-                trial=trial.id if practice else None,
+                town=trial.town if wanted.practice or track is Track.PRIVILEGED else None,
+                trial=trial.id if wanted.practice else None,
                 lease_s=self._terms.abort_s,
             )
 
-        episode = OpenEpisode(episode_id, agent, evaluation, trial, track, reply(b""), lease)
+        episode = OpenEpisode(episode_id, wanted.agent, wanted.evaluation, trial, track, reply(b""), lease)
         async with episode.lock:
             try:
-                frame = await self._driver.begin(episode, wire, call)
+                frame = await self._driver.begin(episode, wire, wanted.call)
             except ReplayFailedError as error:
                 raise UnavailableError(ProblemType.SIMULATOR_FAILED, f"{error}; try again", retry_after_s=5) from error
             episode.last = reply(frame.observation)
             body = episode.last.render(wire)
             row = EpisodeRow(
                 id=episode_id,
-                evaluation_id=evaluation,
-                agent_id=agent,
+                evaluation_id=wanted.evaluation,
+                agent_id=wanted.agent,
                 trial_id=trial.id,
                 trial=trial.model_dump_json(),
                 track=track.value,
@@ -141,7 +144,7 @@ class Openings:
                 steps=0,
             )
             try:
-                await self._store.add_episode(row, remember(body) if remember is not None else None)
+                await self._store.add_episode(row, wanted.remember(body) if wanted.remember is not None else None)
             except BaseException:
                 await self._driver.detach(episode)
                 raise
