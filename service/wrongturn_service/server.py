@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import signal
 import socket
 import sys
@@ -44,6 +45,9 @@ class Server(uvicorn.Server):
     @override
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
+        # What is there by now stays: to look through it for garbage time and again would make replies wait.
+        gc.collect()
+        gc.freeze()
         if self.started and not self.should_exit:
             sys.stdout.write(f"{READY}{self._url}\n")
             sys.stdout.flush()

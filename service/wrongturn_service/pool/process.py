@@ -14,6 +14,7 @@ An observation as raw arrays is written to the place on the screen, and the repl
 """
 
 import contextlib
+import gc
 import hashlib
 import math
 import signal
@@ -146,6 +147,9 @@ def serve(connection: socket.socket, limit_s: int, painter: Painter) -> None:
     """
     server = Server(painter)
     server.warm_up()
+    # What is there by now stays: to look through it for garbage time and again would be a pause of its own.
+    gc.collect()
+    gc.freeze()
     connection.sendall(frames.pack([frames.OK]))
     requests = frames.Receiver(connection)
     lent = Lent(connection, requests, painter)
