@@ -87,7 +87,7 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         Args:
             unread: what it has read and not answered.
             unsent: what is left of its last reply.
-            broken: whether the connection is of no more use, since nobody knows how much of a reply was sent.
+            broken: whether the connection is of no more use: nobody knows what was read, or sent of a reply.
         """
         self._recall = None
         if broken or self.transport.is_closing():

@@ -93,9 +93,11 @@ class Lent:
             if any(handle == service for handle, _ in ready):
                 break
             began = time.perf_counter()
+            book.read()
             try:
                 data = connection.recv(_PIECE)
             except BlockingIOError:
+                book.wait()
                 continue
             except OSError:
                 break  # the service finds out for itself
@@ -141,7 +143,7 @@ class Lent:
         pieces = (wire.results_head(number, 1), *reply.pieces())
         book.send()
         unsent = self._send(loan.connection, (framing.head(sum(map(len, pieces))), *pieces))
-        book.finish(simulated, time.perf_counter() - began)
+        book.finish(simulated, time.perf_counter() - began, sent=not unsent)
         return unsent
 
     def _send(self, connection: socket.socket, pieces: tuple[bytes | memoryview, ...]) -> bytes:

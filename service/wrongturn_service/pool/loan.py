@@ -71,7 +71,7 @@ class Returned:
         unsent: what is left of a reply.
         last: the step after them, where it ended the episode.
         again: whether it was only for its length that it ended.
-        broken: whether a reply may have been sent in part, so that the connection is of no more use.
+        broken: whether nobody knows what was read, or sent of a reply: the connection is of no more use.
     """
 
     actions: bytes = b""

@@ -13,7 +13,6 @@ from wrongturn_protocol import Outcome, Track
 from wrongturn_protocol.wire import layout
 from wrongturn_service.pool import frames
 from wrongturn_service.pool.actions import Action
-from wrongturn_service.pool.ledger import State
 from wrongturn_service.pool.loan import LOAN_S, SENDING_S, LastStep, Loan, Returned
 from wrongturn_service.pool.pool import (
     EpisodeRefusedError,
@@ -211,8 +210,8 @@ class LocalSimulator(Simulator):
                 book.seconds,
                 book.reward,
                 observation,
-                unread=book.message if book.state is State.ANSWERING else b"",
-                broken=book.state is State.SENDING,
+                unread=book.message,
+                broken=book.broken,
             )
         _, silence_s, unread, unsent, last, again = reply
         if last is not None:
