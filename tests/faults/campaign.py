@@ -199,6 +199,9 @@ def _kill(kill: Moment, service: Service, store: Store, seats: Sequence[Seat]) -
         return store.kill(kill.pick)
     if kill.victim == CLIENT:
         there = [seat for seat in seats if seat.there]
+        # Best one that is in the middle of an episode, which is what its successor has to find again.
+        driven = store.driven()
+        there = [seat for seat in there if driven.intersection(seat.evaluations)] or there
         return bool(there) and there[int(kill.pick * len(there))].kill(kill.back_s)
     assert kill.victim == SIMULATOR
     found = service.simulators()

@@ -32,6 +32,14 @@ class Store(ABC):
     def written(self) -> int:
         """A number that changes when something is written."""
 
+    def driven(self) -> set[str]:
+        """Evaluations with an open episode; none where nobody answers."""
+        try:
+            found = self.rows("SELECT evaluation_id FROM episodes WHERE state = 'open'")
+        except (OSError, sqlite3.Error, asyncpg.PostgresError):
+            return set()
+        return {row["evaluation_id"] for row in found}
+
     def kill(self, _pick: float) -> bool:
         """Kill a process of the server; False where there was none."""
         return False
