@@ -17,6 +17,7 @@ from wrongturn_service.api.dependencies import address_of
 from wrongturn_service.api.drive_calls import Calls, problem_result
 from wrongturn_service.api.errors import as_service_error, problem_response
 from wrongturn_service.direct import EXTENSION, DirectWebSocket
+from wrongturn_service.episodes.refusals import stopping
 from wrongturn_service.episodes.steps import Done
 from wrongturn_service.errors import ServiceError, UnauthenticatedError
 from wrongturn_service.pool.loan import LastStep, Returned
@@ -182,7 +183,8 @@ class Connection:
                 self._spawn(self._answer(call, about, done))
 
     async def _answer(self, call: Any, about: str, done: Callable[[bytes | Reply], None]) -> None:
-        result = b""
+        # What is told where the service ends before the answer is there.
+        result = problem_result(stopping())
         try:
             result = await self._calls.answer(call)
         finally:

@@ -4,7 +4,7 @@ import zlib
 
 from structlog.contextvars import bind_contextvars
 
-from wrongturn_protocol import EpisodeState, EvaluationState, ProblemType, StepRequest, Track, Trial, Verdict
+from wrongturn_protocol import EpisodeState, EvaluationState, StepRequest, Track, Trial, Verdict
 from wrongturn_service.episodes import refusals
 from wrongturn_service.episodes.beginnings import Beginnings
 from wrongturn_service.episodes.driver import Driver
@@ -18,7 +18,7 @@ from wrongturn_service.episodes.replies import stored_reply
 from wrongturn_service.episodes.running import RunningEvaluations, cancelled
 from wrongturn_service.episodes.steps import Done, Steps
 from wrongturn_service.episodes.watch import Watch
-from wrongturn_service.errors import ConflictError, GoneError, UnavailableError
+from wrongturn_service.errors import ConflictError, GoneError
 from wrongturn_service.pool.actions import ACTION, Action
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow
 from wrongturn_service.storage.store import Store
@@ -243,4 +243,4 @@ class EpisodeManager:
 
     def _check_stopping(self) -> None:
         if self.stopping:
-            raise UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping", retry_after_s=5)
+            raise refusals.stopping()

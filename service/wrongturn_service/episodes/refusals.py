@@ -1,7 +1,7 @@
 """What the manager of episodes refuses, as errors with a remedy."""
 
 from wrongturn_protocol import ProblemType
-from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError
+from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError, UnavailableError
 from wrongturn_service.pool.actions import Action
 
 
@@ -37,3 +37,8 @@ def episode_finished(episode_id: str) -> ConflictError:
 def unknown_episode(episode_id: str) -> NotFoundError:
     """What a call on an episode gets that there is none of."""
     return NotFoundError(ProblemType.UNKNOWN_EPISODE, f"there is no episode {episode_id[:64]!r}")
+
+
+def stopping() -> UnavailableError:
+    """What a call gets that comes too late for this service, and in time for the next."""
+    return UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping", retry_after_s=5)
