@@ -64,6 +64,12 @@ class Collection:
         seed = self.shipped.get(agent)
         return _by_seed(self._sorted(suite, agent, None, last="over the service")).get(seed)
 
+    def driven_how(self, suite: str, agent: str) -> dict[str, str]:
+        """How each trial of :meth:`of_shipped` was driven."""
+        seed = self.shipped.get(agent)
+        files = self._sorted(suite, agent, None, last="over the service")
+        return {trial: file.driven for file in files if file.seed == seed for trial in file.trials}
+
     def agents(self, suite: str) -> tuple[str, ...]:
         """Who has results on a suite as it is, no variant: the paper's algorithms first, then by name."""
         names = {file.agent for file in self.files if file.suite == suite and file.variant is None}

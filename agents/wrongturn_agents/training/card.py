@@ -204,15 +204,21 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
         parts.append(text)
     journeys = collection.of_shipped(NAVIGATION, agent.name)
     if journeys is not None:
-        cells = count_success(journeys, collection.suite_of(NAVIGATION))
+        suite = collection.suite_of(NAVIGATION)
+        cells = count_success(journeys, suite)
+        driven = {
+            trial.journey.task: how
+            for name, how in collection.driven_how(NAVIGATION, agent.name).items()
+            if (trial := suite.trials[name]).journey is not None
+        }
         rows = [
-            f"| {str(task).replace('_', ' ')} | {str(condition).replace('_', ' ')} | "
+            f"| {str(task).replace('_', ' ')} | {driven[task]} | {str(condition).replace('_', ' ')} | "
             f"{with_interval(found.arrived, found.episodes)} | {with_interval(found.clean, found.episodes)} | "
             f"{found.episodes} |"
             for (task, condition), found in sorted(cells.items(), key=lambda cell: _place(*cell[0]))
         ]
-        head = f"| `{NAVIGATION}`, {journeys.driven} | condition | arrived | without infraction | of |"
-        parts.append("\n".join([head, "|---|---|---|---|---|", *rows]))
+        head = f"| `{NAVIGATION}` | driven | condition | arrived | without infraction | of |"
+        parts.append("\n".join([head, "|---|---|---|---|---|---|", *rows]))
     if not parts:
         return ["No results are stored yet."]
     return [*parts, "In brackets Wilson's 95 % interval of the rate."]
