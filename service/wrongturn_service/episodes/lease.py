@@ -44,8 +44,8 @@ class Lease:
         self._heard = clock()
 
     def renew(self, ago_s: float = 0.0) -> None:
-        """The agent was heard of, so many seconds ago."""
-        self._heard = self._clock() - ago_s
+        """The agent was heard of, so many seconds ago; it may have been heard of since."""
+        self._heard = max(self._heard, self._clock() - ago_s)
 
     @property
     def silence_s(self) -> float:
