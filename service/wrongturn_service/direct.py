@@ -33,7 +33,7 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         self._hopeless = False
         self._handle = -1
         self._recall: Callable[[], None] | None = None
-        self._ending = False
+        self._afterwards: Callable[[], None] | None = None
 
     # What the application uses
 
@@ -96,10 +96,10 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         self._pending += unread
         if unsent:
             self.transport.write(unsent)
-        if self._ending:
-            super().shutdown()
-        else:
+        if self._afterwards is None:
             self._pace()
+        else:
+            self._afterwards()
 
     # What uvicorn and its transport use
 
@@ -144,11 +144,11 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
 
     @override
     def shutdown(self) -> None:
-        if self._recall is None:
-            super().shutdown()
-        else:
-            self._ending = True
-            self._recall()
+        self._once_back(super().shutdown)
+
+    @override
+    def keepalive_timeout(self) -> None:
+        self._once_back(super().keepalive_timeout)
 
     @override
     def send_keepalive_ping(self) -> None:
@@ -166,6 +166,14 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
     def resume_writing(self) -> None:
         super().resume_writing()
         self._pace()
+
+    def _once_back(self, end: Callable[[], None]) -> None:
+        """End the connection, not in the middle of what another process says."""
+        if self._recall is None:
+            end()
+        else:
+            self._afterwards = end
+            self._recall()
 
     def _pace(self) -> None:
         """Read no more while calls are being answered, or replies not taken."""
