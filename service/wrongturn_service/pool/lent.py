@@ -162,8 +162,8 @@ class Lent:
         poll.register(connection, select.POLLOUT)
         poll.register(self._service, select.POLLIN)
         deadline = time.monotonic() + SENDING_S
-        while rest and time.monotonic() < deadline:
-            ready = poll.poll(SENDING_S * 1000)
+        while rest and (left_s := deadline - time.monotonic()) > 0:
+            ready = poll.poll(left_s * 1000)
             if any(handle == self._service.fileno() for handle, _ in ready):
                 break
             try:

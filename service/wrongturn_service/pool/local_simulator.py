@@ -184,8 +184,15 @@ class LocalSimulator(Simulator):
         returned: asyncio.Future[Returned] = self._loop.create_future()
 
         def done(answered: "asyncio.Future[list[Any]]") -> None:
-            gone = answered.exception() is not None
-            returned.set_result(self._returned(loan, first, None if gone else answered.result()))
+            if answered.exception() is None:
+                returned.set_result(self._returned(loan, first, answered.result()))
+            else:
+                # As long as it lives it may note, and tell the client, what would be answered here again.
+                self.kill()
+                self._loop.run_in_executor(None, self.process.wait).add_done_callback(ended)
+
+        def ended(_: "asyncio.Future[int]") -> None:
+            returned.set_result(self._returned(loan, first, None))
 
         self._expected(self._sound, LOAN_S + SENDING_S + self._timeout_s).add_done_callback(done)
         try:
