@@ -1,8 +1,11 @@
 """A step as nearly every one comes: nothing about it is to be explained, only done."""
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from wrongturn_service.pool.actions import Action, rounded
+
+_NUMBERS: Final = {float, int}
+"""Some clients' languages know no other zero than the integer."""
 
 
 class PlainStep(NamedTuple):
@@ -24,7 +27,7 @@ def plain_step(call: Any) -> PlainStep | None:
     _, episode, seq, steer, throttle, brake = call
     if type(episode) is not str or type(seq) is not int:
         return None
-    if not type(steer) is type(throttle) is type(brake) is float:
+    if not type(steer) is type(throttle) is type(brake) is float and not {*map(type, call[3:])} <= _NUMBERS:
         return None
     if not (-1.0 <= steer <= 1.0 and 0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0):
         return None

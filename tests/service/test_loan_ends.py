@@ -165,7 +165,7 @@ def _signalled(service: RunningService, reference: Payloads, number: int, times:
     def disturb() -> None:
         while not stop.is_set() and len(sent) < times:
             time.sleep(0.02 + dice.random() * 0.08)
-            for pid in borrowers(service):
+            for pid in set(borrowers(service)) - set(sent):
                 time.sleep(dice.random() * 0.004)
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(pid, number)

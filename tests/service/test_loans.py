@@ -9,6 +9,8 @@ from random import Random
 
 import pytest
 from drive_socket import DriveSocket
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from lent_socket import LentSocket, figure, lent
 from loan_story import TRIAL, Payloads, action, begin, fields, go_on, over, reference_of, stored
 from service_harness import Agent, RunningService, expect
@@ -132,6 +134,13 @@ def _whole_numbers(_: Agent, drive: LentSocket, episode: str, seq: int, __: Payl
     return seq
 
 
+def _an_int_for_a_float(_: Agent, drive: LentSocket, episode: str, seq: int, reference: Payloads) -> int:
+    steer, throttle, brake = action(seq + 1)
+    drive.send(["step", episode, seq + 1, steer, throttle, int(brake)], number=seq + 1)
+    assert drive.receive() == reference[seq + 1]
+    return seq + 1
+
+
 def _out_of_range(_: Agent, drive: LentSocket, episode: str, seq: int, __: Payloads) -> int:
     for wrong in (1.01, float("nan"), float("inf"), "fast", None):
         status, told = drive.call("step", episode, seq + 1, 0.0, wrong, 0.0)
@@ -250,6 +259,7 @@ CASES: list[Case] = [
     _nobodys,
     _two_calls,
     _whole_numbers,
+    _an_int_for_a_float,
     _out_of_range,
     _look,
     _fragments,
@@ -275,6 +285,25 @@ def test_in_the_middle_of_a_loan(agent: Agent, drive: LentSocket, reference: Pay
     seq = case(agent, drive, episode, seq, reference)
     seq = begin(drive, episode, reference, seq)  # it is lent again
     assert drive.step(episode, seq + 1, action(seq + 1)) == reference[seq + 1]
+
+
+ANYWHERE = [case for case in CASES if case not in (_another, _another_token)]
+
+
+@settings(max_examples=25, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+@given(plan=st.lists(st.tuples(st.integers(0, 6), st.sampled_from(ANYWHERE)), min_size=1, max_size=6))
+def test_any_of_it_in_any_order(
+    agent: Agent, drive: LentSocket, reference: Payloads, plan: list[tuple[int, Case]]
+) -> None:
+    episode = agent.practise(**TRIAL)["id"]
+    seq = 0
+    for plain, case in [(2, _repeat), *plan]:
+        for _ in range(plain):
+            seq += 1
+            assert drive.step(episode, seq, action(seq)) == reference[seq]
+        if seq < len(reference) - 10:
+            seq = case(agent, drive, episode, seq, reference)
+    go_on(drive, episode, reference, seq)
 
 
 def test_many_at_once_take_each_step_once(
