@@ -322,3 +322,19 @@ def test_a_stop_in_a_loan(tmp_path: Path, reference: Payloads) -> None:
     finally:
         assert own.stop() == 0, own.stderr
     assert "Traceback" not in own.stderr
+
+
+@pytest.mark.parametrize("pause", [0.0, 0.002, 0.02])
+def test_a_verdict_that_nobody_hears_is_told_again(
+    service: RunningService, agent: Agent, drive: LentSocket, reference: Payloads, pause: float
+) -> None:
+    episode = agent.practise(**TRIAL)["id"]
+    last = len(reference) - 1
+    go_on(drive, episode, reference[:last], 0)
+    assert lent(service)
+    drive.send(["step", episode, last, *action(last)])
+    time.sleep(pause)
+    drive.raw.close()
+    with LentSocket(service, agent.token) as again:
+        assert again.step(episode, last, action(last)) == reference[last]
+    assert stored(service, episode)[3] == last

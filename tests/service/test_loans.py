@@ -11,13 +11,14 @@ import pytest
 from drive_socket import DriveSocket
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from lent_socket import LentSocket, figure, lent
+from lent_socket import LentSocket, figure, lent, until
 from loan_story import TRIAL, Payloads, action, begin, fields, go_on, over, reference_of, stored
 from service_harness import Agent, RunningService, expect
 from test_drive_frames import BINARY, PING, PONG, frame
 
 from wrongturn_protocol import Track, wire
 from wrongturn_protocol.observations import decode
+from wrongturn_service.pool import ledger
 
 
 @pytest.fixture(scope="module")
@@ -335,3 +336,24 @@ def test_many_at_once_take_each_step_once(
         for thread in disturbing:
             thread.join()
     assert looked
+
+
+def test_loans_follow_one_another(service: RunningService, agent: Agent, drive: LentSocket) -> None:
+    standing = (0.0, 0.0, 1.0)
+    journey = {"town": "Town01", "task": "navigation", "seed": 3, "track": "state"}
+    by_loans, unlent = (expect(agent.http.post("/v1/episodes", json=journey), 201)["id"] for _ in range(2))
+    # More than a loan may have, and a pause that is longer than one may last.
+    seqs = range(1, ledger.STEPS + 100)
+    replies = []
+    for seq in seqs:
+        replies.append(drive.step(by_loans, seq, standing))
+        assert not over(replies[-1]), seq
+        if seq == 50:
+            assert lent(service)
+            until(lambda: not lent(service), "silence does not end a loan")
+    for seq in seqs:
+        assert drive.unlent_step(unlent, seq, standing) == replies[seq - 1]
+    for episode in (by_loans, unlent):
+        assert agent.http.delete(f"/v1/episodes/{episode}").status_code == 204
+    assert stored(service, by_loans) == stored(service, unlent)
+    assert agent.trajectory(by_loans) == agent.trajectory(unlent)
