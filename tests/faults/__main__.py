@@ -38,7 +38,8 @@ def main() -> int:
             else:
                 with server(folder) as store:
                     reports.append(run(store, logs, moments(given.seed, given.kills, ALL), longest_s=longest_s))
-    show(reports)
+        # What is done is told, whatever becomes of the next.
+        show(reports)
     for report in reports:
         for kind, found in report.findings.bad.items():
             print(f"{report.database}: {kind}:", *found, sep="\n  ")

@@ -96,17 +96,18 @@ class Seat:
             with Client(self._service.url, patience=PATIENCE_S) as client:
                 client.ready()
                 self._token = client.register(self._name, Track.PRIVILEGED).token
-            while True:
-                self._drive_one()
-                if self.last.is_set():
-                    return
+            # One client for all evaluations: it knows that the service is there, and waits while it is started again.
+            with Client(self._service.url, self._token, patience=PATIENCE_S) as client:
+                client.live()
+                while True:
+                    self._drive_one(client)
+                    if self.last.is_set():
+                        return
         except BaseException as error:
             self.error = error
 
-    def _drive_one(self) -> None:
-        with Client(self._service.url, self._token, patience=PATIENCE_S) as client:
-            client.live()
-            evaluation = client.create_evaluation(SUITE).id
+    def _drive_one(self, client: Client) -> None:
+        evaluation = client.create_evaluation(SUITE).id
         self.evaluations.append(evaluation)
         self.journals.append(self._journal(evaluation))
         command = self.command(self._service.url, evaluation)
