@@ -36,6 +36,8 @@ _CLOSE_CODES: Final = {
 _FAILED: Final = 1011
 _STREAK: Final = 2
 """Steps of one episode, with nothing between them, after which its simulator answers them itself."""
+_IN_VAIN: Final = 32
+"""As many more where the last loan ended with its first message, as with a client whose messages come in pieces."""
 
 
 @router.websocket(wire.PATH)
@@ -231,6 +233,8 @@ class Connection:
         self._direct.take_back(came.unread, came.unsent, broken=came.broken)
         if came.again:
             self._lend()
+        elif came.unread and came.observation is None:
+            self._streak = -_IN_VAIN
 
     def answer(self, last: LastStep) -> Done:
         """Answer the step that ended the other process's episode."""
