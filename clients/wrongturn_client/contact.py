@@ -18,6 +18,8 @@ class Contact:
             url: of the service.
         """
         self.url = url
+        self.offers_socket = False
+        """Whether the WebSocket for driving has been there."""
         self._answered = False
         self._waiting = False
 

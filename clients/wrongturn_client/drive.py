@@ -63,9 +63,9 @@ class Drive(Closing):
         """
         self.patience = patience
         self._url = url
-        self._make: Callable[[], Link] = lambda: Link(url, token, timeout)
+        self._contact = known = contact or Contact(url.geturl())
+        self._make: Callable[[], Link] = lambda: Link(url, token, timeout, offered=known.offers_socket)
         self._link: Link | None = None
-        self._contact = contact or Contact(url.geturl())
         self._number = 0
         self._unanswered: dict[int, bytes] = {}
         self._early: dict[int, list[Result]] = {}
@@ -208,6 +208,7 @@ class Drive(Closing):
                         raise
                     self._link = link
                     self._contact.reached()
+                    self._contact.offers_socket = True
                     return
         except ConnectionBrokeError as error:
             raise ServiceUnreachableError(self._url.geturl(), str(error)) from error.__cause__

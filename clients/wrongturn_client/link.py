@@ -9,12 +9,12 @@ import contextlib
 import os
 import socket
 import ssl
-from typing import Final
+from typing import Final, NoReturn
 from urllib.parse import SplitResult
 
 from websockets.client import ClientProtocol
 from websockets.datastructures import Headers
-from websockets.exceptions import InvalidHandshake, InvalidState, InvalidStatus
+from websockets.exceptions import InvalidHandshake, InvalidMessage, InvalidState, InvalidStatus
 from websockets.frames import Frame, Opcode
 from websockets.http11 import Response
 from websockets.protocol import State
@@ -23,6 +23,7 @@ from websockets.uri import parse_uri
 
 from wrongturn_client.connections import Answer, ConnectionBrokeError
 from wrongturn_client.errors import NotOfferedError
+from wrongturn_client.problems import own_problem
 from wrongturn_client.transport import check
 from wrongturn_protocol import framing
 from wrongturn_protocol.wire import PATH, SUBPROTOCOL
@@ -32,20 +33,23 @@ _PIECE: Final = 1 << 18
 _SWITCHED: Final = b"HTTP/1.1 101 "
 _HEAD_END: Final = b"\r\n\r\n"
 _CLOSE_TIMEOUT: Final = 1.0
-_ANSWERS: Final = frozenset({401, 429, 502, 503, 504})
+_BUSY: Final = frozenset({429, 502, 503, 504})
+_ANSWERS: Final = _BUSY | {401}
 """Refusals of the handshake that say nothing of whether there is such a socket."""
 
 
 class Link:
     """A connection that is open; :meth:`receive` and :meth:`send` are for one thread."""
 
-    def __init__(self, url: SplitResult, token: str | None, timeout: float) -> None:
+    def __init__(self, url: SplitResult, token: str | None, timeout: float, *, offered: bool = False) -> None:
         """Connect and shake hands.
 
         Args:
             url: of the service, ``http`` or ``https``.
             token: the bearer token.
             timeout: seconds for each wait.
+            offered: the socket was there before. Then whatever answers and is no Wrongturn service stands in for one
+                that is away.
 
         Raises:
             ConnectionBrokeError: nobody is there.
@@ -63,7 +67,7 @@ class Link:
         target = url._replace(scheme="wss" if secure else "ws", path=url.path + PATH).geturl()
         self._protocol = ClientProtocol(parse_uri(target), subprotocols=[Subprotocol(SUBPROTOCOL)], max_size=None)
         try:
-            self._shake_hands(token)
+            self._shake_hands(token, offered=offered)
         except BaseException:
             self._socket.close()
             raise
@@ -102,7 +106,7 @@ class Link:
             self._flush()
         self._socket.close()
 
-    def _shake_hands(self, token: str | None) -> None:
+    def _shake_hands(self, token: str | None, *, offered: bool) -> None:
         request = self._protocol.connect()
         request.headers["User-Agent"] = "wrongturn-client"
         if token:
@@ -116,8 +120,8 @@ class Link:
             raise ConnectionBrokeError(str(error) or type(error).__name__) from error
         failure = self._protocol.handshake_exc
         if isinstance(failure, InvalidStatus):
-            _refused(failure.response)
-        if isinstance(failure, InvalidHandshake):
+            _refused(failure.response, offered=offered)
+        if isinstance(failure, InvalidHandshake) and not offered and not _ended(failure):
             raise NotOfferedError(f"no WebSocket at {PATH}: {failure}") from failure
         if failure is not None:
             raise ConnectionBrokeError(f"the handshake failed: {failure}") from failure
@@ -211,12 +215,20 @@ def _connected(url: SplitResult, timeout: float, *, secure: bool) -> socket.sock
         raise ConnectionBrokeError(str(error) or type(error).__name__) from error
 
 
-def _refused(response: Response) -> None:
+def _ended(failure: InvalidHandshake) -> bool:
+    """Whether the connection ended before its answer did, as behind what takes connections for a service away."""
+    return isinstance(failure, InvalidMessage) and isinstance(failure.__cause__, EOFError)
+
+
+def _refused(response: Response, *, offered: bool) -> NoReturn:
     """Raise what a refused handshake says."""
     headers: Headers = response.headers
     status = response.status_code
-    if status not in _ANSWERS:
-        raise NotOfferedError(f"no WebSocket of {SUBPROTOCOL} at {PATH}: status {status}")
-    media_type = headers.get("content-type", "")
     body = bytes(response.body or b"")
-    check(Answer(status, media_type, headers.get("location"), headers.get("retry-after"), body))
+    told = f"no WebSocket of {SUBPROTOCOL} at {PATH}: status {status}"
+    if offered and status not in _BUSY and not (400 <= status < 500 and own_problem(body)):
+        raise ConnectionBrokeError(told)
+    if status not in _ANSWERS:
+        raise NotOfferedError(told)
+    check(Answer(status, headers.get("content-type", ""), headers.get("location"), headers.get("retry-after"), body))
+    raise AssertionError("these are errors")

@@ -2,6 +2,8 @@
 
 from typing import Final
 
+from pydantic import ValidationError
+
 from wrongturn_client.errors import (
     AgentNameTakenError,
     ApiError,
@@ -55,3 +57,11 @@ def api_error(problem: Problem, retry_after: float | None = None) -> ApiError:
     if kind is None:
         kind = ServiceFailedError if problem.status >= 500 else InvalidRequestError
     return kind(problem, retry_after)
+
+
+def own_problem(body: bytes) -> bool:
+    """Whether an answer's body is a problem of a Wrongturn service, and of nothing that stands before it."""
+    try:
+        return Problem.model_validate_json(body).type.rsplit("/", 1)[-1] in set(ProblemType)
+    except ValidationError:
+        return False

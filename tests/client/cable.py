@@ -18,6 +18,7 @@ class Cable:
         self.plugged = 0
         self.cut_after: int | None = None
         """Bytes from the service after which each connection ends, once."""
+        self._stand_in: bytes | None = None
         self._open: list[socket.socket] = []
         threading.Thread(target=self._serve, daemon=True).start()
 
@@ -28,6 +29,11 @@ class Cable:
             except OSError:
                 return
             self.plugged += 1
+            if self._stand_in is not None:
+                with near, contextlib.suppress(OSError):
+                    near.recv(65536)  # closed unread, it would be reset
+                    near.sendall(self._stand_in)
+                continue
             far = socket.create_connection(self._to)
             self._open += [near, far]
             for one, other, back in ((near, far, False), (far, near, True)):
@@ -68,7 +74,15 @@ class Cable:
             end.close()
         self._open.clear()
 
+    def stand_in(self, answer: bytes) -> None:
+        """As a forwarder without its service: whoever comes is heard, gets this, and is closed; until :meth:`plug`."""
+        self._stand_in = answer
+        self.cut()
+
     def plug(self) -> None:
+        if self._stand_in is not None:
+            self._stand_in = None
+            return
         self._listener = socket.create_server(self._at)
         threading.Thread(target=self._serve, daemon=True).start()
 

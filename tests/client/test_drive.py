@@ -1,5 +1,6 @@
 """Driving over the socket of a real service, and what is done when it breaks."""
 
+import json
 import socket
 import threading
 import time
@@ -156,13 +157,19 @@ def test_a_last_ping_that_cannot_be_answered_costs_no_step(client: Client, cable
         drive.abort_episode(episode)
 
 
-@pytest.fixture
-def gone(cable: Cable, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
-    """Takes the service away for so many seconds, which are not waited for: they pass as the client sleeps."""
+@pytest.fixture(params=[None, b""], ids=["refuses", "closes"])
+def gone(request: pytest.FixtureRequest, cable: Cable, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Takes the service away for so many seconds, which are not waited for: they pass as the client sleeps.
+
+    Meanwhile connections are refused, or taken and closed as by a forwarder of ports; or given an answer.
+    """
     clock = [0.0]
 
-    def go(seconds: float) -> None:
-        cable.unplug()
+    def go(seconds: float, answer: bytes | None = request.param) -> None:
+        if answer is None:
+            cable.unplug()
+        else:
+            cable.stand_in(answer)
         back = clock[0] + seconds
 
         def sleep(pause: float) -> None:
@@ -184,6 +191,43 @@ def test_a_drive_bears_that_the_service_is_started_again(
         gone(15)
         assert drive.step(episode, 1, GAS).seq == 1
         drive.abort_episode(episode)
+
+
+_PLAIN = b"HTTP/1.1 %d Some\r\nContent-Length: 4\r\nConnection: close\r\n\r\nGone"
+
+
+@pytest.mark.parametrize("gone", [None], indirect=True)
+@pytest.mark.parametrize("status", [200, 302, 401, 403, 404, 500, 502, 503])
+def test_what_stands_in_for_a_service_that_is_started_again_is_waited_out(
+    client: Client, cable: Cable, gone: Callable[..., None], status: int
+) -> None:
+    with Client(cable.url, client._token) as here:
+        with here.drive() as drive:
+            episode = drive.practise(REQUEST).id
+            gone(15, _PLAIN % status)
+            assert drive.step(episode, 1, GAS).seq == 1
+        gone(15, _PLAIN % status)
+        with here.drive() as again:
+            assert again.step(episode, 2, GAS).seq == 2
+            again.abort_episode(episode)
+
+
+@pytest.mark.parametrize("gone", [None], indirect=True)
+@pytest.mark.parametrize(
+    ("problem", "status", "error"),
+    [("unauthenticated", 401, AuthenticationError), ("protocol-version", 426, NotOfferedError)],
+)
+def test_a_service_that_comes_back_and_says_no_is_believed(
+    client: Client, cable: Cable, gone: Callable[..., None], problem: str, status: int, error: type[Exception]
+) -> None:
+    body = json.dumps({"type": f"/problems/{problem}", "title": "No", "status": status, "detail": "no"}).encode()
+    head = f"HTTP/1.1 {status} No\r\nContent-Type: application/problem+json\r\nContent-Length: {len(body)}\r\n\r\n"
+    with Client(cable.url, client._token) as here, here.drive() as drive:
+        episode = drive.practise(REQUEST).id
+        gone(15, head.encode() + body)
+        with pytest.raises(error):
+            drive.step(episode, 1, GAS)
+    client.abort_episode(episode)
 
 
 def test_a_drive_begins_while_a_known_service_is_started_again(
