@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import hashlib
+import os
 import sqlite3
 import zlib
 from collections.abc import AsyncIterator
@@ -21,6 +22,8 @@ from wrongturn_service.storage.database import Database, migrations
 from wrongturn_service.storage.models import AgentRow, Base, EpisodeRow, EvaluationRow, TrajectoryRow
 from wrongturn_service.storage.postgres import Ownership
 from wrongturn_service.storage.store import DamagedTrajectoryError, NameTakenError, Store
+
+FILES = ("a.db", "a.db-shm", "a.db-wal", "a.db.lock")
 
 
 def url(path: Path) -> str:
@@ -114,6 +117,31 @@ def test_the_promises_of_a_commit(tmp_path: Path) -> None:
 
     full = 2
     assert asyncio.run(story()) == ["wal", full, 1]
+
+
+def _modes(folder: Path) -> dict[str, int]:
+    return {file.name: file.stat().st_mode & 0o777 for file in folder.iterdir()}
+
+
+def test_the_file_is_for_its_owner_alone(tmp_path: Path) -> None:
+    before = os.umask(0o022)
+    try:
+        (tmp_path / "new").mkdir()
+        (tmp_path / "old").mkdir()
+        (tmp_path / "old" / "a.db").touch(0o640)
+
+        async def modes(folder: Path) -> dict[str, int]:
+            database = await Database.open(url(folder / "a.db"))
+            async with database.write() as session:
+                session.add(agent_row())
+            found = await asyncio.to_thread(_modes, folder)
+            await database.close()
+            return found
+
+        assert asyncio.run(modes(tmp_path / "new")) == dict.fromkeys(FILES, 0o600)
+        assert asyncio.run(modes(tmp_path / "old")) == {**dict.fromkeys(FILES, 0o640), "a.db.lock": 0o600}
+    finally:
+        os.umask(before)
 
 
 async def half(database: Database) -> None:

@@ -59,6 +59,22 @@ def test_a_backup_under_load_and_back(database_url: str, tmp_path: Path) -> None
     assert file.stat().st_mode & 0o077 == 0
 
 
+@pytest.mark.parametrize("mode", [None, 0o640])
+def test_what_is_put_back_is_its_owners_or_as_it_was(tmp_path: Path, mode: int | None) -> None:
+    first, second = tmp_path / "a.db", tmp_path / "b.db"
+
+    async def make() -> None:
+        await (await Database.open(f"sqlite+aiosqlite:///{first}")).close()
+
+    asyncio.run(make())
+    back_up(f"sqlite+aiosqlite:///{first}", tmp_path / "backup")
+    if mode is not None:
+        second.touch()
+        second.chmod(mode)
+    put_back(f"sqlite+aiosqlite:///{second}", tmp_path / "backup", tmp_path)
+    assert second.stat().st_mode & 0o777 == (mode or 0o600)
+
+
 def test_what_cannot_be(tmp_path: Path) -> None:
     url = f"sqlite+aiosqlite:///{tmp_path / 'a.db'}"
     (tmp_path / "text").write_text("no database\n" * 100)

@@ -38,8 +38,7 @@ def back_up(url: str, file: Path) -> None:
         raise BackupError(f"there is no folder {file.parent}; make it, or name another file")
     part = file.with_name(file.name + ".part")
     try:
-        # Tokens' hashes and sealed tokens are in it.
-        os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600))
+        _make(part)
         source = location.file_of(parsed)
         if source is not None:
             _copy(source, part)
@@ -80,6 +79,7 @@ def restore(url: str, file: Path, home: Path) -> None:
     try:
         part = target.with_name(target.name + ".part")
         try:
+            _make(part, target.stat().st_mode & 0o777 if target.exists() else location.OWNER_ALONE)
             _copy(file, part)
             with part.open("rb") as written:
                 os.fsync(written.fileno())
@@ -93,6 +93,15 @@ def restore(url: str, file: Path, home: Path) -> None:
             part.unlink(missing_ok=True)
     finally:
         os.close(lock)
+
+
+def _make(part: Path, mode: int = location.OWNER_ALONE) -> None:
+    """Make an empty file of this mode, or empty what an earlier attempt left."""
+    handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, location.OWNER_ALONE)
+    try:
+        os.fchmod(handle, mode)
+    finally:
+        os.close(handle)
 
 
 def _copy(source: Path, target: Path) -> None:

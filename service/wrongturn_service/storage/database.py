@@ -72,7 +72,8 @@ class Database:
         engine = None
         ownership = None
         try:
-            if lock is not None:
+            if file is not None:
+                location.ensure_file(file)
                 _probe(parsed)
             engine = _engine(parsed)
             with postgres.told():

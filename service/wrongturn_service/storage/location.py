@@ -1,5 +1,6 @@
 """Where the database lies: its URL, and an SQLite file's folder and lock."""
 
+import contextlib
 import fcntl
 import os
 from pathlib import Path
@@ -12,6 +13,8 @@ from wrongturn_service.errors import StartupError
 NAMED_BY = "--database or WRONGTURN_DATABASE"
 OTHERWISE = "use that one (other commands take its URL by --url or WRONGTURN_URL), stop it,"
 """What can be done about a service that has the database, beside naming another one."""
+OWNER_ALONE = 0o600
+"""The mode of what holds the database: hashes of tokens and sealed tokens are in it."""
 
 
 class DatabaseUrlError(StartupError):
@@ -63,6 +66,19 @@ def ensure_folder(file: Path, home: Path | None) -> None:
         raise StartupError(f"there is no folder {folder} for the database file; make it, or name another by {NAMED_BY}")
 
 
+def ensure_file(file: Path) -> None:
+    """Make the file where it is not there, for its owner alone; SQLite gives what it keeps beside it the same mode.
+
+    Raises:
+        StartupError: it cannot be made.
+    """
+    try:
+        with contextlib.suppress(FileExistsError):
+            os.close(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, OWNER_ALONE))
+    except OSError as error:
+        raise unwritable(file, error) from error
+
+
 def lock(file: Path) -> int:
     """Lock the file for this process; gives the handle that holds the lock until it is closed.
 
@@ -70,7 +86,7 @@ def lock(file: Path) -> int:
         StartupError: another service has it, or the lock cannot be written.
     """
     try:
-        handle = os.open(_lock_of(file), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        handle = os.open(_lock_of(file), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, OWNER_ALONE)
     except OSError as error:
         raise unwritable(file, error) from error
     if not _locked(handle):
