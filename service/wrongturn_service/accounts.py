@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from wrongturn_protocol import AgentDetail, AgentKind, AgentRegistration, ProblemType, Track
@@ -63,13 +63,13 @@ class AddressLimit:
 class Accounts:
     """Agents and their tokens; tokens are known here by their SHA-256 alone."""
 
-    def __init__(self, store: Store, settings: Settings, changed: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, store: Store, settings: Settings, changed: Callable[[], Awaitable[None]]) -> None:
         """None is known yet.
 
         Args:
             store: where they are.
             settings: see there.
-            changed: called when a token is good no more.
+            changed: awaited when a token is good no more.
         """
         self._changed = changed
         self._store = store
@@ -174,7 +174,7 @@ class Accounts:
         for known, caller in list(self._callers.items()):
             if caller.id == agent_id:
                 del self._callers[known]
-        self._changed()
+        await self._changed()
 
 
 def bearer(authorization: str | None) -> str:

@@ -54,7 +54,9 @@ class Settings(BaseSettings):
     simulator_start_timeout_s: Seconds = 180.0
     """Seconds in which a simulator process must be ready; the first on a machine compiles its arithmetic."""
     simulator_timeout_s: Seconds = 30.0
-    """Seconds after which a simulator that does not answer counts as dead; a replay gets 0.02 more for each step."""
+    """Seconds after which a simulator that does not answer counts as dead.
+
+    5 at most for a step; a replay has 0.02 more for each."""
     lease_release_s: Seconds = 10.0
     """Seconds of an agent's silence after which its episode's simulator is given to others."""
     lease_abort_s: Seconds = 600.0

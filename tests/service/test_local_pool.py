@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from wrongturn_protocol import Track
-from wrongturn_service.pool import frames
+from wrongturn_service.pool import frames, local
 from wrongturn_service.pool.local import LocalPool
 from wrongturn_service.pool.pool import (
     EpisodeRefusedError,
@@ -255,3 +255,40 @@ async def _until(condition: Callable[[], bool]) -> None:
             return
         await asyncio.sleep(0.01)
     raise AssertionError("it did not come to pass")
+
+
+def test_who_waits_for_a_start_gets_one_that_is_free_before(tmp_path: Path) -> None:
+    begun = tmp_path / "begun"
+    # The first is ready at once, all others never.
+    program = f"""
+import time
+from pathlib import Path
+try:
+    Path({str(begun)!r}).touch(exist_ok=False)
+except FileExistsError:
+    time.sleep(60)
+{PROGRAM}
+"""
+
+    async def story(pool: LocalPool) -> None:
+        first = await pool.acquire("Town01")
+        second = asyncio.create_task(pool.acquire("Town01"))
+        await asyncio.sleep(0.3)
+        assert not second.done()
+        assert (pool.busy, pool.waiting) == (2, 1)
+        await pool.release(first)
+        assert await asyncio.wait_for(second, 10) is first
+
+    run(story, program, slots=2)
+
+
+def test_who_waits_for_a_start_for_long_is_told_a_position(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(local, "START_WAIT_S", 0.3)
+
+    async def story(pool: LocalPool) -> None:
+        told = await asyncio.gather(*(pool.acquire("Town01") for _ in range(2)), return_exceptions=True)
+        assert all(isinstance(one, SimulatorsBusyError) for one in told)
+        assert {one.position for one in told if isinstance(one, SimulatorsBusyError)} == {1, 2}
+        assert (pool.busy, pool.waiting) == (0, 0)
+
+    run(story, "import time; time.sleep(60)", slots=2)

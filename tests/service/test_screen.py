@@ -23,7 +23,7 @@ def observed(track: Track, seed: int) -> Observation:
 
 def painted(screen: Screen, painter: Painter, track: Track, seed: int) -> Shown:
     place = screen.turn()
-    return screen.shown(painter.paint(observed(track, seed), track, place))
+    return screen.shown(len(painter.paint(observed(track, seed), track, place)))
 
 
 def painter_of(screen: Screen) -> Painter:

@@ -95,7 +95,9 @@ def as_service_error(error: Exception) -> ServiceError:
         case ServiceError():
             return error
         case SimulatorsBusyError():
-            return UnavailableError(ProblemType.SIMULATORS_BUSY, f"{error}; come back later")
+            return UnavailableError(
+                ProblemType.SIMULATORS_BUSY, f"{error}; come back later", retry_after_s=2, position=error.position
+            )
         case SimulatorStartError():
             _log.error("simulator start failed", reason=str(error))
             return UnavailableError(ProblemType.SIMULATOR_FAILED, "no simulator could be started", retry_after_s=5)

@@ -52,11 +52,15 @@ class Loans:
         """How many there are."""
         return len(self._lent)
 
-    def recall(self) -> None:
-        """Have all of them back soon."""
-        for episode in self._lent:
+    async def recall(self) -> None:
+        """Have all of them back."""
+        lent = list(self._lent)
+        for episode in lent:
             if episode.lock.recall is not None:
                 episode.lock.recall()
+        for episode in lent:
+            async with episode.lock:
+                pass
 
     def begin(self, agent: str, episode_id: str, connection: Lendable) -> bool:
         """Lend a connection; the episode's lock is held until it is back.

@@ -161,9 +161,9 @@ class EpisodeManager:
         """Let the next steps be answered by the simulator itself, see :meth:`Loans.begin`."""
         return self._loans.begin(agent, episode_id, connection)
 
-    def recall(self) -> None:
-        """Have every connection that is lent back soon: who its client is may have changed."""
-        self._loans.recall()
+    async def recall(self) -> None:
+        """Have every connection back that is lent: who its client is may have changed."""
+        await self._loans.recall()
 
     @property
     def lent(self) -> int:

@@ -3,8 +3,8 @@
 import asyncio
 import os
 import sys
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from typing import Final
 
 import structlog
 from typing_extensions import override
@@ -21,6 +21,9 @@ from wrongturn_service.pool.pool import (
 
 COMMAND = (sys.executable, "-m", "wrongturn_service.pool.process")
 """What is started for each simulator; the socket's descriptor, the time limit and the screen's are added."""
+
+START_WAIT_S: Final = 20.0
+"""Seconds for which a call waits for a simulator to be started, before it is told to come back."""
 
 
 class LocalPool(Pool):
@@ -57,11 +60,12 @@ class LocalPool(Pool):
         self._on_death = on_death
         self._idle: list[LocalSimulator] = []
         self._busy: set[LocalSimulator] = set()
-        self._starting = 0
+        self._promises = 0
         self._warming: set[asyncio.Task[None]] = set()
         # Each start takes a core for seconds: more at a time would make all of them late.
         self._starts = asyncio.Semaphore(os.cpu_count() or 1)
-        self._waiters: deque[asyncio.Future[None]] = deque()
+        self._hopeful: list[asyncio.Future[None]] = []
+        self._waiters: list[asyncio.Future[None]] = []
         self._town = ""
         self._stopping = False
         self._failure: str | None = None
@@ -75,12 +79,12 @@ class LocalPool(Pool):
     @property
     @override
     def running(self) -> int:
-        return len(self._idle) + len(self._busy) + self._starting + len(self._warming)
+        return len(self._idle) + len(self._busy) + len(self._warming)
 
     @property
     @override
     def busy(self) -> int:
-        return len(self._busy) + self._starting
+        return len(self._busy) + self._promises
 
     @property
     @override
@@ -90,7 +94,7 @@ class LocalPool(Pool):
     @property
     @override
     def waiting(self) -> int:
-        return sum(not waiter.done() for waiter in self._waiters)
+        return sum(not waiter.done() for waiter in [*self._hopeful, *self._waiters])
 
     @property
     @override
@@ -103,7 +107,7 @@ class LocalPool(Pool):
 
     @override
     async def start(self) -> None:
-        self._idle.append(await self._start())
+        self._idle.append(await self._started())
 
     @override
     async def stop(self) -> None:
@@ -122,21 +126,48 @@ class LocalPool(Pool):
             self._idle = [simulator for simulator in self._idle if not simulator.dead]
             for simulator in dead:
                 await self._bury(simulator)
-            placed = self.busy < self._slots
-            found = self._take(town) if placed else None
-            if found is None and placed and self.running < self._slots + self._spare:
-                found = await self._start()
-            if found is not None:
+            if self.busy < self._slots:
+                found = await self._promised(town)
                 found.town = self._town = town
                 self._busy.add(found)
                 self._warm_up()
                 return found
-            # Where there is a place and yet no simulator, the spare one is about to be ready.
-            if not wait and not placed:
+            if not wait:
                 raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
             waiter: asyncio.Future[None] = asyncio.get_running_loop().create_future()
             self._waiters.append(waiter)
             await waiter
+
+    async def _promised(self, town: str) -> LocalSimulator:
+        """One for who has a place: the first that is free or ready, whoever it was started for.
+
+        Raises:
+            SimulatorStartError: one that was started for those who wait did not get ready.
+            SimulatorsBusyError: none is ready in time; it is started all the same.
+        """
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + START_WAIT_S
+        self._promises += 1
+        try:
+            while True:
+                found = self._take(town)
+                if found is not None:
+                    return found
+                if len(self._warming) < self._promises and self.running < self._slots + self._spare:
+                    self._begin_start(spare=False)
+                waiter: asyncio.Future[None] = loop.create_future()
+                self._hopeful.append(waiter)
+                try:
+                    await asyncio.wait_for(waiter, deadline - loop.time())
+                except TimeoutError:
+                    raise SimulatorsBusyError(
+                        f"{self._promises} calls wait for simulators that are being started", self._promises
+                    ) from None
+        except BaseException:
+            self._wake()  # the place is another's
+            raise
+        finally:
+            self._promises -= 1
 
     @override
     async def release(self, simulator: Simulator) -> None:
@@ -150,54 +181,57 @@ class LocalPool(Pool):
             self._idle.append(simulator)
         self._wake()
 
-    def _wake(self) -> None:
-        """Let one who waits look again: there is a place."""
-        while self._waiters:
-            waiter = self._waiters.popleft()
-            if not waiter.done():
+    def _wake(self, error: SimulatorStartError | None = None) -> None:
+        """Let all who wait look again; where a start failed, one of them hears of it."""
+        hopeful, self._hopeful = self._hopeful, []
+        waiting, self._waiters = self._waiters, []
+        for waiter in [*hopeful, *waiting]:
+            if waiter.done():
+                continue
+            if error is not None and waiter in hopeful:
+                waiter.set_exception(error)
+                error = None
+            else:
                 waiter.set_result(None)
-                break
 
     def _take(self, town: str) -> LocalSimulator | None:
-        if not self._idle:
+        alive = [simulator for simulator in self._idle if not simulator.dead]
+        if not alive:
             return None
         # The town it has need not be loaded again; of those, the one that was used last is warmest.
-        fitting = [simulator for simulator in self._idle if simulator.town == town]
-        simulator = (fitting or self._idle)[-1]
+        fitting = [simulator for simulator in alive if simulator.town == town]
+        simulator = (fitting or alive)[-1]
         self._idle.remove(simulator)
         return simulator
 
     def _warm_up(self) -> None:
         """Start what is lacking of the spare ones, in the background."""
         while (
-            len(self._idle) + len(self._warming) < self._spare
+            len(self._idle) + len(self._warming) - self._promises < self._spare
             and self.running < self._slots + self._spare
             and not self._stopping
         ):
-            self._warming.add(asyncio.create_task(self._start_spare()))
+            self._begin_start(spare=True)
 
-    async def _start_spare(self) -> None:
-        simulator = None
+    def _begin_start(self, *, spare: bool) -> None:
+        self._warming.add(asyncio.create_task(self._start_one(spare=spare)))
+
+    async def _start_one(self, *, spare: bool) -> None:
+        simulator, failed = None, None
         try:
             simulator = await self._started()
-            await simulator.prepare(self._town)
-        except (SimulatorStartError, SimulatorDiedError) as error:
-            self._log.warning("spare simulator did not start", reason=str(error))
+            if spare:
+                await simulator.prepare(self._town)
+        except SimulatorStartError as error:
+            failed = error
+            self._log.warning("simulator did not start", reason=str(error))
+        except SimulatorDiedError as error:
+            self._log.warning("spare simulator did not get ready", reason=str(error))
         finally:
             self._warming = {task for task in self._warming if task is not asyncio.current_task()}
             if simulator is not None:
                 self._idle.append(simulator)
-            self._wake()
-
-    async def _start(self) -> LocalSimulator:
-        self._starting += 1
-        try:
-            return await self._started()
-        except BaseException:
-            self._wake()
-            raise
-        finally:
-            self._starting -= 1
+            self._wake(failed)
 
     async def _started(self) -> LocalSimulator:
         if self._stopping:

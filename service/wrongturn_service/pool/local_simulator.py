@@ -29,6 +29,8 @@ from wrongturn_service.wire import Wire
 
 _T = TypeVar("_T")
 _RECALL = frames.pack(["recall"])
+_STEP_S = 5.0
+"""Seconds after which a step hangs: it takes milliseconds, where a reset may have a town to load."""
 
 
 class _Line(asyncio.Protocol):
@@ -92,6 +94,7 @@ class LocalSimulator(Simulator):
         self._line = line
         self._screen = screen
         self._timeout_s = timeout_s
+        self._step_s = min(timeout_s, _STEP_S)
         self._loop = asyncio.get_running_loop()
         self._alarm: asyncio.TimerHandle | None = None
         self._limit_s = timeout_s
@@ -145,7 +148,7 @@ class LocalSimulator(Simulator):
                 "and 'wrongturn doctor' checks the installation",
             ) from error
         except BaseException:
-            simulator.kill()
+            await simulator.close()
             raise
         return simulator
 
@@ -165,7 +168,7 @@ class LocalSimulator(Simulator):
 
     @override
     def begin_step(self, action: Action, wire: Wire) -> "asyncio.Future[Frame]":
-        return self._asked(["step", *action, wire.value, self._screen.turn()], self._frame, self._timeout_s)
+        return self._asked(["step", *action, wire.value, self._screen.turn()], self._frame, self._step_s)
 
     @override
     async def abort(self) -> Final:
@@ -194,7 +197,7 @@ class LocalSimulator(Simulator):
         def ended(_: "asyncio.Future[int]") -> None:
             returned.set_result(self._returned(loan, first, None))
 
-        self._expected(self._sound, LOAN_S + SENDING_S + self._timeout_s).add_done_callback(done)
+        self._expected(self._sound, LOAN_S + SENDING_S + self._step_s).add_done_callback(done)
         try:
             socket.send_fds(self._stream, [request], [loan.handle])
         except OSError as error:

@@ -37,7 +37,12 @@ class SimulatorError(Exception):
 
 
 class SimulatorsBusyError(SimulatorError):
-    """Every slot is taken."""
+    """Every slot is taken, or no simulator is ready yet."""
+
+    def __init__(self, message: str, position: int = 1) -> None:
+        super().__init__(message)
+        self.position = position
+        """How many simulators have to become free, or ready, until it is the caller's turn."""
 
 
 class SimulatorStartError(SimulatorError):
