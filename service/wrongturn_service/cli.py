@@ -1,9 +1,13 @@
 """``wrongturn serve``, and what ``wrongturn doctor`` asks of the service. Nothing heavy is imported before it runs."""
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from wrongturn_service.settings import Settings
 
 _USAGE = 2
 
@@ -89,12 +93,34 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
     else:
         yield "database", True, found, ""
     from wrongturn_service.pool.examination import TooLittleMemoryError  # noqa: PLC0415
-    from wrongturn_service.pool.examination import examine as examine_simulators  # noqa: PLC0415
     from wrongturn_service.pool.pool import SimulatorStartError  # noqa: PLC0415
 
     try:
-        yield "simulators", True, examine_simulators(settings), ""
+        yield "simulators", True, _simulator(settings), ""
     except SimulatorStartError as error:
         yield "simulators", False, str(error), "see the checks of libsumo and the kernels"
     except TooLittleMemoryError as error:
         yield "simulators", False, str(error), "set WRONGTURN_SIMULATORS to fewer, or give the machine more memory"
+
+
+def _simulator(settings: "Settings") -> str:
+    """What is found of a simulator that has nothing to compile: one that compiles takes several times the memory."""
+    from wrongturn_service.pool.examination import TooLittleMemoryError, examine  # noqa: PLC0415
+    from wrongturn_sim.home import set_cache  # noqa: PLC0415
+
+    cache = set_cache()
+    before = _files(cache)
+    try:
+        found = examine(settings)
+    except TooLittleMemoryError:
+        if _files(cache) == before:
+            raise
+    else:
+        if _files(cache) == before:
+            return found
+    return examine(settings)
+
+
+def _files(folder: Path) -> set[tuple[Path, int]]:
+    """The files below a folder, and when each was written."""
+    return {(file, file.stat().st_mtime_ns) for file in folder.rglob("*") if file.is_file()}

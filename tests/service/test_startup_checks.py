@@ -3,14 +3,17 @@
 import asyncio
 import itertools
 import os
+import re
 import socket
 import sqlite3
+import sys
 from pathlib import Path
 
 import pytest
 
 from wrongturn_service import cli
 from wrongturn_service.address import AddressError, bind
+from wrongturn_service.pool import examination
 from wrongturn_service.settings import PREFIX, Settings
 from wrongturn_service.storage.database import Database
 
@@ -99,6 +102,35 @@ def test_a_server_that_does_not_answer() -> None:
     assert not ok
     assert "cannot be used" in detail
     assert "secret" not in detail
+
+
+COMPILING = """
+import os, pathlib, socket, sys
+from wrongturn_service.pool import frames
+kernels = pathlib.Path(os.environ["NUMBA_CACHE_DIR"], "kernels")
+if not kernels.exists():
+    compiler = b"c" * 400 * 2**20
+    kernels.touch()
+connection = socket.socket(fileno=int(sys.argv[1]))
+connection.sendall(frames.pack([frames.OK]))
+connection.recv(1)
+"""
+"""In a simulator's place: the first to run has a compiler in memory, as numba's stays."""
+
+
+@pytest.mark.parametrize("free", [2**34, 300 * 2**20])
+def test_a_simulators_memory_is_told_without_the_compilers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("WRONGTURN_SIMULATORS", "1")
+    monkeypatch.setattr(examination, "COMMAND", (sys.executable, "-c", COMPILING))
+    monkeypatch.setattr(examination, "available_memory", lambda: free)
+    for _ in range(2):
+        name, ok, detail, _remedy = list(cli.checks())[2]
+        assert (name, ok) == ("simulators", True)
+        (mib,) = re.findall(r"has (\d+) MiB", detail)
+        assert int(mib) < 400
 
 
 def test_a_port_without_the_right_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
