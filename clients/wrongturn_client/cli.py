@@ -75,10 +75,11 @@ def leaderboard(
 
     with Client(url, patience=0) as client:
         ranking = client.leaderboard(suite)
+        others = () if ranking.entries or as_json else client.leaderboards()
     if as_json:
         _print_json(ranking.model_dump(mode="json"))
     else:
-        console().print(leaderboard_table(ranking))
+        console().print(leaderboard_table(ranking, [other.suite for other in others if other.entries]))
 
 
 @app.command()

@@ -52,13 +52,17 @@ def type_head(kind: JunctionType) -> Breakable:
     return Breakable(kind.value, "_")
 
 
-def leaderboard_table(leaderboard: Leaderboard) -> Table:
+def leaderboard_table(leaderboard: Leaderboard, others: Sequence[str] = ()) -> Table:
     """The ranking on a suite: for each agent a row with wrong commands and a row with the command to follow the lane.
 
     The columns of junction types give unsafe episodes of all. ``unsafe`` is their sum with its rate, and Wilson's 95%
     interval below; ``strict`` counts wrong ways too; ``twins done`` are the same trials without fault that were
     completed; ``=`` behind a rank says that it is shared. A suite of journeys has CoRL 2017's layout instead: a row for
     each task, a column for each condition.
+
+    Args:
+        leaderboard: what is shown.
+        others: suites that have entries, named where this one has none.
     """
     if not leaderboard.entries:
         # Which of the two layouts the suite has, its first entry will tell.
@@ -76,6 +80,8 @@ def leaderboard_table(leaderboard: Leaderboard) -> Table:
     ]
     if not leaderboard.entries:
         notes.append("No evaluation on this suite has been finished yet.")
+        # A line each, so that none is broken within its command.
+        notes += ["There are some on others:"] * bool(others) + [f"wrongturn leaderboard {suite}" for suite in others]
     if notes:
         table.caption = Text("\n".join(notes))
     return table

@@ -108,6 +108,11 @@ class FakeService:
             case "GET", ["v1", "suites"]:
                 suite = {"id": "smoke@1", "title": "Smoke", "version": 1, "sha256": SHA, "trials": 6, "twins": 6}
                 return httpx.Response(200, json={"suites": [{**suite, "tracks": ["privileged"]}]})
+            case "GET", ["v1", "leaderboards"]:
+                boards = [_board(suite, entries=count) for suite, count in (("wrong-command@1", 0), ("smoke@1", 2))]
+                return httpx.Response(200, json={"leaderboards": [{**board, "title": "Some"} for board in boards]})
+            case "GET", ["v1", "leaderboards", "wrong-command@1"]:
+                return httpx.Response(200, json=_board("wrong-command@1", entries=[]))
             case "GET", ["v1", "towns", town]:
                 return httpx.Response(200, json=_town(town))
             case "POST", ["v1", "evaluations"]:
@@ -240,3 +245,7 @@ def _town(name: str) -> dict[str, Any]:
         "junctions": {},
         "lanes": {},
     }
+
+
+def _board(suite: str, **more: Any) -> dict[str, Any]:
+    return {"suite": suite, "sha256": SHA, "updated": None, **more}

@@ -222,6 +222,14 @@ def test_an_unknown_suite_is_told(served: FakeService) -> None:
     assert "no /v1/leaderboards/nothing@1" in str(result.exception)
 
 
+def test_an_empty_leaderboard_names_the_suites_that_have_entries(served: FakeService) -> None:
+    shown = runner.invoke(cli.app, ["leaderboard", "--url", "http://fake"]).stdout
+    assert "No evaluation on this suite has been finished yet." in shown
+    assert "wrongturn leaderboard smoke@1" in shown
+    assert "leaderboard wrong-command@1" not in shown
+    assert json.loads(runner.invoke(cli.app, ["leaderboard", "--json", "--url", "http://fake"]).stdout)["entries"] == []
+
+
 def test_doctor_tells_what_is_wrong_and_what_to_do(
     points: dict[tuple[str, str], str], served: FakeService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -27,6 +27,14 @@ def test_its_two_commands_can_be_run() -> None:
         subprocess.run(["bash", "-n", ROOT / command], check=True)
 
 
+def test_containers_need_nothing_installed_beside_them() -> None:
+    blocks = (ROOT / "README.md").read_text("utf-8").split("```")[1::2]
+    (containers,) = [block for block in blocks if "compose.yaml" in block]
+    commands = [line.removeprefix("$ ").split()[0] for line in containers.splitlines()[1:]]
+    assert set(commands) == {"docker", "docker/make-secrets"}
+    assert "exec service wrongturn leaderboard" in containers
+
+
 @pytest.mark.system
 def test_each_command_it_shows_has_help() -> None:
     blocks = "\n".join((ROOT / "README.md").read_text("utf-8").split("```")[1::2])
