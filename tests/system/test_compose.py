@@ -127,6 +127,15 @@ def test_it_is_healthy_and_not_root(service: Service) -> None:
             assert file.read_text() not in inspect(container, "{{json .Config}}")
 
 
+def test_it_leaves_no_volume_without_a_name_behind(service: Service) -> None:
+    project = service.command[service.command.index("-p") + 1]
+    for name in ("service", "database"):
+        mounts = json.loads(inspect(service.compose("ps", "-q", name).strip(), "{{json .Mounts}}"))
+        volumes = [mount["Name"] for mount in mounts if mount["Type"] == "volume"]
+        assert volumes
+        assert all(volume.startswith(f"{project}_") for volume in volumes), volumes
+
+
 def test_the_database_wants_its_password(service: Service) -> None:
     ask = [
         "exec",
@@ -186,6 +195,10 @@ def test_agents_from_outside_and_as_workers_come_on_the_leaderboard(service: Ser
     service.compose("--profile", "careful", "up", "--no-recreate", "careful")
     found = {entry["agent"]["name"]: entry["agent"]["kind"] for entry in entries(service)}
     assert found == {"always-stops": "submitted", "careful": "baseline"}
+    # As README shows it; the suite of a run elsewhere is named.
+    shown = service.compose("exec", "-T", "service", "wrongturn", "leaderboard")
+    assert "wrongturn leaderboard smoke@1" in shown
+    assert "careful" in service.compose("exec", "-T", "service", "wrongturn", "leaderboard", "smoke@1")
 
 
 def test_no_container_compiles_what_the_image_brings_along(service: Service) -> None:

@@ -123,6 +123,16 @@ def test_compose_hardens_everything_and_keeps_no_password() -> None:
     assert not re.search(r"PASSWORD:-|TOKEN:-|://\w+:\w+@", text)
 
 
+def test_each_volume_has_a_name() -> None:
+    """Each 'down' would leave one without behind."""
+    compose = yaml.safe_load((DOCKER / "compose.yaml").read_text())
+    for name, service in compose["services"].items():
+        for volume in service["volumes"]:
+            source, colon, _ = volume.partition(":")
+            assert colon, f"{name}: {volume}"
+            assert source in compose["volumes"], f"{name}: {volume}"
+
+
 def test_each_shipped_agent_has_a_profile() -> None:
     services = yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"]
     workers = {name for name, service in services.items() if service.get("profiles")}
