@@ -38,6 +38,7 @@ RETRY_AFTER: Final = "retry_after_s"
 _ALIGNMENT: Final = 8
 _TRIPLE: Final = b"\x93"
 """An array of three follows."""
+_NIL: Final = b"\xc0"
 _ARRAYS: Final = tuple(bytes((0x90 | count,)) for count in range(16))
 """By count, an array of so many follows."""
 _BIN8: Final = struct.Struct(">BB")
@@ -175,6 +176,18 @@ def arrays(data: bytes | memoryview) -> Observation:
     return {part.name: np.ndarray(part.shape, part.dtype, memory, part.offset) for part in found.parts}
 
 
+def _bin_header(size: int) -> bytes:
+    """What stands before so many bytes."""
+    if size < 1 << 8:
+        return _BIN8.pack(0xC4, size)
+    if size < 1 << 16:
+        return _BIN16.pack(0xC5, size)
+    return _BIN32.pack(0xC6, size)
+
+
+_BLOCK_HEADERS: Final = tuple((size, _bin_header(size)) for size in sorted(_LAYOUTS, reverse=True))
+
+
 def pack_calls(number: int, calls: Sequence[Sequence[Any]]) -> bytes:
     """A message of calls.
 
@@ -214,13 +227,7 @@ def pack_result(status: int, fields: Mapping[str, Any], observation: bytes | mem
 def result_head(status: int, fields: Mapping[str, Any], size: int) -> bytes:
     """What stands before the observation in a result that has one of so many bytes."""
     head: bytes = msgpack.packb((status, fields))
-    if size < 1 << 8:
-        before = _BIN8.pack(0xC4, size)
-    elif size < 1 << 16:
-        before = _BIN16.pack(0xC5, size)
-    else:
-        before = _BIN32.pack(0xC6, size)
-    return _TRIPLE + head[1:] + before
+    return _TRIPLE + head[1:] + _bin_header(size)
 
 
 def results_head(number: int | None, count: int) -> bytes:
@@ -243,12 +250,12 @@ def join_results(number: int | None, results: Sequence[bytes]) -> bytes:
 
 
 def unpack_results(data: bytes | memoryview) -> tuple[int | None, list[Any]]:
-    """Number and results of a reply message.
+    """Number and results of a reply message; a block may be a view of the data.
 
     Raises:
         TruncatedMessageError, MalformedMessageError.
     """
-    message = _unpacked(data)
+    message = _around_block(data) or _unpacked(data)
     try:
         number, results = message
         for result in results:
@@ -258,6 +265,28 @@ def unpack_results(data: bytes | memoryview) -> tuple[int | None, list[Any]]:
     except (TypeError, ValueError) as error:
         raise MalformedMessageError(f"it is no reply message: {error}") from error
     return number, results
+
+
+def _around_block(data: bytes | memoryview) -> Any:
+    """A reply message that ends with a block, which is not copied; None where that is not sure.
+
+    To copy 49 kB once more took longer than to unpack all the rest.
+    """
+    for size, header in _BLOCK_HEADERS:
+        begin = len(data) - size
+        before = begin - len(header)
+        if before > 0 and data[before:begin] == header:
+            try:
+                # With nil in the block's place; what only looks like one is the end of something that lacks it then.
+                message = msgpack.unpackb(bytes(data[:before]) + _NIL)
+                last = message[1][-1]
+            except (ValueError, TypeError, LookupError, RecursionError, msgpack.UnpackException):
+                return None
+            if not (type(last) is list and len(last) == 3 and last[2] is None):
+                return None
+            last[2] = memoryview(data)[begin:]
+            return message
+    return None
 
 
 def _unpacked(data: bytes | memoryview) -> Any:
