@@ -61,6 +61,21 @@ def test_steps_latencies_slots_and_ends(tmp_path: Path) -> None:
     play(story)
 
 
+def test_each_route_bears_its_name(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool()) as http:
+            for method in ("GET", "HEAD"):
+                assert (await http.request(method, "/openapi.json")).status_code == 200
+            assert (await http.get("/nowhere")).status_code == 404
+            found = await figures(http)
+            routes = [name.split(",")[1:] for name in found if name.startswith("wrongturn_request_seconds_count")]
+            assert ["GET", "/openapi.json", "200"] in routes
+            assert ["HEAD", "/openapi.json", "200"] in routes
+            assert [route for route in routes if "unknown" in route] == [["GET", "unknown", "404"]]
+
+    play(story)
+
+
 def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
     async def story() -> None:
         pool = FakePool()
