@@ -4,6 +4,7 @@ import socket
 import struct
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -114,6 +115,8 @@ BROKEN = {
     "a message within another": (frame(BINARY, b"x", final=False) + frame(BINARY, b"y"), 1002, ""),
     "a ping that is too long": (frame(PING, bytes(126)), 1002, ""),
     "a ping in fragments": (frame(PING, b"x", final=False), 1002, ""),
+    "a close code that there is none of": (frame(CLOSE, (1005).to_bytes(2, "big")), 1002, ""),
+    "half a close code": (frame(CLOSE, b"\x03"), 1002, ""),
     "text that is none": (frame(TEXT, b"\xff"), 1007, ""),
     "text in fragments": (frame(TEXT, b"te", final=False) + frame(0, b"xt"), 1003, "text-message"),
     "too large in fragments": (frame(BINARY, HALF, final=False) + frame(0, HALF), 1009, "message-too-large"),
@@ -139,8 +142,18 @@ def test_what_breaks_the_rules_ends_the_connection(service: RunningService, agen
         assert reason[2:].decode() == kind
         ((_, fields),) = results[None]
         assert fields["type"] == f"/problems/{kind}"
+    else:
+        assert None not in results
     # What was begun before is not lost by it.
     assert agent.step(episode, 1, {"steer": 0.0, "throttle": 0.5, "brake": 0.0}).json()["seq"] == 1
+
+
+def test_each_code_that_a_mistake_is_closed_with_is_documented() -> None:
+    text = (Path(__file__).parents[2] / "docs/wire.md").read_text("utf-8")
+    refused = text.split("## What is refused")[1].split("\n## ")[0]
+    for name, (_, code, kind) in BROKEN.items():
+        rows = [row for row in refused.splitlines() if row.startswith("|") and f"| {code} |" in row]
+        assert any(f"`{kind}`" in row if kind else row.startswith("| none |") for row in rows), name
 
 
 @pytest.mark.parametrize("length", range(len(LOOKS[0])))
