@@ -27,6 +27,20 @@ def test_its_two_commands_can_be_run() -> None:
         subprocess.run(["bash", "-n", ROOT / command], check=True)
 
 
+def test_setting_up_by_hand_is_what_the_scripts_do() -> None:
+    shown = (ROOT / "CONTRIBUTING.md").read_text("utf-8").split("```")[1]
+    script = (ROOT / "script/lib/setup.sh").read_text("utf-8")
+    wanted = [
+        *re.findall(r"pip (install --upgrade 'pip>=[\d.]+' setuptools)", script),
+        *re.findall(r"pip (install -c constraints.txt torch)", script),
+        *re.findall(r"wanted\+?=\((.+)\)", script),
+    ]
+    assert len(wanted) == 4
+    places = [shown.find(options) for options in wanted]
+    assert -1 not in places
+    assert places == sorted(places)
+
+
 def test_containers_need_nothing_installed_beside_them() -> None:
     blocks = (ROOT / "README.md").read_text("utf-8").split("```")[1::2]
     (containers,) = [block for block in blocks if "compose.yaml" in block]
