@@ -115,8 +115,10 @@ class Drive(Closing):
             patience: seconds for which they are; the connection's own by default.
         """
         results = self._wait(self.submit(calls))
-        if any(isinstance(result, ServiceBusyError) for result in results):
-            self._try_again(calls, results, self.patience if patience is None else patience)
+        for result in results:
+            if isinstance(result, ServiceBusyError):
+                self._try_again(calls, results, self.patience if patience is None else patience)
+                break
         return results
 
     # Calls
@@ -244,18 +246,19 @@ def practise_call(request: PracticeRequest, key: str | None = None) -> list[Any]
 
 
 def _read(result: list[Any]) -> Result:
-    status, fields, *block = result
+    status: int = result[0]
+    fields: dict[str, Any] = result[1]
     if status >= 300:
         after = fields.pop(RETRY_AFTER, None)
         try:
             return api_error(Problem.model_validate(fields), None if after is None else float(after))
         except ValidationError as error:
             raise ProtocolError(f"the answer has status {status} and no problem that can be read") from error
-    if block:
+    if len(result) == 3:
         # A look's observation belongs to the reply that it tells again.
         holder = fields.get("last_reply", fields)
         try:
-            holder["observation"] = arrays(block[0])
+            holder["observation"] = arrays(result[2])
         except MalformedMessageError as error:
             raise ProtocolError(f"an observation cannot be read: {error}") from error
-    return dict(fields)
+    return fields

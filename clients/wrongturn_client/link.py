@@ -30,6 +30,8 @@ from wrongturn_protocol.wire import PATH, SUBPROTOCOL
 
 _PIECE: Final = 1 << 18
 """Bytes that are read at a time, into memory that stays: to have new memory each time took longer than to read."""
+_MASKS: Final = 4096
+"""Random bytes that are drawn at a time."""
 _SWITCHED: Final = b"HTTP/1.1 101 "
 _HEAD_END: Final = b"\r\n\r\n"
 _CLOSE_TIMEOUT: Final = 1.0
@@ -63,6 +65,7 @@ class Link:
         self._memory = memoryview(bytearray(_PIECE))
         self._begin = self._end = 0
         self._fragmented = False
+        self._masks, self._mask_at = b"", 0
         self._head = bytearray()
         target = url._replace(scheme="wss" if secure else "ws", path=url.path + PATH).geturl()
         self._protocol = ClientProtocol(parse_uri(target), subprotocols=[Subprotocol(SUBPROTOCOL)], max_size=None)
@@ -77,10 +80,18 @@ class Link:
         try:
             if self._protocol.state is not State.OPEN:
                 raise ConnectionBrokeError(self._why_closed())
-            mask = os.urandom(4)
-            self._socket.sendall(b"".join((framing.head(len(data), masked=True), mask, framing.apply_mask(data, mask))))
+            mask = self._mask()
+            self._socket.sendall(framing.head(len(data), masked=True) + mask + framing.apply_mask(data, mask))
         except OSError as error:
             raise ConnectionBrokeError(str(error) or type(error).__name__) from error
+
+    def _mask(self) -> bytes:
+        """Four bytes that nobody can foresee; drawn for many messages at a time."""
+        if self._mask_at == len(self._masks):
+            self._masks, self._mask_at = os.urandom(_MASKS), 0
+        begin = self._mask_at
+        self._mask_at = end = begin + 4
+        return self._masks[begin:end]
 
     def receive(self) -> bytes | memoryview:
         """The next message; what is read is good until the next is asked for. Raises ConnectionBrokeError."""

@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgpack
 import numpy as np
@@ -69,8 +69,7 @@ class TruncatedMessageError(MalformedMessageError):
     """It ends before it is complete."""
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
+class Part(NamedTuple):
     """One array of a block."""
 
     name: str
@@ -173,7 +172,7 @@ def arrays(data: bytes | memoryview) -> Observation:
     if found is None:
         raise MalformedMessageError(f"no track's observation is a block of {len(data)} bytes")
     memory = bytearray(data)
-    return {part.name: np.ndarray(part.shape, part.dtype, memory, part.offset) for part in found.parts}
+    return {name: np.ndarray(shape, dtype, memory, offset) for name, dtype, shape, offset in found.parts}
 
 
 def _bin_header(size: int) -> bytes:
