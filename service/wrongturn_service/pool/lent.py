@@ -13,8 +13,7 @@ from wrongturn_service.pool import ledger
 from wrongturn_service.pool.actions import Action
 from wrongturn_service.pool.frames import Receiver
 from wrongturn_service.pool.loan import LOAN_S, SENDING_S
-from wrongturn_service.pool.screen import PLACES, Painter, Shown
-from wrongturn_service.wire import Wire, step_reply
+from wrongturn_service.pool.screen import PLACES, Painter
 from wrongturn_sim import Episode
 
 _PIECE: Final = 1 << 16
@@ -90,7 +89,7 @@ class Lent:
             if not ready:
                 again = book.count > 0
                 break
-            if any(handle == service for handle, _ in ready):
+            if len(ready) > 1 or ready[0][0] == service:
                 break
             began = time.perf_counter()
             book.read()
@@ -124,25 +123,18 @@ class Lent:
         self, loan: Borrowed, number: int, action: Action, track: Track, observation: Any, reward: float, began: float
     ) -> bytes:
         """Note a step and tell of it; what of the reply was not taken."""
-        shown = Shown(self._painter.paint(observation, track, loan.place))
+        shown = self._painter.paint(observation, track, loan.place)
         loan.place = (loan.place + 1) % PLACES
         simulated = time.perf_counter() - began
         book = self._painter.ledger
         book.commit(action, reward)
         loan.seq += 1
-        reply = step_reply(
-            loan.seq,
-            shown,
-            Wire.RAW,
-            track,
-            terminated=False,
-            truncated=False,
-            reward=reward if loan.practice else None,
-            verdict=None,
-        )
-        pieces = (wire.results_head(number, 1), *reply.pieces())
+        fields: dict[str, object] = {"seq": loan.seq, "terminated": False, "truncated": False}
+        if loan.practice:
+            fields["reward"] = reward
+        head = wire.results_head(number, 1) + wire.result_head(200, fields, len(shown))
         book.send()
-        unsent = self._send(loan.connection, (framing.head(sum(map(len, pieces))), *pieces))
+        unsent = self._send(loan.connection, (framing.head(len(head) + len(shown)) + head, shown))
         book.finish(simulated, time.perf_counter() - began, sent=not unsent)
         return unsent
 
