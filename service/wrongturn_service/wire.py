@@ -100,12 +100,20 @@ def step_reply(
     verdict: Verdict | None,
 ) -> Reply:
     """The reply to a step; reward and verdict are left out where they are None."""
+    tail = step_tail(terminated=terminated, truncated=truncated, reward=reward, verdict=verdict)
+    return Reply(seq, observation, wire, track, (("seq", seq),), tail)
+
+
+def step_tail(
+    *, terminated: bool, truncated: bool, reward: float | None, verdict: Verdict | None
+) -> tuple[tuple[str, object], ...]:
+    """The fields after the observation in the reply to a step, as :func:`step_reply` takes them."""
     tail: tuple[tuple[str, object], ...] = (("terminated", terminated), ("truncated", truncated))
     if reward is not None:
         tail += (("reward", reward),)
     if verdict is not None:
         tail += (("verdict", verdict.value),)
-    return Reply(seq, observation, wire, track, (("seq", seq),), tail)
+    return tail
 
 
 _OBSERVATION_JSON: Final = b',"observation":'

@@ -7,6 +7,8 @@ import pytest
 # The helpers beside these tests are imported by their plain names.
 sys.path.insert(0, str(Path(__file__).parent))
 
+from lent_socket import LentSocket
+from loan_story import Payloads, reference_of
 from postgres_server import PostgresServer, running_server
 from service_harness import Agent, RunningService
 
@@ -34,6 +36,17 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
 def agent(service: RunningService) -> Iterator[Agent]:
     with service.agent() as agent:
         yield agent
+
+
+@pytest.fixture
+def drive(service: RunningService, agent: Agent) -> Iterator[LentSocket]:
+    with LentSocket(service, agent.token) as drive:
+        yield drive
+
+
+@pytest.fixture
+def reference(service: RunningService) -> Payloads:
+    return reference_of(service)
 
 
 @pytest.fixture

@@ -14,25 +14,13 @@ from urllib.parse import urlsplit
 
 import pytest
 from lent_socket import LOOK, LentSocket, borrowers, figure, lent, until
-from loan_story import TRIAL, Payloads, action, begin, fields, go_on, over, reference_of, stored
+from loan_story import TRIAL, Payloads, action, begin, fields, go_on, over, stored
 from service_harness import Agent, RunningService, expect
 from test_drive_frames import BINARY, CLOSE, LIMIT, PING, TEXT, frame
 
 from wrongturn_client.drive import Drive
 from wrongturn_protocol import Action, Track, wire
 from wrongturn_service.episodes.lease import Lease, Standing, Terms
-
-
-@pytest.fixture(scope="module")
-def reference(service: RunningService) -> Payloads:
-    return reference_of(service)
-
-
-@pytest.fixture
-def drive(service: RunningService, agent: Agent) -> Iterator[LentSocket]:
-    with LentSocket(service, agent.token) as drive:
-        yield drive
-
 
 # What ends the connection
 

@@ -4,7 +4,7 @@ import contextlib
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from random import Random
 
 import pytest
@@ -12,25 +12,13 @@ from drive_socket import DriveSocket
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lent_socket import LentSocket, figure, lent, until
-from loan_story import TRIAL, Payloads, action, begin, fields, go_on, over, reference_of, stored
+from loan_story import TRIAL, Payloads, action, begin, fields, go_on, over, stored
 from service_harness import Agent, RunningService, expect
 from test_drive_frames import BINARY, PING, PONG, frame
 
 from wrongturn_protocol import Track, wire
 from wrongturn_protocol.observations import decode
 from wrongturn_service.pool import ledger
-
-
-@pytest.fixture(scope="module")
-def reference(service: RunningService) -> Payloads:
-    return reference_of(service)
-
-
-@pytest.fixture
-def drive(service: RunningService, agent: Agent) -> Iterator[LentSocket]:
-    with LentSocket(service, agent.token) as drive:
-        yield drive
-
 
 # What is told, and what is stored
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Protocol
 
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.registry import Registry
-from wrongturn_service.episodes.replies import next_reply
+from wrongturn_service.episodes.replies import step_reply_of
 from wrongturn_service.episodes.steps import Done, Steps
-from wrongturn_service.pool.actions import ACTION
 from wrongturn_service.pool.loan import LastStep, Loan, Returned
+from wrongturn_service.pool.pool import Frame
 from wrongturn_service.wire import Wire
 
 if TYPE_CHECKING:
@@ -96,8 +96,8 @@ class Loans:
         episode.lease.renew(came.silence_s)
         if came.observation is not None:
             episode.actions += came.actions
-            seq = episode.seq + len(came.actions) // ACTION.size
-            episode.last = next_reply(episode, came.observation, came.reward, seq)
+            shown = Frame(came.observation, came.reward, terminated=False, truncated=False, final=None)
+            episode.last = step_reply_of(episode, shown, Wire.RAW)
         if came.last is None:
             episode.lock.release()
         else:

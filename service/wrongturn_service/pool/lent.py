@@ -14,6 +14,7 @@ from wrongturn_service.pool.actions import Action
 from wrongturn_service.pool.frames import Receiver
 from wrongturn_service.pool.loan import LOAN_S, SENDING_S
 from wrongturn_service.pool.screen import PLACES, Painter
+from wrongturn_service.wire import step_tail
 from wrongturn_sim import Episode
 
 _PIECE: Final = 1 << 16
@@ -82,10 +83,7 @@ class Lent:
         again = False
         while not self._requests.waiting:
             left = deadline - time.monotonic()
-            if left <= 0 or book.count == ledger.STEPS:
-                again = book.count > 0
-                break
-            ready = poll.poll(left * 1000)
+            ready = poll.poll(left * 1000) if left > 0 and book.count < ledger.STEPS else []
             if not ready:
                 again = book.count > 0
                 break
@@ -129,9 +127,8 @@ class Lent:
         book = self._painter.ledger
         book.commit(action, reward)
         loan.seq += 1
-        fields: dict[str, object] = {"seq": loan.seq, "terminated": False, "truncated": False}
-        if loan.practice:
-            fields["reward"] = reward
+        told = reward if loan.practice else None
+        fields = dict((("seq", loan.seq), *step_tail(terminated=False, truncated=False, reward=told, verdict=None)))
         head = wire.results_head(number, 1) + wire.result_head(200, fields, len(shown))
         book.send()
         unsent = self._send(loan.connection, (framing.head(len(head) + len(shown)) + head, shown))
