@@ -24,7 +24,7 @@ from wrongturn_protocol import Weather
 from wrongturn_sim.camera import Camera, World, cuda_kernels, look_of, render_batch
 from wrongturn_sim.camera import cuda as cuda_camera
 from wrongturn_sim.camera.cuda import CudaRenderer
-from wrongturn_sim.vector_env import WrongturnVectorEnv
+from wrongturn_sim.fleet.vector_env import WrongturnVectorEnv
 
 cuda: Any = cuda_kernels.cuda
 LOOKS = np.array([look_of(weather) for weather in Weather])

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
         TrialNotAloneError,
     )
     from wrongturn_sim.faults import FaultNotApplicableError, available_faults
+    from wrongturn_sim.fleet.vector_env import WrongturnVectorEnv
     from wrongturn_sim.gym_env import WrongturnSimEnv
     from wrongturn_sim.simulator import Simulator
     from wrongturn_sim.trajectory import Row, Trajectory
-    from wrongturn_sim.vector_env import WrongturnVectorEnv
     from wrongturn_sim.verdict import JourneyGeometry, JourneyJudge, Judge, JudgeGeometry, judge
 
 _HOME = {
@@ -63,7 +63,7 @@ _HOME = {
     "TrialNotAloneError": "errors",
     "Vehicle": "ego",
     "WrongturnSimEnv": "gym_env",
-    "WrongturnVectorEnv": "vector_env",
+    "WrongturnVectorEnv": "fleet.vector_env",
     "available_faults": "faults",
     "judge": "verdict",
 }
@@ -82,7 +82,7 @@ def __dir__() -> list[str]:
 gymnasium.register(
     id="WrongturnSim-v0",
     entry_point="wrongturn_sim.gym_env:WrongturnSimEnv",
-    vector_entry_point="wrongturn_sim.vector_env:WrongturnVectorEnv",
+    vector_entry_point="wrongturn_sim.fleet.vector_env:WrongturnVectorEnv",
 )
 
 __all__ = [

@@ -19,7 +19,7 @@ from wrongturn_sim.observation import observe_privileged, observe_state
 from wrongturn_sim.reward import reward
 from wrongturn_sim.route import Guidance, Navigator, start_pose
 from wrongturn_sim.simulator import Drive, Simulator
-from wrongturn_sim.traffic import EGO_LENGTH, plan_traffic
+from wrongturn_sim.traffic.plan import EGO_LENGTH, plan_traffic
 from wrongturn_sim.trajectory import Row, Trajectory
 from wrongturn_sim.trials import check as check_trial
 from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry, judge_of

@@ -14,14 +14,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_sim.crowd import OTHERS, Crowd
 from wrongturn_sim.ego import SUB_STEP, VEHICLE
 from wrongturn_sim.errors import (
     SimulatorFailedError,
     SimulatorInUseError,
     SimulatorUnavailableError,
 )
-from wrongturn_sim.traffic import TrafficPlan
+from wrongturn_sim.traffic.crowd import OTHERS, Crowd
+from wrongturn_sim.traffic.plan import TrafficPlan
 from wrongturn_sim.trajectory import RoadUser
 
 EGO: Final = "ego"

@@ -148,7 +148,7 @@ def test_it_looks_at_all_compiled_functions():
     functions = {f"{module}.{one.name}" for module in MODULES for one, _ in kept(source_of(module))}
     assert {
         "wrongturn_sim.camera.raycast.frames_into",
-        "wrongturn_sim.fleet_kernel.run",
+        "wrongturn_sim.fleet.kernel.run",
         "wrongturn_sim.verdict.decide.decide",
     } <= functions
     assert len(functions) > 20

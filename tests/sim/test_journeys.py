@@ -11,7 +11,7 @@ from wrongturn_networks import draw_journey, load_town
 from wrongturn_protocol import DIRECTIONS, Command, Task, Track, Traffic, Verdict
 from wrongturn_sim import Episode, JourneyGeometry, Trajectory, WrongturnSimEnv, WrongturnVectorEnv, judge
 from wrongturn_sim.route import start_pose
-from wrongturn_sim.traffic import plan_traffic
+from wrongturn_sim.traffic.plan import plan_traffic
 
 TOWNS = ("Town01", "Town02")
 

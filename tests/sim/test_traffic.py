@@ -14,7 +14,7 @@ from wrongturn_protocol import Command, FaultKind, SegmentationClass, Track, Tra
 from wrongturn_sim import Episode, JudgeGeometry, Simulator, TrafficTooDenseError, Trajectory, judge
 from wrongturn_sim import simulator as bridge
 from wrongturn_sim.route import start_pose
-from wrongturn_sim.traffic import BODIES, DRIVE_LENGTH, Car, TrafficPlan, Trip, plan_traffic
+from wrongturn_sim.traffic.plan import BODIES, DRIVE_LENGTH, Car, TrafficPlan, Trip, plan_traffic
 
 EGO = (4.6, 1.9)
 

@@ -15,7 +15,7 @@ from wrongturn_sim import WrongturnVectorEnv
 
 
 class WrongturnVecEnv(VecEnv):
-    """A :class:`~wrongturn_sim.vector_env.WrongturnVectorEnv` as a ``VecEnv``; over the wire where ``url`` is given.
+    """A :class:`~wrongturn_sim.WrongturnVectorEnv` as a ``VecEnv``; over the wire where ``url`` is given.
 
     An episode that ended is followed by the next one at once, as Stable-Baselines3 wants it: ``infos[i]`` then holds
     ``terminal_observation`` and ``TimeLimit.truncated``, beside what the one that ended came to (``verdict``, and

@@ -10,7 +10,7 @@ import pytest
 
 from wrongturn_protocol import Weather
 from wrongturn_sim.camera import Camera, CameraError, World, look_of, render_batch
-from wrongturn_sim.vector_env import WrongturnVectorEnv
+from wrongturn_sim.fleet.vector_env import WrongturnVectorEnv
 
 LOW = {"width": 12, "height": 8, "focal": 8.0, "cx": 6.0, "cy": 3.5}
 TALL = {"width": 3, "height": 70, "focal": 40.0, "cx": 1.5, "cy": 30.0}

@@ -20,12 +20,12 @@ from wrongturn_protocol import Fault, FaultKind, Task, Track, Trial, Weather
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
 from wrongturn_protocol.vectors import Flags, checked_actions, mask_of, seeds_of, trials_of, whole_number
 from wrongturn_sim.errors import EpisodeAlreadyFinishedError, EpisodeNotStartedError, InvalidActionError
-from wrongturn_sim.fleet import Fleet, Record
+from wrongturn_sim.fleet.fleet import Fleet, Record
 from wrongturn_sim.trial_source import TrialSource, a_flag
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera import Camera
-    from wrongturn_sim.fleet_camera import FleetCamera
+    from wrongturn_sim.fleet.camera import FleetCamera
 
 
 class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
@@ -143,7 +143,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
 
         Raises:
             ValueError: another number of seeds, trials or flags than of environments.
-            SimError: as :class:`~wrongturn_sim.fleet.Fleet`.
+            SimError: as :class:`~wrongturn_sim.fleet.fleet.Fleet`.
         """
         seeds = seeds_of(seed, self.num_envs)
         trials: list[Trial | str | None] = trials_of(options, self.num_envs, (str, Trial))
@@ -217,7 +217,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
 
     def _camera_of(self, camera: "Camera | None", threads: int, backend: str) -> "FleetCamera":
         from wrongturn_sim.camera import Camera  # noqa: PLC0415 - who shows no pictures need not wait for it
-        from wrongturn_sim.fleet_camera import FleetCamera  # noqa: PLC0415
+        from wrongturn_sim.fleet.camera import FleetCamera  # noqa: PLC0415
 
         return FleetCamera(self._fleet, camera or Camera(), self.track, threads, backend)
 

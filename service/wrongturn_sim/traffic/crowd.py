@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_sim.traffic import TrafficPlan, Trip
+from wrongturn_sim.traffic.plan import TrafficPlan, Trip
 from wrongturn_sim.trajectory import RoadUser
 
 SIGHT: Final = 80.0

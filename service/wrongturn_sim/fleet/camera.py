@@ -8,7 +8,7 @@ import numpy as np
 from wrongturn_protocol import Track, Trial, Weather
 from wrongturn_protocol.observations import Observation
 from wrongturn_sim.camera import Camera, CameraError, World, look_of, render_batch
-from wrongturn_sim.fleet import Fleet
+from wrongturn_sim.fleet.fleet import Fleet
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera.cuda import CudaRenderer

@@ -13,8 +13,8 @@ from wrongturn_networks import Town
 from wrongturn_protocol import Trial
 from wrongturn_sim.errors import TrafficTooDenseError
 from wrongturn_sim.route import Navigator, Pose
-from wrongturn_sim.sidewalks import length_of, sidewalks_of
-from wrongturn_sim.slots import FIRST, JITTER, Slots, car_slots, pedestrian_slots
+from wrongturn_sim.traffic.sidewalks import length_of, sidewalks_of
+from wrongturn_sim.traffic.slots import FIRST, JITTER, Slots, car_slots, pedestrian_slots
 
 DRIVE_LENGTH: Final = 1200.0
 """Every car has so many metres before it: more than it can drive before the time is out."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wrongturn_networks import Town
 from wrongturn_networks.lanes import Line
-from wrongturn_sim.sidewalks import along_of, sidewalks_of
+from wrongturn_sim.traffic.sidewalks import along_of, sidewalks_of
 
 CLEARANCE: Final = 15.0
 """No car's front begins nearer to the ego's centre than this, metres."""

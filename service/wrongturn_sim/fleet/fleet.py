@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from wrongturn_networks import Town
 from wrongturn_protocol import Outcome, Track, Trial
 from wrongturn_protocol.observations import FIELDS, Observation
-from wrongturn_sim import fleet_kernel as kernel
 from wrongturn_sim import guide
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, VEHICLE
 from wrongturn_sim.errors import TrialNotAloneError
@@ -26,6 +25,7 @@ from wrongturn_sim.faults import CommandFault, make_fault
 from wrongturn_sim.faults.infeasible import Infeasible
 from wrongturn_sim.faults.none import NoFault
 from wrongturn_sim.faults.omission import Omission
+from wrongturn_sim.fleet import kernel
 from wrongturn_sim.roads import roads_of
 from wrongturn_sim.route import guidance_of, set_out, start_pose, way_to
 from wrongturn_sim.trajectory import Row, Trajectory

@@ -1,0 +1,1 @@
+"""Many egos of one town, driven as one batch in one process."""
