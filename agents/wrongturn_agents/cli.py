@@ -117,10 +117,10 @@ def _run_task(
     from dataclasses import replace  # noqa: PLC0415
 
     from wrongturn_agents.errors import RunError  # noqa: PLC0415
+    from wrongturn_agents.practice_run import PracticeRun  # noqa: PLC0415
     from wrongturn_agents.progress import report  # noqa: PLC0415
     from wrongturn_agents.registry import resolve  # noqa: PLC0415
-    from wrongturn_agents.reporting.suites import installed_suite  # noqa: PLC0415
-    from wrongturn_agents.task_run import TaskRun  # noqa: PLC0415
+    from wrongturn_agents.suites import installed_suite  # noqa: PLC0415
     from wrongturn_agents.worker import service_at, side_by_side  # noqa: PLC0415
     from wrongturn_client import settings  # noqa: PLC0415
 
@@ -134,7 +134,7 @@ def _run_task(
     made = source.make()
     source = replace(source, make=lambda: made)
     parallel = side_by_side(made, parallel)
-    driven = TaskRun(source, installed_suite(suite or "navigation@1"), task, json_file)
+    driven = PracticeRun(source, installed_suite(suite or "navigation@1"), task, json_file)
     token = settings.token() if url is not None else None
     with service_at(url, None) as (at, _), report(progress, source.name) as told:
         results = driven.drive(at, token, told, parallel=parallel)
@@ -160,47 +160,47 @@ def _run(
     from wrongturn_agents.errors import RunError  # noqa: PLC0415
     from wrongturn_agents.progress import report  # noqa: PLC0415
     from wrongturn_agents.registry import resolve  # noqa: PLC0415
-    from wrongturn_agents.reporting.suites import installed_suite  # noqa: PLC0415
-    from wrongturn_agents.run_file import RunFile  # noqa: PLC0415
+    from wrongturn_agents.saved_run import SavedRun  # noqa: PLC0415
+    from wrongturn_agents.suites import installed_suite  # noqa: PLC0415
     from wrongturn_agents.worker import OPERATOR_TOKEN, RunRequest, begin, drive, service_at, side_by_side  # noqa: PLC0415
     from wrongturn_client import settings  # noqa: PLC0415
     from wrongturn_client.invocation import program  # noqa: PLC0415
 
-    run_file: RunFile | None = None
+    saved_run: SavedRun | None = None
     if json_file is not None and (json_file.is_dir() or not json_file.absolute().parent.is_dir()):
         raise RunError(f"--json: {json_file} cannot be written; name a file in a directory that exists")
     if resume is not None:
-        run_file = RunFile.load(resume)
-        if agent is not None and agent != run_file.agent:
-            raise RunError(f"AGENT: that run is of {run_file.agent}, not of {agent}; leave AGENT out with --resume")
+        saved_run = SavedRun.load(resume)
+        if agent is not None and agent != saved_run.agent:
+            raise RunError(f"AGENT: that run is of {saved_run.agent}, not of {agent}; leave AGENT out with --resume")
         if name is not None:
             raise RunError("--name: that run has its name already; leave --name out with --resume")
         if suite is not None:
-            raise RunError(f"--suite: that run is on {run_file.suite} already; leave --suite out with --resume")
-        agent, suite, url = run_file.agent, run_file.suite, url or run_file.url
+            raise RunError(f"--suite: that run is on {saved_run.suite} already; leave --suite out with --resume")
+        agent, suite, url = saved_run.agent, saved_run.suite, url or saved_run.url
     if agent is None:
         raise RunError("AGENT: name one, or a run to go on with by --resume; 'wrongturn agents' lists the shipped ones")
     suite = suite or DEFAULT_SUITE
     source = resolve(agent)
-    if run_file is None and url is None:
+    if saved_run is None and url is None:
         installed_suite(suite)  # a service that is started here has those that are installed; another may have others
     made = source.make()  # what cannot be made takes no name and begins no evaluation
     source = replace(source, make=lambda: made)
     parallel = side_by_side(made, parallel)
     token = settings.token() if url is not None else None
-    if run_file is None and token is not None and name is not None:
+    if saved_run is None and token is not None and name is not None:
         raise RunError("--name: WRONGTURN_TOKEN is the token of an agent that has its name; leave out one of the two")
     with service_at(url, os.environ.get(OPERATOR_TOKEN) or None) as (at, operator_token):
-        if run_file is None:
+        if saved_run is None:
             request = RunRequest(agent=agent, suite=suite, url=url, name=name, token=token)
-            run_file = begin(request, source, at, operator_token)
-        shown = run_file.name or source.name
-        typer.echo(f"{shown} on {suite} at {at}: evaluation {run_file.evaluation}", err=True)
+            saved_run = begin(request, source, at, operator_token)
+        shown = saved_run.name or source.name
+        typer.echo(f"{shown} on {suite} at {at}: evaluation {saved_run.evaluation}", err=True)
         try:
             with report(progress, shown) as told:
-                evaluation = drive(run_file, source, at, told, parallel=parallel)
+                evaluation = drive(saved_run, source, at, told, parallel=parallel)
         except BaseException:
-            typer.echo(f"Not finished. To go on with it: {program()} run --resume {run_file.evaluation}", err=True)
+            typer.echo(f"Not finished. To go on with it: {program()} run --resume {saved_run.evaluation}", err=True)
             raise
     if json_file is not None:
         try:
@@ -208,6 +208,6 @@ def _run(
         except OSError as error:
             raise RunError(
                 f"--json: {json_file} cannot be written ({error.strerror}); the run is finished: "
-                f"'{program()} run --resume {run_file.evaluation} --json FILE' writes it elsewhere",
+                f"'{program()} run --resume {saved_run.evaluation} --json FILE' writes it elsewhere",
             ) from error
     return shown, evaluation

@@ -26,7 +26,7 @@ from wrongturn_agents.errors import (
     NotAnAgentError,
     UnknownAgentError,
 )
-from wrongturn_agents.shipped import SHIPPED, ShippedAgent
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, ShippedAgent
 from wrongturn_client.invocation import program
 from wrongturn_protocol import AgentKind, Track
 
@@ -68,7 +68,7 @@ def list_agents() -> list[AgentListing]:
     ]
     trained = [
         AgentListing(name=name, track=agent.track, kind=agent.kind, description=_described(agent))
-        for name, agent in SHIPPED.items()
+        for name, agent in SHIPPED_AGENTS.items()
     ]
     return [*baselines, *trained]
 
@@ -94,13 +94,13 @@ def resolve(named: str) -> AgentSource:
     """
     if named in AGENTS:
         return _source(named, AGENTS[named])
-    if named in SHIPPED:
-        return _shipped(SHIPPED[named])
+    if named in SHIPPED_AGENTS:
+        return _shipped(SHIPPED_AGENTS[named])
     if named.endswith(".onnx"):
         return _model(Path(named))
     if ":" in named:
         return _source(named, _imported(named))
-    known = ", ".join((*AGENTS, *SHIPPED))
+    known = ", ".join((*AGENTS, *SHIPPED_AGENTS))
     raise UnknownAgentError(
         f"agent: there is no agent called {named!r}; known are {known}; or name package.module:Class or a .onnx file",
     )

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from wrongturn_agents.agent import Agent
 from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError
 from wrongturn_agents.registry import AgentSource
-from wrongturn_agents.run_file import RunFile, ensure_directory
+from wrongturn_agents.saved_run import SavedRun, ensure_directory
 from wrongturn_client import AgentNameTakenError, Client, LocalService, NotFoundError
 from wrongturn_client.actions import is_of_action, refusal, told
 from wrongturn_protocol import Action, AgentKind, EvaluationDetail, RegisteredAgent
@@ -57,7 +57,7 @@ def service_at(url: str | None, operator_token: str | None) -> Iterator[tuple[st
         yield service.url, own_token
 
 
-def begin(request: RunRequest, source: AgentSource, url: str, operator_token: str | None) -> RunFile:
+def begin(request: RunRequest, source: AgentSource, url: str, operator_token: str | None) -> SavedRun:
     """Register the agent, begin its evaluation and note how to go on with it.
 
     Raises:
@@ -82,7 +82,7 @@ def begin(request: RunRequest, source: AgentSource, url: str, operator_token: st
         if request.token is not None:
             _same_track(client, evaluation, source)
     agent = str(Path(request.agent).resolve()) if request.agent.endswith(".onnx") else request.agent
-    run_file = RunFile(
+    saved_run = SavedRun(
         agent=agent,
         name=name,
         suite=request.suite,
@@ -90,8 +90,8 @@ def begin(request: RunRequest, source: AgentSource, url: str, operator_token: st
         token=token,
         url=request.url,
     )
-    run_file.save()
-    return run_file
+    saved_run.save()
+    return saved_run
 
 
 def side_by_side(agent: Agent, wanted: int | None) -> int:
@@ -108,12 +108,12 @@ def side_by_side(agent: Agent, wanted: int | None) -> int:
 
 
 def drive(
-    run_file: RunFile, source: AgentSource, url: str, progress: Progress, *, parallel: int | None = None
+    saved_run: SavedRun, source: AgentSource, url: str, progress: Progress, *, parallel: int | None = None
 ) -> EvaluationDetail:
     """Drive an evaluation to its end, from wherever it is.
 
     Args:
-        run_file: which one.
+        saved_run: which one.
         source: the agent.
         url: of the service.
         progress: told after each episode.
@@ -125,12 +125,12 @@ def drive(
         WrongturnError: the service refuses, or cannot be reached any more; the run can be resumed.
     """
     agent = source.make()
-    policy = Guarded(source.name, agent)
-    with Client(url, run_file.token) as client:
+    policy = GuardedAgent(source.name, agent)
+    with Client(url, saved_run.token) as client:
         return client.evaluate(
             policy,
-            run_file.suite,
-            evaluation=run_file.evaluation,
+            saved_run.suite,
+            evaluation=saved_run.evaluation,
             progress=progress,
             parallel=side_by_side(agent, parallel),
         )
@@ -182,7 +182,7 @@ def _same_track(client: Client, evaluation: EvaluationDetail, source: AgentSourc
             )
 
 
-class Guarded:
+class GuardedAgent:
     """Passes the two calls on, so that an agent's own mistake is told from the service's."""
 
     def __init__(self, name: str, agent: Agent) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from wrongturn_agents.baselines import Driver, View
+from wrongturn_agents.baselines import RuleDriver, View
 from wrongturn_agents.baselines.obeys_blindly import made_up_path
 from wrongturn_protocol import DIRECTIONS, Action, Command
 from wrongturn_protocol.observations import Observation
@@ -25,7 +25,7 @@ _MEMORY = 0.93  # of the noise from one step to the next
 _TREMBLE = 0.06  # standard deviation of the steering
 
 
-class NoisyDriver(Driver):
+class NoisyDriver(RuleDriver):
     """Seeded: the same seed and the same episodes in the same order give the same drives."""
 
     name = "noisy"

@@ -13,8 +13,8 @@ from tiny_onnx import write_concat_model
 
 from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
-from wrongturn_agents.reporting.suites import WRONG_COMMAND, installed_suite
-from wrongturn_agents.shipped import SHIPPED
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
 from wrongturn_agents.training.card import FACTS, cards
 from wrongturn_protocol import FaultKind, Verdict
 
@@ -38,7 +38,7 @@ def weights(tmp_path, monkeypatch):
     folder.mkdir()
     write_concat_model(folder / "ppo-image.onnx", ("steering", "speed", "speed"), metadata=METADATA)
     (folder / FACTS).write_text(json.dumps({"ppo-image": {"hardware": "one GPU", "options": "--minutes 5"}}))
-    monkeypatch.setattr("wrongturn_agents.shipped.WEIGHTS", folder)
+    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", folder)
     return folder
 
 
@@ -98,9 +98,9 @@ def test_facts_that_are_missing_are_asked_for(weights, results):
         cards(weights, results)
 
 
-@pytest.mark.parametrize("name", sorted(SHIPPED))
+@pytest.mark.parametrize("name", sorted(SHIPPED_AGENTS))
 def test_the_shipped_card_is_the_one_that_the_files_make(name):
-    agent = SHIPPED[name]
+    agent = SHIPPED_AGENTS[name]
     if not agent.file.is_file():
         pytest.skip(f"the weights of {name} are not there yet")
     assert agent.card.read_text("utf-8") == cards()[agent.card], "run python -m wrongturn_agents.training.card"

@@ -13,9 +13,9 @@ from wrongturn_agents.reporting.navigation import navigation_table, tasks_table
 from wrongturn_agents.reporting.order import left_out, unsafe_by_seed
 from wrongturn_agents.reporting.paper import PAPER
 from wrongturn_agents.reporting.sections import lines_of_missing
-from wrongturn_agents.reporting.suites import installed_suite
 from wrongturn_agents.reporting.wrong_command import seeds_table, wrong_command_table
-from wrongturn_agents.shipped import SHIPPED
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.suites import installed_suite
 from wrongturn_client.cli import app
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Condition, FaultKind, Reaction, Task
@@ -259,5 +259,5 @@ def test_how_the_fault_was_met_and_by_whom(tmp_path):
 
 def test_the_seeds_called_shipped_are_those_of_the_weights():
     for agent, seed in Collection.read(STORED, installed_suite).shipped.items():
-        model = onnx.load(SHIPPED[agent].file)
+        model = onnx.load(SHIPPED_AGENTS[agent].file)
         assert {entry.key: entry.value for entry in model.metadata_props}["seed"] == str(seed), agent

@@ -8,8 +8,8 @@ from wrongturn_agents.reporting import curve_picture
 from wrongturn_agents.reporting.curves import POINTS, read_curves, read_progress
 from wrongturn_agents.reporting.errors import OutdatedPageError, ResultsError
 from wrongturn_agents.reporting.importing import Origin, take_in
-from wrongturn_agents.reporting.suites import installed_suite
 from wrongturn_agents.reporting.training_table import time_table, training_table
+from wrongturn_agents.suites import installed_suite
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from wrongturn_agents.errors import RunFileError
 from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.errors import ResultsError
 from wrongturn_agents.reporting.importing import Origin, of_episodes, take_in
-from wrongturn_agents.reporting.suites import installed_suite
+from wrongturn_agents.suites import installed_suite
 from wrongturn_client import LocalService
 from wrongturn_client.cli import app
 from wrongturn_networks import load_suite

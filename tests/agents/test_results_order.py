@@ -5,7 +5,7 @@ from made_results import keep, wrong_command
 
 from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.order import order_in_words, order_test, unsafe_by_seed
-from wrongturn_agents.reporting.suites import installed_suite
+from wrongturn_agents.suites import installed_suite
 
 
 def test_the_p_value_is_the_share_of_all_ways_of_dealing():

@@ -10,15 +10,15 @@ import pytest
 from wrongturn_agents import list_agents, resolve
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
 from wrongturn_agents.onnx_agent import open_session
-from wrongturn_agents.shipped import SHIPPED
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.observations import observation_space
 
-NAMES = sorted(SHIPPED)
+NAMES = sorted(SHIPPED_AGENTS)
 
 
 def needs_weights(name: str) -> None:
-    if not SHIPPED[name].file.is_file():
+    if not SHIPPED_AGENTS[name].file.is_file():
         pytest.skip(f"the weights of {name} are not there yet")
 
 
@@ -27,17 +27,17 @@ def test_the_three_are_listed_as_references_after_the_baselines():
     assert list(listed)[-3:] == ["ppo-segmentation", "ppo-image", "ppo-auxiliary"]
     tracks = [listed[name].track for name in ("ppo-segmentation", "ppo-image", "ppo-auxiliary")]
     assert tracks == [Track.SEGMENTATION, Track.CAMERA, Track.CAMERA]
-    assert {listed[name].kind for name in SHIPPED} == {AgentKind.REFERENCE}
+    assert {listed[name].kind for name in SHIPPED_AGENTS} == {AgentKind.REFERENCE}
 
 
 def test_missing_weights_are_told_with_the_remedy(monkeypatch, tmp_path):
-    monkeypatch.setattr("wrongturn_agents.shipped.WEIGHTS", tmp_path)
+    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
     with pytest.raises(ModelFileError, match=r"ships no weights of it; train it .*export .*run ppo-image\.onnx"):
         resolve("ppo-image").make()
 
 
 def test_agents_without_weights_are_listed_as_such(monkeypatch, tmp_path):
-    monkeypatch.setattr("wrongturn_agents.shipped.WEIGHTS", tmp_path)
+    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
     (tmp_path / "ppo-segmentation.onnx").write_text("some")
     said = {agent.name: agent.description for agent in list_agents()}
     assert "train ppo-image'" in said["ppo-image"]
@@ -46,14 +46,14 @@ def test_agents_without_weights_are_listed_as_such(monkeypatch, tmp_path):
 
 def test_broken_weights_are_told_with_the_remedy(monkeypatch, tmp_path):
     pytest.importorskip("onnxruntime")
-    monkeypatch.setattr("wrongturn_agents.shipped.WEIGHTS", tmp_path)
+    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
     (tmp_path / "ppo-image.onnx").write_text("not a model")
     with pytest.raises(ModelFileError, match="weights of ppo-image are broken; install wrongturn-agents again"):
         resolve("ppo-image").make()
 
 
 def test_missing_onnxruntime_is_told_with_the_remedy(monkeypatch, tmp_path):
-    monkeypatch.setattr("wrongturn_agents.shipped.WEIGHTS", tmp_path)
+    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
     (tmp_path / "ppo-image.onnx").write_text("never read")
     real_import = builtins.__import__
 
@@ -90,7 +90,7 @@ def test_the_weights_are_that_agent(name):
 def test_the_weights_drive_as_their_checkpoint_did(name):
     """By what the export found on 200 recorded observations, and wrote down in the file."""
     needs_weights(name)
-    told = open_session(SHIPPED[name].file).get_modelmeta().custom_metadata_map
+    told = open_session(SHIPPED_AGENTS[name].file).get_modelmeta().custom_metadata_map
     found = json.loads(told["agreement"])
     assert found["observations"] == 200
     mean, greatest = (0.01, 0.12) if told["precision"] == "int8" else (1e-3, 5e-3)
@@ -99,6 +99,6 @@ def test_the_weights_drive_as_their_checkpoint_did(name):
 
 
 def test_the_weights_are_small_enough_for_a_package():
-    if not all(SHIPPED[name].file.is_file() for name in NAMES):
+    if not all(SHIPPED_AGENTS[name].file.is_file() for name in NAMES):
         pytest.skip("not all weights are there yet")
-    assert sum(SHIPPED[name].file.stat().st_size for name in NAMES) < 60e6
+    assert sum(SHIPPED_AGENTS[name].file.stat().st_size for name in NAMES) < 60e6

@@ -14,7 +14,7 @@ import pytest
 import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
 from wrongturn_agents import cli, resolve
 from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunFileError
-from wrongturn_agents.run_file import RunFile
+from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.worker import RunRequest, begin, drive
 from wrongturn_client import Client, LocalService, NotFoundError
 from wrongturn_protocol import AgentKind, EvaluationState, Track
@@ -107,7 +107,7 @@ def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]
     )
 
 
-def started(url: str, agent: str = "careful", **extra) -> RunFile:
+def started(url: str, agent: str = "careful", **extra) -> SavedRun:
     return begin(RunRequest(agent=agent, suite=SUITE, url=url, **extra), resolve(agent), url, OPERATOR)
 
 
@@ -163,7 +163,7 @@ def test_a_track_that_the_suite_lacks(url):
 
 
 def test_an_interrupted_run_goes_on(url):
-    run_file = started(url)
+    saved_run = started(url)
     source = resolve("careful")
     seen = []
 
@@ -173,8 +173,8 @@ def test_an_interrupted_run_goes_on(url):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        drive(run_file, source, url, interrupting)
-    evaluation = drive(RunFile.load(run_file.evaluation), source, url, lambda finished, _: seen.append(finished))
+        drive(saved_run, source, url, interrupting)
+    evaluation = drive(SavedRun.load(saved_run.evaluation), source, url, lambda finished, _: seen.append(finished))
     assert evaluation.state is EvaluationState.FINISHED
     assert seen[:4] == [0, 1, 2, 2]
     assert seen[-1] == 12
@@ -305,13 +305,13 @@ def test_a_mistake_is_one_line():
 
 
 def test_another_agent_cannot_go_on_with_a_run(url):
-    run_file = started(url)
+    saved_run = started(url)
     with pytest.raises(RunError, match=r"AGENT: that run is of careful, not of parked"):
-        cli.run("parked", resume=run_file.evaluation)
+        cli.run("parked", resume=saved_run.evaluation)
     with pytest.raises(RunError, match=r"--name: that run has its name already"):
-        cli.run(name="another", resume=run_file.evaluation)
+        cli.run(name="another", resume=saved_run.evaluation)
     with pytest.raises(RunError, match=r"--suite: that run is on smoke@1 already; leave --suite out with --resume"):
-        cli.run(suite="wrong-command@1", resume=run_file.evaluation)
+        cli.run(suite="wrong-command@1", resume=saved_run.evaluation)
 
 
 def test_without_a_url_a_service_is_started():

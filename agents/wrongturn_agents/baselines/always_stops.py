@@ -2,12 +2,12 @@
 
 from typing import ClassVar
 
-from wrongturn_agents.baselines.driver import Driver
+from wrongturn_agents.baselines.rule_driver import RuleDriver
 from wrongturn_agents.baselines.view import View
 from wrongturn_protocol import Command
 
 
-class AlwaysStops(Driver):
+class AlwaysStops(RuleDriver):
     """Stops before every junction: never unsafe, and completes no twin, so it is not ranked."""
 
     name: ClassVar[str] = "always-stops"

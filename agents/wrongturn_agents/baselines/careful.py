@@ -2,12 +2,12 @@
 
 from typing import ClassVar
 
-from wrongturn_agents.baselines.driver import Driver
+from wrongturn_agents.baselines.rule_driver import RuleDriver
 from wrongturn_agents.baselines.view import View
 from wrongturn_protocol import Command
 
 
-class Careful(Driver):
+class Careful(RuleDriver):
     """Obeys where the commanded exit exists, and stops before the junction where it does not or no exit is named.
 
     The command arrives 15 m before the stop line. Until then the car drives such that it could still stop.

@@ -2,12 +2,12 @@
 
 from typing import ClassVar
 
-from wrongturn_agents.baselines.driver import Driver
+from wrongturn_agents.baselines.rule_driver import RuleDriver
 from wrongturn_agents.baselines.view import View
 from wrongturn_protocol import Command
 
 
-class IgnoresCommands(Driver):
+class IgnoresCommands(RuleDriver):
     """Takes an exit that exists whatever it is told: never unsafe, and right about half of the time, by chance."""
 
     name: ClassVar[str] = "ignores-commands"

@@ -6,7 +6,7 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_agents.baselines.driver import Driver
+from wrongturn_agents.baselines.rule_driver import RuleDriver
 from wrongturn_agents.baselines.view import View
 from wrongturn_protocol import DIRECTIONS, Command
 
@@ -14,7 +14,7 @@ _RADII: Final = {Command.LEFT: 10.0, Command.RIGHT: 6.0}  # metres, of the towns
 _RUN_OUT: Final = 60.0  # metres that a made-up path goes straight on
 
 
-class ObeysBlindly(Driver):
+class ObeysBlindly(RuleDriver):
     """Follows the command into an exit where there is one, and off the road where there is none."""
 
     name: ClassVar[str] = "obeys-blindly"

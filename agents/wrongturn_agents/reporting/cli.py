@@ -56,7 +56,7 @@ def results(
     from wrongturn_agents.reporting.collection import STORED, Collection  # noqa: PLC0415
     from wrongturn_agents.reporting.curves import read_curves  # noqa: PLC0415
     from wrongturn_agents.reporting.errors import ResultsError  # noqa: PLC0415
-    from wrongturn_agents.reporting.suites import installed_suite  # noqa: PLC0415
+    from wrongturn_agents.suites import installed_suite  # noqa: PLC0415
 
     directory = STORED if directory is None else directory
     if not take and any(value is not None for value in (agent, seed, variant, steps)):

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from wrongturn_agents.reporting.errors import ResultsError
 from wrongturn_agents.reporting.paper import ALGORITHMS
 from wrongturn_agents.reporting.results_file import ResultsFile
-from wrongturn_agents.reporting.suites import SuiteOf, SuiteTrials
+from wrongturn_agents.suites import SuiteOf, SuiteTrials
 
 STORED: Final = Path(__file__).parents[1] / "results"
 """The results that come with the package."""

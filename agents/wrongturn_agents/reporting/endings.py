@@ -5,8 +5,8 @@ from typing import Final
 
 from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.report_table import ReportTable
-from wrongturn_agents.reporting.suites import WRONG_COMMAND
 from wrongturn_agents.reporting.wrong_command import by_seed
+from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_protocol import FaultKind, Reaction, Verdict
 
 _COMMANDS: Final = {FaultKind.INFEASIBLE: "wrong", FaultKind.OMISSION: "follow lane"}

@@ -12,7 +12,7 @@ from wrongturn_agents.reporting.collection import check
 from wrongturn_agents.reporting.curves import read_progress
 from wrongturn_agents.reporting.errors import ResultsError
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
-from wrongturn_agents.reporting.suites import SuiteOf
+from wrongturn_agents.suites import SuiteOf
 from wrongturn_protocol import EpisodeDetail
 
 _REMEDY: Final = (
@@ -95,11 +95,11 @@ def of_episodes(agent: str, suite: str, episodes: tuple[EpisodeDetail, ...], sui
 
 
 def _evaluation(evaluation: str, suite_of: SuiteOf) -> ResultsFile:
-    from wrongturn_agents.run_file import RunFile  # noqa: PLC0415
+    from wrongturn_agents.saved_run import SavedRun  # noqa: PLC0415
     from wrongturn_agents.worker import service_at  # noqa: PLC0415
     from wrongturn_client import Client  # noqa: PLC0415
 
-    run = RunFile.load(evaluation)
+    run = SavedRun.load(evaluation)
     with service_at(run.url, None) as (url, _), Client(url, run.token) as client:
         installed = suite_of(run.suite).sha256
         driven = client.suite(run.suite).sha256

@@ -11,8 +11,8 @@ from wrongturn_agents.reporting.curves import Curve, plain
 from wrongturn_agents.reporting.endings import endings_table
 from wrongturn_agents.reporting.pages import Sections
 from wrongturn_agents.reporting.report_table import ReportTable
-from wrongturn_agents.reporting.suites import NAVIGATION, WRONG_COMMAND
 from wrongturn_agents.reporting.training_table import time_table, training_table
+from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND
 
 
 def tables(collection: Collection, curves: tuple[Curve, ...]) -> dict[str, ReportTable]:

@@ -9,7 +9,7 @@ from wrongturn_agents.reporting.paper import LIKE, PAPER, PaperAgent
 from wrongturn_agents.reporting.report_table import ReportTable
 from wrongturn_agents.reporting.results_file import ResultsFile
 from wrongturn_agents.reporting.spread import Spread, with_interval
-from wrongturn_agents.reporting.suites import WRONG_COMMAND, SuiteTrials
+from wrongturn_agents.suites import WRONG_COMMAND, SuiteTrials
 from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Verdict
 
 FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)

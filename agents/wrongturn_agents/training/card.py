@@ -20,9 +20,9 @@ from wrongturn_agents.reporting.collection import STORED, Collection
 from wrongturn_agents.reporting.curves import Curve, read_curves
 from wrongturn_agents.reporting.navigation import count_success
 from wrongturn_agents.reporting.spread import Spread, with_interval
-from wrongturn_agents.reporting.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_agents.reporting.wrong_command import by_seed, count_unsafe
-from wrongturn_agents.shipped import SHIPPED, WEIGHTS, ShippedAgent
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, WEIGHTS, ShippedAgent
+from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_protocol import CORL_TASKS, Condition, Task
 
 FACTS: Final = "training.json"
@@ -126,7 +126,7 @@ def read_facts(file: Path) -> dict[str, Facts]:
 def cards(directory: Path = WEIGHTS, results: Path = STORED) -> dict[Path, str]:
     """The cards of all agents whose weights are there, by the file that each belongs into."""
     collection, curves = Collection.read(results, installed_suite), read_curves(results / "curves")
-    present = [agent for agent in SHIPPED.values() if agent.file.is_file()]
+    present = [agent for agent in SHIPPED_AGENTS.values() if agent.file.is_file()]
     facts = read_facts(directory / FACTS) if present else {}
     lacking = [agent.name for agent in present if agent.name not in facts]
     if lacking:

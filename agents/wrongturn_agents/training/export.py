@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from torch import Tensor, nn
 
 from wrongturn_agents.onnx_agent import ACTION, open_session
-from wrongturn_agents.shipped import SHIPPED
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.quantisation import halve, quantise
@@ -108,14 +108,16 @@ def export(
     keys = inputs_of(algorithm)
     graph = _graph(model_of(told), keys)
     if precision is Precision.INT8:
-        recorded = observations or record_observations(SHIPPED[algorithm].track, CALIBRATION, seed=_CALIBRATION_SEED)
+        recorded = observations or record_observations(
+            SHIPPED_AGENTS[algorithm].track, CALIBRATION, seed=_CALIBRATION_SEED
+        )
         graph = quantise(graph, {key: np.asarray(recorded[key]) for key in keys})
     if precision is not Precision.FP32:
         halve(graph)
     facts = {
         "name": name or algorithm,
-        "track": str(SHIPPED[algorithm].track),
-        "description": SHIPPED[algorithm].description,
+        "track": str(SHIPPED_AGENTS[algorithm].track),
+        "description": SHIPPED_AGENTS[algorithm].description,
         "algorithm": algorithm,
         "seed": str(told["seed"]),
         "steps": str(told["steps"]),
@@ -157,7 +159,7 @@ def _write(file: Path, graph: onnx.ModelProto, facts: dict[str, str]) -> None:
 
 def inputs_of(algorithm: str) -> tuple[str, ...]:
     """The observation keys that an algorithm's agent drives by."""
-    seen = "segmentation" if SHIPPED[algorithm].track is Track.SEGMENTATION else "rgb"
+    seen = "segmentation" if SHIPPED_AGENTS[algorithm].track is Track.SEGMENTATION else "rgb"
     return (*_MEASURED, seen)
 
 

@@ -8,13 +8,13 @@ from made_results import keep, navigation
 from typer.testing import CliRunner
 
 from wrongturn_agents.errors import AgentsError, RunError
+from wrongturn_agents.practice_run import PracticeRun
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.errors import ResultsError
 from wrongturn_agents.reporting.navigation import tasks_table
 from wrongturn_agents.reporting.results_file import ResultsFile
-from wrongturn_agents.reporting.suites import SuiteTrials, installed_suite
-from wrongturn_agents.task_run import TaskRun
+from wrongturn_agents.suites import SuiteTrials, installed_suite
 from wrongturn_client import LocalService
 from wrongturn_client.cli import app
 from wrongturn_protocol import Condition, Task, Verdict
@@ -48,7 +48,7 @@ def test_what_cannot_be_driven_is_told(tmp_path, arguments, named):
 
 def test_a_task_that_is_not_there_is_told_with_those_that_are(tmp_path):
     with pytest.raises(RunError, match="navigation_dynamic"):
-        TaskRun(resolve("parked"), installed_suite("navigation@1"), "cruise", tmp_path / "a.json")
+        PracticeRun(resolve("parked"), installed_suite("navigation@1"), "cruise", tmp_path / "a.json")
 
 
 def test_results_among_other_road_users_join_those_in_process(tmp_path: Path):
@@ -79,7 +79,7 @@ def test_trials_are_driven_and_gone_on_with(tmp_path: Path):
 
     def run(*chosen: str) -> ResultsFile:
         suite = SuiteTrials(whole.id, whole.sha256, {name: whole.trials[name] for name in chosen})
-        driven = TaskRun(resolve("parked"), suite, "straight", file)
+        driven = PracticeRun(resolve("parked"), suite, "straight", file)
         return driven.drive(service.url, None, lambda *numbers: told.append(numbers), parallel=1)
 
     with LocalService(database=f"sqlite+aiosqlite:///{tmp_path / 'own.db'}") as service:

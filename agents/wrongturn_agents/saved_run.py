@@ -11,7 +11,7 @@ from wrongturn_agents.errors import RunFileError
 from wrongturn_client import settings
 
 
-class RunFile(BaseModel):
+class SavedRun(BaseModel):
     """One evaluation, and what its worker needs to go on with it. Holds a token: only its owner may read it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)

@@ -9,14 +9,14 @@ from pathlib import Path
 from wrongturn_agents.errors import RunError
 from wrongturn_agents.registry import AgentSource
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
-from wrongturn_agents.reporting.suites import SuiteTrials
-from wrongturn_agents.worker import Guarded, Progress, side_by_side
+from wrongturn_agents.suites import SuiteTrials
+from wrongturn_agents.worker import GuardedAgent, Progress, side_by_side
 from wrongturn_client import Client
 from wrongturn_client.evaluate import drive_episode
 from wrongturn_protocol import PracticeRequest, Trial
 
 
-class TaskRun:
+class PracticeRun:
     """Drives what a file lacks of a task's trials, and writes the file after each: it can be gone on with.
 
     Args:
@@ -67,7 +67,7 @@ class TaskRun:
             WrongturnError: the service refuses, or cannot be reached any more; likewise.
         """
         agent = self._source.make()
-        policy = Guarded(self._source.name, agent)
+        policy = GuardedAgent(self._source.name, agent)
         with Client(url, token) as client:
             if client.suite(self._suite.id).sha256 != self._suite.sha256:
                 raise RunError(f"--url: it drives another {self._suite.id} than the one installed; install its version")

@@ -69,7 +69,7 @@ class ShippedAgent:
             ) from error
 
 
-SHIPPED: Final = MappingProxyType(
+SHIPPED_AGENTS: Final = MappingProxyType(
     {
         agent.name: agent
         for agent in (

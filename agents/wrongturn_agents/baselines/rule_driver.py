@@ -1,6 +1,6 @@
 """The driving that all baselines share: keeping to a path by pure pursuit, to a speed, and behind others.
 
-What a baseline adds is its choice at a junction, :meth:`Driver.choose`.
+What a baseline adds is its choice at a junction, :meth:`RuleDriver.choose`.
 """
 
 import math
@@ -60,7 +60,7 @@ class Manner:
     """Acceleration per speed error, 1/s."""
 
 
-class Driver(ABC):
+class RuleDriver(ABC):
     """Follows the lane, asks :meth:`choose` before each junction, and takes that exit or stops before the line."""
 
     track: ClassVar[Track] = Track.PRIVILEGED
