@@ -17,7 +17,7 @@ from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError
 from wrongturn_agents.registry import AgentSource
 from wrongturn_agents.saved_run import SavedRun, ensure_directory
 from wrongturn_client import AgentNameTakenError, Client, LocalService, NotFoundError
-from wrongturn_client.actions import is_of_action, refusal, told
+from wrongturn_client.actions import action_error, is_of_action, refusal
 from wrongturn_protocol import Action, AgentKind, EvaluationDetail, RegisteredAgent
 from wrongturn_protocol.observations import Observation
 
@@ -205,7 +205,7 @@ class GuardedAgent:
             raise
         except Exception as error:
             if isinstance(error, ValidationError) and is_of_action(error):
-                raise AgentFailedError(f"agent: {self._name}.act made no action: {told(error)}") from None
+                raise AgentFailedError(f"agent: {self._name}.act made no action: {action_error(error)}") from None
             raise AgentFailedError(f"agent: {self._name}.act raised {type(error).__name__}: {error}") from error
         why = refusal(action)
         if why is not None:

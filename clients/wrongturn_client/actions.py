@@ -9,7 +9,7 @@ from wrongturn_protocol import Action
 _RANGES: Final = {"steer": "-1 to 1", "throttle": "0 to 1", "brake": "0 to 1"}
 
 
-def told(error: ValidationError) -> str:
+def action_error(error: ValidationError) -> str:
     """What pydantic found first in the values of an :class:`wrongturn_protocol.Action`."""
     first = error.errors(include_url=False)[0]
     field = str(first["loc"][0])
@@ -32,5 +32,5 @@ def refusal(action: object) -> str | None:
         # Again, since model_construct and model_copy check nothing.
         Action(steer=action.steer, throttle=action.throttle, brake=action.brake)
     except ValidationError as error:
-        return f"returned no action that can be driven: {told(error)}"
+        return f"returned no action that can be driven: {action_error(error)}"
     return None

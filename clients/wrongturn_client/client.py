@@ -13,12 +13,12 @@ from pydantic import BaseModel
 
 from wrongturn_client import settings
 from wrongturn_client.closing import Closing
+from wrongturn_client.decoding import decode_reply, validated
 from wrongturn_client.drive import Drive
 from wrongturn_client.errors import NotOfferedError
 from wrongturn_client.evaluate import Progress, drive_evaluation
 from wrongturn_client.policy import Policy
 from wrongturn_client.transport import JSON, MSGPACK, Reply, Transport, path_of
-from wrongturn_client.wire import decode_reply, validated
 from wrongturn_protocol import (
     Action,
     AgentDetail,
@@ -324,8 +324,8 @@ class Client(Closing):
             raise NotOfferedError("the WebSocket is binary; this client was asked for JSON")
         if self._injected or (url.scheme in getproxies() and not proxy_bypass(url.hostname or "")):
             raise NotOfferedError("no WebSocket through a proxy or another transport; HTTP does the same")
-        contact = self._transport.contact
-        return Drive(url, self._token, timeout=self._timeout, patience=self._patience, contact=contact)
+        availability = self._transport.availability
+        return Drive(url, self._token, timeout=self._timeout, patience=self._patience, availability=availability)
 
     # Leaderboards
 

@@ -7,14 +7,14 @@ from urllib.parse import SplitResult
 
 from pydantic import BaseModel, ValidationError
 
+from wrongturn_client.availability import Availability
 from wrongturn_client.closing import Closing
 from wrongturn_client.connections import ConnectionBrokeError
-from wrongturn_client.contact import Contact
+from wrongturn_client.decoding import validated
 from wrongturn_client.errors import ApiError, ProtocolError, ServiceBusyError, ServiceUnreachableError
-from wrongturn_client.link import Link
 from wrongturn_client.problems import api_error
 from wrongturn_client.transport import attempts
-from wrongturn_client.wire import validated
+from wrongturn_client.websocket import WebSocketConnection
 from wrongturn_protocol import Action, EpisodeDetail, EpisodeReply, PracticeRequest, Problem, StepReply
 from wrongturn_protocol.wire import (
     CALLS,
@@ -47,7 +47,7 @@ class Drive(Closing):
         *,
         timeout: float = 30.0,
         patience: float = 60.0,
-        contact: Contact | None = None,
+        availability: Availability | None = None,
     ) -> None:
         """Connect.
 
@@ -56,16 +56,18 @@ class Drive(Closing):
             token: an agent's.
             timeout: seconds for each wait for an answer.
             patience: seconds for which is tried again while the service is busy or gone; 0 for never.
-            contact: what is known of the service; nothing by default, and then it is given up soon.
+            availability: what is known of the service; nothing by default, and then it is given up soon.
 
         Raises:
             ServiceUnreachableError, NotOfferedError, ApiError.
         """
         self.patience = patience
         self._url = url
-        self._contact = known = contact or Contact(url.geturl())
-        self._make: Callable[[], Link] = lambda: Link(url, token, timeout, offered=known.offers_socket)
-        self._link: Link | None = None
+        self._availability = known = availability or Availability(url.geturl())
+        self._make: Callable[[], WebSocketConnection] = lambda: WebSocketConnection(
+            url, token, timeout, offered=known.offers_socket
+        )
+        self._connection: WebSocketConnection | None = None
         self._number = 0
         self._unanswered: dict[int, bytes] = {}
         self._early: dict[int, list[Result]] = {}
@@ -73,9 +75,9 @@ class Drive(Closing):
 
     def close(self) -> None:
         """Close the connection; open episodes stay open."""
-        if self._link is not None:
-            self._link.close()
-            self._link = None
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
 
     # Messages
 
@@ -90,7 +92,7 @@ class Drive(Closing):
         self._number = number = (self._number + 1) % _NUMBERS
         self._unanswered[number] = message = pack_calls(number, calls)
         try:
-            self._linked().send(message)
+            self._connected().send(message)
         except ConnectionBrokeError:
             self._connect()
         return number
@@ -172,7 +174,7 @@ class Drive(Closing):
     def _receive(self) -> tuple[int, list[Result]]:
         while True:
             try:
-                number, results = unpack_results(self._linked().receive())
+                number, results = unpack_results(self._connected().receive())
             except ConnectionBrokeError:
                 self._connect()
                 continue
@@ -188,29 +190,29 @@ class Drive(Closing):
             if self._unanswered.pop(number, None) is not None:
                 return number, read
 
-    def _linked(self) -> Link:
-        if self._link is None:
+    def _connected(self) -> WebSocketConnection:
+        if self._connection is None:
             raise ConnectionBrokeError("the connection is closed")
-        return self._link
+        return self._connection
 
     def _connect(self) -> None:
         """Connect, and send again what was not answered."""
-        before, self._link = self._link, None
+        before, self._connection = self._connection, None
         if before is not None:
             before.close()
         try:
-            for attempt in attempts(self.patience, self._contact):
+            for attempt in attempts(self.patience, self._availability):
                 with attempt:
-                    link = self._make()
+                    connection = self._make()
                     try:
                         for message in self._unanswered.values():
-                            link.send(message)
+                            connection.send(message)
                     except BaseException:
-                        link.close()
+                        connection.close()
                         raise
-                    self._link = link
-                    self._contact.reached()
-                    self._contact.offers_socket = True
+                    self._connection = connection
+                    self._availability.answered()
+                    self._availability.offers_socket = True
                     return
         except ConnectionBrokeError as error:
             raise ServiceUnreachableError(self._url.geturl(), str(error)) from error.__cause__
@@ -219,7 +221,7 @@ class Drive(Closing):
         """Send calls again that met a busy service; where it stays busy, that stays their result."""
         first = True
         try:
-            for attempt in attempts(patience, self._contact):
+            for attempt in attempts(patience, self._availability):
                 with attempt:
                     left = [at for at, result in enumerate(results) if isinstance(result, ServiceBusyError)]
                     if not first:

@@ -11,8 +11,8 @@ from importlib import metadata
 from typing import TYPE_CHECKING
 
 from wrongturn_client.deciding import Waiting, decide, give_up
+from wrongturn_client.decoding import track_of_message
 from wrongturn_client.drive import Drive
-from wrongturn_client.driving import SocketDriver
 from wrongturn_client.errors import (
     EpisodeFinishedError,
     EpisodeLostError,
@@ -22,9 +22,9 @@ from wrongturn_client.errors import (
     ProtocolError,
     WrongturnError,
 )
+from wrongturn_client.evaluation_driver import EvaluationDriver
 from wrongturn_client.policy import Policy
-from wrongturn_client.records import Record
-from wrongturn_client.wire import track_of_message
+from wrongturn_client.recorder import EpisodeRecorder
 from wrongturn_protocol import EpisodeRecord, EvaluationDetail, EvaluationState
 from wrongturn_protocol.observations import Observation, observation_space
 
@@ -50,7 +50,7 @@ class _Tally:
     stop: threading.Event = field(default_factory=threading.Event)
     lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def add(self, record: Record | None) -> None:
+    def add(self, record: EpisodeRecorder | None) -> None:
         """Count an episode that is over; one without a record too."""
         with self.lock:
             if record is not None:
@@ -89,7 +89,7 @@ def drive_evaluation(
         drive = _socket(client)
         if drive is not None:
             with drive:
-                SocketDriver(drive, policy, detail.id, parallel=parallel, resumed=resumed, on_end=tally.add).run()
+                EvaluationDriver(drive, policy, detail.id, parallel=parallel, resumed=resumed, on_end=tally.add).run()
         else:
             _drive_over_http(client, policy, detail.id, tally, parallel, resumed)
     if tally.records:
@@ -158,7 +158,7 @@ def drive_episode(
     observation: Observation,
     *,
     stop: threading.Event | None = None,
-) -> Record:
+) -> EpisodeRecorder:
     """Drive one episode to its end.
 
     Args:
@@ -177,7 +177,7 @@ def drive_episode(
         PolicyError: the policy gave something that is no action; the episode is aborted then, as for any error that
             the policy raises itself.
     """
-    record = Record(episode)
+    record = EpisodeRecorder(episode)
     try:
         policy.reset(observation_space(track_of_message(observation)))
     except Exception:

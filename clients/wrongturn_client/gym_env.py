@@ -9,7 +9,7 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from wrongturn_client.actions import told
+from wrongturn_client.actions import action_error
 from wrongturn_client.drive import step_call
 from wrongturn_client.errors import EpisodeFinishedError, EpisodeLostError, InvalidActionError
 from wrongturn_client.practice import Practice, granted
@@ -129,4 +129,4 @@ def _action(action: object) -> Action:
     try:
         return Action(steer=steer, throttle=throttle, brake=brake)
     except ValidationError as error:
-        raise InvalidActionError(told(error)) from None
+        raise InvalidActionError(action_error(error)) from None

@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from wrongturn_client.errors import PluginError
-from wrongturn_client.usage import in_one_line
+from wrongturn_client.option_errors import describe_option_error
 
 COMMANDS: Final = "wrongturn.commands"
 LISTINGS: Final = "wrongturn.listings"
@@ -113,7 +113,7 @@ class PluginGroup(TyperGroup):
         except typer.BadParameter as error:
             if type(error) is not typer.BadParameter:  # one that is missing: the usage tells more
                 raise
-            typer.echo(f"{ctx.info_name}: {in_one_line(error)}", err=True)
+            typer.echo(f"{ctx.info_name}: {describe_option_error(error)}", err=True)
             raise typer.Exit(_USAGE) from None
 
     def list_commands(self, ctx: Any) -> list[str]:

@@ -14,7 +14,7 @@ from wrongturn_client.client import Client
 from wrongturn_client.closing import Closing
 from wrongturn_client.drive import Result, practise_call
 from wrongturn_client.errors import ApiError, WrongturnError
-from wrongturn_client.line import Line, line
+from wrongturn_client.http_drive import Line, line
 from wrongturn_client.practice_source import PracticeSource
 from wrongturn_protocol.wire import CALLS, Call
 
@@ -79,7 +79,7 @@ class Practice(Closing):
             return None
 
     def exchange(self, calls: Sequence[Sequence[Any]], patience: float | None = None) -> list[Result]:
-        """The results of any number of calls; raises as :meth:`wrongturn_client.line.Line.exchange`."""
+        """The results of any number of calls; raises as :meth:`wrongturn_client.http_drive.Line.exchange`."""
         if self._line is None:
             self._connected()
             self._line = line(self._make, self.patience)

@@ -12,8 +12,8 @@ import msgpack
 import stamina
 from pydantic import ValidationError
 
+from wrongturn_client.availability import Availability
 from wrongturn_client.connections import Answer, ConnectionBrokeError, connect
-from wrongturn_client.contact import Contact
 from wrongturn_client.errors import (
     ProtocolError,
     ServiceBusyError,
@@ -93,7 +93,7 @@ class Transport:
         self._headers = {"User-Agent": "wrongturn-client"}
         if token:
             self._headers["Authorization"] = f"Bearer {token}"
-        self.contact = Contact(self.url)
+        self.availability = Availability(self.url)
 
     def close(self) -> None:
         """Close the connections."""
@@ -131,7 +131,7 @@ class Transport:
     def send(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Reply:
         """Send prepared bytes until they are answered; raises as :meth:`call`."""
         try:
-            for attempt in attempts(self.patience, self.contact):
+            for attempt in attempts(self.patience, self.availability):
                 with attempt:
                     return self._once(method, path, headers, content)
         except ConnectionBrokeError as error:
@@ -140,19 +140,19 @@ class Transport:
 
     def _once(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Reply:
         answer = self._connections.exchange(method, path, self._headers | headers, content)
-        self.contact.reached()
+        self.availability.answered()
         return check(answer)
 
 
-def attempts(patience: float, contact: Contact) -> Iterator[stamina.Attempt]:
+def attempts(patience: float, availability: Availability) -> Iterator[stamina.Attempt]:
     """Attempts at something that a broken connection or a busy service may stop, with pauses between them.
 
     Args:
         patience: seconds from now on.
-        contact: what is known of the service.
+        availability: what is known of the service.
     """
     begin = time.monotonic()
-    longest = min(_LONGEST_GROWN_PAUSE, contact.patience(patience) / 4)
+    longest = min(_LONGEST_GROWN_PAUSE, availability.patience(patience) / 4)
     broken = 0
 
     def again(error: Exception) -> bool | float:
@@ -160,7 +160,7 @@ def attempts(patience: float, contact: Contact) -> Iterator[stamina.Attempt]:
         nonlocal broken
         if not isinstance(error, ConnectionBrokeError | ServiceBusyError):
             return False
-        left = contact.patience(patience) - (time.monotonic() - begin)
+        left = availability.patience(patience) - (time.monotonic() - begin)
         asked = getattr(error, "retry_after", None)
         if asked is not None:
             return float(asked) if asked <= left else False
@@ -168,9 +168,9 @@ def attempts(patience: float, contact: Contact) -> Iterator[stamina.Attempt]:
         if isinstance(error, ConnectionBrokeError):
             broken += 1
             if not more:
-                contact.given_up()
+                availability.given_up()
             elif broken > 1:  # one that broke and is there again is not worth a line
-                contact.waits(str(error), left)
+                availability.unanswered(str(error), left)
         return more
 
     return iter(

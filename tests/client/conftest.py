@@ -21,7 +21,7 @@ def _load(name: str) -> ModuleType:
 
 
 _load("fake_service")
-_load("cable")
+_load("forwarder")
 
 
 @pytest.fixture(autouse=True)

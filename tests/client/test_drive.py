@@ -10,7 +10,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import httpx
 import numpy as np
 import pytest
-from client_cable import Cable
+from client_forwarder import Forwarder
 
 from wrongturn_client import (
     Action,
@@ -54,10 +54,10 @@ def client(service: LocalService) -> Iterator[Client]:
 
 
 @pytest.fixture
-def cable(service: LocalService) -> Iterator[Cable]:
-    cable = Cable(service.url)
-    yield cable
-    cable.close()
+def forwarder(service: LocalService) -> Iterator[Forwarder]:
+    forwarder = Forwarder(service.url)
+    yield forwarder
+    forwarder.close()
 
 
 def test_a_drive_is_that_of_http(client: Client) -> None:
@@ -126,39 +126,39 @@ def test_both_ways_come_to_the_same_verdicts(client: Client, service: LocalServi
     assert verdicts[0] == verdicts[1]
 
 
-def test_an_evaluation_goes_on_after_each_cut(client: Client, cable: Cable) -> None:
+def test_an_evaluation_goes_on_after_each_cut(client: Client, forwarder: Forwarder) -> None:
     """A connection that breaks costs no step and no episode: the record that is posted has to agree."""
 
     class Cutting(Gas):
         def act(self, observation: Observation) -> Action:
             if self.steps % 40 == 17:
-                cable.cut()
+                forwarder.cut()
             elif self.steps % 40 == 33:
-                cable.cut_after = 0
+                forwarder.cut_after = 0
             return super().act(observation)
 
     policy = Cutting()
-    with Client(cable.url, client._token) as cut:
+    with Client(forwarder.url, client._token) as cut:
         evaluation = cut.evaluate(policy, "smoke@1", parallel=1)
     assert evaluation.state is EvaluationState.FINISHED
-    assert cable.plugged > policy.steps // 20
+    assert forwarder.plugged > policy.steps // 20
     episodes = client.finished_episodes(evaluation.id)
     assert sum(episode.seq for episode in episodes) == policy.steps
 
 
-def test_a_last_ping_that_cannot_be_answered_costs_no_step(client: Client, cable: Cable) -> None:
-    with Client(cable.url, client._token) as hung, hung.drive() as drive:
+def test_a_last_ping_that_cannot_be_answered_costs_no_step(client: Client, forwarder: Forwarder) -> None:
+    with Client(forwarder.url, client._token) as hung, hung.drive() as drive:
         episode = drive.practise(REQUEST).id
-        cable.hang_up()
+        forwarder.hang_up()
         time.sleep(0.1)  # what is sent now is answered by a reset, behind the ping
         assert drive.step(episode, 1, GAS).seq == 1
         assert drive.step(episode, 2, GAS).seq == 2
-        assert cable.plugged == 2
+        assert forwarder.plugged == 2
         drive.abort_episode(episode)
 
 
 @pytest.fixture(params=[None, b""], ids=["refuses", "closes"])
-def gone(request: pytest.FixtureRequest, cable: Cable, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+def gone(request: pytest.FixtureRequest, forwarder: Forwarder, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Takes the service away for so many seconds, which are not waited for: they pass as the client sleeps.
 
     Meanwhile connections are refused, or taken and closed as by a forwarder of ports; or given an answer.
@@ -167,15 +167,15 @@ def gone(request: pytest.FixtureRequest, cable: Cable, monkeypatch: pytest.Monke
 
     def go(seconds: float, answer: bytes | None = request.param) -> None:
         if answer is None:
-            cable.unplug()
+            forwarder.unplug()
         else:
-            cable.stand_in(answer)
+            forwarder.stand_in(answer)
         back = clock[0] + seconds
 
         def sleep(pause: float) -> None:
             before, clock[0] = clock[0], clock[0] + pause
             if before < back <= clock[0]:
-                cable.plug()
+                forwarder.plug()
 
         monkeypatch.setattr("wrongturn_client.transport.time.monotonic", lambda: clock[0])
         monkeypatch.setattr("wrongturn_client.transport.time.sleep", sleep)
@@ -184,9 +184,9 @@ def gone(request: pytest.FixtureRequest, cable: Cable, monkeypatch: pytest.Monke
 
 
 def test_a_drive_bears_that_the_service_is_started_again(
-    client: Client, cable: Cable, gone: Callable[[float], None]
+    client: Client, forwarder: Forwarder, gone: Callable[[float], None]
 ) -> None:
-    with Client(cable.url, client._token) as here, here.drive() as drive:
+    with Client(forwarder.url, client._token) as here, here.drive() as drive:
         episode = drive.practise(REQUEST).id
         gone(15)
         assert drive.step(episode, 1, GAS).seq == 1
@@ -199,9 +199,9 @@ _PLAIN = b"HTTP/1.1 %d Some\r\nContent-Length: 4\r\nConnection: close\r\n\r\nGon
 @pytest.mark.parametrize("gone", [None], indirect=True)
 @pytest.mark.parametrize("status", [200, 302, 401, 403, 404, 500, 502, 503])
 def test_what_stands_in_for_a_service_that_is_started_again_is_waited_out(
-    client: Client, cable: Cable, gone: Callable[..., None], status: int
+    client: Client, forwarder: Forwarder, gone: Callable[..., None], status: int
 ) -> None:
-    with Client(cable.url, client._token) as here:
+    with Client(forwarder.url, client._token) as here:
         with here.drive() as drive:
             episode = drive.practise(REQUEST).id
             gone(15, _PLAIN % status)
@@ -218,11 +218,11 @@ def test_what_stands_in_for_a_service_that_is_started_again_is_waited_out(
     [("unauthenticated", 401, AuthenticationError), ("protocol-version", 426, NotOfferedError)],
 )
 def test_a_service_that_comes_back_and_says_no_is_believed(
-    client: Client, cable: Cable, gone: Callable[..., None], problem: str, status: int, error: type[Exception]
+    client: Client, forwarder: Forwarder, gone: Callable[..., None], problem: str, status: int, error: type[Exception]
 ) -> None:
     body = json.dumps({"type": f"/problems/{problem}", "title": "No", "status": status, "detail": "no"}).encode()
     head = f"HTTP/1.1 {status} No\r\nContent-Type: application/problem+json\r\nContent-Length: {len(body)}\r\n\r\n"
-    with Client(cable.url, client._token) as here, here.drive() as drive:
+    with Client(forwarder.url, client._token) as here, here.drive() as drive:
         episode = drive.practise(REQUEST).id
         gone(15, head.encode() + body)
         with pytest.raises(error):
@@ -231,9 +231,9 @@ def test_a_service_that_comes_back_and_says_no_is_believed(
 
 
 def test_a_drive_begins_while_a_known_service_is_started_again(
-    client: Client, cable: Cable, gone: Callable[[float], None]
+    client: Client, forwarder: Forwarder, gone: Callable[[float], None]
 ) -> None:
-    with Client(cable.url, client._token) as here:
+    with Client(forwarder.url, client._token) as here:
         here.ready()
         gone(15)
         with here.drive() as drive:
@@ -241,7 +241,7 @@ def test_a_drive_begins_while_a_known_service_is_started_again(
 
 
 def test_an_evaluation_bears_that_the_service_is_started_again(
-    client: Client, cable: Cable, gone: Callable[[float], None]
+    client: Client, forwarder: Forwarder, gone: Callable[[float], None]
 ) -> None:
     class Interrupted(Gas):
         def act(self, observation: Observation) -> Action:
@@ -249,9 +249,9 @@ def test_an_evaluation_bears_that_the_service_is_started_again(
                 gone(15)
             return super().act(observation)
 
-    with Client(cable.url, client._token) as here:
+    with Client(forwarder.url, client._token) as here:
         assert here.evaluate(Interrupted(), "smoke@1").state is EvaluationState.FINISHED
-    assert cable.plugged > 1
+    assert forwarder.plugged > 1
 
 
 def test_open_episodes_are_gone_on_with(client: Client) -> None:

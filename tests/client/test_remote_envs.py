@@ -10,7 +10,7 @@ import gymnasium
 import httpx
 import numpy as np
 import pytest
-from client_cable import Cable
+from client_forwarder import Forwarder
 
 from wrongturn_client import LocalService, RemoteEnv, RemoteVectorEnv, ServiceFullError, ServiceUnreachableError
 
@@ -28,10 +28,10 @@ def _figure(url: str, name: str) -> float:
 
 
 @pytest.fixture
-def cable(service: LocalService) -> Iterator[Cable]:
-    cable = Cable(service.url)
-    yield cable
-    cable.close()
+def forwarder(service: LocalService) -> Iterator[Forwarder]:
+    forwarder = Forwarder(service.url)
+    yield forwarder
+    forwarder.close()
 
 
 def test_a_batch_is_what_single_environments_are(service: LocalService) -> None:
@@ -72,20 +72,20 @@ def _same(one: dict[str, Any], batch: dict[str, Any], i: int) -> None:
         np.testing.assert_array_equal(array, batch[name][i])
 
 
-def test_a_connection_that_breaks_costs_no_step(cable: Cable, service: LocalService) -> None:
+def test_a_connection_that_breaks_costs_no_step(forwarder: Forwarder, service: LocalService) -> None:
     """Driven twice or not at all, an episode would not look as it does over a line that holds."""
     seen = []
-    for url in (cable.url, service.url):
+    for url in (forwarder.url, service.url):
         envs = RemoteVectorEnv(2, url, town="junctions", track="segmentation")
         seen.append([envs.reset(seed=8)[0]])
         for number in range(30):
-            if url == cable.url and number % 6 == 2:
-                cable.cut()
-            elif url == cable.url and number % 6 == 5:
-                cable.cut_after = 0
+            if url == forwarder.url and number % 6 == 2:
+                forwarder.cut()
+            elif url == forwarder.url and number % 6 == 5:
+                forwarder.cut_after = 0
             seen[-1].append(envs.step(_gas(2))[0])
         envs.close()
-    assert cable.plugged > 10
+    assert forwarder.plugged > 10
     for one, other in zip(*seen, strict=True):
         for name, array in one.items():
             np.testing.assert_array_equal(array, other[name])

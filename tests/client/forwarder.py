@@ -1,4 +1,4 @@
-"""A cable between client and service that can be cut."""
+"""A forwarder between client and service that can be cut."""
 
 import contextlib
 import socket
@@ -6,7 +6,7 @@ import threading
 from urllib.parse import urlsplit
 
 
-class Cable:
+class Forwarder:
     """What lies between client and service; it can be cut, and counts how often it was plugged in."""
 
     def __init__(self, url: str) -> None:

@@ -12,7 +12,7 @@ _ACTION: Final = struct.Struct("<3f")
 
 
 @dataclass
-class Record:
+class EpisodeRecorder:
     """What the worker itself saw of an episode."""
 
     episode: str

@@ -15,7 +15,7 @@ _NUMBERS: Final = {
 _SHOWN: Final = 40
 
 
-def in_one_line(error: typer.BadParameter) -> str:
+def describe_option_error(error: typer.BadParameter) -> str:
     """Names the option, what was given, and what can be."""
     option: Any = error.param
     name = max(option.opts, key=len) if option is not None else "option"

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from wrongturn_client.deciding import Waiting, decide, give_up
+from wrongturn_client.decoding import track_of_message
 from wrongturn_client.drive import Drive, Result, step_call
 from wrongturn_client.errors import (
     ApiError,
@@ -21,8 +22,7 @@ from wrongturn_client.errors import (
     ServiceBusyError,
 )
 from wrongturn_client.policy import Policy
-from wrongturn_client.records import Record
-from wrongturn_client.wire import track_of_message
+from wrongturn_client.recorder import EpisodeRecorder
 from wrongturn_protocol import Action
 from wrongturn_protocol.observations import Observation, observation_space
 from wrongturn_protocol.wire import CALLS, Call
@@ -35,13 +35,13 @@ class _Driven:
     episode: str
     seq: int
     observation: Observation
-    record: Record | None
+    record: EpisodeRecorder | None
     """None of one whose first actions another program took."""
     action: Action | None = None
     """Under way."""
 
 
-class SocketDriver:
+class EvaluationDriver:
     """Drives one policy through one evaluation.
 
     Trials are asked for beside the steps, each in a message of its own: a reset takes as long as dozens of steps.
@@ -55,7 +55,7 @@ class SocketDriver:
         *,
         parallel: int,
         resumed: Iterable[str] = (),
-        on_end: Callable[[Record | None], None],
+        on_end: Callable[[EpisodeRecorder | None], None],
     ) -> None:
         """Nothing is driven yet.
 
@@ -147,7 +147,7 @@ class SocketDriver:
             case ApiError():
                 raise result
             case _ if not looked:
-                self._start(_Driven(result["id"], 0, result["observation"], Record(result["id"])))
+                self._start(_Driven(result["id"], 0, result["observation"], EpisodeRecorder(result["id"])))
             case _ if result.get("last_reply"):  # else it ended meanwhile
                 last = result["last_reply"]
                 self._start(_Driven(result["id"], int(last["seq"]), last["observation"], None))

@@ -40,7 +40,7 @@ _ANSWERS: Final = _BUSY | {401}
 """Refusals of the handshake that say nothing of whether there is such a socket."""
 
 
-class Link:
+class WebSocketConnection:
     """A connection that is open; :meth:`receive` and :meth:`send` are for one thread."""
 
     def __init__(self, url: SplitResult, token: str | None, timeout: float, *, offered: bool = False) -> None:
