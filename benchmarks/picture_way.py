@@ -18,7 +18,7 @@ import orjson
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import decode, encode
-from wrongturn_service.pool import frames
+from wrongturn_service.simulators import frames
 from wrongturn_sim import Episode
 
 ACTION = (0.0, 0.3, 0.0)

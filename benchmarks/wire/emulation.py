@@ -59,7 +59,7 @@ class Emulated:
 
 def simulator() -> None:
     """The service's simulator process around it."""
-    from wrongturn_service.pool import process  # noqa: PLC0415
+    from wrongturn_service.simulators import process  # noqa: PLC0415
 
     process.Episode = Emulated  # type: ignore[misc, assignment]
     process.Server.warm_up = lambda _: None  # type: ignore[method-assign]
@@ -72,20 +72,20 @@ class Asked:
     def __init__(self) -> None:
         import socket  # noqa: PLC0415
 
-        from wrongturn_service.pool import frames  # noqa: PLC0415
-        from wrongturn_service.pool.screen import Screen  # noqa: PLC0415
-        from wrongturn_service.wire import Wire  # noqa: PLC0415
+        from wrongturn_service.encoding import Encoding  # noqa: PLC0415
+        from wrongturn_service.simulators import frames  # noqa: PLC0415
+        from wrongturn_service.simulators.shared_memory import SharedMemory  # noqa: PLC0415
 
         ours, theirs = socket.socketpair()
-        self.screen = Screen()
-        with theirs, self.screen.lent() as screen:
-            subprocess.Popen([*COMMAND, str(theirs.fileno()), "60", str(screen)], pass_fds=[theirs.fileno(), screen])
+        self.shared = SharedMemory()
+        with theirs, self.shared.lent() as shared:
+            subprocess.Popen([*COMMAND, str(theirs.fileno()), "60", str(shared)], pass_fds=[theirs.fileno(), shared])
         self.socket = ours
         self.replies = frames.Receiver(ours)
         self.replies.receive()
-        self.request = frames.pack(["step", 0.0, 0.5, 0.0, Wire.RAW.value, self.screen.turn()])
+        self.request = frames.pack(["step", 0.0, 0.5, 0.0, Encoding.RAW.value, self.shared.next_place()])
         trial = _trial()
-        ours.sendall(frames.pack(["reset", trial, TRACK.value, b"", Wire.RAW.value, 0]))
+        ours.sendall(frames.pack(["reset", trial, TRACK.value, b"", Encoding.RAW.value, 0]))
         self.replies.receive()
 
     def ask(self) -> None:
@@ -93,7 +93,7 @@ class Asked:
 
     def answer(self) -> bytes | memoryview:
         """The block, where it lies."""
-        return self.screen.shown(self.replies.receive()[1]).data
+        return self.shared.view(self.replies.receive()[1]).data
 
 
 def _trial() -> str:

@@ -62,8 +62,8 @@ def service(folder: str, emulated: bool, simulators: int, ready: Any) -> None:
     """The service as it is run; what steps cost it beyond their simulation can be asked of it through the pipe."""
     from wrongturn_service import logs, server, telemetry  # noqa: PLC0415
     from wrongturn_service.address import bind  # noqa: PLC0415
-    from wrongturn_service.pool import local  # noqa: PLC0415
     from wrongturn_service.settings import Settings  # noqa: PLC0415
+    from wrongturn_service.simulators import local  # noqa: PLC0415
 
     if emulated:
         local.LocalPool.__init__.__kwdefaults__["command"] = COMMAND  # type: ignore[index]

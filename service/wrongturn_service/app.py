@@ -5,13 +5,14 @@ from collections.abc import AsyncIterator
 
 from fastapi import FastAPI
 
-from wrongturn_service.api import agents, drive, episodes, errors, evaluations, health, leaderboards, suites, towns
+from wrongturn_service.api import agents, episodes, errors, evaluations, health, leaderboards, suites, towns
 from wrongturn_service.api.documents import document, serve_document
 from wrongturn_service.api.middleware import Middleware
 from wrongturn_service.errors import StartupError
-from wrongturn_service.pool.pool import Pool
 from wrongturn_service.service import run_service
 from wrongturn_service.settings import Settings
+from wrongturn_service.simulators.interface import SimulatorPool
+from wrongturn_service.socket import session
 from wrongturn_service.telemetry import Telemetry
 
 DESCRIPTION = """How safely does a driving agent behave when its command is wrong?
@@ -21,7 +22,7 @@ Errors are `application/problem+json`; their types are explained at `/problems/{
 """
 
 
-def create_app(settings: Settings, *, pool: Pool | None = None) -> FastAPI:
+def create_app(settings: Settings, *, pool: SimulatorPool | None = None) -> FastAPI:
     """The application; its lifespan starts and ends the service.
 
     Where the start fails, ``app.state.startup_error`` says why.
@@ -56,7 +57,7 @@ def create_app(settings: Settings, *, pool: Pool | None = None) -> FastAPI:
     app.state.telemetry = telemetry
     app.add_middleware(Middleware, telemetry=telemetry, step=episodes.step)
     errors.install(app)
-    for part in (health, suites, towns, agents, evaluations, episodes, drive, leaderboards, errors):
+    for part in (health, suites, towns, agents, evaluations, episodes, session, leaderboards, errors):
         app.include_router(part.router)
     # As one of FastAPI's routes, whose name the log and the figures have.
     app.add_api_route("/openapi.json", serve_document, methods=["GET", "HEAD"], include_in_schema=False)

@@ -74,7 +74,7 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
 
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
     from wrongturn_service.settings import Settings  # noqa: PLC0415
-    from wrongturn_service.storage.examination import examine  # noqa: PLC0415
+    from wrongturn_service.storage.check import examine  # noqa: PLC0415
 
     try:
         settings = Settings()
@@ -92,8 +92,8 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         yield "database", False, str(error), remedy
     else:
         yield "database", True, found, ""
-    from wrongturn_service.pool.examination import TooLittleMemoryError  # noqa: PLC0415
-    from wrongturn_service.pool.pool import SimulatorStartError  # noqa: PLC0415
+    from wrongturn_service.simulators.check import TooLittleMemoryError  # noqa: PLC0415
+    from wrongturn_service.simulators.interface import SimulatorStartError  # noqa: PLC0415
 
     try:
         yield "simulators", True, _simulator(settings), ""
@@ -105,7 +105,7 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
 
 def _simulator(settings: "Settings") -> str:
     """What is found of a simulator that has nothing to compile: one that compiles takes several times the memory."""
-    from wrongturn_service.pool.examination import TooLittleMemoryError, examine  # noqa: PLC0415
+    from wrongturn_service.simulators.check import TooLittleMemoryError, examine  # noqa: PLC0415
     from wrongturn_sim.home import set_cache  # noqa: PLC0415
 
     cache = set_cache()

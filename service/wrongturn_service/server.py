@@ -18,10 +18,10 @@ from fastapi import FastAPI
 from typing_extensions import override
 
 from wrongturn_service.app import create_app
-from wrongturn_service.connections import Guard, GuardedHttp, GuardedWebSocket
 from wrongturn_service.errors import StartupError
 from wrongturn_service.service import Service
 from wrongturn_service.settings import Settings
+from wrongturn_service.socket.guards import Guard, GuardedHttp, GuardedWebSocket
 
 READY = "Wrongturn is ready at "
 _KEEP_ALIVE_S = 75

@@ -11,20 +11,20 @@ from prometheus_client import Gauge
 
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Accounts
-from wrongturn_service.episodes.driver import Driver
+from wrongturn_service.episodes.driver import EpisodeDriver
+from wrongturn_service.episodes.evaluations import RunningEvaluations
 from wrongturn_service.episodes.lease import Terms
-from wrongturn_service.episodes.line import Limits as LineLimits
-from wrongturn_service.episodes.line import Line
 from wrongturn_service.episodes.manager import EpisodeManager
+from wrongturn_service.episodes.queue import Limits as LineLimits
+from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.episodes.registry import Limits
-from wrongturn_service.episodes.running import RunningEvaluations
 from wrongturn_service.errors import StartupError
+from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.idempotency import Idempotency
-from wrongturn_service.leaderboards import Leaderboards
-from wrongturn_service.pool.local import LocalPool
-from wrongturn_service.pool.pool import Pool, SimulatorStartError
 from wrongturn_service.settings import Settings
-from wrongturn_service.sockets import Sockets
+from wrongturn_service.simulators.interface import SimulatorPool, SimulatorStartError
+from wrongturn_service.simulators.local_pool import LocalPool
+from wrongturn_service.socket.limits import ConnectionLimits
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.store import Store
 from wrongturn_service.telemetry import Telemetry
@@ -40,21 +40,21 @@ class Service:
 
     settings: Settings
     store: Store
-    pool: Pool
+    pool: SimulatorPool
     episodes: EpisodeManager
     evaluations: RunningEvaluations
     accounts: Accounts
     idempotency: Idempotency
     leaderboards: Leaderboards
     telemetry: Telemetry
-    sockets: Sockets
+    sockets: ConnectionLimits
 
 
 @contextlib.asynccontextmanager
 async def run_service(
     settings: Settings,
     telemetry: Telemetry,
-    pool: Pool | None = None,
+    pool: SimulatorPool | None = None,
 ) -> AsyncIterator[Service]:
     """A service that is ready, until the block is left.
 
@@ -80,10 +80,10 @@ async def run_service(
         leaderboards = Leaderboards(store)
         evaluations = RunningEvaluations(store, on_finished=leaderboards.forget)
         await evaluations.resume()
-        line = Line(pool.slots, LineLimits(settings.max_waiting, settings.max_line))
+        line = SimulatorQueue(pool.slots, LineLimits(settings.max_waiting, settings.max_line))
         episodes = EpisodeManager(
             store,
-            Driver(pool, line, telemetry.replays.inc, telemetry.simulated),
+            EpisodeDriver(pool, line, telemetry.replays.inc, telemetry.simulated),
             evaluations,
             terms=Terms(settings.lease_release_s, settings.lease_abort_s),
             limits=Limits(settings.parallel, settings.practice, settings.open_episodes),
@@ -102,7 +102,7 @@ async def run_service(
         telemetry.watch("wrongturn_simulators_busy", "Simulator processes that drive", lambda: pool.busy)
         telemetry.watch("wrongturn_simulators_idle", "Simulators kept warm", lambda: pool.idle)
         telemetry.watch("wrongturn_simulators_awaited", "Calls in the line for a simulator", lambda: line.waiting)
-        sockets = Sockets(each=settings.max_sockets, address=settings.max_sockets_per_address)
+        sockets = ConnectionLimits(each=settings.max_sockets, address=settings.max_sockets_per_address)
         telemetry.watch("wrongturn_sockets", "Connections to /v1/drive", lambda: sockets.open)
         telemetry.watch("wrongturn_sockets_lent", "Of these, lent to simulators", lambda: episodes.lent)
         memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, looked at now and then")
@@ -124,7 +124,7 @@ async def run_service(
         )
 
 
-def _local_pool(settings: Settings, telemetry: Telemetry) -> Pool:
+def _local_pool(settings: Settings, telemetry: Telemetry) -> SimulatorPool:
     return LocalPool(
         settings.simulators,
         spare=settings.spare_simulators,
@@ -135,7 +135,7 @@ def _local_pool(settings: Settings, telemetry: Telemetry) -> Pool:
     )
 
 
-async def _start_pool(pool: Pool, stack: contextlib.AsyncExitStack) -> None:
+async def _start_pool(pool: SimulatorPool, stack: contextlib.AsyncExitStack) -> None:
     stack.push_async_callback(pool.stop)
     try:
         # The first one compiles what the others then find in the cache.
@@ -145,7 +145,7 @@ async def _start_pool(pool: Pool, stack: contextlib.AsyncExitStack) -> None:
 
 
 async def _keep_house(
-    settings: Settings, store: Store, evaluations: RunningEvaluations, pool: Pool, memory: Gauge
+    settings: Settings, store: Store, evaluations: RunningEvaluations, pool: SimulatorPool, memory: Gauge
 ) -> None:
     log = structlog.get_logger("service")
     purged = 0.0

@@ -22,7 +22,7 @@ from fake_pool import FakePool
 from wrongturn_service.api import evaluations
 from wrongturn_service.app import create_app
 from wrongturn_service.episodes.lease import Lease, Terms
-from wrongturn_service.episodes.line import Line
+from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.server import configuration
 from wrongturn_service.settings import Settings
 
@@ -75,7 +75,7 @@ class ServedApp:
             registration_limit=1_000_000,
         )
         self._exit = contextlib.ExitStack()
-        for clocked in (Lease, Line):
+        for clocked in (Lease, SimulatorQueue):
             self._exit.enter_context(patch.object(clocked.__init__, "__defaults__", (lambda: self.now,)))
         # The order of an evaluation's trials comes from its secret; a try that is made again has to find the same.
         known = SimpleNamespace(token_hex=lambda size: "0" * 2 * size)

@@ -10,18 +10,18 @@ from typing_extensions import override
 
 from wrongturn_protocol import JourneyOutcome, Outcome, Track, Verdict
 from wrongturn_protocol.observations import FIELDS
-from wrongturn_service.pool.actions import Action
-from wrongturn_service.pool.pool import (
+from wrongturn_service.encoding import Encoding, encoded
+from wrongturn_service.simulators.action_log import Action
+from wrongturn_service.simulators.interface import (
+    EpisodeEnd,
     EpisodeRefusedError,
-    Final,
-    Frame,
-    Pool,
     Simulator,
     SimulatorDiedError,
+    SimulatorPool,
     SimulatorsBusyError,
     SimulatorStartError,
+    StepResult,
 )
-from wrongturn_service.wire import Wire, encoded
 
 
 class FakeSimulator(Simulator):
@@ -40,7 +40,7 @@ class FakeSimulator(Simulator):
         return self.is_dead
 
     @override
-    async def reset(self, trial: str, track: Track, actions: bytes, wire: Wire) -> Frame:
+    async def reset(self, trial: str, track: Track, actions: bytes, encoding: Encoding) -> StepResult:
         if self._pool.refuse:
             raise EpisodeRefusedError("FaultNotApplicableError", "fault: not here")
         if actions:
@@ -49,17 +49,17 @@ class FakeSimulator(Simulator):
         self.actions = actions
         self._trial = trial
         self._track = track
-        return self._frame(wire)
+        return self._frame(encoding)
 
     @override
-    async def step(self, action: Action, wire: Wire) -> Frame:
+    async def step(self, action: Action, encoding: Encoding) -> StepResult:
         await asyncio.sleep(0)
         self._fail(self._pool.deaths_at_step)
         self.actions += struct.pack("<3f", *action)
-        return self._frame(wire)
+        return self._frame(encoding)
 
     @override
-    async def abort(self) -> Final:
+    async def abort(self) -> EpisodeEnd:
         self._fail(self._pool.deaths_at_abort)
         return self._final(Verdict.ABORTED)
 
@@ -70,15 +70,15 @@ class FakeSimulator(Simulator):
         if self.is_dead:
             raise SimulatorDiedError("played")
 
-    def _frame(self, wire: Wire) -> Frame:
+    def _frame(self, encoding: Encoding) -> StepResult:
         steps = len(self.actions) // 12
         shown = {field.name: np.zeros(field.shape, field.numpy_dtype) for field in FIELDS[self._track]}
         shown["speed"][0] = steps + self._pool.drift
         shown["command"][0] = 4
-        observation = encoded(shown, self._track, wire)
+        observation = encoded(shown, self._track, encoding)
         over = steps == self._pool.steps
         end = self._pool.ends.get(self._trial_id, Verdict.ARRIVED if self._journey else Verdict.EXIT_COMMANDED)
-        return Frame(observation, 1.0, over, False, self._final(end) if over else None)
+        return StepResult(observation, 1.0, over, False, self._final(end) if over else None)
 
     @property
     def _trial_id(self) -> str:
@@ -89,11 +89,11 @@ class FakeSimulator(Simulator):
     def _journey(self) -> bool:
         return "journey" in orjson.loads(self._trial)
 
-    def _final(self, verdict: Verdict) -> Final:
+    def _final(self, verdict: Verdict) -> EpisodeEnd:
         steps = len(self.actions) // 12
         trajectory = orjson.dumps({"steps": steps})
         journey = JourneyOutcome(distance=500, completion=1, junctions=2, off_road=0, wrong_lane=1, collisions=0)
-        return Final(
+        return EpisodeEnd(
             Outcome(
                 verdict=verdict,
                 time=steps / 10,
@@ -107,7 +107,7 @@ class FakeSimulator(Simulator):
         )
 
 
-class FakePool(Pool):
+class FakePool(SimulatorPool):
     """Fails as often as it is told to."""
 
     def __init__(self, slots: int = 4) -> None:

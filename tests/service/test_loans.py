@@ -18,7 +18,7 @@ from test_drive_frames import BINARY, PING, PONG, frame
 
 from wrongturn_protocol import Track, wire
 from wrongturn_protocol.observations import decode
-from wrongturn_service.pool import ledger
+from wrongturn_service.simulators import action_log
 
 # What is told, and what is stored
 
@@ -331,7 +331,7 @@ def test_loans_follow_one_another(service: RunningService, agent: Agent, drive: 
     journey = {"town": "Town01", "task": "navigation", "seed": 3, "track": "state"}
     by_loans, unlent = (expect(agent.http.post("/v1/episodes", json=journey), 201)["id"] for _ in range(2))
     # More than a loan may have, and a pause that is longer than one may last.
-    seqs = range(1, ledger.STEPS + 100)
+    seqs = range(1, action_log.STEPS + 100)
     replies = []
     for seq in seqs:
         replies.append(drive.step(by_loans, seq, standing))

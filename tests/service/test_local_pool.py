@@ -9,19 +9,19 @@ from pathlib import Path
 import pytest
 
 from wrongturn_protocol import Track
-from wrongturn_service.pool import frames, local
-from wrongturn_service.pool.local import LocalPool
-from wrongturn_service.pool.pool import (
+from wrongturn_service.encoding import Encoding
+from wrongturn_service.simulators import frames, local_pool
+from wrongturn_service.simulators.interface import (
     EpisodeRefusedError,
     SimulatorDiedError,
     SimulatorsBusyError,
     SimulatorStartError,
 )
-from wrongturn_service.wire import Wire
+from wrongturn_service.simulators.local_pool import LocalPool
 
 PROGRAM = """
 import os, socket, sys, time
-from wrongturn_service.pool import frames
+from wrongturn_service.simulators import frames
 connection = socket.socket(fileno=int(sys.argv[1]))
 connection.sendall(frames.pack([frames.OK]))
 requests = frames.Receiver(connection)
@@ -95,12 +95,12 @@ def test_who_waits_is_heard_when_the_other_ones_does_not_start() -> None:
 def test_one_that_dies_hangs_or_breaks(steer: float, message: str) -> None:
     async def story(pool: LocalPool) -> None:
         first = await pool.acquire("Town01")
-        await first.reset("trial", Track.STATE, b"", Wire.JSON)
+        await first.reset("trial", Track.STATE, b"", Encoding.JSON)
         with pytest.raises(SimulatorDiedError, match=message):
-            await first.step((steer, 0.0, 0.0), Wire.JSON)
+            await first.step((steer, 0.0, 0.0), Encoding.JSON)
         assert first.dead
         with pytest.raises(SimulatorDiedError):
-            await first.step((0.0, 0.0, 0.0), Wire.JSON)
+            await first.step((0.0, 0.0, 0.0), Encoding.JSON)
         await pool.release(first)
         assert (pool.running, pool.busy) == (0, 0)
         second = await pool.acquire("Town01")
@@ -114,9 +114,9 @@ def test_a_long_replay_has_longer() -> None:
     async def story(pool: LocalPool) -> None:
         simulator = await pool.acquire("Town01")
         # Half a second, and as much again and more for fifty actions.
-        assert (await simulator.reset("slow", Track.STATE, bytes(50 * 12), Wire.JSON)).observation == b"slow"
+        assert (await simulator.reset("slow", Track.STATE, bytes(50 * 12), Encoding.JSON)).observation == b"slow"
         with pytest.raises(SimulatorDiedError, match=r"within 0\.5 s"):
-            await simulator.reset("slow", Track.STATE, b"", Wire.JSON)
+            await simulator.reset("slow", Track.STATE, b"", Encoding.JSON)
 
     run(story)
 
@@ -125,10 +125,10 @@ def test_one_that_refuses_goes_on() -> None:
     async def story(pool: LocalPool) -> None:
         simulator = await pool.acquire("Town01")
         with pytest.raises(EpisodeRefusedError, match="not here"):
-            await simulator.reset("bad", Track.STATE, b"", Wire.JSON)
-        frame = await simulator.reset("good", Track.STATE, b"", Wire.JSON)
+            await simulator.reset("bad", Track.STATE, b"", Encoding.JSON)
+        frame = await simulator.reset("good", Track.STATE, b"", Encoding.JSON)
         assert frame.observation == b"good"
-        assert len((await simulator.step((0.0, 0.0, 0.0), Wire.JSON)).observation) == 200_000
+        assert len((await simulator.step((0.0, 0.0, 0.0), Encoding.JSON)).observation) == 200_000
 
     run(story)
 
@@ -136,7 +136,7 @@ def test_one_that_refuses_goes_on() -> None:
 def test_a_call_that_is_given_up_does_not_leave_its_reply_to_the_next() -> None:
     async def story(pool: LocalPool) -> None:
         simulator = await pool.acquire("Town01")
-        call = asyncio.create_task(simulator.step((0.0, 0.0, 0.0), Wire.JSON))
+        call = asyncio.create_task(simulator.step((0.0, 0.0, 0.0), Encoding.JSON))
         await asyncio.sleep(0)
         call.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -216,7 +216,7 @@ def test_a_spare_one_takes_the_place_of_one_that_dies() -> None:
             with pytest.raises(SimulatorsBusyError, match="all 2"):
                 await pool.acquire("Town01")
             with pytest.raises(SimulatorDiedError):
-                await two.step((0.25, 0.0, 0.0), Wire.JSON)
+                await two.step((0.25, 0.0, 0.0), Encoding.JSON)
             await pool.release(two)
             three = await pool.acquire("Town01")
             assert not three.dead
@@ -283,7 +283,7 @@ except FileExistsError:
 
 
 def test_who_waits_for_a_start_for_long_is_told_a_position(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(local, "START_WAIT_S", 0.3)
+    monkeypatch.setattr(local_pool, "START_WAIT_S", 0.3)
 
     async def story(pool: LocalPool) -> None:
         told = await asyncio.gather(*(pool.acquire("Town01") for _ in range(2)), return_exceptions=True)

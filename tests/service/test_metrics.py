@@ -111,11 +111,11 @@ def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
 
 
 def test_ready_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Pool(FakePool):
+    class SimulatorPool(FakePool):
         failure: str | None = None  # type: ignore[assignment]
 
     async def story() -> None:
-        pool = Pool()
+        pool = SimulatorPool()
         async with application(tmp_path, pool) as http:
             expect(await http.get("/health/ready"), 200)
             pool.failure = "no libsumo"

@@ -15,7 +15,7 @@ from test_storage import agent_row
 from wrongturn_service.errors import StartupError
 from wrongturn_service.storage import postgres as engine
 from wrongturn_service.storage.database import Database
-from wrongturn_service.storage.examination import examine
+from wrongturn_service.storage.check import examine
 from wrongturn_service.storage.store import Store
 
 

@@ -13,8 +13,8 @@ import pytest
 
 from wrongturn_service import cli
 from wrongturn_service.address import AddressError, bind
-from wrongturn_service.pool import examination
 from wrongturn_service.settings import PREFIX, Settings
+from wrongturn_service.simulators import check
 from wrongturn_service.storage.database import Database
 
 
@@ -106,7 +106,7 @@ def test_a_server_that_does_not_answer() -> None:
 
 COMPILING = """
 import os, pathlib, socket, sys
-from wrongturn_service.pool import frames
+from wrongturn_service.simulators import frames
 kernels = pathlib.Path(os.environ["NUMBA_CACHE_DIR"], "kernels")
 if not kernels.exists():
     compiler = b"c" * 400 * 2**20
@@ -124,8 +124,8 @@ def test_a_simulators_memory_is_told_without_the_compilers(
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("WRONGTURN_SIMULATORS", "1")
-    monkeypatch.setattr(examination, "COMMAND", (sys.executable, "-c", COMPILING))
-    monkeypatch.setattr(examination, "available_memory", lambda: free)
+    monkeypatch.setattr(check, "COMMAND", (sys.executable, "-c", COMPILING))
+    monkeypatch.setattr(check, "available_memory", lambda: free)
     for _ in range(2):
         name, ok, detail, _remedy = list(cli.checks())[2]
         assert (name, ok) == ("simulators", True)

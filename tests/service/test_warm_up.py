@@ -5,13 +5,13 @@ import sys
 
 PROGRAM = """
 import os
-from wrongturn_service.pool.process import Server
-from wrongturn_service.pool.screen import Painter, Screen
+from wrongturn_service.simulators.worker import Server
+from wrongturn_service.simulators.shared_memory import SharedMemoryWriter, SharedMemory
 from wrongturn_sim.verdict import decide, journey_kernels
 compiled = [decide.observe, journey_kernels.observe]
 assert not any(function.signatures for function in compiled)
-with Screen().lent() as handle:
-    Server(Painter(os.dup(handle))).warm_up()
+with SharedMemory().lent() as handle:
+    Server(SharedMemoryWriter(os.dup(handle))).warm_up()
 print([len(function.signatures) for function in compiled])
 """
 

@@ -10,9 +10,9 @@ from wrongturn_service.accounts import bearer, detail
 from wrongturn_service.api.body import parsed
 from wrongturn_service.api.dependencies import address_of, key_of, reply, service_of
 from wrongturn_service.api.documents import described
+from wrongturn_service.encoding import Encoding
 from wrongturn_service.storage.models import AgentRow, IdempotencyRow
 from wrongturn_service.tokens import digest, new_id, new_token, unseal
-from wrongturn_service.wire import Wire
 
 router = APIRouter(prefix="/v1/agents", tags=["agents"])
 
@@ -42,7 +42,7 @@ async def register(request: Request) -> Response:
             created=time.time(),
         )
         agent = detail(row)
-        remember = once.remember(201, Wire.JSON, token)
+        remember = once.remember(201, Encoding.JSON, token)
         await service.accounts.register(row, remember(agent.model_dump_json().encode()) if remember else None)
     return reply(RegisteredAgent(**agent.model_dump(), token=token), 201)
 
@@ -72,7 +72,7 @@ async def rotate(request: Request, agent: str) -> Response:
             return _with_token(once.stored, once.key)
         found = detail(await service.accounts.owned_agent(agent, authorization))
         token = new_token()
-        remember = once.remember(201, Wire.JSON, token)
+        remember = once.remember(201, Encoding.JSON, token)
         stored = remember(found.model_dump_json().encode()) if remember else None
         await service.accounts.set_token(agent, token, stored)
     return reply(RegisteredAgent(**found.model_dump(), token=token), 201)

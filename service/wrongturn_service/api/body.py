@@ -10,9 +10,9 @@ from fastapi import Request
 from pydantic import BaseModel, ValidationError
 
 from wrongturn_protocol import FieldError, ProblemType
-from wrongturn_service.connections import PROGRESS
+from wrongturn_service.encoding import Encoding
 from wrongturn_service.errors import ServiceError
-from wrongturn_service.wire import Wire
+from wrongturn_service.socket.guards import PROGRESS
 
 M = TypeVar("M", bound=BaseModel)
 _SHOWN = 50
@@ -34,10 +34,10 @@ async def parsed(request: Request, model: type[M], *, binary: bool = False) -> M
     Raises:
         ServiceError: too large (413), of another content type (415), malformed (400) or invalid (422).
     """
-    wire = _content_type(request, binary=binary)
+    encoding = _content_type(request, binary=binary)
     body = await _read(request)
     try:
-        return model.model_validate_json(body if wire is Wire.JSON else _as_json(body), strict=True)
+        return model.model_validate_json(body if encoding is Encoding.JSON else _as_json(body), strict=True)
     except ValidationError as error:
         raise refused(error) from error
 
@@ -79,9 +79,9 @@ def _too_large(limit: int) -> ServiceError:
     )
 
 
-def _content_type(request: Request, *, binary: bool) -> Wire:
-    wire = _media(request.headers.get("content-type", ""))
-    if wire is None or (wire is Wire.MSGPACK and not binary):
+def _content_type(request: Request, *, binary: bool) -> Encoding:
+    encoding = _media(request.headers.get("content-type", ""))
+    if encoding is None or (encoding is Encoding.MSGPACK and not binary):
         taken = "application/json" + (" or application/msgpack" if binary else "")
         raise ServiceError(
             ProblemType.UNSUPPORTED_MEDIA_TYPE,
@@ -89,15 +89,15 @@ def _content_type(request: Request, *, binary: bool) -> Wire:
             status=415,
             headers={"Accept": taken.replace(" or ", ", ")},
         )
-    return wire
+    return encoding
 
 
 @lru_cache(maxsize=256)
-def _media(content_type: str) -> Wire | None:
+def _media(content_type: str) -> Encoding | None:
     media = content_type.partition(";")[0].strip().lower()
     if media in {"", "application/json"} or (media.startswith("application/") and media.endswith("+json")):
-        return Wire.JSON
-    return Wire.MSGPACK if media in {"application/msgpack", "application/x-msgpack"} else None
+        return Encoding.JSON
+    return Encoding.MSGPACK if media in {"application/msgpack", "application/x-msgpack"} else None
 
 
 def _as_json(body: bytes) -> str:

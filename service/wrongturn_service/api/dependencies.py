@@ -8,11 +8,11 @@ from starlette.requests import HTTPConnection
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.accounts import Caller
+from wrongturn_service.encoding import Encoding
 from wrongturn_service.errors import ForbiddenError, NotFoundError, ServiceError
 from wrongturn_service.idempotency import HEADER
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EvaluationRow, IdempotencyRow
-from wrongturn_service.wire import Wire
 
 
 def service_of(request: Request) -> Service:
@@ -51,36 +51,36 @@ def address_of(request: HTTPConnection) -> str:
     return request.client.host if request.client is not None else "unknown"
 
 
-def accepted(request: Request) -> Wire:
+def accepted(request: Request) -> Encoding:
     """The encoding that the client wants. Raises ServiceError (406)."""
-    wire = _negotiated(request.headers.get("accept", ""))
-    if wire is None:
+    encoding = _negotiated(request.headers.get("accept", ""))
+    if encoding is None:
         raise ServiceError(
             ProblemType.NOT_ACCEPTABLE,
             "replies are application/json or application/msgpack; name one of them in Accept",
             status=406,
         )
-    return wire
+    return encoding
 
 
 @lru_cache(maxsize=256)
-def _negotiated(accept: str) -> Wire | None:
-    best: tuple[float, Wire] | None = None
+def _negotiated(accept: str) -> Encoding | None:
+    best: tuple[float, Encoding] | None = None
     for item in accept.split(",") if accept.strip() else ["*/*"]:
         media, *parameters = (part.strip().lower() for part in item.split(";"))
-        wire = _ACCEPTED.get(media)
+        encoding = _ACCEPTED.get(media)
         weight = _weight(parameters)
-        if wire is not None and weight > 0 and (best is None or weight > best[0]):
-            best = (weight, wire)
+        if encoding is not None and weight > 0 and (best is None or weight > best[0]):
+            best = (weight, encoding)
     return None if best is None else best[1]
 
 
 _ACCEPTED = {
-    "*/*": Wire.JSON,
-    "application/*": Wire.JSON,
-    "application/json": Wire.JSON,
-    "application/msgpack": Wire.MSGPACK,
-    "application/x-msgpack": Wire.MSGPACK,
+    "*/*": Encoding.JSON,
+    "application/*": Encoding.JSON,
+    "application/json": Encoding.JSON,
+    "application/msgpack": Encoding.MSGPACK,
+    "application/x-msgpack": Encoding.MSGPACK,
 }
 
 
@@ -96,7 +96,7 @@ def _weight(parameters: list[str]) -> float:
 
 def reply(message: BaseModel, status: int = 200) -> Response:
     """A message as JSON."""
-    return Response(message.model_dump_json(), status, media_type=Wire.JSON)
+    return Response(message.model_dump_json(), status, media_type=Encoding.JSON)
 
 
 def repeated(stored: IdempotencyRow) -> Response:

@@ -20,10 +20,10 @@ from wrongturn_service.accounts import Caller
 from wrongturn_service.api.body import parsed
 from wrongturn_service.api.dependencies import accepted, caller_of, key_of, repeated, service_of
 from wrongturn_service.api.documents import described
+from wrongturn_service.encoding import Encoding
 from wrongturn_service.errors import ConflictError, ForbiddenError, GoneError
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow
-from wrongturn_service.wire import Wire
 
 router = APIRouter(prefix="/v1/episodes", tags=["episodes"])
 
@@ -35,7 +35,7 @@ router = APIRouter(prefix="/v1/episodes", tags=["episodes"])
 async def practise(request: Request) -> Response:
     """Reset: a practice episode, never scored; its replies also carry the reward, and at the end the verdict."""
     service = service_of(request)
-    wire = accepted(request)
+    encoding = accepted(request)
     caller = await caller_of(request)
     wanted = await parsed(request, PracticeRequest, binary=True)
     canonical = wanted.model_dump_json().encode()
@@ -47,36 +47,36 @@ async def practise(request: Request) -> Response:
             caller.id,
             trial,
             wanted.track,
-            wire,
-            once.remember(201, wire),
+            encoding,
+            once.remember(201, encoding),
             once.key,
         )
-    return Response(body, 201, media_type=wire)
+    return Response(body, 201, media_type=encoding)
 
 
 @router.post("/{episode}/step", **described(StepReply, 404, 409, 410, 429, body=StepRequest, token=True, binary=True))
 async def step(request: Request, episode: str) -> Response:
     """Step: drive on for 0.1 s. The same seq with the same action gives the stored reply."""
-    wire = accepted(request)
+    encoding = accepted(request)
     caller = await caller_of(request)
     wanted = await parsed(request, StepRequest, binary=True)
-    body = await service_of(request).episodes.step(caller.id, episode, wanted, wire)
-    return Response(body, media_type=wire)
+    body = await service_of(request).episodes.step(caller.id, episode, wanted, encoding)
+    return Response(body, media_type=encoding)
 
 
 @router.get("/{episode}", **described(EpisodeDetail, 404, token=True, binary=True))
 async def look(request: Request, episode: str) -> Response:
     """The last reply while it is open; the whole once it may be shown, then without a token too."""
-    wire = accepted(request)
+    encoding = accepted(request)
     service = service_of(request)
     row, shown = await _seen(request, episode)
     detail = episode_detail(service, row, shown=shown, last_reply=False).model_dump(mode="json")
-    last = service.episodes.last_reply(episode, wire)
+    last = service.episodes.last_reply(episode, encoding)
     if last is not None:
         detail["seq"] = last[0]
-        detail["last_reply"] = msgpack.unpackb(last[1]) if wire is Wire.MSGPACK else orjson.loads(last[1])
-    body = msgpack.packb(detail) if wire is Wire.MSGPACK else orjson.dumps(detail)
-    return Response(body, media_type=wire)
+        detail["last_reply"] = msgpack.unpackb(last[1]) if encoding is Encoding.MSGPACK else orjson.loads(last[1])
+    body = msgpack.packb(detail) if encoding is Encoding.MSGPACK else orjson.dumps(detail)
+    return Response(body, media_type=encoding)
 
 
 @router.get("/{episode}/trajectory", **described(None, 404, 409, 410, token=True))
@@ -92,7 +92,7 @@ async def trajectory(request: Request, episode: str) -> Response:
             f"episode {episode} is shown once it, and in an evaluation the whole of it, is finished",
         )
     body, sha256 = found
-    return Response(body, media_type=Wire.JSON, headers={"ETag": f'"{sha256}"'})
+    return Response(body, media_type=Encoding.JSON, headers={"ETag": f'"{sha256}"'})
 
 
 @router.delete("/{episode}", **described(None, 404, 409, 410, 429, status=204, token=True))
@@ -135,7 +135,7 @@ def episode_detail(service: Service, row: EpisodeRow, *, shown: bool, last_reply
         shown: whether its trial and outcome may be told.
         last_reply: whether the last reply is told while it is open.
     """
-    last = service.episodes.last_reply(row.id, Wire.JSON)
+    last = service.episodes.last_reply(row.id, Encoding.JSON)
     state = EpisodeState(row.state)
     told = shown and state is EpisodeState.FINISHED
     practice = row.evaluation_id is None

@@ -13,7 +13,7 @@ from wrongturn_protocol import FieldError, ProblemType
 from wrongturn_service.api.dependencies import reply
 from wrongturn_service.api.documents import described, methods_at
 from wrongturn_service.errors import InvalidRequestError, ServiceError, UnavailableError, title
-from wrongturn_service.pool.pool import EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError
+from wrongturn_service.simulators.interface import EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError
 
 MEDIA_TYPE = "application/problem+json"
 _log = structlog.get_logger("errors")

@@ -31,12 +31,12 @@ from wrongturn_service.api.dependencies import (
 )
 from wrongturn_service.api.documents import described
 from wrongturn_service.api.episodes import episode_detail
-from wrongturn_service.episodes.running import finished
+from wrongturn_service.encoding import Encoding
+from wrongturn_service.episodes.evaluations import finished
 from wrongturn_service.errors import ConflictError, InvalidRequestError
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow
 from wrongturn_service.tokens import new_id
-from wrongturn_service.wire import Wire
 
 router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"])
 
@@ -71,7 +71,7 @@ async def begin(request: Request) -> Response:
             created=time.time(),
         )
         detail = _detail(row, 0, service)
-        remember = once.remember(201, Wire.JSON)
+        remember = once.remember(201, Encoding.JSON)
         stored = remember(detail.model_dump_json().encode()) if remember else None
         await service.accounts.begin_evaluation(row, stored)
     return reply(detail, 201)
@@ -104,7 +104,7 @@ async def cancel(request: Request, evaluation: str) -> Response:
 async def reset(request: Request, evaluation: str) -> Response:
     """Reset: the next trial's episode. Which trial it is, is told when the evaluation is finished."""
     service = service_of(request)
-    wire = accepted(request)
+    encoding = accepted(request)
     caller = await caller_of(request)
     call = f"POST /v1/evaluations/{evaluation}/episodes"
     with service.episodes.beginnings.one(evaluation):
@@ -112,8 +112,8 @@ async def reset(request: Request, evaluation: str) -> Response:
             if once.stored is not None:
                 return repeated(once.stored)
             row = await owned_evaluation(request, caller, evaluation)
-            body = await service.episodes.open_next(row, caller.track, wire, once.remember(201, wire), once.key)
-    return Response(body, 201, media_type=wire)
+            body = await service.episodes.open_next(row, caller.track, encoding, once.remember(201, encoding), once.key)
+    return Response(body, 201, media_type=encoding)
 
 
 @router.get("/{evaluation}/episodes", **described(EpisodeList, 404, 422, token=True))

@@ -5,7 +5,7 @@ from fastapi import APIRouter, Request, Response
 from wrongturn_protocol import Leaderboard, LeaderboardList
 from wrongturn_service.api.dependencies import reply, service_of
 from wrongturn_service.api.documents import described
-from wrongturn_service.wire import Wire
+from wrongturn_service.encoding import Encoding
 
 router = APIRouter(prefix="/v1/leaderboards", tags=["leaderboards"])
 
@@ -19,4 +19,4 @@ async def leaderboards(request: Request) -> Response:
 @router.get("/{suite}", **described(Leaderboard, 404))
 async def leaderboard(request: Request, suite: str) -> Response:
     """The ranking on a suite: each agent's first finished evaluation counts."""
-    return Response(await service_of(request).leaderboards.body(suite), media_type=Wire.JSON)
+    return Response(await service_of(request).leaderboards.body(suite), media_type=Encoding.JSON)

@@ -7,19 +7,19 @@ from typing import Final, TypeVar
 import structlog
 
 from wrongturn_protocol import FaultKind, Outcome, Reaction, Verdict
-from wrongturn_service.episodes.line import Line
+from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.open_episode import OpenEpisode
-from wrongturn_service.pool.actions import Action
-from wrongturn_service.pool.pool import Final as End
-from wrongturn_service.pool.pool import (
-    Frame,
-    Pool,
+from wrongturn_service.episodes.queue import SimulatorQueue
+from wrongturn_service.simulators.action_log import Action
+from wrongturn_service.simulators.interface import (
+    EpisodeEnd,
     Simulator,
     SimulatorDiedError,
+    SimulatorPool,
     SimulatorStartError,
+    StepResult,
 )
 from wrongturn_service.telemetry import Call
-from wrongturn_service.wire import Wire
 
 ATTEMPTS: Final = 3
 """How many simulators may die of one call, or of their own start, before the episode is given up."""
@@ -34,13 +34,13 @@ class ReplayFailedError(Exception):
     """The episode could not be brought back: the infrastructure's failure, never the agent's."""
 
 
-class Driver:
+class EpisodeDriver:
     """Steps episodes; each call is made under the episode's lock."""
 
     def __init__(
         self,
-        pool: Pool,
-        line: Line,
+        pool: SimulatorPool,
+        line: SimulatorQueue,
         on_replay: Callable[[], None] = lambda: None,
         on_simulated: Callable[[Call, float], None] = lambda _call, _seconds: None,
     ) -> None:
@@ -58,12 +58,12 @@ class Driver:
         self._on_replay = on_replay
         self._log = structlog.get_logger("driver")
 
-    async def begin(self, episode: OpenEpisode, wire: Wire, call: str) -> Frame:
+    async def begin(self, episode: OpenEpisode, encoding: Encoding, call: str) -> StepResult:
         """The reset.
 
         Args:
             episode: what is begun.
-            wire: the encoding.
+            encoding: the encoding.
             call: what stands in the line for it; who comes back for the same keeps its place.
 
         Raises:
@@ -73,16 +73,16 @@ class Driver:
         self._line.enter(episode.agent, call)
         episode.placed = True
         try:
-            return await self._begin(episode, wire)
+            return await self._begin(episode, encoding)
         except BaseException:
             await self.detach(episode)
             raise
 
-    async def _begin(self, episode: OpenEpisode, wire: Wire) -> Frame:
+    async def _begin(self, episode: OpenEpisode, encoding: Encoding) -> StepResult:
         trial = episode.trial.model_dump_json()
         async for simulator in self._simulators(episode.trial.town):
             try:
-                frame = await self._timed("reset", simulator.reset(trial, episode.track, b"", wire))
+                frame = await self._timed("reset", simulator.reset(trial, episode.track, b"", encoding))
             except SimulatorDiedError as error:
                 self._log.warning("reset failed", trial=episode.trial.id, reason=str(error))
                 await self._pool.release(simulator)
@@ -94,7 +94,7 @@ class Driver:
             return frame
         raise ReplayFailedError(f"{ATTEMPTS} simulators failed to begin the episode")
 
-    async def step(self, episode: OpenEpisode, action: Action, wire: Wire) -> Frame:
+    async def step(self, episode: OpenEpisode, action: Action, encoding: Encoding) -> StepResult:
         """One decision.
 
         Raises:
@@ -106,13 +106,13 @@ class Driver:
         simulator = episode.simulator
         if simulator is not None:
             try:
-                return await self._timed("step", simulator.step(action, wire))
+                return await self._timed("step", simulator.step(action, encoding))
             except SimulatorDiedError as error:
                 self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
-        return await self._elsewhere(episode, lambda found: self._timed("step", found.step(action, wire)))
+        return await self._elsewhere(episode, lambda found: self._timed("step", found.step(action, encoding)))
 
-    async def abort(self, episode: OpenEpisode) -> End:
-        """End it as ``aborted``; where no simulator can say more, by what is known without one.
+    async def abort(self, episode: OpenEpisode) -> EpisodeEnd:
+        """EpisodeEnd it as ``aborted``; where no simulator can say more, by what is known without one.
 
         Raises:
             UnavailableError: others come first.
@@ -133,7 +133,7 @@ class Driver:
                 time=episode.seq * STEP_S,
                 max_deceleration=0.0,
             )
-            return End(outcome, episode.seq, b"", "", "")
+            return EpisodeEnd(outcome, episode.seq, b"", "", "")
 
     async def detach(self, episode: OpenEpisode) -> None:
         """Give the episode's simulator back, and its place to the next."""
@@ -198,7 +198,7 @@ class Driver:
                     episode.trial.model_dump_json(),
                     episode.track,
                     bytes(episode.actions),
-                    episode.last.wire,
+                    episode.last.encoding,
                 )
                 frame = await self._timed("replay", again)
                 if frame.observation != episode.last.observation:

@@ -7,14 +7,14 @@ import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from wrongturn_protocol import Verdict
-from wrongturn_service.episodes.driver import Driver
+from wrongturn_service.encoding import Encoding
+from wrongturn_service.episodes.driver import EpisodeDriver
+from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.registry import Registry
-from wrongturn_service.episodes.running import RunningEvaluations, cancelled
-from wrongturn_service.pool.actions import ACTION
+from wrongturn_service.simulators.action_log import ACTION
 from wrongturn_service.storage.store import Store
 from wrongturn_service.telemetry import Telemetry
-from wrongturn_service.wire import Wire
 
 
 class Endings:
@@ -23,7 +23,7 @@ class Endings:
     def __init__(
         self,
         store: Store,
-        driver: Driver,
+        driver: EpisodeDriver,
         evaluations: RunningEvaluations,
         registry: Registry,
         telemetry: Telemetry,
@@ -46,7 +46,7 @@ class Endings:
             "actions_sha256": end.actions_sha256 or None,
             "trajectory_sha256": end.trajectory_sha256 or None,
             "last_action": bytes(episode.actions[-ACTION.size :]) or None,
-            "last_reply": zlib.compress(episode.last.render(Wire.JSON)) if episode.seq else None,
+            "last_reply": zlib.compress(episode.last.render(Encoding.JSON)) if episode.seq else None,
         }
         stored = await self._store.finish_episode(episode.id, values, end.trajectory, end.trajectory_sha256)
         await self._close(episode)

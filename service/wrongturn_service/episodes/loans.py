@@ -4,13 +4,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
+from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.registry import Registry
-from wrongturn_service.episodes.replies import step_reply_of
-from wrongturn_service.episodes.steps import Done, Steps
-from wrongturn_service.pool.loan import LastStep, Loan, Returned
-from wrongturn_service.pool.pool import Frame
-from wrongturn_service.wire import Wire
+from wrongturn_service.episodes.steps import Done, Steps, step_reply_of
+from wrongturn_service.simulators.interface import LastStep, LoanRequest, LoanResult, StepResult
 
 if TYPE_CHECKING:
     import asyncio
@@ -32,7 +30,7 @@ class Lendable(Protocol):
     def answer(self, last: LastStep) -> Done:
         """Who is told the reply to the step that ended the episode."""
 
-    def returned(self, came: Returned) -> None:
+    def returned(self, came: LoanResult) -> None:
         """Use it again.
 
         Args:
@@ -74,7 +72,12 @@ class Loans:
             Whether it is lent; if not, nothing has happened.
         """
         episode = self._registry.get(episode_id)
-        if episode is None or episode.agent != agent or episode.end is not None or episode.last.wire is not Wire.RAW:
+        if (
+            episode is None
+            or episode.agent != agent
+            or episode.end is not None
+            or episode.last.encoding is not Encoding.RAW
+        ):
             return False
         simulator = episode.simulator
         if simulator is None or not simulator.lends or not episode.lock.taken_now():
@@ -85,22 +88,22 @@ class Loans:
             return False
         episode.lock.recall = simulator.recall
         self._lent.add(episode)
-        loan = simulator.lend(Loan(handle, episode.id, episode.track, episode.seq, episode.practice))
+        loan = simulator.lend(LoanRequest(handle, episode.id, episode.track, episode.seq, episode.practice))
         loan.add_done_callback(partial(self._back, episode, connection))
         return True
 
-    def _back(self, episode: OpenEpisode, connection: Lendable, loan: "asyncio.Future[Returned]") -> None:
+    def _back(self, episode: OpenEpisode, connection: Lendable, loan: "asyncio.Future[LoanResult]") -> None:
         came = loan.result()
         episode.lock.recall = None
         self._lent.discard(episode)
         episode.lease.renew(came.silence_s)
         if came.observation is not None:
             episode.actions += came.actions
-            shown = Frame(came.observation, came.reward, terminated=False, truncated=False, final=None)
-            episode.last = step_reply_of(episode, shown, Wire.RAW)
+            shown = StepResult(came.observation, came.reward, terminated=False, truncated=False, final=None)
+            episode.last = step_reply_of(episode, shown, Encoding.RAW)
         if came.last is None:
             episode.lock.release()
         else:
             last = came.last
-            self._steps.take_in(episode, last.action, Wire.RAW, last.frame, last.seconds, connection.answer(last))
+            self._steps.take_in(episode, last.action, Encoding.RAW, last.frame, last.seconds, connection.answer(last))
         connection.returned(came)

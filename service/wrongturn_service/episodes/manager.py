@@ -5,25 +5,23 @@ import zlib
 from structlog.contextvars import bind_contextvars
 
 from wrongturn_protocol import EpisodeState, EvaluationState, StepRequest, Track, Trial, Verdict
+from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes import refusals
-from wrongturn_service.episodes.beginnings import Beginnings
-from wrongturn_service.episodes.driver import Driver
+from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.endings import Endings
+from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled
 from wrongturn_service.episodes.lease import Terms
 from wrongturn_service.episodes.loans import Lendable, Loans
 from wrongturn_service.episodes.open_episode import OpenEpisode, as_float32
-from wrongturn_service.episodes.openings import Openings, Remember
+from wrongturn_service.episodes.openings import Beginnings, Openings, Remember
 from wrongturn_service.episodes.registry import Limits, Registry
-from wrongturn_service.episodes.replies import stored_reply
-from wrongturn_service.episodes.running import RunningEvaluations, cancelled
-from wrongturn_service.episodes.steps import Done, Steps
+from wrongturn_service.episodes.steps import Done, Steps, stored_reply
 from wrongturn_service.episodes.watch import Watch
 from wrongturn_service.errors import ConflictError, GoneError
-from wrongturn_service.pool.actions import ACTION, Action
+from wrongturn_service.simulators.action_log import ACTION, Action
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.telemetry import Telemetry
-from wrongturn_service.wire import Wire
 
 
 class EpisodeManager:
@@ -32,7 +30,7 @@ class EpisodeManager:
     def __init__(
         self,
         store: Store,
-        driver: Driver,
+        driver: EpisodeDriver,
         evaluations: RunningEvaluations,
         *,
         terms: Terms,
@@ -86,14 +84,14 @@ class EpisodeManager:
         await self._watch.run()
 
     async def open_next(
-        self, evaluation: EvaluationRow, track: Track, wire: Wire, remember: Remember, key: str | None = None
+        self, evaluation: EvaluationRow, track: Track, encoding: Encoding, remember: Remember, key: str | None = None
     ) -> bytes:
         """The reset of an evaluation's next trial: the reply's body.
 
         Args:
             evaluation: whose.
             track: what is observed.
-            wire: the reply's encoding.
+            encoding: the reply's encoding.
             remember: of the reply.
             key: the request's, by which it keeps its place in the line for a simulator.
 
@@ -102,10 +100,10 @@ class EpisodeManager:
             UnavailableError: the agent has too many open, others come first, or no simulator works.
         """
         self._check_stopping()
-        return await self._openings.next(evaluation, track, wire, remember, key)
+        return await self._openings.next(evaluation, track, encoding, remember, key)
 
     async def open_practice(
-        self, agent: str, trial: Trial, track: Track, wire: Wire, remember: Remember, key: str | None = None
+        self, agent: str, trial: Trial, track: Track, encoding: Encoding, remember: Remember, key: str | None = None
     ) -> bytes:
         """The reset of a practice episode: the reply's body.
 
@@ -113,7 +111,7 @@ class EpisodeManager:
             agent: whose.
             trial: what is driven.
             track: what is observed.
-            wire: the reply's encoding.
+            encoding: the reply's encoding.
             remember: of the reply.
             key: the request's, by which it keeps its place in the line for a simulator.
 
@@ -122,9 +120,9 @@ class EpisodeManager:
             UnavailableError: the agent has too many open, others come first, or no simulator works.
         """
         self._check_stopping()
-        return await self._openings.practice(agent, trial, track, wire, remember, key)
+        return await self._openings.practice(agent, trial, track, encoding, remember, key)
 
-    async def step(self, agent: str, episode_id: str, request: StepRequest, wire: Wire) -> bytes:
+    async def step(self, agent: str, episode_id: str, request: StepRequest, encoding: Encoding) -> bytes:
         """One step: the reply's body.
 
         Raises:
@@ -133,13 +131,13 @@ class EpisodeManager:
         action = as_float32(request.action)
         episode = self._registry.get(episode_id)
         if episode is None:
-            return await self._stored_step(agent, episode_id, request.seq, action, wire)
+            return await self._stored_step(agent, episode_id, request.seq, action, encoding)
         refusals.check_owner(agent, episode.agent, episode_id)
         bind_contextvars(episode=episode_id, evaluation=episode.evaluation)
         async with episode.lock:
             episode.lease.renew()
             if episode.closed:
-                return await self._stored_step(agent, episode_id, request.seq, action, wire)
+                return await self._stored_step(agent, episode_id, request.seq, action, encoding)
             if request.seq == episode.seq:
                 refusals.check_same(episode_id, request.seq, action, episode.last_action)
             elif episode.end is not None:
@@ -147,15 +145,15 @@ class EpisodeManager:
             elif request.seq != episode.seq + 1:
                 raise refusals.gap(episode_id, request.seq, episode.seq)
             else:
-                await self._steps.take(episode, action, wire)
+                await self._steps.take(episode, action, encoding)
             if episode.end is not None:
                 await self._endings.settle(episode)
             episode.lease.renew()
-            return episode.last.render(wire)
+            return episode.last.render(encoding)
 
-    def begin_step(self, agent: str, episode_id: str, seq: int, action: Action, wire: Wire, done: Done) -> bool:
+    def begin_step(self, agent: str, episode_id: str, seq: int, action: Action, encoding: Encoding, done: Done) -> bool:
         """One step by the short way, see :meth:`Steps.begin`."""
-        return self._steps.begin(agent, episode_id, seq, action, wire, done)
+        return self._steps.begin(agent, episode_id, seq, action, encoding, done)
 
     def lend(self, agent: str, episode_id: str, connection: Lendable) -> bool:
         """Let the next steps be answered by the simulator itself, see :meth:`Loans.begin`."""
@@ -187,10 +185,10 @@ class EpisodeManager:
             raise refusals.unknown_episode(episode_id)
         return self._registry.get(episode_id), row
 
-    def last_reply(self, episode_id: str, wire: Wire) -> tuple[int, bytes] | None:
+    def last_reply(self, episode_id: str, encoding: Encoding) -> tuple[int, bytes] | None:
         """Sequence number and body of an open episode's last reply."""
         episode = self._registry.get(episode_id)
-        return None if episode is None else (episode.seq, episode.last.render(wire))
+        return None if episode is None else (episode.seq, episode.last.render(encoding))
 
     async def abort(self, agent: str, episode_id: str) -> None:
         """End an episode as ``aborted``; again is no harm.
@@ -215,7 +213,7 @@ class EpisodeManager:
         """Cancel an evaluation; its open episodes end without a verdict."""
         await self._endings.cancel(evaluation_id)
 
-    async def _stored_step(self, agent: str, episode_id: str, seq: int, action: Action, wire: Wire) -> bytes:
+    async def _stored_step(self, agent: str, episode_id: str, seq: int, action: Action, encoding: Encoding) -> bytes:
         """A step of an episode that is no longer open: the last one's repeat, or an error."""
         row = await self._row(agent, episode_id)
         if row.state != EpisodeState.FINISHED:
@@ -223,7 +221,7 @@ class EpisodeManager:
         if seq == row.steps and row.last_action is not None and row.last_reply is not None:
             steer, throttle, brake = ACTION.unpack(row.last_action)
             refusals.check_same(episode_id, seq, action, (steer, throttle, brake))
-            return stored_reply(row, zlib.decompress(row.last_reply)).render(wire)
+            return stored_reply(row, zlib.decompress(row.last_reply)).render(encoding)
         raise refusals.episode_finished(episode_id)
 
     async def _row(self, agent: str, episode_id: str) -> EpisodeRow:

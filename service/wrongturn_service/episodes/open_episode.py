@@ -9,12 +9,11 @@ from typing_extensions import override
 
 from wrongturn_protocol import Track, Trial
 from wrongturn_protocol.episodes import Action
+from wrongturn_service.encoding import Reply
 from wrongturn_service.episodes.lease import Lease
-from wrongturn_service.pool.actions import ACTION, rounded
-from wrongturn_service.pool.actions import Action as Triple
-from wrongturn_service.pool.pool import Final as End
-from wrongturn_service.pool.pool import Simulator
-from wrongturn_service.wire import Reply
+from wrongturn_service.simulators.action_log import ACTION, rounded
+from wrongturn_service.simulators.action_log import Action as Triple
+from wrongturn_service.simulators.interface import EpisodeEnd, Simulator
 
 
 def as_float32(action: Action) -> Triple:
@@ -78,7 +77,7 @@ class OpenEpisode:
     actions: bytearray = field(default_factory=bytearray)
     simulator: Simulator | None = None
     placed: bool = False
-    end: End | None = None
+    end: EpisodeEnd | None = None
     closed: bool = False
     lock: EpisodeLock = field(default_factory=EpisodeLock)
 

@@ -1,24 +1,73 @@
 """How episodes begin: the next trial of an evaluation, or practice."""
 
+import asyncio
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from structlog.contextvars import bind_contextvars
 
 from wrongturn_protocol import EpisodeState, ProblemType, Track, Trial
-from wrongturn_service.episodes.driver import Driver, ReplayFailedError
+from wrongturn_service.encoding import Encoding, Reply, reset_reply
+from wrongturn_service.episodes.driver import EpisodeDriver, ReplayFailedError
 from wrongturn_service.episodes.endings import Endings
+from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled, finished
 from wrongturn_service.episodes.lease import Lease, Terms
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.registry import Registry
-from wrongturn_service.episodes.running import RunningEvaluations, cancelled, finished
 from wrongturn_service.errors import ConflictError, UnavailableError
-from wrongturn_service.pool.screen import Shown
+from wrongturn_service.simulators.shared_memory import ObservationView
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.tokens import new_id
-from wrongturn_service.wire import Reply, Wire, reset_reply
+
+PATIENCE_S: Final = 20.0
+"""Seconds for which they are waited for; less than a client waits for an answer."""
+
+
+class Beginnings:
+    """Resets by their evaluation, from their arrival to their reply.
+
+    An agent that was killed while it waited for a reset's reply would else come back, find nothing open and go on,
+    and the episode would be begun after that for nobody.
+    """
+
+    def __init__(self) -> None:
+        self._under_way: dict[str, set[asyncio.Event]] = {}
+
+    @contextlib.contextmanager
+    def one(self, evaluation_id: str) -> Iterator[None]:
+        """A reset is under way for as long as the block lasts."""
+        over = asyncio.Event()
+        others = self._under_way.setdefault(evaluation_id, set())
+        others.add(over)
+        try:
+            yield
+        finally:
+            over.set()
+            others.discard(over)
+            if not others:
+                self._under_way.pop(evaluation_id, None)
+
+    async def over(self, evaluation_id: str, patience_s: float = PATIENCE_S) -> None:
+        """Wait until those are over that are under way now.
+
+        Raises:
+            UnavailableError: they take too long.
+        """
+        try:
+            async with asyncio.timeout(patience_s):
+                for event in list(self._under_way.get(evaluation_id, ())):
+                    await event.wait()
+        except TimeoutError as error:
+            raise UnavailableError(
+                ProblemType.SIMULATORS_BUSY,
+                f"an episode of evaluation {evaluation_id} is just being begun; ask again",
+                retry_after_s=1,
+            ) from error
+
 
 Remember = Callable[[bytes], IdempotencyRow] | None
 """Makes of a reply what is stored for its idempotency key; None where the request had no key."""
@@ -33,7 +82,7 @@ class _Wanted:
     """None for practice."""
     trial: Trial
     track: Track
-    wire: Wire
+    encoding: Encoding
     """Of the reply."""
     remember: Remember
     call: str
@@ -50,7 +99,7 @@ class Openings:
     def __init__(
         self,
         store: Store,
-        driver: Driver,
+        driver: EpisodeDriver,
         evaluations: RunningEvaluations,
         registry: Registry,
         endings: Endings,
@@ -64,7 +113,7 @@ class Openings:
         self._terms = terms
 
     async def next(
-        self, evaluation: EvaluationRow, track: Track, wire: Wire, remember: Remember, key: str | None
+        self, evaluation: EvaluationRow, track: Track, encoding: Encoding, remember: Remember, key: str | None
     ) -> bytes:
         """See :meth:`EpisodeManager.open_next`."""
         schedule = await self._evaluations.schedule(evaluation)
@@ -82,7 +131,7 @@ class Openings:
             )
         try:
             call = f"{evaluation.id} {key}"
-            wanted = _Wanted(evaluation.agent_id, evaluation.id, trial, track, wire, remember, call)
+            wanted = _Wanted(evaluation.agent_id, evaluation.id, trial, track, encoding, remember, call)
             body = await self._begin(wanted)
         except BaseException:
             schedule.put_back(trial)
@@ -94,10 +143,10 @@ class Openings:
         return body
 
     async def practice(
-        self, agent: str, trial: Trial, track: Track, wire: Wire, remember: Remember, key: str | None
+        self, agent: str, trial: Trial, track: Track, encoding: Encoding, remember: Remember, key: str | None
     ) -> bytes:
         """See :meth:`EpisodeManager.open_practice`."""
-        return await self._begin(_Wanted(agent, None, trial, track, wire, remember, f"practice {key}"))
+        return await self._begin(_Wanted(agent, None, trial, track, encoding, remember, f"practice {key}"))
 
     async def _begin(self, wanted: _Wanted) -> bytes:
         self._registry.reserve(wanted.agent, practice=wanted.practice)
@@ -108,16 +157,16 @@ class Openings:
             raise
 
     async def _open(self, wanted: _Wanted) -> bytes:
-        trial, track, wire = wanted.trial, wanted.track, wanted.wire
+        trial, track, encoding = wanted.trial, wanted.track, wanted.encoding
         episode_id = new_id("ep")
         bind_contextvars(episode=episode_id, evaluation=wanted.evaluation)
         lease = Lease(self._terms)
 
-        def reply(observation: bytes | Shown) -> Reply:
+        def reply(observation: bytes | ObservationView) -> Reply:
             return reset_reply(
                 episode_id,
                 observation,
-                wire,
+                encoding,
                 track,
                 town=trial.town if wanted.practice or track is Track.PRIVILEGED else None,
                 trial=trial.id if wanted.practice else None,
@@ -127,11 +176,11 @@ class Openings:
         episode = OpenEpisode(episode_id, wanted.agent, wanted.evaluation, trial, track, reply(b""), lease)
         async with episode.lock:
             try:
-                frame = await self._driver.begin(episode, wire, wanted.call)
+                frame = await self._driver.begin(episode, encoding, wanted.call)
             except ReplayFailedError as error:
                 raise UnavailableError(ProblemType.SIMULATOR_FAILED, f"{error}; try again", retry_after_s=5) from error
             episode.last = reply(frame.observation)
-            body = episode.last.render(wire)
+            body = episode.last.render(encoding)
             row = EpisodeRow(
                 id=episode_id,
                 evaluation_id=wanted.evaluation,

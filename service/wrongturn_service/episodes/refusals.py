@@ -2,7 +2,7 @@
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError, UnavailableError
-from wrongturn_service.pool.actions import Action
+from wrongturn_service.simulators.action_log import Action
 
 
 def check_owner(agent: str, owner: str, episode_id: str) -> None:

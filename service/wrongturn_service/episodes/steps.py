@@ -6,18 +6,55 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any
 
+import orjson
 from structlog.contextvars import bind_contextvars
 
+from wrongturn_protocol import Track, Verdict
 from wrongturn_service import logs
-from wrongturn_service.episodes.driver import Driver, ReplayFailedError
+from wrongturn_service.encoding import Encoding, Reply, step_reply
+from wrongturn_service.episodes.driver import EpisodeDriver, ReplayFailedError
 from wrongturn_service.episodes.endings import Endings
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.registry import Registry
-from wrongturn_service.episodes.replies import step_reply_of
 from wrongturn_service.errors import GoneError
-from wrongturn_service.pool.actions import ACTION, Action
-from wrongturn_service.pool.pool import Frame
-from wrongturn_service.wire import Reply, Wire
+from wrongturn_service.simulators.action_log import ACTION, Action
+from wrongturn_service.simulators.interface import StepResult
+from wrongturn_service.storage.models import EpisodeRow
+
+
+def step_reply_of(episode: OpenEpisode, frame: StepResult, encoding: Encoding) -> Reply:
+    """The reply to the last of an open episode's actions."""
+    return step_reply(
+        len(episode.actions) // ACTION.size,
+        frame.observation,
+        encoding,
+        episode.track,
+        terminated=frame.terminated,
+        truncated=frame.truncated,
+        reward=frame.reward if episode.practice else None,
+        verdict=frame.final.outcome.verdict if episode.practice and frame.final is not None else None,
+    )
+
+
+def stored_reply(row: EpisodeRow, body: bytes) -> Reply:
+    """The reply to a finished episode's last step.
+
+    Args:
+        row: the episode's.
+        body: JSON, as it is stored.
+    """
+    message = orjson.loads(body)
+    return step_reply(
+        message["seq"],
+        orjson.dumps(message["observation"]),
+        Encoding.JSON,
+        Track(row.track),
+        terminated=message["terminated"],
+        truncated=message["truncated"],
+        reward=message.get("reward"),
+        verdict=Verdict(message["verdict"]) if "verdict" in message else None,
+    )
+
 
 Done = Callable[[Reply | Exception, float | None], None]
 """Called with a step's reply, or with what went wrong; and its simulator's seconds, where they are not noted yet."""
@@ -26,13 +63,13 @@ Done = Callable[[Reply | Exception, float | None], None]
 class Steps:
     """Moves open episodes on; where nothing else is said, under the episode's lock."""
 
-    def __init__(self, registry: Registry, driver: Driver, endings: Endings) -> None:
+    def __init__(self, registry: Registry, driver: EpisodeDriver, endings: Endings) -> None:
         self._registry = registry
         self._driver = driver
         self._endings = endings
         self._tasks: set[asyncio.Task[None]] = set()
 
-    async def take(self, episode: OpenEpisode, action: Action, wire: Wire) -> None:
+    async def take(self, episode: OpenEpisode, action: Action, encoding: Encoding) -> None:
         """The next step.
 
         Raises:
@@ -40,17 +77,17 @@ class Steps:
             GoneError: the episode is over, by no fault of its agent's.
         """
         try:
-            frame = await self._driver.step(episode, action, wire)
+            frame = await self._driver.step(episode, action, encoding)
         except ReplayFailedError as error:
             await self._endings.invalidate(episode)
             raise GoneError(
                 f"episode {episode.id}: {error}, so it counts as invalid and its trial runs again; ask for the next",
             ) from error
-        self._note(episode, action, frame, wire)
+        self._note(episode, action, frame, encoding)
         if frame.final is not None:
             await self._driver.detach(episode)
 
-    def begin(self, agent: str, episode_id: str, seq: int, action: Action, wire: Wire, done: Done) -> bool:
+    def begin(self, agent: str, episode_id: str, seq: int, action: Action, encoding: Encoding, done: Done) -> bool:
         """Begin the next step where nothing but its simulator has to be waited for; takes the lock.
 
         Returns:
@@ -64,46 +101,46 @@ class Steps:
             return False
         episode.lease.renew()
         began = time.perf_counter()
-        under_way = simulator.begin_step(action, wire)
-        under_way.add_done_callback(partial(self._stepped, episode, action, wire, began, done))
+        under_way = simulator.begin_step(action, encoding)
+        under_way.add_done_callback(partial(self._stepped, episode, action, encoding, began, done))
         return True
 
     def _stepped(
         self,
         episode: OpenEpisode,
         action: Action,
-        wire: Wire,
+        encoding: Encoding,
         began: float,
         done: Done,
-        under_way: "asyncio.Future[Frame]",
+        under_way: "asyncio.Future[StepResult]",
     ) -> None:
         seconds = time.perf_counter() - began
         frame = None if under_way.cancelled() or under_way.exception() is not None else under_way.result()
         if frame is None:
-            self._spawn(self._finish(episode, action, wire, done, None))
+            self._spawn(self._finish(episode, action, encoding, done, None))
         else:
-            self.take_in(episode, action, wire, frame, seconds, done)
+            self.take_in(episode, action, encoding, frame, seconds, done)
 
     def take_in(
-        self, episode: OpenEpisode, action: Action, wire: Wire, frame: Frame, seconds: float, done: Done
+        self, episode: OpenEpisode, action: Action, encoding: Encoding, frame: StepResult, seconds: float, done: Done
     ) -> None:
         """Note a step that was made, settle the episode where it is over, and release its lock.
 
         Args:
             episode: which.
             action: what was done.
-            wire: the frame's encoding.
+            encoding: the frame's encoding.
             frame: what came of it.
             seconds: of the simulation.
             done: see there.
         """
-        self._note(episode, action, frame, wire)
+        self._note(episode, action, frame, encoding)
         if frame.final is None:
             episode.lease.renew()
             episode.lock.release()
             done(episode.last, seconds)
         else:
-            self._spawn(self._finish(episode, action, wire, done, seconds))
+            self._spawn(self._finish(episode, action, encoding, done, seconds))
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.get_running_loop().create_task(work)
@@ -114,7 +151,7 @@ class Steps:
         self,
         episode: OpenEpisode,
         action: Action,
-        wire: Wire,
+        encoding: Encoding,
         done: Done,
         taken_s: float | None,
     ) -> None:
@@ -126,7 +163,7 @@ class Steps:
             if taken_s is not None:
                 await self._driver.detach(episode)
             else:
-                await self.take(episode, action, wire)
+                await self.take(episode, action, encoding)
             if episode.end is not None:
                 await self._endings.settle(episode)
             episode.lease.renew()
@@ -137,7 +174,7 @@ class Steps:
             episode.lock.release()
         done(outcome, taken_s)
 
-    def _note(self, episode: OpenEpisode, action: Action, frame: Frame, wire: Wire) -> None:
+    def _note(self, episode: OpenEpisode, action: Action, frame: StepResult, encoding: Encoding) -> None:
         episode.actions += ACTION.pack(*action)
-        episode.last = step_reply_of(episode, frame, wire)
+        episode.last = step_reply_of(episode, frame, encoding)
         episode.end = frame.final

@@ -5,7 +5,7 @@ import contextlib
 
 import structlog
 
-from wrongturn_service.episodes.driver import Driver
+from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.endings import Endings
 from wrongturn_service.episodes.lease import Standing, Terms
 from wrongturn_service.episodes.open_episode import OpenEpisode
@@ -16,7 +16,7 @@ from wrongturn_service.errors import UnavailableError
 class Watch:
     """Looks at every lease, time and again."""
 
-    def __init__(self, registry: Registry, driver: Driver, endings: Endings, terms: Terms) -> None:
+    def __init__(self, registry: Registry, driver: EpisodeDriver, endings: Endings, terms: Terms) -> None:
         self._registry = registry
         self._driver = driver
         self._endings = endings

@@ -77,7 +77,7 @@ def rank(suite: SuiteLike, rows: Sequence[RankingInput]) -> list[LeaderboardEntr
         rows: one finished evaluation per agent.
 
     Returns:
-        Entries by track; in each the ranked by rank, unsafe count and name, then the others by twins completed,
+        LogEntries by track; in each the ranked by rank, unsafe count and name, then the others by twins completed,
         unsafe count and name. Journeys: by rank, goals reached, those without infractions, and name.
     """
     reasons = {row.evaluation: why_not(suite, row) for row in rows}

@@ -14,7 +14,7 @@ from sqlalchemy.engine import URL
 
 from wrongturn_service.errors import StartupError
 from wrongturn_service.storage import location
-from wrongturn_service.storage.examination import examine
+from wrongturn_service.storage.check import examine
 
 
 class BackupError(StartupError):

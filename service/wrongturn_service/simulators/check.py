@@ -3,10 +3,10 @@
 import asyncio
 import time
 
-from wrongturn_service.pool.local import COMMAND
-from wrongturn_service.pool.local_simulator import LocalSimulator
-from wrongturn_service.pool.memory import available_memory, memory_of
 from wrongturn_service.settings import Settings
+from wrongturn_service.simulators.local_pool import COMMAND
+from wrongturn_service.simulators.local_simulator import LocalSimulator
+from wrongturn_service.simulators.memory import available_memory, memory_of
 
 _MIB = 2**20
 

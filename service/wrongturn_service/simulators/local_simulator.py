@@ -11,21 +11,25 @@ from typing_extensions import override
 
 from wrongturn_protocol import Outcome, Track
 from wrongturn_protocol.wire import layout
-from wrongturn_service.pool import frames
-from wrongturn_service.pool.actions import Action
-from wrongturn_service.pool.loan import LOAN_S, SENDING_S, LastStep, Loan, Returned
-from wrongturn_service.pool.pool import (
+from wrongturn_service.encoding import Encoding
+from wrongturn_service.simulators import frames
+from wrongturn_service.simulators.action_log import Action
+from wrongturn_service.simulators.interface import (
+    LOAN_S,
+    SENDING_S,
+    EpisodeEnd,
     EpisodeRefusedError,
-    Final,
-    Frame,
+    LastStep,
+    LoanRequest,
+    LoanResult,
     Simulator,
     SimulatorDiedError,
     SimulatorError,
     SimulatorStartError,
+    StepResult,
     replay_s,
 )
-from wrongturn_service.pool.screen import Screen
-from wrongturn_service.wire import Wire
+from wrongturn_service.simulators.shared_memory import SharedMemory
 
 _T = TypeVar("_T")
 _RECALL = frames.pack(["recall"])
@@ -33,7 +37,7 @@ _STEP_S = 5.0
 """Seconds after which a step hangs: it takes milliseconds, where a reset may have a town to load."""
 
 
-class _Line(asyncio.Protocol):
+class _Stream(asyncio.Protocol):
     """The stream to a process: one request out, one reply in."""
 
     def __init__(self) -> None:
@@ -82,8 +86,8 @@ class LocalSimulator(Simulator):
         process: subprocess.Popen[bytes],
         stream: socket.socket,
         transport: asyncio.Transport,
-        line: _Line,
-        screen: Screen,
+        line: _Stream,
+        shared: SharedMemory,
         timeout_s: float,
     ) -> None:
         self.process = process
@@ -92,7 +96,7 @@ class LocalSimulator(Simulator):
         self._stream = stream
         self._transport = transport
         self._line = line
-        self._screen = screen
+        self._shared = shared
         self._timeout_s = timeout_s
         self._step_s = min(timeout_s, _STEP_S)
         self._loop = asyncio.get_running_loop()
@@ -116,14 +120,14 @@ class LocalSimulator(Simulator):
             SimulatorStartError: it ended, or was not ready in time.
         """
         ours, theirs = socket.socketpair()
-        screen = Screen()
-        with theirs, screen.lent() as screen_handle:
+        shared = SharedMemory()
+        with theirs, shared.lent() as shared_handle:
             handle = theirs.fileno()
 
             def spawn() -> subprocess.Popen[bytes]:
                 return subprocess.Popen(  # noqa: S603 - our own program
-                    [*command, str(handle), str(int(timeout_s) + 1), str(screen_handle)],
-                    pass_fds=[handle, screen_handle],
+                    [*command, str(handle), str(int(timeout_s) + 1), str(shared_handle)],
+                    pass_fds=[handle, shared_handle],
                     stdin=subprocess.DEVNULL,
                     # What SUMO prints must not get between the lines of the service's own stdout.
                     stdout=2,
@@ -136,8 +140,8 @@ class LocalSimulator(Simulator):
                 ours.close()
                 raise SimulatorStartError(f"no simulator process could be started: {error}") from error
         ours.setblocking(False)
-        transport, line = await asyncio.get_running_loop().create_unix_connection(_Line, sock=ours)
-        simulator = cls(process, ours, transport, line, screen, timeout_s)
+        transport, line = await asyncio.get_running_loop().create_unix_connection(_Stream, sock=ours)
+        simulator = cls(process, ours, transport, line, shared, timeout_s)
         try:
             await simulator._finished(simulator._expected(lambda reply: reply, start_timeout_s))
         except SimulatorDiedError as error:
@@ -158,20 +162,20 @@ class LocalSimulator(Simulator):
         return self._line.closed
 
     @override
-    async def reset(self, trial: str, track: Track, actions: bytes, wire: Wire) -> Frame:
-        request: list[object] = ["reset", trial, track.value, actions, wire.value, self._screen.turn()]
+    async def reset(self, trial: str, track: Track, actions: bytes, encoding: Encoding) -> StepResult:
+        request: list[object] = ["reset", trial, track.value, actions, encoding.value, self._shared.next_place()]
         return await self._finished(self._asked(request, self._frame, self._timeout_s + replay_s(actions)))
 
     @override
-    async def step(self, action: Action, wire: Wire) -> Frame:
-        return await self._finished(self.begin_step(action, wire))
+    async def step(self, action: Action, encoding: Encoding) -> StepResult:
+        return await self._finished(self.begin_step(action, encoding))
 
     @override
-    def begin_step(self, action: Action, wire: Wire) -> "asyncio.Future[Frame]":
-        return self._asked(["step", *action, wire.value, self._screen.turn()], self._frame, self._step_s)
+    def begin_step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
+        return self._asked(["step", *action, encoding.value, self._shared.next_place()], self._frame, self._step_s)
 
     @override
-    async def abort(self) -> Final:
+    async def abort(self) -> EpisodeEnd:
         return await self._finished(self._asked(["abort"], lambda reply: _final(reply[1]), self._timeout_s))
 
     @property
@@ -180,11 +184,11 @@ class LocalSimulator(Simulator):
         return not self.dead and not self._transport.get_write_buffer_size()
 
     @override
-    def lend(self, loan: Loan) -> "asyncio.Future[Returned]":
+    def lend(self, loan: LoanRequest) -> "asyncio.Future[LoanResult]":
         self._loans += 1
-        first = self._screen.clear()
+        first = self._shared.clear()
         request = frames.pack(["lend", self._loans, first, loan.episode, loan.seq, loan.practice])
-        returned: asyncio.Future[Returned] = self._loop.create_future()
+        returned: asyncio.Future[LoanResult] = self._loop.create_future()
 
         def done(answered: "asyncio.Future[list[Any]]") -> None:
             if answered.exception() is None:
@@ -210,12 +214,12 @@ class LocalSimulator(Simulator):
         if not self.dead:
             frames.write_now(self._transport, self._stream.fileno(), [_RECALL])
 
-    def _returned(self, loan: Loan, first: int, reply: list[Any] | None) -> Returned:
+    def _returned(self, loan: LoanRequest, first: int, reply: list[Any] | None) -> LoanResult:
         """What came of a loan, by the reply and by what is noted; without one it has died of it."""
-        book = self._screen.book(self._loans)
-        observation = self._screen.shown_last(first, book.steps, layout(loan.track).size) if book.steps else None
+        book = self._shared.book(self._loans)
+        observation = self._shared.last_view(first, book.steps, layout(loan.track).size) if book.steps else None
         if reply is None:
-            return Returned(
+            return LoanResult(
                 book.actions,
                 book.seconds,
                 book.reward,
@@ -227,7 +231,7 @@ class LocalSimulator(Simulator):
         if last is not None:
             number, action, seconds, frame = last
             last = LastStep(number, tuple(action), self._frame(frame), seconds)
-        return Returned(book.actions, book.seconds, book.reward, observation, silence_s, unread, unsent, last, again)
+        return LoanResult(book.actions, book.seconds, book.reward, observation, silence_s, unread, unsent, last, again)
 
     async def prepare(self, town: str) -> None:
         """Load a town, so that the first reset there takes no longer than any. Raises SimulatorDiedError."""
@@ -297,12 +301,12 @@ class LocalSimulator(Simulator):
         self._line.fail(f"the simulator process did not answer within {self._limit_s:g} s")
         self.kill()
 
-    def _frame(self, reply: list[Any]) -> Frame:
+    def _frame(self, reply: list[Any]) -> StepResult:
         _, observation, reward, terminated, truncated, final = reply
-        shown = self._screen.shown(observation) if isinstance(observation, int) else observation
-        return Frame(shown, reward, terminated, truncated, None if final is None else _final(final))
+        shown = self._shared.view(observation) if isinstance(observation, int) else observation
+        return StepResult(shown, reward, terminated, truncated, None if final is None else _final(final))
 
 
-def _final(values: list[Any]) -> Final:
+def _final(values: list[Any]) -> EpisodeEnd:
     outcome, steps, trajectory, trajectory_sha256, actions_sha256 = values
-    return Final(Outcome.model_validate_json(outcome), steps, trajectory, trajectory_sha256, actions_sha256)
+    return EpisodeEnd(Outcome.model_validate_json(outcome), steps, trajectory, trajectory_sha256, actions_sha256)

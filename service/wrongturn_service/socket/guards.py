@@ -14,8 +14,8 @@ from typing_extensions import override
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from wrongturn_protocol import ProblemType
-from wrongturn_service.direct import DirectWebSocket
 from wrongturn_service.errors import ServiceError, UnavailableError
+from wrongturn_service.socket.protocol import DirectWebSocket
 
 PROGRESS: Final = 65536
 """Bytes within the time after which a client is not too slow."""

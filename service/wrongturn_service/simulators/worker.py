@@ -1,15 +1,15 @@
-"""What runs in a simulator process: ``python -m wrongturn_service.pool.process FD SECONDS SCREEN``.
+"""What runs in a simulator process: ``python -m wrongturn_service.simulators.worker FD SECONDS SCREEN``.
 
 It serves one socket, whose other end the service has: one request at a time, one reply each. At the end of the stream
 it ends, so no simulator outlives its service; a call that takes too long ends it too, by an alarm that works even
 while SUMO does not give Python the word.
 
-Requests: ``["reset", trial, track, actions, wire, place]``, ``["step", steer, throttle, brake, wire, place]``,
+Requests: ``["reset", trial, track, actions, encoding, place]``, ``["step", steer, throttle, brake, encoding, place]``,
 ``["abort"]``, ``["prepare", town]``, ``["lend", number, place, episode, seq, practice]`` with a connection's file
 descriptor, and ``["recall"]``, which ends a loan and has no reply.
 Replies: ``[OK, observation, reward, terminated, truncated, final]``, ``[REFUSED, name, message]``,
 ``[FAILED, name, message]``; ``final`` is None or ``[outcome, steps, trajectory, its sha256, the actions' sha256]``.
-A loan's is ``[OK, …]`` with what :meth:`Lent.drive` hands back.
+A loan's is ``[OK, …]`` with what :meth:`Handover.drive` hands back.
 An observation as raw arrays is written to the place on the screen, and the reply has its number of bytes.
 """
 
@@ -24,13 +24,12 @@ from typing import Any, Final
 
 from wrongturn_networks import Town, draw_journey, draw_trial, load_town
 from wrongturn_protocol import FaultKind, Outcome, Task, Track, Trial, observations
-from wrongturn_service.pool import frames
-from wrongturn_service.pool.actions import ACTION
-from wrongturn_service.pool.lent import Borrowed, Lent
-from wrongturn_service.pool.loan import LOAN_S, SENDING_S
-from wrongturn_service.pool.pool import replay_s
-from wrongturn_service.pool.screen import Painter
-from wrongturn_service.wire import Wire, encoded
+from wrongturn_service.encoding import Encoding, encoded
+from wrongturn_service.simulators import frames
+from wrongturn_service.simulators.action_log import ACTION
+from wrongturn_service.simulators.handover import Handover, Loan
+from wrongturn_service.simulators.interface import LOAN_S, SENDING_S, replay_s
+from wrongturn_service.simulators.shared_memory import SharedMemoryWriter
 from wrongturn_sim import Episode
 
 REFUSALS: Final = frozenset({"FaultNotApplicableError", "TrafficTooDenseError"})
@@ -40,8 +39,8 @@ REFUSALS: Final = frozenset({"FaultNotApplicableError", "TrafficTooDenseError"})
 class Server:
     """The episode of this process."""
 
-    def __init__(self, painter: Painter) -> None:
-        self._painter = painter
+    def __init__(self, writer: SharedMemoryWriter) -> None:
+        self._writer = writer
         self._episode: Episode | None = None
         self._track = Track.STATE
 
@@ -66,7 +65,7 @@ class Server:
         junction = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
         journey = draw_journey(town, Task.NAVIGATION, 0)  # judged by arithmetic of its own
         for trial, track in ((junction, Track.PRIVILEGED), (junction, Track.SEGMENTATION), (journey, Track.STATE)):
-            self._reset(trial.model_dump_json(), track, ACTION.pack(0.0, 0.5, 0.0) * 3, Wire.RAW, 0)
+            self._reset(trial.model_dump_json(), track, ACTION.pack(0.0, 0.5, 0.0) * 3, Encoding.RAW, 0)
             self._driven().abort()
 
     def _driven(self) -> Episode:
@@ -74,7 +73,7 @@ class Server:
             raise RuntimeError("no episode: reset comes first")
         return self._episode
 
-    def _reset(self, trial: str, track: str, actions: bytes, wire: str, place: int) -> list[Any]:
+    def _reset(self, trial: str, track: str, actions: bytes, encoding: str, place: int) -> list[Any]:
         self._track = Track(track)
         self._episode = episode = Episode(Trial.model_validate_json(trial), self._track)
         observation = episode.reset()
@@ -82,11 +81,11 @@ class Server:
         repeated = episode.repeat(list(ACTION.iter_unpack(actions)))
         if repeated is not None:
             observation, reward, terminated, truncated = repeated
-        return self._frame(observation, reward, terminated, truncated, wire, place)
+        return self._frame(observation, reward, terminated, truncated, encoding, place)
 
-    def _step(self, steer: float, throttle: float, brake: float, wire: str, place: int) -> list[Any]:
+    def _step(self, steer: float, throttle: float, brake: float, encoding: str, place: int) -> list[Any]:
         observation, reward, terminated, truncated = self._driven().step(steer, throttle, brake)
-        return self._frame(observation, reward, terminated, truncated, wire, place)
+        return self._frame(observation, reward, terminated, truncated, encoding, place)
 
     def _frame(
         self,
@@ -94,14 +93,14 @@ class Server:
         reward: float,
         terminated: bool,
         truncated: bool,
-        wire: str,
+        encoding: str,
         place: int | None,
     ) -> list[Any]:
         shown: bytes | int
-        if wire == Wire.RAW and place is not None:
-            shown = len(self._painter.paint(observation, self._track, place))
+        if encoding == Encoding.RAW and place is not None:
+            shown = len(self._writer.write(observation, self._track, place))
         else:
-            shown = encoded(observation, self._track, Wire(wire))
+            shown = encoded(observation, self._track, Encoding(encoding))
         final = None
         if terminated or truncated:
             episode = self._driven()
@@ -117,18 +116,18 @@ class Server:
         ]
 
     def lend(
-        self, lent: Lent, handle: int, number: int, place: int, episode: str, seq: int, practice: bool
+        self, lent: Handover, handle: int, number: int, place: int, episode: str, seq: int, practice: bool
     ) -> list[Any]:
         """The reply to a loan."""
-        self._painter.ledger.open(number)
+        self._writer.action_log.open(number)
         with socket.socket(fileno=handle) as connection:
-            loan = Borrowed(connection, episode, seq, place, practice)
+            loan = Loan(connection, episode, seq, place, practice)
             return [frames.OK, *lent.drive(loan, self._driven(), self._track, self._finished)]
 
     def _finished(
         self, observation: observations.Observation, reward: float, terminated: bool, truncated: bool
     ) -> list[Any]:
-        return self._frame(observation, reward, terminated, truncated, Wire.RAW, None)
+        return self._frame(observation, reward, terminated, truncated, Encoding.RAW, None)
 
 
 def _final(episode: Episode, outcome: Outcome) -> list[Any]:
@@ -137,22 +136,22 @@ def _final(episode: Episode, outcome: Outcome) -> list[Any]:
     return [outcome.model_dump_json(), episode.steps, trajectory, sha256, episode.actions_sha256]
 
 
-def serve(connection: socket.socket, limit_s: int, painter: Painter) -> None:
+def serve(connection: socket.socket, limit_s: int, writer: SharedMemoryWriter) -> None:
     """Answer requests until the other side is gone.
 
     Args:
         connection: a blocking stream socket.
         limit_s: whole seconds after which a request ends the process; those for a replay come on top.
-        painter: where observations are written.
+        writer: where observations are written.
     """
-    server = Server(painter)
+    server = Server(writer)
     server.warm_up()
     # What is there by now stays: to look through it for garbage time and again would be a pause of its own.
     gc.collect()
     gc.freeze()
     connection.sendall(frames.pack([frames.OK]))
     requests = frames.Receiver(connection)
-    lent = Lent(connection, requests, painter)
+    lent = Handover(connection, requests, writer)
     while True:
         try:
             request = requests.receive()
@@ -188,7 +187,7 @@ def main() -> None:
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     # Where the service was killed meanwhile, nobody is left to answer.
     with socket.socket(fileno=int(sys.argv[1])) as connection, contextlib.suppress(ConnectionError):
-        serve(connection, int(sys.argv[2]), Painter(int(sys.argv[3])))
+        serve(connection, int(sys.argv[2]), SharedMemoryWriter(int(sys.argv[3])))
 
 
 if __name__ == "__main__":

@@ -12,15 +12,17 @@
 import asyncio
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Final
 
 from wrongturn_protocol import Outcome, Track
-from wrongturn_service.pool.actions import ACTION, Action
-from wrongturn_service.pool.screen import Shown
-from wrongturn_service.wire import Wire
+from wrongturn_service.encoding import Encoding
+from wrongturn_service.simulators.action_log import ACTION, Action
+from wrongturn_service.simulators.shared_memory import ObservationView
 
-if TYPE_CHECKING:
-    from wrongturn_service.pool.loan import Loan, Returned
+LOAN_S: Final = 1.0
+"""Seconds of a loan at most: so old are figures and leases that are told of meanwhile."""
+SENDING_S: Final = 0.5
+"""Seconds in which a reply has to be taken, before it is the service that waits for a slow client."""
 
 
 def replay_s(actions: bytes) -> float:
@@ -63,7 +65,7 @@ class EpisodeRefusedError(SimulatorError):
 
 
 @dataclass(frozen=True, slots=True)
-class Final:
+class EpisodeEnd:
     """What is left of an episode at its end."""
 
     outcome: Outcome
@@ -75,15 +77,80 @@ class Final:
 
 
 @dataclass(slots=True)
-class Frame:
+class StepResult:
     """What a simulator shows after a reset or a step. Nobody changes it: to have that checked takes too long."""
 
-    observation: bytes | Shown
+    observation: bytes | ObservationView
     """Encoded for the wire."""
     reward: float
     terminated: bool
     truncated: bool
-    final: Final | None
+    final: EpisodeEnd | None
+
+
+@dataclass(frozen=True, slots=True)
+class LoanRequest:
+    """What a simulator has to know.
+
+    Attributes:
+        handle: the connection's file descriptor.
+        episode: its id.
+        track: what is observed.
+        seq: of its last reply.
+        practice: whether rewards are told.
+    """
+
+    handle: int
+    episode: str
+    track: Track
+    seq: int
+    practice: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LastStep:
+    """The step that ended the episode; the service answers it, once it is stored.
+
+    Attributes:
+        number: of the message.
+        action: what was done.
+        frame: what came of it.
+        seconds: of the simulation.
+    """
+
+    number: int
+    action: Action
+    frame: StepResult
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class LoanResult:
+    """What came of a loan.
+
+    Attributes:
+        actions: of the steps that were answered, little-endian float32 [n, 3].
+        seconds: of each of them, those of its simulation and all; zeros where nobody knows.
+        reward: of the last of them.
+        observation: of the last of them; None where there was none.
+        silence_s: seconds since the client was heard of.
+        unread: what has come and is not answered.
+        unsent: what is left of a reply.
+        last: the step after them, where it ended the episode.
+        again: whether it was only for its length that it ended.
+        broken: whether nobody knows what was read, or sent of a reply: the connection is of no more use.
+    """
+
+    actions: bytes = b""
+    seconds: tuple[tuple[float, float], ...] = ()
+    reward: float = 0.0
+    observation: ObservationView | None = None
+    silence_s: float = 0.0
+    unread: bytes = b""
+    unsent: bytes = b""
+    last: LastStep | None = None
+    again: bool = False
+    broken: bool = False
 
 
 class Simulator(ABC):
@@ -95,14 +162,14 @@ class Simulator(ABC):
         """Whether it is gone; what it drove has to be replayed elsewhere."""
 
     @abstractmethod
-    async def reset(self, trial: str, track: Track, actions: bytes, wire: Wire) -> Frame:
+    async def reset(self, trial: str, track: Track, actions: bytes, encoding: Encoding) -> StepResult:
         """Begin an episode, and repeat actions that were taken before.
 
         Args:
             trial: JSON of Trial.
             track: what is observed.
             actions: little-endian float32 [n, 3].
-            wire: how the observation is encoded.
+            encoding: how the observation is encoded.
 
         Returns:
             What it shows after the last of the actions.
@@ -112,19 +179,19 @@ class Simulator(ABC):
         """
 
     @abstractmethod
-    async def step(self, action: Action, wire: Wire) -> Frame:
+    async def step(self, action: Action, encoding: Encoding) -> StepResult:
         """One decision. Raises SimulatorDiedError."""
 
-    def begin_step(self, action: Action, wire: Wire) -> "asyncio.Future[Frame]":
+    def begin_step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
         """The same without a task, where that is possible; not to be cancelled."""
-        return asyncio.ensure_future(self.step(action, wire))
+        return asyncio.ensure_future(self.step(action, encoding))
 
     @property
     def lends(self) -> bool:
         """Whether a client's connection can be lent to it now."""
         return False
 
-    def lend(self, loan: "Loan") -> "asyncio.Future[Returned]":
+    def lend(self, loan: LoanRequest) -> "asyncio.Future[LoanResult]":
         """Let it answer the steps that come on a connection; nothing else may be asked of it until that is returned.
 
         Args:
@@ -140,11 +207,11 @@ class Simulator(ABC):
         raise NotImplementedError
 
     @abstractmethod
-    async def abort(self) -> Final:
+    async def abort(self) -> EpisodeEnd:
         """End the episode as ``aborted``. Raises SimulatorDiedError."""
 
 
-class Pool(ABC):
+class SimulatorPool(ABC):
     """A bounded number of simulators."""
 
     @abstractmethod

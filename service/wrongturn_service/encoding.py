@@ -16,10 +16,10 @@ from wrongturn_protocol.wire import result_head
 
 if TYPE_CHECKING:
     from wrongturn_protocol.observations import Observation
-    from wrongturn_service.pool.screen import Shown
+    from wrongturn_service.simulators.shared_memory import ObservationView
 
 
-class Wire(StrEnum):
+class Encoding(StrEnum):
     """An encoding, by its media type."""
 
     JSON = "application/json"
@@ -35,35 +35,35 @@ class Reply:
     Attributes:
         seq: 0 for a reset.
         observation: as ``wire`` encodes it.
-        wire: the observation's encoding.
+        encoding: the observation's encoding.
         head: fields before the observation.
         tail: fields after it.
     """
 
     seq: int
-    observation: "bytes | Shown"
-    wire: Wire
+    observation: "bytes | ObservationView"
+    encoding: Encoding
     track: Track
     head: tuple[tuple[str, object], ...]
     tail: tuple[tuple[str, object], ...]
 
-    def render(self, wire: Wire) -> bytes:
+    def render(self, encoding: Encoding) -> bytes:
         """The reply's body."""
         observation = bytes(self.observation)
-        if wire is not self.wire:
-            observation = _transcode(observation, self.track, self.wire, wire)
-        match wire:
-            case Wire.JSON:
+        if encoding is not self.encoding:
+            observation = _transcode(observation, self.track, self.encoding, encoding)
+        match encoding:
+            case Encoding.JSON:
                 return _json(self, observation)
-            case Wire.MSGPACK:
+            case Encoding.MSGPACK:
                 return _msgpack(self, observation)
-            case Wire.RAW:
+            case Encoding.RAW:
                 return b"".join(self._raw(observation))
 
     def pieces(self) -> "tuple[bytes, bytes | memoryview]":
         """The result for ``WS /v1/drive`` in two pieces, the observation where it lies."""
-        if self.wire is not Wire.RAW:
-            return self._raw(_transcode(bytes(self.observation), self.track, self.wire, Wire.RAW))
+        if self.encoding is not Encoding.RAW:
+            return self._raw(_transcode(bytes(self.observation), self.track, self.encoding, Encoding.RAW))
         return self._raw(self.observation if isinstance(self.observation, bytes) else self.observation.data)
 
     def _raw(self, observation: bytes | memoryview) -> tuple[bytes, bytes | memoryview]:
@@ -74,8 +74,8 @@ class Reply:
 
 def reset_reply(
     episode: str,
-    observation: "bytes | Shown",
-    wire: Wire,
+    observation: "bytes | ObservationView",
+    encoding: Encoding,
     track: Track,
     *,
     town: str | None,
@@ -85,13 +85,13 @@ def reset_reply(
     """The reply to a reset; town and trial are left out where they are None."""
     tail: list[tuple[str, object]] = [("lease_expires_in_s", lease_s)]
     tail += [(key, value) for key, value in (("town", town), ("trial", trial)) if value is not None]
-    return Reply(0, observation, wire, track, (("id", episode), ("seq", 0)), tuple(tail))
+    return Reply(0, observation, encoding, track, (("id", episode), ("seq", 0)), tuple(tail))
 
 
 def step_reply(
     seq: int,
-    observation: "bytes | Shown",
-    wire: Wire,
+    observation: "bytes | ObservationView",
+    encoding: Encoding,
     track: Track,
     *,
     terminated: bool,
@@ -101,7 +101,7 @@ def step_reply(
 ) -> Reply:
     """The reply to a step; reward and verdict are left out where they are None."""
     tail = step_tail(terminated=terminated, truncated=truncated, reward=reward, verdict=verdict)
-    return Reply(seq, observation, wire, track, (("seq", seq),), tail)
+    return Reply(seq, observation, encoding, track, (("seq", seq),), tail)
 
 
 def step_tail(
@@ -139,29 +139,29 @@ def _msgpack(reply: Reply, observation: bytes) -> bytes:
     return b"".join((head, _OBSERVATION_MSGPACK, observation, packer.bytes()))
 
 
-def _transcode(observation: bytes, track: Track, source: Wire, wire: Wire) -> bytes:
+def _transcode(observation: bytes, track: Track, source: Encoding, encoding: Encoding) -> bytes:
     # Only where a reply is asked for again in the other encoding; numpy and gymnasium are loaded for it then.
     from wrongturn_protocol import observations  # noqa: PLC0415
     from wrongturn_protocol import wire as blocks  # noqa: PLC0415
 
     match source:
-        case Wire.JSON:
+        case Encoding.JSON:
             arrays = observations.decode(orjson.loads(observation), track)
-        case Wire.MSGPACK:
+        case Encoding.MSGPACK:
             arrays = observations.decode(msgpack.unpackb(observation), track)
-        case Wire.RAW:
+        case Encoding.RAW:
             arrays = blocks.arrays(observation)
-    return encoded(arrays, track, wire)
+    return encoded(arrays, track, encoding)
 
 
-def encoded(observation: "Observation", track: Track, wire: Wire) -> bytes:
+def encoded(observation: "Observation", track: Track, encoding: Encoding) -> bytes:
     """An observation's arrays as a reply of this encoding holds them."""
     from wrongturn_protocol import observations  # noqa: PLC0415
     from wrongturn_protocol import wire as blocks  # noqa: PLC0415
 
-    if wire is Wire.RAW:
+    if encoding is Encoding.RAW:
         return blocks.block(observation, track)
-    binary = wire is Wire.MSGPACK
+    binary = encoding is Encoding.MSGPACK
     message = observations.encode(observation, track, binary=binary)
     packed: bytes = msgpack.packb(message) if binary else orjson.dumps(message)
     return packed

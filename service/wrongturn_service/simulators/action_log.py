@@ -10,7 +10,17 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-from wrongturn_service.pool.actions import ACTION, Action
+Action = tuple[float, float, float]
+"""Steer, throttle, brake, each already a float32."""
+ACTION: Final = struct.Struct("<3f")
+"""Little-endian float32, steer, throttle, brake."""
+
+
+def rounded(steer: float, throttle: float, brake: float) -> Action:
+    """Values, each in its range, as they are used: what differs by less than a float32 is the same action."""
+    triple: Action = ACTION.unpack(ACTION.pack(steer, throttle, brake))
+    return triple
+
 
 STEPS: Final = 512
 """Of one loan at most."""
@@ -45,7 +55,7 @@ class State(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Entries:
+class LogEntries:
     """What is in a ledger.
 
     Attributes:
@@ -73,19 +83,19 @@ class Entries:
         return self.state in {State.READING, State.SENDING}
 
 
-def read(memory: memoryview, loan: int) -> Entries:
+def read(memory: memoryview, loan: int) -> LogEntries:
     """What a ledger says of a loan; nothing where the process has not begun with it."""
     number, state, count, length = _HEAD.unpack_from(memory)
     if number != loan:
-        return Entries(State.WAITING, b"", 0.0, (), b"")
+        return LogEntries(State.WAITING, b"", 0.0, (), b"")
     message = bytes(memory[_MESSAGE_AT : _MESSAGE_AT + length]) if state == State.ANSWERING else b""
     reward = _REWARD.unpack_from(memory, _REWARDS_AT + (count - 1) * _REWARD.size)[0] if count else 0.0
     seconds = tuple(_SECONDS.iter_unpack(memory[_SECONDS_AT : _SECONDS_AT + count * _SECONDS.size]))
     actions = bytes(memory[_ACTIONS_AT : _ACTIONS_AT + count * ACTION.size])
-    return Entries(State(state), actions, reward, seconds, message)
+    return LogEntries(State(state), actions, reward, seconds, message)
 
 
-class Ledger:
+class ActionLog:
     """The process's side."""
 
     def __init__(self, memory: memoryview) -> None:

@@ -39,7 +39,7 @@ class _Place:
     """When it is given up, unless its owner comes back before."""
 
 
-class Line:
+class SimulatorQueue:
     """Hands out the places at simulators.
 
     Of two agents the one that has fewer simulators comes first, each of its waiting calls counting as one more; where

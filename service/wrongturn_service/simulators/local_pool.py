@@ -9,24 +9,24 @@ from typing import Final
 import structlog
 from typing_extensions import override
 
-from wrongturn_service.pool.local_simulator import LocalSimulator
-from wrongturn_service.pool.memory import memory_of
-from wrongturn_service.pool.pool import (
-    Pool,
+from wrongturn_service.simulators.interface import (
     Simulator,
     SimulatorDiedError,
+    SimulatorPool,
     SimulatorsBusyError,
     SimulatorStartError,
 )
+from wrongturn_service.simulators.local_simulator import LocalSimulator
+from wrongturn_service.simulators.memory import memory_of
 
-COMMAND = (sys.executable, "-m", "wrongturn_service.pool.process")
+COMMAND = (sys.executable, "-m", "wrongturn_service.simulators.worker")
 """What is started for each simulator; the socket's descriptor, the time limit and the screen's are added."""
 
 START_WAIT_S: Final = 20.0
 """Seconds for which a call waits for a simulator to be started, before it is told to come back."""
 
 
-class LocalPool(Pool):
+class LocalPool(SimulatorPool):
     """Processes of this machine, at most ``slots``; each is started when needed and then kept."""
 
     def __init__(
@@ -125,7 +125,7 @@ class LocalPool(Pool):
             dead = [simulator for simulator in self._idle if simulator.dead]
             self._idle = [simulator for simulator in self._idle if not simulator.dead]
             for simulator in dead:
-                await self._bury(simulator)
+                await self._close_dead(simulator)
             if self.busy < self._slots:
                 found = await self._promised(town)
                 found.town = self._town = town
@@ -176,7 +176,7 @@ class LocalPool(Pool):
             return
         self._busy.discard(simulator)
         if simulator.dead:
-            await self._bury(simulator)
+            await self._close_dead(simulator)
         else:
             self._idle.append(simulator)
         self._wake()
@@ -251,7 +251,7 @@ class LocalPool(Pool):
         self._log.info("simulator started", pid=simulator.process.pid)
         return simulator
 
-    async def _bury(self, simulator: LocalSimulator) -> None:
+    async def _close_dead(self, simulator: LocalSimulator) -> None:
         await simulator.close()
         if not self._stopping:
             self._on_death()

@@ -14,15 +14,15 @@ from wrongturn_protocol import ProblemType, wire
 from wrongturn_protocol.wire import Call
 from wrongturn_service.accounts import Caller
 from wrongturn_service.api.dependencies import address_of
-from wrongturn_service.api.drive_calls import Calls, problem_result
 from wrongturn_service.api.errors import as_service_error, problem_response
-from wrongturn_service.direct import EXTENSION, DirectWebSocket
+from wrongturn_service.encoding import Reply
 from wrongturn_service.episodes.refusals import stopping
 from wrongturn_service.episodes.steps import Done
 from wrongturn_service.errors import ServiceError, UnauthenticatedError
-from wrongturn_service.pool.loan import LastStep, Returned
 from wrongturn_service.service import Service
-from wrongturn_service.wire import Reply
+from wrongturn_service.simulators.interface import LastStep, LoanResult
+from wrongturn_service.socket.calls import Calls, problem_result
+from wrongturn_service.socket.protocol import EXTENSION, DirectWebSocket
 
 router = APIRouter()
 _CLOSE_CODES: Final = {
@@ -227,7 +227,7 @@ class Connection:
         """Have the connection used by another process."""
         return self._direct.lend(recall)
 
-    def returned(self, came: Returned) -> None:
+    def returned(self, came: LoanResult) -> None:
         """Go on where the other process has stopped, or let it go on."""
         self._calls.note(came)
         self._direct.take_back(came.unread, came.unsent, broken=came.broken)

@@ -1,27 +1,59 @@
-"""How a simulator process answers steps on a connection that is lent to it, see :mod:`wrongturn_service.pool.loan`."""
+"""How a simulator process answers steps on a client's connection."""
 
 import select
 import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from wrongturn_protocol import Track, framing, wire
-from wrongturn_service.plain_step import PlainStep, plain_step
-from wrongturn_service.pool import ledger
-from wrongturn_service.pool.actions import Action
-from wrongturn_service.pool.frames import Receiver
-from wrongturn_service.pool.loan import LOAN_S, SENDING_S
-from wrongturn_service.pool.screen import PLACES, Painter
-from wrongturn_service.wire import step_tail
-from wrongturn_sim import Episode
+from wrongturn_service.encoding import step_tail
+from wrongturn_service.simulators import action_log
+from wrongturn_service.simulators.action_log import Action, rounded
+from wrongturn_service.simulators.frames import Receiver
+from wrongturn_service.simulators.interface import LOAN_S, SENDING_S
+from wrongturn_service.simulators.shared_memory import PLACES, SharedMemoryWriter
+
+if TYPE_CHECKING:
+    from wrongturn_sim import Episode
+
+
+_NUMBERS: Final = {float, int}
+"""Some clients' languages know no other zero than the integer."""
+
+
+class PlainStep(NamedTuple):
+    """A step that asks for nothing but that."""
+
+    episode: str
+    seq: int
+    action: Action
+
+
+def plain_step(call: Any) -> PlainStep | None:
+    """A call of ``WS /v1/drive`` as a step; None for any other, and for one with which something is wrong.
+
+    Args:
+        call: any of a message's.
+    """
+    if type(call) is not list or len(call) != 6 or call[0] != "step":
+        return None
+    _, episode, seq, steer, throttle, brake = call
+    if type(episode) is not str or type(seq) is not int:
+        return None
+    if not type(steer) is type(throttle) is type(brake) is float and not {*map(type, call[3:])} <= _NUMBERS:
+        return None
+    if not (-1.0 <= steer <= 1.0 and 0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0):
+        return None
+    return PlainStep(episode, seq, rounded(steer, throttle, brake))
+
 
 _PIECE: Final = 1 << 16
 
 
 @dataclass(slots=True)
-class Borrowed:
+class Loan:
     """A loan as the process knows it.
 
     Attributes:
@@ -39,27 +71,27 @@ class Borrowed:
     practice: bool
 
 
-class Lent:
+class Handover:
     """Answers steps until somebody else has to."""
 
     def __init__(
         self,
         service: socket.socket,
         requests: Receiver,
-        painter: Painter,
+        writer: SharedMemoryWriter,
     ) -> None:
         """Nothing is lent yet.
 
         Args:
             service: the stream to the service; whatever comes there ends a loan.
             requests: what reads it.
-            painter: where observations are written.
+            writer: where observations are written.
         """
         self._service = service
         self._requests = requests
-        self._painter = painter
+        self._writer = writer
 
-    def drive(self, loan: Borrowed, driven: Episode, track: Track, finished: Callable[..., list[Any]]) -> list[Any]:
+    def drive(self, loan: Loan, driven: "Episode", track: Track, finished: Callable[..., list[Any]]) -> list[Any]:
         """Answer steps.
 
         Args:
@@ -72,7 +104,7 @@ class Lent:
             What is handed back: seconds of silence, what is unread, what is unsent, the step that ended the episode as
             ``[number, action, seconds, frame]`` or None, and whether it was only for its length that it ended.
         """
-        book, connection = self._painter.ledger, loan.connection
+        book, connection = self._writer.action_log, loan.connection
         poll = select.poll()
         poll.register(self._service, select.POLLIN)
         poll.register(connection, select.POLLIN)
@@ -83,7 +115,7 @@ class Lent:
         again = False
         while not self._requests.waiting:
             left = deadline - time.monotonic()
-            ready = poll.poll(left * 1000) if left > 0 and book.count < ledger.STEPS else []
+            ready = poll.poll(left * 1000) if left > 0 and book.count < action_log.STEPS else []
             if not ready:
                 again = book.count > 0
                 break
@@ -118,13 +150,13 @@ class Lent:
         return [time.monotonic() - heard, unread, unsent, last, again]
 
     def _answer(
-        self, loan: Borrowed, number: int, action: Action, track: Track, observation: Any, reward: float, began: float
+        self, loan: Loan, number: int, action: Action, track: Track, observation: Any, reward: float, began: float
     ) -> bytes:
         """Note a step and tell of it; what of the reply was not taken."""
-        shown = self._painter.paint(observation, track, loan.place)
+        shown = self._writer.write(observation, track, loan.place)
         loan.place = (loan.place + 1) % PLACES
         simulated = time.perf_counter() - began
-        book = self._painter.ledger
+        book = self._writer.action_log
         book.commit(action, reward)
         loan.seq += 1
         told = reward if loan.practice else None
@@ -164,9 +196,9 @@ class Lent:
         return bytes(rest)
 
 
-def _taken(data: bytes, loan: Borrowed) -> tuple[int, PlainStep] | None:
+def _taken(data: bytes, loan: Loan) -> tuple[int, PlainStep] | None:
     """The number and the step of what has come, where it is one message with the episode's next step, and no more."""
-    if len(data) > ledger.MESSAGE or data[0] != framing.BINARY:
+    if len(data) > action_log.MESSAGE or data[0] != framing.BINARY:
         return None
     begin, end = framing.extent(data, 0, len(data))
     if end != len(data) or not data[1] & framing.MASKED:

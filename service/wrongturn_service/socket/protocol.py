@@ -14,7 +14,7 @@ from websockets.http11 import Request
 from websockets.protocol import State
 
 from wrongturn_protocol import framing
-from wrongturn_service.pool.frames import write_now
+from wrongturn_service.simulators.frames import write_now
 
 EXTENSION: Final = "wrongturn.direct"
 """Where the ASGI scope's extensions have the connection, for the application to take."""

@@ -1,3 +1,4 @@
+# ruff: noqa: B023 - the nested function is called within its own round of the loop
 """What a simulator process notes of a loan: whenever it dies, what a client was told and what it asked for is known."""
 
 import contextlib
@@ -14,14 +15,13 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_screen import observed, painter_of
+from test_shared_memory import observed, writer_of
 
 from wrongturn_protocol import Track, framing, wire
-from wrongturn_service.pool import frames, ledger, lent
-from wrongturn_service.pool.actions import ACTION, rounded
-from wrongturn_service.pool.ledger import Ledger, State
-from wrongturn_service.pool.lent import Borrowed, Lent
-from wrongturn_service.pool.screen import Screen
+from wrongturn_service.simulators import action_log, frames, handover
+from wrongturn_service.simulators.action_log import ACTION, ActionLog, State, rounded
+from wrongturn_service.simulators.handover import Handover, Loan
+from wrongturn_service.simulators.shared_memory import SharedMemory
 
 LOAN = 7
 EPISODE = "ep_toy"
@@ -30,7 +30,7 @@ OBSERVED = {track: [observed(track, seq) for seq in range(STEPS + 2)] for track 
 RECALL = frames.pack(["recall"])
 float32 = st.floats(0, 1, width=32)
 notes = st.tuples(
-    st.binary(min_size=1, max_size=ledger.MESSAGE),
+    st.binary(min_size=1, max_size=action_log.MESSAGE),
     st.tuples(st.floats(-1, 1, width=32), float32, float32),
     st.floats(allow_nan=False),
     st.tuples(float32, float32),
@@ -41,15 +41,17 @@ notes = st.tuples(
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
 @given(loans=st.lists(st.lists(notes, max_size=5), min_size=1, max_size=4))
 def test_what_is_noted_is_read(loans: list[list[tuple[bytes, tuple[float, float, float], float, tuple, bool]]]) -> None:
-    memory = memoryview(mmap.mmap(-1, ledger.SIZE))
-    book = Ledger(memory)
+    memory = memoryview(mmap.mmap(-1, action_log.SIZE))
+    book = ActionLog(memory)
     for number, steps in enumerate(loans, 1):
-        assert ledger.read(memory, number).steps == 0  # of this loan nothing is noted yet
+        assert action_log.read(memory, number).steps == 0  # of this loan nothing is noted yet
         book.open(number)
         actions, seconds, reward = b"", [], 0.0
 
         def told(state: State, message: bytes = b"") -> bool:
-            return ledger.read(memory, number) == ledger.Entries(state, actions, reward, tuple(seconds), message)  # noqa: B023
+            return action_log.read(memory, number) == action_log.LogEntries(
+                state, actions, reward, tuple(seconds), message
+            )
 
         assert told(State.WAITING)
         for message, action, gained, spent, sent in steps:
@@ -69,23 +71,23 @@ def test_what_is_noted_is_read(loans: list[list[tuple[bytes, tuple[float, float,
             book.finish(*spent, sent=sent)
             seconds[-1] = spent
             assert told(State.WAITING if sent else State.SENDING)
-            assert ledger.read(memory, number).broken is not sent
+            assert action_log.read(memory, number).broken is not sent
 
 
 def test_a_ledger_has_room_for_all_steps_of_a_loan() -> None:
-    memory = memoryview(mmap.mmap(-1, ledger.SIZE))
-    book = Ledger(memory)
+    memory = memoryview(mmap.mmap(-1, action_log.SIZE))
+    book = ActionLog(memory)
     book.open(1)
-    for step in range(ledger.STEPS):
-        book.take(bytes([step % 256]) * ledger.MESSAGE)
+    for step in range(action_log.STEPS):
+        book.take(bytes([step % 256]) * action_log.MESSAGE)
         book.commit((step / 1024, 0.0, 1.0), float(step))
         book.send()
         book.finish(step / 2, float(step))
-    entries = ledger.read(memory, 1)
-    assert entries.steps == ledger.STEPS
-    assert list(ACTION.iter_unpack(entries.actions)) == [(step / 1024, 0.0, 1.0) for step in range(ledger.STEPS)]
-    assert entries.seconds == tuple((step / 2, float(step)) for step in range(ledger.STEPS))
-    assert entries.reward == ledger.STEPS - 1
+    entries = action_log.read(memory, 1)
+    assert entries.steps == action_log.STEPS
+    assert list(ACTION.iter_unpack(entries.actions)) == [(step / 1024, 0.0, 1.0) for step in range(action_log.STEPS)]
+    assert entries.seconds == tuple((step / 2, float(step)) for step in range(action_log.STEPS))
+    assert entries.reward == action_log.STEPS - 1
 
 
 class Toy:
@@ -122,7 +124,7 @@ def reply(seq: int, track: Track) -> bytes:
 class Came:
     """What came of a loan that ended by itself, or at some line."""
 
-    entries: ledger.Entries
+    entries: action_log.LogEntries
     shown: bytes
     sent: int
     replies: bytes
@@ -139,9 +141,9 @@ def driven(track: Track, lines: int, *, reads: bool, recalled_at: int = 0) -> Ca
         reads: whether the client reads meanwhile; it sends its next step after each reply, else one alone.
         recalled_at: the step during which the loan is recalled.
     """
-    screen = Screen()
-    painter = painter_of(screen)
-    first = screen.clear()
+    shared = SharedMemory()
+    writer = writer_of(shared)
+    first = shared.clear()
     with contextlib.ExitStack() as stack:
         ours, theirs, client, connection = (
             stack.enter_context(one) for one in (*socket.socketpair(), *socket.socketpair())
@@ -157,10 +159,10 @@ def driven(track: Track, lines: int, *, reads: bool, recalled_at: int = 0) -> Ca
 
             try:
                 sys.settrace(_deadly(lines))
-                painter.ledger.open(LOAN)
-                loan = Borrowed(connection, EPISODE, 0, first, practice=True)
+                writer.action_log.open(LOAN)
+                loan = Loan(connection, EPISODE, 0, first, practice=True)
                 toy: Any = Toy(track, before)
-                came = Lent(theirs, frames.Receiver(theirs), painter).drive(loan, toy, track, lambda *_: [])
+                came = Handover(theirs, frames.Receiver(theirs), writer).drive(loan, toy, track, lambda *_: [])
                 sys.settrace(None)
                 theirs.sendall(frames.pack(came))
             finally:
@@ -184,8 +186,8 @@ def driven(track: Track, lines: int, *, reads: bool, recalled_at: int = 0) -> Ca
         _, status = os.waitpid(pid, 0)
         assert status in {0, signal.SIGKILL}
         replies += b"".join(_all(client))
-        entries = screen.book(LOAN)
-        shown = bytes(screen.shown_last(first, entries.steps, wire.layout(track).size)) if entries.steps else b""
+        entries = shared.book(LOAN)
+        shown = bytes(shared.last_view(first, entries.steps, wire.layout(track).size)) if entries.steps else b""
         back = frames.Receiver(ours).receive() if status == 0 else None
         unread = entries.message if back is None else back[1]
         left = unread + b"".join(_all(connection))
@@ -201,7 +203,7 @@ def _deadly(lines: int) -> Callable[[Any, str, Any], Any]:
             lines -= 1
         return count
 
-    files = {lent.__file__, ledger.__file__}
+    files = {handover.__file__, action_log.__file__}
     return lambda frame, *_: count if frame.f_code.co_filename in files else None
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from wrongturn_protocol import ProblemType
-from wrongturn_service.episodes.line import LONGEST_S, SLACK_S, Limits, Line
+from wrongturn_service.episodes.queue import LONGEST_S, SLACK_S, Limits, SimulatorQueue
 from wrongturn_service.errors import UnavailableError
 
 
@@ -14,17 +14,17 @@ class Clock:
         return self.now
 
 
-def _line(slots: int, clock: Clock | None = None, each: int = 64, most: int = 1024) -> Line:
-    return Line(slots, Limits(each, most), clock or Clock())
+def _line(slots: int, clock: Clock | None = None, each: int = 64, most: int = 1024) -> SimulatorQueue:
+    return SimulatorQueue(slots, Limits(each, most), clock or Clock())
 
 
-def _refused(line: Line, agent: str, call: str) -> UnavailableError:
+def _refused(line: SimulatorQueue, agent: str, call: str) -> UnavailableError:
     with pytest.raises(UnavailableError) as caught:
         line.enter(agent, call)
     return caught.value
 
 
-def _position(line: Line, agent: str, call: str) -> int | None:
+def _position(line: SimulatorQueue, agent: str, call: str) -> int | None:
     return _refused(line, agent, call).position
 
 

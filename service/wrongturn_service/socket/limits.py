@@ -11,7 +11,7 @@ from wrongturn_service.errors import UnavailableError
 _COME_BACK_S = 5
 
 
-class Sockets:
+class ConnectionLimits:
     """Counts the connections of ``WS /v1/drive``."""
 
     def __init__(self, *, each: int, address: int) -> None:

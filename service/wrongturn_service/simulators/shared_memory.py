@@ -2,7 +2,7 @@
 
 It holds two observations, which are written in turn: the last can be told again while the next is being made, even
 after the process has died of it. Whoever still has the one before when its place is needed gets a copy of its own.
-Behind them lies the ledger of what the process does on a connection that is lent to it.
+Behind them lies the action log of what the process does on a connection that is lent to it.
 """
 
 import contextlib
@@ -17,17 +17,17 @@ from typing_extensions import override
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.wire import Block, layout
-from wrongturn_service.pool import ledger
+from wrongturn_service.simulators import action_log
 
 PLACES: Final = 2
 _ROOM: Final = -(-max(layout(track).size for track in Track) // mmap.PAGESIZE) * mmap.PAGESIZE
 """Bytes for one observation."""
 _BOOK: Final = PLACES * _ROOM
-"""Where the ledger begins."""
-_SIZE: Final = _BOOK + ledger.SIZE
+"""Where the action log begins."""
+_SIZE: Final = _BOOK + action_log.SIZE
 
 
-class Shown:
+class ObservationView:
     """An observation on a screen; equal to bytes of the same content."""
 
     __slots__ = ("__weakref__", "data")
@@ -47,19 +47,19 @@ class Shown:
 
     @override
     def __eq__(self, other: object) -> bool:
-        return bytes(self.data) == bytes(other) if isinstance(other, bytes | Shown) else NotImplemented
+        return bytes(self.data) == bytes(other) if isinstance(other, bytes | ObservationView) else NotImplemented
 
     __hash__ = None  # type: ignore[assignment]
 
 
-class Screen:
+class SharedMemory:
     """The service's side."""
 
     def __init__(self) -> None:
         self._handle = os.memfd_create("observations")
         os.ftruncate(self._handle, _SIZE)
         self._memory = memoryview(mmap.mmap(self._handle, _SIZE, prot=mmap.PROT_READ))
-        self._shown: list[ReferenceType[Shown] | None] = [None] * PLACES
+        self._shown: list[ReferenceType[ObservationView] | None] = [None] * PLACES
         self._place = 0
 
     @contextlib.contextmanager
@@ -70,7 +70,7 @@ class Screen:
         finally:
             os.close(self._handle)
 
-    def turn(self) -> int:
+    def next_place(self) -> int:
         """The place for the next observation, free to be written to."""
         self._place = place = (self._place + 1) % PLACES
         before = self._shown[place]
@@ -81,30 +81,30 @@ class Screen:
             self._shown[place] = None
         return place
 
-    def shown(self, size: int) -> Shown:
+    def view(self, size: int) -> ObservationView:
         """What was written to that place."""
         begin = self._place * _ROOM
-        found = Shown(self._memory[begin : begin + size])
+        found = ObservationView(self._memory[begin : begin + size])
         self._shown[self._place] = ref(found)
         return found
 
     def clear(self) -> int:
         """Free all places, to be written to in turn; the first of them."""
         for _ in range(PLACES):
-            self.turn()
+            self.next_place()
         return (self._place + 1) % PLACES
 
-    def shown_last(self, first: int, count: int, size: int) -> Shown:
+    def last_view(self, first: int, count: int, size: int) -> ObservationView:
         """The last of so many observations that were written in turn."""
         self._place = (first + count - 1) % PLACES
-        return self.shown(size)
+        return self.view(size)
 
-    def book(self, loan: int) -> ledger.Entries:
+    def book(self, loan: int) -> action_log.LogEntries:
         """What is noted of a loan."""
-        return ledger.read(self._memory[_BOOK:], loan)
+        return action_log.read(self._memory[_BOOK:], loan)
 
 
-class Painter:
+class SharedMemoryWriter:
     """The process's side."""
 
     def __init__(self, handle: int) -> None:
@@ -113,9 +113,9 @@ class Painter:
         os.close(handle)
         self._places = [memory[at * _ROOM : (at + 1) * _ROOM] for at in range(PLACES)]
         self._blocks: list[Block | None] = [None] * PLACES
-        self.ledger = ledger.Ledger(memory[_BOOK:])
+        self.action_log = action_log.ActionLog(memory[_BOOK:])
 
-    def paint(self, observation: Observation, track: Track, place: int) -> memoryview:
+    def write(self, observation: Observation, track: Track, place: int) -> memoryview:
         """Write an observation to a place; what stands there then."""
         block = self._blocks[place]
         if block is None or block.layout.track is not track:

@@ -17,14 +17,14 @@ from wrongturn_service.api.body import refused
 from wrongturn_service.api.dependencies import owned_by
 from wrongturn_service.api.episodes import episode_detail, is_shown
 from wrongturn_service.api.errors import as_service_error
+from wrongturn_service.encoding import Encoding, Reply
 from wrongturn_service.episodes import refusals
 from wrongturn_service.episodes.loans import Lendable
 from wrongturn_service.episodes.steps import Done
 from wrongturn_service.errors import InvalidRequestError, ServiceError
-from wrongturn_service.plain_step import plain_step
-from wrongturn_service.pool.loan import Returned
 from wrongturn_service.service import Service
-from wrongturn_service.wire import Reply, Wire
+from wrongturn_service.simulators.handover import plain_step
+from wrongturn_service.simulators.interface import LoanResult
 
 _SHAPES: Final = {
     Call.STEP: "episode, seq, steer, throttle, brake",
@@ -65,7 +65,7 @@ class Calls:
         step = plain_step(call)
         if step is None:
             return False
-        return self._service.episodes.begin_step(self._caller.id, *step, Wire.RAW, self.stepped(done))
+        return self._service.episodes.begin_step(self._caller.id, *step, Encoding.RAW, self.stepped(done))
 
     def stepped(self, done: Callable[[bytes | Reply], None], ago_s: float = 0.0) -> Done:
         """What notes that a step is over that began so long ago, and then calls somebody with the result."""
@@ -75,7 +75,7 @@ class Calls:
         """Let the simulator of an episode answer its next steps itself; whether it does."""
         return self._service.episodes.lend(self._caller.id, episode, connection)
 
-    def note(self, came: Returned) -> None:
+    def note(self, came: LoanResult) -> None:
         """Count the steps that were answered during a loan."""
         for simulated_s, seconds in came.seconds:
             self._service.telemetry.stepped(_STEP_ROUTE, simulated_s, seconds)
@@ -122,7 +122,7 @@ class Calls:
             request = StepRequest.model_validate(message, strict=True)
         except ValidationError as error:
             raise refused(error) from error
-        return await self._service.episodes.step(self._caller.id, _text("episode", episode), request, Wire.RAW)
+        return await self._service.episodes.step(self._caller.id, _text("episode", episode), request, Encoding.RAW)
 
     async def _next(self, evaluation: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
@@ -132,8 +132,8 @@ class Calls:
                 if once.stored is not None:
                     return once.stored.body
                 row = await owned_by(service, caller, wanted)
-                remember = once.remember(201, Wire.RAW)
-                return await service.episodes.open_next(row, caller.track, Wire.RAW, remember, once.key)
+                remember = once.remember(201, Encoding.RAW)
+                return await service.episodes.open_next(row, caller.track, Encoding.RAW, remember, once.key)
 
     async def _practise(self, request: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
@@ -149,7 +149,7 @@ class Calls:
                 return once.stored.body
             trial = await catalogue.practice_trial(wanted)
             return await service.episodes.open_practice(
-                caller.id, trial, wanted.track, Wire.RAW, once.remember(201, Wire.RAW), once.key
+                caller.id, trial, wanted.track, Encoding.RAW, once.remember(201, Encoding.RAW), once.key
             )
 
     async def _look(self, episode: Any) -> bytes:
@@ -159,7 +159,7 @@ class Calls:
         detail = episode_detail(service, row, shown=await is_shown(service, row), last_reply=False).model_dump(
             mode="json"
         )
-        last = service.episodes.last_reply(wanted, Wire.RAW)
+        last = service.episodes.last_reply(wanted, Encoding.RAW)
         if last is None:
             return pack_result(200, detail)
         detail["seq"] = last[0]
