@@ -7,7 +7,28 @@ import numpy as np
 
 from wrongturn_protocol import SegmentationClass
 from wrongturn_sim.camera.kernels import HAZE, LOWER, REACH, SLOPES, UPPER, clamp, floor, haze_at, kernel, noise, put
-from wrongturn_sim.camera.weathers import HEAD
+from wrongturn_sim.camera.pinhole import CY, FOCAL, LEVEL, PITCH_COS, PITCH_SIN, UP
+from wrongturn_sim.camera.weathers import (
+    CLOUD_B,
+    CLOUD_G,
+    CLOUD_R,
+    CLOUDS,
+    GLOW,
+    GROUND_COLOURS,
+    HAZE_B,
+    HAZE_G,
+    HAZE_R,
+    HORIZON_B,
+    HORIZON_G,
+    HORIZON_R,
+    SUN_X,
+    SUN_Y,
+    SUN_Z,
+    WETNESS,
+    ZENITH_B,
+    ZENITH_G,
+    ZENITH_R,
+)
 
 _SKY = int(SegmentationClass.SKY)
 _VEGETATION = int(SegmentationClass.VEGETATION)
@@ -19,28 +40,28 @@ def sky_colour(dx: float, dy: float, flat: float, slope: float, look: Any, cover
     """Colour of the sky along a ray, 0 to 255; ``flat``: the length of (dx, dy)."""
     rise = max(slope, 0.0)
     share = rise / (rise + 0.16 * flat)
-    red = look[12] + (look[9] - look[12]) * share
-    green = look[13] + (look[10] - look[13]) * share
-    blue = look[14] + (look[11] - look[14]) * share
+    red = look[HORIZON_R] + (look[ZENITH_R] - look[HORIZON_R]) * share
+    green = look[HORIZON_G] + (look[ZENITH_G] - look[HORIZON_G]) * share
+    blue = look[HORIZON_B] + (look[ZENITH_B] - look[HORIZON_B]) * share
     # Clouds lie on a plane far above: they grow flat towards the horizon and are lost in its haze.
     scale = 52.0 / (rise + 0.09 * flat)
     value = cover[int(dy * scale + 8192.0) & 511, int(dx * scale + 8192.0) & 511] * (1.0 / 255.0)
-    cloud = clamp((value - (1.0 - look[20])) * 3.2, 0.0, 1.0) * min(rise * 11.0, 1.0)
+    cloud = clamp((value - (1.0 - look[CLOUDS])) * 3.2, 0.0, 1.0) * min(rise * 11.0, 1.0)
     # Their undersides are darker.
     thick = 1.0 - 0.16 * clamp((value - 0.6) * 3.0, 0.0, 1.0)
     cloud *= 0.92
-    red += (look[21] * thick - red) * cloud
-    green += (look[22] * thick - green) * cloud
-    blue += (look[23] * thick - blue) * cloud
-    if look[26] > 0.0:
-        toward = (dx * look[0] + dy * look[1] + slope * look[2]) / math.sqrt(flat * flat + slope * slope)
+    red += (look[CLOUD_R] * thick - red) * cloud
+    green += (look[CLOUD_G] * thick - green) * cloud
+    blue += (look[CLOUD_B] * thick - blue) * cloud
+    if look[GLOW] > 0.0:
+        toward = (dx * look[SUN_X] + dy * look[SUN_Y] + slope * look[SUN_Z]) / math.sqrt(flat * flat + slope * slope)
         if toward > 0.0:
             glow = toward * toward
             glow *= glow
-            wide = glow * look[26]
+            wide = glow * look[GLOW]
             glow *= glow
             glow *= glow
-            bright = (0.30 * wide + 0.9 * glow * glow * look[26]) * (1.0 - 0.5 * cloud)
+            bright = (0.30 * wide + 0.9 * glow * glow * look[GLOW]) * (1.0 - 0.5 * cloud)
             red += (255.0 - red) * min(bright * 1.2, 1.0)
             green += (214.0 - green) * min(bright, 1.0) * 0.9
             blue += (150.0 - blue) * min(bright, 1.0) * 0.6
@@ -108,23 +129,23 @@ def ground_pixel(
     """
     x, y = px + t * dx, py + t * dy
     code = code_at(x, y, ground, frame) & 255
-    at = HEAD + 3 * code
+    at = GROUND_COLOURS + 3 * code
     red, green, blue = look[at], look[at + 1], look[at + 2]
     if t > 10.0:
         # Far pixels cover much ground: more samples, of the colour alone.
-        at = HEAD + 3 * code_at(px + upper * (dx + ex), py + upper * (dy + ey), ground, frame)
-        more = HEAD + 3 * code_at(px + lower * (dx - ex), py + lower * (dy - ey), ground, frame)
+        at = GROUND_COLOURS + 3 * code_at(px + upper * (dx + ex), py + upper * (dy + ey), ground, frame)
+        more = GROUND_COLOURS + 3 * code_at(px + lower * (dx - ex), py + lower * (dy - ey), ground, frame)
         red = (red + look[at] + look[more]) * (1.0 / 3.0)
         green = (green + look[at + 1] + look[more + 1]) * (1.0 / 3.0)
         blue = (blue + look[at + 2] + look[more + 2]) * (1.0 / 3.0)
     red, green, blue = red * shade, green * shade, blue * shade
     kind = (code >> 4) & 3
-    if look[19] > 0.0 and kind > 0:
+    if look[WETNESS] > 0.0 and kind > 0:
         # Water mirrors the more, the flatter the ray; in hollows it stands.
         flat = 1.0 / (1.0 + 110.0 * slope * slope)
         hollow = cover[int(y * 22.0) & 511, int(x * 22.0) & 511] * 0.035 - 5.6
         pool = clamp(hollow, 0.0, 1.0)
-        share = look[19] * (0.05 + 0.40 * flat + 0.30 * pool * (0.3 + 0.7 * flat))
+        share = look[WETNESS] * (0.05 + 0.40 * flat + 0.30 * pool * (0.3 + 0.7 * flat))
         if kind == 3:
             share *= 0.5
         mirrored = int(2.0 * base - v + 0.5)
@@ -142,9 +163,9 @@ def ground_pixel(
         canvas,
         u,
         v,
-        red + (look[15] - red) * haze,
-        green + (look[16] - green) * haze,
-        blue + (look[17] - blue) * haze,
+        red + (look[HAZE_R] - red) * haze,
+        green + (look[HAZE_G] - green) * haze,
+        blue + (look[HAZE_B] - blue) * haze,
         seen_of(code),
     )
 
@@ -152,10 +173,10 @@ def ground_pixel(
 @kernel
 def set_row(v: int, camera: Any, look: Any, rows: Any) -> None:
     """What the pixels of a row have in common: how their rays rise for each metre of depth, and where they end."""
-    slope = (camera[2] - v) / camera[0]
-    if camera[9] < 0.5:
-        slope = slope * camera[6] - camera[7]
-    eye, third = camera[5], 0.33 / camera[0]
+    slope = (camera[CY] - v) / camera[FOCAL]
+    if camera[LEVEL] < 0.5:
+        slope = slope * camera[PITCH_COS] - camera[PITCH_SIN]
+    eye, third = camera[UP], 0.33 / camera[FOCAL]
     rows[SLOPES, v] = slope
     if slope < -1e-4:
         t = -eye / slope

@@ -12,7 +12,7 @@ from wrongturn_sim.camera.kernels import HITS, ROWS, WORK
 from wrongturn_sim.camera.noise import clouds
 from wrongturn_sim.camera.pinhole import Camera
 from wrongturn_sim.camera.solids import COLUMNS, shop_colours
-from wrongturn_sim.camera.weathers import SIZE
+from wrongturn_sim.camera.weathers import RAIN, SIZE
 from wrongturn_sim.camera.world import World
 
 device: Any = kernels.cuda
@@ -199,7 +199,7 @@ class CudaRenderer:
         if kinds is None or looks is not self._looks:
             self._looks_there = device.to_device(np.array(looks_kept, order="C"))
             self._looks = looks
-        rain = bool((looks_kept[chosen, 24] > 0.0).any())
+        rain = bool((looks_kept[chosen, RAIN] > 0.0).any())
         if count >= _MANY:
             self._launch(count, rain=rain)
             return

@@ -28,6 +28,23 @@ from wrongturn_sim.camera.solids import (
     G,
     R,
 )
+from wrongturn_sim.camera.weathers import (
+    HAZE_B,
+    HAZE_G,
+    HAZE_R,
+    HORIZON_B,
+    HORIZON_G,
+    HORIZON_R,
+    LAMPS,
+    SKYLIGHT_B,
+    SKYLIGHT_G,
+    SKYLIGHT_R,
+    SUN_X,
+    SUN_Y,
+    SUNLIGHT_B,
+    SUNLIGHT_G,
+    SUNLIGHT_R,
+)
 
 _BUILDING = int(SegmentationClass.BUILDING)
 _WALL = int(SegmentationClass.WALL)
@@ -45,9 +62,9 @@ def pulse(x: float, low: float, high: float) -> float:
 def lit(row: Any, along_x: bool, sign: float, look: Any) -> float:
     """How far the sun shines on a face, 0 to 1: its normal is the local x or y axis, times the sign."""
     if along_x:
-        facing: float = row[COS] * look[0] + row[SIN] * look[1]
+        facing: float = row[COS] * look[SUN_X] + row[SIN] * look[SUN_Y]
     else:
-        facing = row[COS] * look[1] - row[SIN] * look[0]
+        facing = row[COS] * look[SUN_Y] - row[SIN] * look[SUN_X]
     return max(0.0, sign * facing)
 
 
@@ -92,10 +109,10 @@ def house_run(
     edge_z = 0.06 / storey
     haze = haze_at(t, look)
     clear = 1.0 - haze
-    light_r = (look[6] + sun * look[3]) * clear
-    light_g = (look[7] + sun * look[4]) * clear
-    light_b = (look[8] + sun * look[5]) * clear
-    haze_r, haze_g, haze_b = look[15] * haze, look[16] * haze, look[17] * haze
+    light_r = (look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]) * clear
+    light_g = (look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]) * clear
+    light_b = (look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]) * clear
+    haze_r, haze_g, haze_b = look[HAZE_R] * haze, look[HAZE_G] * haze, look[HAZE_B] * haze
     rough = 0.16 * clamp(1.0 - t / 70.0, 0.0, 1.0)
     brick = row[STYLE] == 1.0 and t < 45.0
     mortar = 0.24 * clamp(1.0 - t / 45.0, 0.0, 1.0)
@@ -110,7 +127,7 @@ def house_run(
     # Read once: a written pixel might be part of any of them, for all that the compiler knows.
     wall_r, wall_g, wall_b = row[R], row[G], row[B]
     trim_r, trim_g, trim_b = row[R2], row[G2], row[B2]
-    sky_r, sky_g, sky_b, lamps = look[12], look[13], look[14], look[27]
+    sky_r, sky_g, sky_b, lamps = look[HORIZON_R], look[HORIZON_G], look[HORIZON_B], look[LAMPS]
     cornice = eaves - 0.3 if row[RISE] == 0.0 else 1e9
     shaded = eaves - 0.45
     for v in range(a, b):
@@ -206,9 +223,9 @@ def wall_run(
     """Paints rows a to b of a wall of bricks or of a hedge."""
     haze = haze_at(t, look)
     clear = 1.0 - haze
-    light_r = (look[6] + sun * look[3]) * clear
-    light_g = (look[7] + sun * look[4]) * clear
-    light_b = (look[8] + sun * look[5]) * clear
+    light_r = (look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]) * clear
+    light_g = (look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]) * clear
+    light_b = (look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]) * clear
     height, seed = row[HEIGHT], int(row[SEED])
     near = clamp(1.0 - t / 60.0, 0.0, 1.0)
     for v in range(a, b):
@@ -235,9 +252,9 @@ def wall_run(
             canvas,
             u,
             v,
-            row[R] * tone * light_r + look[15] * haze,
-            row[G] * tone * light_g + look[16] * haze,
-            row[B] * tone * light_b + look[17] * haze,
+            row[R] * tone * light_r + look[HAZE_R] * haze,
+            row[G] * tone * light_g + look[HAZE_G] * haze,
+            row[B] * tone * light_b + look[HAZE_B] * haze,
             seen,
         )
 
@@ -274,8 +291,8 @@ def top_pixel(
         canvas,
         u,
         v,
-        red * (look[6] + sun * look[3]) * clear + look[15] * haze,
-        green * (look[7] + sun * look[4]) * clear + look[16] * haze,
-        blue * (look[8] + sun * look[5]) * clear + look[17] * haze,
+        red * (look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]) * clear + look[HAZE_R] * haze,
+        green * (look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]) * clear + look[HAZE_G] * haze,
+        blue * (look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]) * clear + look[HAZE_B] * haze,
         seen,
     )

@@ -11,6 +11,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 import numba
 
+from wrongturn_sim.camera.weathers import HAZE_RATE
 from wrongturn_sim.home import set_cache
 
 set_cache()
@@ -138,5 +139,5 @@ def first_row(limit: float, v0: int, v1: int, focal: float, cy: float, slopes: A
 @kernel
 def haze_at(t: float, look: Any) -> float:
     """Share of the haze's colour at a distance."""
-    x: float = t * look[18]
+    x: float = t * look[HAZE_RATE]
     return x * x / (1.0 + x * x)

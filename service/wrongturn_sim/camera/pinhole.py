@@ -12,6 +12,11 @@ from wrongturn_sim.camera.errors import CameraError
 LARGEST_SIDE = 2048
 """Pixels."""
 
+# Positions in the array that `Camera.packed` returns and the kernels read. Plain integers, so that numba freezes them.
+FOCAL, CX, CY, FORWARD, LEFT, UP, PITCH_COS, PITCH_SIN, CAMERA_YAW = range(9)
+LEVEL = 9
+"""1 where the pitch is exactly 0, else 0."""
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -132,17 +137,9 @@ class Camera:
     def packed(self) -> NDArray[np.float64]:
         """What the renderer takes."""
         tilt = self.pitch
-        return np.array(
-            [
-                self.focal,
-                self.cx,
-                self.cy,
-                self.forward,
-                self.left,
-                self.up,
-                math.cos(tilt),
-                math.sin(tilt),
-                self.yaw,
-                1.0 if tilt == 0.0 else 0.0,
-            ]
-        )
+        packed = np.zeros(LEVEL + 1)
+        packed[[FOCAL, CX, CY]] = self.focal, self.cx, self.cy
+        packed[[FORWARD, LEFT, UP]] = self.forward, self.left, self.up
+        packed[[PITCH_COS, PITCH_SIN]] = math.cos(tilt), math.sin(tilt)
+        packed[[CAMERA_YAW, LEVEL]] = self.yaw, tilt == 0.0
+        return packed

@@ -7,6 +7,7 @@ from wrongturn_sim.camera.backdrop import code_at
 from wrongturn_sim.camera.facades import house_run, lit, top_pixel, wall_run
 from wrongturn_sim.camera.kernels import Scene, first_row, kernel
 from wrongturn_sim.camera.solids import COS, HALF_X, HALF_Y, HEIGHT, HOUSE, KIND, RISE, SIN
+from wrongturn_sim.camera.weathers import SHADOW_BIT, SUN_X, SUN_Y, SUN_Z
 
 
 @kernel
@@ -61,7 +62,7 @@ def solid(
         sun = lit(row, along_x, sign, look)
         # Where the ground before it lies in the shade, so does its lower part.
         foot = t - 0.7
-        if sun > 0.0 and code_at(px + foot * dx, py + foot * dy, scene.ground, scene.frame) & int(look[28]):
+        if sun > 0.0 and code_at(px + foot * dx, py + foot * dy, scene.ground, scene.frame) & int(look[SHADOW_BIT]):
             sun *= 0.25
         s = ly if along_x else lx
         if kind == HOUSE:
@@ -83,7 +84,7 @@ def solid(
                 sign = 1.0 if ly > 0.0 else -1.0
                 lean = rise / half_y
                 norm = 1.0 / math.sqrt(1.0 + lean * lean)
-                sun = lean * sign * (row[COS] * look[1] - row[SIN] * look[0]) + look[2]
+                sun = lean * sign * (row[COS] * look[SUN_Y] - row[SIN] * look[SUN_X]) + look[SUN_Z]
                 sun = max(0.0, sun * norm)
                 for v in range(r, hidden):
                     far = (top - steep * t - eye) / (slopes[v] - steep)
@@ -95,6 +96,6 @@ def solid(
         for v in range(r, hidden):
             far = (top - eye) / slopes[v]
             depth[v] = far
-            top_pixel(u, v, far, x + far * ldx, y + far * ldy, row, kind, look[2], look, canvas)
+            top_pixel(u, v, far, x + far * ldx, y + far * ldy, row, kind, look[SUN_Z], look, canvas)
         hidden = min(hidden, max(r, v0))
     return hidden

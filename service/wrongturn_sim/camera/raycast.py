@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 from wrongturn_protocol import segmentation as segmentation_classes
-from wrongturn_sim.camera import backdrop, facades, kernels, prisms, road_users, sight, solids, thin, weathers
+from wrongturn_sim.camera import backdrop, facades, kernels, pinhole, prisms, road_users, sight, solids, thin, weathers
 from wrongturn_sim.camera.backdrop import ground_pixel, set_row, sky_pixel
 from wrongturn_sim.camera.kernels import (
     DEPTH,
@@ -31,11 +31,13 @@ from wrongturn_sim.camera.kernels import (
     kernel,
     noise,
 )
+from wrongturn_sim.camera.pinhole import CAMERA_YAW, CX, CY, FOCAL, FORWARD, LEFT, LEVEL, PITCH_COS, PITCH_SIN, UP
 from wrongturn_sim.camera.prisms import cross, solid
 from wrongturn_sim.camera.road_users import car, row_of_other, shade_below, walker
 from wrongturn_sim.camera.sight import in_sight
 from wrongturn_sim.camera.solids import CAR, COS, FENCE, HALF_X, HALF_Y, KIND, SIN, TREE
 from wrongturn_sim.camera.thin import fence, tree
+from wrongturn_sim.camera.weathers import HORIZON_R, RAIN, STREAK
 from wrongturn_sim.compiling import compiled_with
 
 
@@ -82,7 +84,7 @@ def paint_others(
     scratch: Scratch,
 ) -> None:
     """Paints what does not cover a column from the ground up, where it is the nearest."""
-    focal, cy, eye = camera[0], camera[2], camera[5]
+    focal, cy, eye = camera[FOCAL], camera[CY], camera[UP]
     slopes, depth, shade = scratch.rows[SLOPES], scratch.work[DEPTH], scratch.work[SHADE]
     place, listed, canvas = scratch.place, scratch.lists[u], scratch.canvas
     still = scenery.shape[0]
@@ -119,7 +121,7 @@ def cast(
     scratch: Scratch,
 ) -> None:
     """Paints rows v0 to v1 of a column, whose rays go the way (dx, dy) on the flat for each metre of depth."""
-    focal, cy, eye = camera[0], camera[2], camera[5]
+    focal, cy, eye = camera[FOCAL], camera[CY], camera[UP]
     rows, work, place, canvas = scratch.rows, scratch.work, scratch.place, scratch.canvas
     slopes, depth, shade = rows[SLOPES], work[DEPTH], work[SHADE]
     first, last, which = work[FIRST], work[LAST], work[WHICH]
@@ -202,16 +204,16 @@ def column_into(
 ) -> None:
     """Paints a column, whose solids are listed and whose rows are set, on the canvas."""
     height = scratch.canvas.shape[0]
-    focal, cx, cy = camera[0], camera[1], camera[2]
+    focal, cx, cy = camera[FOCAL], camera[CX], camera[CY]
     # A third of a column to the right.
     ex, ey = 0.33 * fy / focal, -0.33 * fx / focal
     a = (cx - u) / focal
     # A level camera's columns are cast whole, those of a pitched one pixel by pixel.
-    level = camera[9] > 0.5
+    level = camera[LEVEL] > 0.5
     for part in range(1 if level else height):
         ahead, v0, v1 = 1.0, 0, height
         if not level:
-            ahead, v0, v1 = camera[6] + (cy - part) / focal * camera[7], part, part + 1
+            ahead, v0, v1 = camera[PITCH_COS] + (cy - part) / focal * camera[PITCH_SIN], part, part + 1
         cast(u, v0, v1, fx * ahead - fy * a, fy * ahead + fx * a, ex, ey, px, py, camera, look, scene, scratch)
 
 
@@ -234,7 +236,7 @@ def streak(drop: int, begin: int, end: int, look: Any, seed: int, tick: int, rgb
         return
     v = int(noise(drop, tick, seed + 7919) * (height + 8)) - 8
     near = noise(drop, tick, seed + 104729)
-    length = int(look[25] * (0.5 + near)) + 1
+    length = int(look[STREAK] * (0.5 + near)) + 1
     alpha = 0.10 + 0.20 * near
     lean = noise(drop, tick, seed + 1299709) < 0.35
     for step in range(length):
@@ -243,13 +245,13 @@ def streak(drop: int, begin: int, end: int, look: Any, seed: int, tick: int, rgb
         if row >= 0 and row < height and column >= begin and column < end:
             for channel in range(3):
                 value = rgb[row, column, channel] + 0.0
-                rgb[row, column, channel] = int(value + (0.5 * look[12 + channel] + 112.0 - value) * alpha)
+                rgb[row, column, channel] = int(value + (0.5 * look[HORIZON_R + channel] + 112.0 - value) * alpha)
 
 
 @kernel
 def rain(begin: int, end: int, look: Any, seed: int, tick: int, rgb: Any) -> None:
     """Streaks over columns begin to end, others at each tick."""
-    for drop in range(int(look[24] * rgb.shape[1] * rgb.shape[0] / 64.0)):
+    for drop in range(int(look[RAIN] * rgb.shape[1] * rgb.shape[0] / 64.0)):
         streak(drop, begin, end, look, seed, tick, rgb)
 
 
@@ -257,9 +259,9 @@ def rain(begin: int, end: int, look: Any, seed: int, tick: int, rgb: Any) -> Non
 def eye_of(x: float, y: float, yaw: float, camera: Any) -> tuple[float, float, float, float]:
     """Where the camera of a car stands, and which way it looks on the flat."""
     cos, sin = math.cos(yaw), math.sin(yaw)
-    px = x + camera[3] * cos - camera[4] * sin
-    py = y + camera[3] * sin + camera[4] * cos
-    return px, py, math.cos(yaw + camera[8]), math.sin(yaw + camera[8])
+    px = x + camera[FORWARD] * cos - camera[LEFT] * sin
+    py = y + camera[FORWARD] * sin + camera[LEFT] * cos
+    return px, py, math.cos(yaw + camera[CAMERA_YAW]), math.sin(yaw + camera[CAMERA_YAW])
 
 
 @kernel
@@ -298,7 +300,18 @@ def frame_into(
 
 
 @compiled_with(
-    backdrop, facades, kernels, prisms, road_users, segmentation_classes, sight, solids, thin, weathers, **OPTIONS
+    backdrop,
+    facades,
+    kernels,
+    pinhole,
+    prisms,
+    road_users,
+    segmentation_classes,
+    sight,
+    solids,
+    thin,
+    weathers,
+    **OPTIONS,
 )
 def frames_into(
     poses: Any,

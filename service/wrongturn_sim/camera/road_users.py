@@ -25,6 +25,26 @@ from wrongturn_sim.camera.solids import (
     X,
     Y,
 )
+from wrongturn_sim.camera.weathers import (
+    HAZE_B,
+    HAZE_G,
+    HAZE_R,
+    HORIZON_B,
+    HORIZON_G,
+    HORIZON_R,
+    SKYLIGHT_B,
+    SKYLIGHT_G,
+    SKYLIGHT_R,
+    SUN_X,
+    SUN_Y,
+    SUN_Z,
+    SUNLIGHT_B,
+    SUNLIGHT_G,
+    SUNLIGHT_R,
+    ZENITH_B,
+    ZENITH_G,
+    ZENITH_R,
+)
 
 _VEHICLE = int(SegmentationClass.VEHICLE)
 _PEDESTRIAN = int(SegmentationClass.PEDESTRIAN)
@@ -196,8 +216,8 @@ def car(
     front, rear, side = (0.12, 0.02, 0.03) if tall else (0.75, 0.45, 0.22)
     haze = haze_at(0.0 if above else nearest, look)
     clear = 1.0 - haze
-    sun_x = row[COS] * look[0] + row[SIN] * look[1]
-    sun_y = row[COS] * look[1] - row[SIN] * look[0]
+    sun_x = row[COS] * look[SUN_X] + row[SIN] * look[SUN_Y]
+    sun_y = row[COS] * look[SUN_Y] - row[SIN] * look[SUN_X]
     axle = 0.60 * half_x
     for v in range(a, b):
         slope = slopes[v]
@@ -230,15 +250,15 @@ def car(
         else:
             x, y, z = rx + t * ldx, ry + t * ldy, eye + t * slope
             if face == 0:
-                facing = sun_x + (0.5 * look[2] if cabin else 0.0)
+                facing = sun_x + (0.5 * look[SUN_Z] if cabin else 0.0)
             elif face == 1:
-                facing = -sun_x + (0.3 * look[2] if cabin else 0.0)
+                facing = -sun_x + (0.3 * look[SUN_Z] if cabin else 0.0)
             elif face == 2:
                 facing = sun_y
             elif face == 3:
                 facing = -sun_y
             else:
-                facing = look[2]
+                facing = look[SUN_Z]
             if cabin:
                 x += shift
                 part = (z - belt) / (height - belt)
@@ -280,20 +300,20 @@ def car(
         depth[v] = t
         sun = clamp(facing, 0.0, 1.0)
         red, green, blue = (
-            red * (0.9 * look[6] + sun * look[3]),
-            green * (0.9 * look[7] + sun * look[4]),
-            blue * (0.9 * look[8] + sun * look[5]),
+            red * (0.9 * look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]),
+            green * (0.9 * look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]),
+            blue * (0.9 * look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]),
         )
-        red += (0.5 * (look[12] + look[9]) - red) * gloss
-        green += (0.5 * (look[13] + look[10]) - green) * gloss
-        blue += (0.5 * (look[14] + look[11]) - blue) * gloss
+        red += (0.5 * (look[HORIZON_R] + look[ZENITH_R]) - red) * gloss
+        green += (0.5 * (look[HORIZON_G] + look[ZENITH_G]) - green) * gloss
+        blue += (0.5 * (look[HORIZON_B] + look[ZENITH_B]) - blue) * gloss
         put(
             canvas,
             u,
             v,
-            red * clear + look[15] * haze,
-            green * clear + look[16] * haze,
-            blue * clear + look[17] * haze,
+            red * clear + look[HAZE_R] * haze,
+            green * clear + look[HAZE_G] * haze,
+            blue * clear + look[HAZE_B] * haze,
             _VEHICLE,
         )
 
@@ -366,8 +386,8 @@ def walker(
             canvas,
             u,
             v,
-            red * (look[6] + sun * look[3]) * clear + look[15] * haze,
-            green * (look[7] + sun * look[4]) * clear + look[16] * haze,
-            blue * (look[8] + sun * look[5]) * clear + look[17] * haze,
+            red * (look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]) * clear + look[HAZE_R] * haze,
+            green * (look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]) * clear + look[HAZE_G] * haze,
+            blue * (look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]) * clear + look[HAZE_B] * haze,
             _PEDESTRIAN,
         )

@@ -3,6 +3,7 @@
 from typing import Any, Final
 
 from wrongturn_sim.camera.kernels import Scratch, ceil, clamp, floor, kernel
+from wrongturn_sim.camera.pinhole import CX, CY, FOCAL, PITCH_COS, PITCH_SIN
 from wrongturn_sim.camera.solids import BOUND, COS, FENCE, HALF_X, HALF_Y, HOUSE, KIND, SIN, TREE, X, Y
 
 FAR: Final = 420.0
@@ -22,10 +23,10 @@ def span_of(
     if ahead > far:
         return 0, 0
     begin, end = 0, width
-    tilt_cos, tilt_sin, focal, cx = camera[6], camera[7], camera[0], camera[1]
+    tilt_cos, tilt_sin, focal, cx = camera[PITCH_COS], camera[PITCH_SIN], camera[FOCAL], camera[CX]
     # How far ahead a ray goes on the flat for each metre of depth, at the upper and lower edge.
-    upper = tilt_cos + camera[2] / focal * tilt_sin
-    lower = tilt_cos - (height - 1 - camera[2]) / focal * tilt_sin
+    upper = tilt_cos + camera[CY] / focal * tilt_sin
+    lower = tilt_cos - (height - 1 - camera[CY]) / focal * tilt_sin
     least, most = min(upper, lower), max(upper, lower)
     # Who looks down, or up, steeply enough sees what is behind too.
     if ahead < -bound and least > 0.0:

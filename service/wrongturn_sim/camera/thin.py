@@ -23,6 +23,20 @@ from wrongturn_sim.camera.solids import (
     X,
     Y,
 )
+from wrongturn_sim.camera.weathers import (
+    HAZE_B,
+    HAZE_G,
+    HAZE_R,
+    SKYLIGHT_B,
+    SKYLIGHT_G,
+    SKYLIGHT_R,
+    SUN_X,
+    SUN_Y,
+    SUN_Z,
+    SUNLIGHT_B,
+    SUNLIGHT_G,
+    SUNLIGHT_R,
+)
 
 _VEGETATION = int(SegmentationClass.VEGETATION)
 _WALL = int(SegmentationClass.WALL)
@@ -65,7 +79,7 @@ def tree(
         clear = 1.0 - haze
         # The normal tells which side of the trunk the sun is on.
         nx, ny = (ox + t * dx) / trunk, (oy + t * dy) / trunk
-        sun = max(0.0, nx * look[0] + ny * look[1])
+        sun = max(0.0, nx * look[SUN_X] + ny * look[SUN_Y])
         cross = floor((dx * oy - dy * ox) * 12.0)
         for v in range(a, b):
             if t < depth[v]:
@@ -75,9 +89,9 @@ def tree(
                     canvas,
                     u,
                     v,
-                    row[R2] * tone * (look[6] + sun * look[3]) * clear + look[15] * haze,
-                    row[G2] * tone * (look[7] + sun * look[4]) * clear + look[16] * haze,
-                    row[B2] * tone * (look[8] + sun * look[5]) * clear + look[17] * haze,
+                    row[R2] * tone * (look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]) * clear + look[HAZE_R] * haze,
+                    row[G2] * tone * (look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]) * clear + look[HAZE_G] * haze,
+                    row[B2] * tone * (look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]) * clear + look[HAZE_B] * haze,
                     _VEGETATION,
                 )
     if away >= radius * radius:
@@ -121,16 +135,16 @@ def tree(
             continue
         depth[v] = t
         nx, ny, nz = wx * inv_r * radius, wy * inv_r * radius, wz * inv_z * half_z
-        facing = nx * look[0] + ny * look[1] + nz * look[2]
+        facing = nx * look[SUN_X] + ny * look[SUN_Y] + nz * look[SUN_Z]
         sun = clamp(0.35 + 0.65 * facing, 0.0, 1.0)
         tone = (0.66 + 0.28 * nz) * (1.0 + strength * (0.62 * (leaf - 0.5) + 0.5 * (bough - 0.5)))
         put(
             canvas,
             u,
             v,
-            row[R] * tone * (look[6] + sun * look[3]) * clear + look[15] * haze,
-            row[G] * tone * (look[7] + sun * look[4]) * clear + look[16] * haze,
-            row[B] * tone * (look[8] + sun * look[5]) * clear + look[17] * haze,
+            row[R] * tone * (look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]) * clear + look[HAZE_R] * haze,
+            row[G] * tone * (look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]) * clear + look[HAZE_G] * haze,
+            row[B] * tone * (look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]) * clear + look[HAZE_B] * haze,
             _VEGETATION,
         )
 
@@ -166,7 +180,7 @@ def fence(
     a = first_row((height - eye) / t, v0, v1, focal, cy, slopes)
     b = first_row(-eye / t, v0, v1, focal, cy, slopes)
     sign = 1.0 if ry > 0.0 else -1.0
-    sun = max(0.0, sign * (row[COS] * look[1] - row[SIN] * look[0]))
+    sun = max(0.0, sign * (row[COS] * look[SUN_Y] - row[SIN] * look[SUN_X]))
     haze = haze_at(t, look)
     clear = 1.0 - haze
     place = (s + row[HALF_X]) / 1.7
@@ -184,8 +198,8 @@ def fence(
             canvas,
             u,
             v,
-            row[R] * tone * (look[6] + sun * look[3]) * clear + look[15] * haze,
-            row[G] * tone * (look[7] + sun * look[4]) * clear + look[16] * haze,
-            row[B] * tone * (look[8] + sun * look[5]) * clear + look[17] * haze,
+            row[R] * tone * (look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]) * clear + look[HAZE_R] * haze,
+            row[G] * tone * (look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]) * clear + look[HAZE_G] * haze,
+            row[B] * tone * (look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]) * clear + look[HAZE_B] * haze,
             _WALL,
         )

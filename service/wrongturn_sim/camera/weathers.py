@@ -135,9 +135,22 @@ LOOKS: Final[Mapping[Weather, WeatherLook]] = MappingProxyType(
     }
 )
 
-# What the packed form begins with; 256 ground colours follow.
-HEAD: Final = 32
-SIZE: Final = HEAD + 3 * 256
+# Positions in the array that `look_of` returns and the kernels read. Plain integers, so that numba freezes them.
+SUN_X, SUN_Y, SUN_Z = range(3)
+"""Unit vector from the ground to the sun."""
+SUNLIGHT_R, SUNLIGHT_G, SUNLIGHT_B, SKYLIGHT_R, SKYLIGHT_G, SKYLIGHT_B = range(3, 9)
+"""Shares of full white."""
+ZENITH_R, ZENITH_G, ZENITH_B, HORIZON_R, HORIZON_G, HORIZON_B, HAZE_R, HAZE_G, HAZE_B = range(9, 18)
+"""Colours, 0 to 255."""
+HAZE_RATE, WETNESS, CLOUDS = range(18, 21)
+CLOUD_R, CLOUD_G, CLOUD_B = range(21, 24)
+"""Colour of clouds, 0 to 255."""
+RAIN, STREAK, GLOW, LAMPS = range(24, 28)
+SHADOW_BIT = 28
+"""The bit of the ground's codes that this weather's sun sets in the shade, as a value: 64 or 128."""
+GROUND_COLOURS = 32
+"""From here on: red, green and blue of each of the 256 codes of the ground, 0 to 255."""
+SIZE: Final = GROUND_COLOURS + 3 * 256
 
 _TONES = np.arange(16) / 15.0
 
@@ -172,28 +185,24 @@ def _ground(look: WeatherLook) -> NDArray[np.float64]:
 def _packed(weather: Weather) -> NDArray[np.float64]:
     look = LOOKS[weather]
     elevation, bearing = look.sun
-    head = [
-        math.cos(elevation) * math.cos(bearing),
-        math.cos(elevation) * math.sin(bearing),
-        math.sin(elevation),
-        *look.sunlight,
-        *look.skylight,
-        *(255 * part for part in look.zenith),
-        *(255 * part for part in look.horizon),
-        *(255 * part for part in look.haze),
-        1.0 / look.view,
-        look.wetness,
-        look.clouds,
-        *(255 * part for part in look.cloud),
-        look.rain,
-        look.streak,
-        look.glow,
-        look.lamps,
-        float(1 << (6 + SUNS.index(look.sun))),
-    ]
     packed = np.zeros(SIZE)
-    packed[: len(head)] = head
-    packed[HEAD:] = _ground(look).ravel()
+    packed[SUN_X] = math.cos(elevation) * math.cos(bearing)
+    packed[SUN_Y] = math.cos(elevation) * math.sin(bearing)
+    packed[SUN_Z] = math.sin(elevation)
+    packed[SUNLIGHT_R : SUNLIGHT_B + 1] = look.sunlight
+    packed[SKYLIGHT_R : SKYLIGHT_B + 1] = look.skylight
+    for first, colour in (
+        (ZENITH_R, look.zenith),
+        (HORIZON_R, look.horizon),
+        (HAZE_R, look.haze),
+        (CLOUD_R, look.cloud),
+    ):
+        packed[first : first + 3] = [255 * part for part in colour]
+    packed[HAZE_RATE] = 1.0 / look.view
+    packed[WETNESS], packed[CLOUDS], packed[RAIN] = look.wetness, look.clouds, look.rain
+    packed[STREAK], packed[GLOW], packed[LAMPS] = look.streak, look.glow, look.lamps
+    packed[SHADOW_BIT] = 1 << (6 + SUNS.index(look.sun))
+    packed[GROUND_COLOURS:] = _ground(look).ravel()
     packed.flags.writeable = False
     return packed
 
