@@ -14,8 +14,8 @@ from test_storage import agent_row
 
 from wrongturn_service.errors import StartupError
 from wrongturn_service.storage import postgres as engine
-from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.check import examine
+from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.store import Store
 
 
