@@ -50,8 +50,9 @@ class Action(Message):
 class Start(Message):
     """Where and how fast a trial begins, relative to the approach's lane."""
 
-    distance: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    """From the body's centre to the stop line along the lane, metres."""
+    distance: Finite
+    """From the body's centre to the stop line along the lane, metres. Negative only in a cruise: the car starts that
+    far past the stop line, on the route's path through the junction."""
     speed: Annotated[float, Field(ge=0, le=22, allow_inf_nan=False)]
     """Metres a second."""
     lateral: Finite
@@ -127,6 +128,13 @@ class Trial(Message):
     def _route_exists(self) -> Self:
         if self.route not in self.junction_type.exits:
             raise ValueError(f"route: {self.junction_type} has no exit {self.route.name}")
+        return self
+
+    @model_validator(mode="after")
+    def _start_is_before_the_stop_line(self) -> Self:
+        cruise = self.journey is not None and self.journey.task is Task.CRUISE
+        if not (self.start.distance > 0 or cruise):
+            raise ValueError("start.distance: must be greater than 0; only a cruise may start inside a junction")
         return self
 
     @property

@@ -1,7 +1,7 @@
 """Cruises: drives about a town without a goal, drawn for training.
 
-They begin anywhere on the lanes that lead to a junction, oftener where driving is hard: before junctions, each
-approach as often as any other, and before the streets' bends. Nothing of a cruise is scored.
+They begin anywhere on the lanes that lead to a junction, more often where driving is hard: before junctions and inside
+them (each approach equally often) and before the streets' bends. Nothing of a cruise is scored.
 """
 
 import bisect
@@ -15,12 +15,15 @@ from wrongturn_networks.bends import bends_of
 from wrongturn_networks.errors import CruiseError
 from wrongturn_networks.starts import LANE_RESERVE
 from wrongturn_networks.town import Town
+from wrongturn_networks.ways import path_length
 from wrongturn_protocol import Command, Fault, FaultKind, Journey, JunctionType, Start, Task, Traffic, Trial, Weather
 
 BEFORE_JUNCTION: Final = (5.0, 35.0)
 """Starts near a junction lie so far before its stop line, metres, as far as the lane reaches."""
 BEFORE_BEND: Final = (5.0, 25.0)
 """Starts near a bend lie so far before its begin, metres, as far as the lane reaches."""
+INSIDE_SPEED: Final = 5.0
+"""Greatest speed of starts inside a junction, m/s: a faster car could not follow the path of a turn."""
 WITHIN: Final = 2.5
 """Offset and heading are cut at so many standard deviations: nobody begins in the oncoming lane."""
 
@@ -34,6 +37,8 @@ class _Stretch(NamedTuple):
     approach: str
     type: JunctionType
     exits: tuple[Command, ...]
+    paths: dict[Command, float]
+    """Length of each exit's path, from the stop line to the exit line, metres."""
     nearest: float
     """Least and greatest distance to the stop line, metres."""
     farthest: float
@@ -57,6 +62,7 @@ def draw_cruise(
     traffic: Traffic = _NO_TRAFFIC,
     near_junctions: float = 0.4,
     near_bends: float = 0.25,
+    inside_junctions: float = 0.0,
     lateral: float = 0.4,
     yaw: float = 0.06,
     speed: tuple[float, float] = (0.0, 9.0),
@@ -71,6 +77,8 @@ def draw_cruise(
         traffic: other road users.
         near_junctions: share of the starts that lie shortly before a junction.
         near_bends: share of those that lie shortly before a bend; in a town without any they lie anywhere.
+        inside_junctions: share of those that lie inside a junction, on the route's path from the stop line to the
+            exit line, at 5 m/s or less. ``start.distance`` is then negative.
         lateral: standard deviation of the start's offset from the lane's centre line, metres, cut at 2.5 of them.
         yaw: that of its heading, radians, likewise.
         speed: least and greatest at the start, m/s.
@@ -80,10 +88,11 @@ def draw_cruise(
         CruiseError: an argument is out of its range.
     """
     # Called for each of hundreds of environments whenever one ends: hence the tables, and no validation twice.
-    if not (near_junctions >= 0.0 and near_bends >= 0.0 and near_junctions + near_bends <= 1.0):
+    shares = (near_junctions, near_bends, inside_junctions)
+    if not (min(shares) >= 0.0 and sum(shares) <= 1.0):
         raise CruiseError(
-            f"near_junctions, near_bends: {near_junctions} and {near_bends} are no shares of a whole; "
-            "give two of at least 0 that add up to at most 1",
+            f"near_junctions, near_bends, inside_junctions: {near_junctions}, {near_bends} and {inside_junctions} are "
+            "no shares of a whole; give three of at least 0 that add up to at most 1",
         )
     if not 0.0 <= speed[0] <= speed[1] <= 22.0:
         raise CruiseError(f"speed: {speed} is no range within 0 and 22 m/s; give the least speed and the greatest")
@@ -93,23 +102,29 @@ def draw_cruise(
         )
     stretches = _stretches(town)
     kind, which, where, fast, turn = random.random(5).tolist()
-    if kind < near_junctions:
+    inside = kind < inside_junctions
+    if kind < inside_junctions + near_junctions:
         stretch = stretches.junctions[int(which * len(stretches.junctions))]
-    elif kind < near_junctions + near_bends and stretches.bends:
+    elif kind < inside_junctions + near_junctions + near_bends and stretches.bends:
         stretch = stretches.bends[int(which * len(stretches.bends))]
     else:
         stretch = stretches.lanes[bisect.bisect_right(stretches.metres, which * stretches.metres[-1])]
     aside, askew = random.standard_normal(2).tolist()
     seed = int(random.integers(2**53))
+    route = stretch.exits[int(turn * len(stretch.exits))]
+    distance, fastest = stretch.nearest + where * (stretch.farthest - stretch.nearest), speed[1]
+    if inside:
+        # Never 0: only what is past the stop line starts on the path.
+        distance, fastest = -max(0.001, where * stretch.paths[route]), max(speed[0], min(INSIDE_SPEED, speed[1]))
     return Trial.model_construct(
         id=f"{town.name}.cruise.{stretch.approach}.s{seed}",
         town=town.name,
         approach=stretch.approach,
         junction_type=stretch.type,
-        route=stretch.exits[int(turn * len(stretch.exits))],
+        route=route,
         start=Start.model_construct(
-            distance=round(stretch.nearest + where * (stretch.farthest - stretch.nearest), 3),
-            speed=round(speed[0] + fast * (speed[1] - speed[0]), 3),
+            distance=round(distance, 3),
+            speed=round(speed[0] + fast * (fastest - speed[0]), 3),
             lateral=round(lateral * min(max(aside, -WITHIN), WITHIN), 3),
             yaw=round(yaw * min(max(askew, -WITHIN), WITHIN), 5),
         ),
@@ -131,7 +146,8 @@ def _stretches(town: Town) -> _Stretches:
     junctions, bends, lanes = [], [], []
     for approach in town.approaches.values():
         lane = town.lanes[approach.lane]
-        what = (approach.id, approach.type, tuple(approach.exits))
+        paths = {direction: path_length(exit_) for direction, exit_ in approach.exits.items()}
+        what = (approach.id, approach.type, tuple(approach.exits), paths)
         farthest = lane.length - LANE_RESERVE
         nearest = min(BEFORE_JUNCTION[0], farthest)
         junctions.append(_Stretch(*what, nearest, min(BEFORE_JUNCTION[1], farthest)))

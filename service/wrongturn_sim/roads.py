@@ -50,6 +50,12 @@ class Roads:
                 return k
         raise KeyError(direction)
 
+    def path_of(self, leg: int, gate: int) -> tuple[Points, Points]:
+        """Return the points (n, 2) and distances (n,) of an exit's path, which begins at the stop line."""
+        at = guide.L_GATE + guide.GATE_INTS * gate
+        first, end = self.ints[leg, at + guide.G_FIRST], self.ints[leg, at + guide.G_END]
+        return self.points[first:end], self.along[first:end]
+
     @property
     def tables(self) -> tuple[Points, Points, NDArray[np.int64], NDArray[np.float64]]:
         """What ``guide.update`` takes first."""

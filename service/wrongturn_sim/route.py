@@ -32,13 +32,21 @@ class Pose(NamedTuple):
 
 
 def start_pose(town: Town, trial: Trial) -> Pose:
-    """Where a trial begins: before the stop line, beside the lane's centre line and turned as the trial says."""
+    """Return where a trial begins: beside the line that it starts on, and turned as the trial says.
+
+    The line is the approach's lane, or inside a junction the route's path.
+    """
     roads = roads_of(town)
-    lane = roads.lanes[roads.legs[town.approach(trial.approach).lane]]
-    s = max(0.0, lane.length - trial.start.distance)
-    i = min(max(int(np.searchsorted(lane.along, s, side="right")) - 1, 0), len(lane.along) - 2)
-    (ax, ay), (bx, by) = lane.points[i].tolist(), lane.points[i + 1].tolist()
-    ahead = s - float(lane.along[i])
+    leg = roads.legs[town.approach(trial.approach).lane]
+    line = roads.lanes[leg]
+    points, along = line.points, line.along
+    s = max(0.0, line.length - trial.start.distance)
+    if trial.start.distance < 0.0:
+        points, along = roads.path_of(leg, roads.gate_of(leg, trial.route))
+        s = -trial.start.distance
+    i = min(max(int(np.searchsorted(along, s, side="right")) - 1, 0), len(along) - 2)
+    (ax, ay), (bx, by) = points[i].tolist(), points[i + 1].tolist()
+    ahead = s - float(along[i])
     heading = math.atan2(by - ay, bx - ax)
     cos, sin = math.cos(heading), math.sin(heading)
     yaw = heading + trial.start.yaw
@@ -96,6 +104,7 @@ def set_out(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64])
     progress[:] = 0
     progress[guide.P_LEG] = leg
     progress[guide.P_GATE] = roads.gate_of(leg, trial.route)
+    progress[guide.P_INSIDE] = trial.start.distance < 0.0
     progress[guide.P_AFTER] = -1
     progress[guide.P_JOURNEY] = trial.journey is not None
     return guide.draws(random.Random(f"route {trial.seed}"))  # of its own: no other draw shifts the route

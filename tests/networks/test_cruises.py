@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from shapely import LineString
 
 from wrongturn_networks import CruiseError, Town, bends_of, draw_cruise, load_town
 from wrongturn_protocol import FaultKind, Task, Traffic, Trial, Weather
@@ -105,6 +106,35 @@ def test_shares_are_those_asked_for() -> None:
     assert len(near) / MANY == pytest.approx(0.4 + 0.35 * by_chance, abs=0.03)
 
 
+def test_starts_inside_junctions_lie_on_the_routes_path() -> None:
+    town = load_town("Town01")
+    drawn = _drawn(town, near_junctions=0.3, near_bends=0.2, inside_junctions=0.2)
+    inside = [trial for trial in drawn if trial.start.distance < 0.0]
+    assert len(inside) / MANY == pytest.approx(0.2, abs=0.02)
+    exits = Counter((trial.approach, trial.route) for trial in inside)
+    assert set(exits) == {(name, route) for name, approach in town.approaches.items() for route in approach.exits}
+    shares = []
+    for trial in inside:
+        path = LineString(town.approach(trial.approach).exits[trial.route].path)
+        assert Trial.model_validate_json(trial.model_dump_json()) == trial
+        assert 0.0 <= trial.start.speed <= 5.0
+        shares.append(-trial.start.distance / path.length)
+    assert np.histogram(shares, 5, (0, 1))[0] == pytest.approx(len(inside) / 5, rel=0.2)
+    assert max(trial.start.speed for trial in drawn if trial.start.distance > 0.0) > 8.5
+
+
+def test_without_a_share_nobody_starts_inside_a_junction() -> None:
+    assert all(trial.start.distance > 0.0 for trial in _drawn(load_town("Town01"), 500))
+    assert _drawn(load_town("Town01"), 50) == _drawn(load_town("Town01"), 50, inside_junctions=0.0)
+
+
+def test_only_a_cruise_may_start_inside_a_junction() -> None:
+    town = load_town("Town01")
+    trial = _drawn(town, 1, near_junctions=0.0, near_bends=0.0, inside_junctions=1.0)[0]
+    with pytest.raises(ValidationError, match=r"start\.distance: .*only a cruise"):
+        Trial.model_validate(trial.model_dump() | {"journey": None})
+
+
 def test_a_town_without_bends_has_cruises_all_the_same() -> None:
     assert len(_drawn(load_town("junctions"), 100, near_junctions=0.0, near_bends=1.0)) == 100
 
@@ -125,9 +155,11 @@ def test_offsets_headings_and_speeds() -> None:
 @pytest.mark.parametrize(
     ("how", "field"),
     [
-        ({"near_junctions": 0.8}, "near_junctions, near_bends"),
-        ({"near_bends": -0.1}, "near_junctions, near_bends"),
-        ({"near_junctions": math.nan}, "near_junctions, near_bends"),
+        ({"near_junctions": 0.8}, "near_junctions, near_bends, inside_junctions"),
+        ({"near_bends": -0.1}, "near_junctions, near_bends, inside_junctions"),
+        ({"near_junctions": math.nan}, "near_junctions, near_bends, inside_junctions"),
+        ({"inside_junctions": math.nan}, "near_junctions, near_bends, inside_junctions"),
+        ({"inside_junctions": 0.4}, "near_junctions, near_bends, inside_junctions"),
         ({"speed": (5.0, 2.0)}, "speed"),
         ({"speed": (0.0, 23.0)}, "speed"),
         ({"lateral": 3.0}, "lateral, yaw"),

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from shapely import LineString, Point
 from test_vector_env import compare, drawn_actions
 
 from wrongturn_networks import draw_journey, load_town
@@ -112,6 +113,23 @@ def test_cruises_of_many_egos_are_those_of_single_environments(town, track):
     assert {"off_road", "not_engaged", "timeout"} <= set(strict)
     lax = compare(actions, mode=AutoresetMode.SAME_STEP, weather=weathers, **arguments)
     assert set(lax) <= {"collision", "timeout"}
+
+
+def test_cruises_that_start_inside_a_junction():
+    journeys = {"time_limit": 6.0, "near_junctions": 0.0, "near_bends": 0.0, "inside_junctions": 1.0}
+    arguments = {"town": "Town01", "task": "cruise", "track": "privileged", "journeys": journeys}
+    compare(drawn_actions(8, 150), strict=True, threads=2, **arguments)
+    envs = WrongturnVectorEnv(64, **arguments)
+    observation, _ = envs.reset(seed=3)
+    assert (observation["stop_line"] == -1.0).all()
+    town = load_town("Town01")
+    for i, trial in enumerate(envs._fleet.trials):
+        path = LineString(town.approach(trial.approach).exits[trial.route].path)
+        assert observation["command"][i, 0] == trial.route
+        x, y, _ = envs._fleet.poses[i]
+        assert path.distance(Point(x, y)) == pytest.approx(abs(trial.start.lateral), abs=0.05)
+        assert path.project(Point(x, y)) == pytest.approx(-trial.start.distance, abs=0.5)
+    envs.close()
 
 
 @pytest.mark.parametrize("town", TOWNS)

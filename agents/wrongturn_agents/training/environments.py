@@ -12,7 +12,7 @@ from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_protocol import TRAINING_WEATHERS
 
-_JOURNEYS = ("near_junctions", "near_bends", "lateral", "yaw", "time_limit")
+_JOURNEYS = ("near_junctions", "near_bends", "inside_junctions", "lateral", "yaw", "time_limit")
 
 
 def environments(config: PPOConfig, agent: ActorCritic, stopwatch: Stopwatch, *, threads: int) -> SeenVecEnv:

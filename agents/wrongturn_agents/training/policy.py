@@ -37,7 +37,8 @@ class WrongturnPolicy(ActorCriticPolicy):
         bf16: the encoder computes in bfloat16 on CUDA; what follows it in float32 everywhere.
         compiled: the encoder is compiled.
         joined: another loss is joined to PPO's, by weights that are learned.
-        encoder_share: of the learning rate, for the convolutions that the policy goes by; see ``PPOConfig``.
+        encoder_share: share of the learning rate for the encoder's convolutions; see ``PPOConfig``.
+        projection_share: the same for the layer between a ResNet and the heads.
         stopwatch: counts forward passes while driving as ``policy``.
     """
 
@@ -55,6 +56,7 @@ class WrongturnPolicy(ActorCriticPolicy):
         compiled: bool = False,
         joined: bool = False,
         encoder_share: float = 1.0,
+        projection_share: float = 1.0,
         stopwatch: Stopwatch | None = None,
         **_: Any,
     ) -> None:
@@ -62,7 +64,7 @@ class WrongturnPolicy(ActorCriticPolicy):
         self._bf16 = bf16
         self._compiled = compiled
         self._joined = joined
-        self._encoder_share = encoder_share
+        self._shares = {"model.encoder.network.": encoder_share, "model.encoder.projection.": projection_share}
         self._stopwatch = stopwatch or Stopwatch(torch.device("cpu"))
         super().__init__(
             observation_space, action_space, lr_schedule, net_arch={}, features_extractor_class=_NoExtractor
@@ -75,7 +77,7 @@ class WrongturnPolicy(ActorCriticPolicy):
         groups: dict[float, list[torch.nn.Parameter]] = {1.0: []}
         for name, parameter in self.named_parameters():
             if parameter.requires_grad:
-                share = self._encoder_share if name.startswith("model.encoder.network.") else 1.0
+                share = next((share for part, share in self._shares.items() if name.startswith(part)), 1.0)
                 groups.setdefault(share, []).append(parameter)
         rate = lr_schedule(1)
         self.optimizer = torch.optim.Adam(

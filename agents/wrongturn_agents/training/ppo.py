@@ -76,6 +76,7 @@ class WrongturnPPO(PPO):
                 "compiled": config.compile,
                 "joined": config.auxiliary_loss,
                 "encoder_share": config.encoder_learning_rate,
+                "projection_share": config.projection_learning_rate,
                 "stopwatch": stopwatch,
             },
             **more,

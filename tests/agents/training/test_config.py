@@ -41,6 +41,19 @@ def test_ablations_name_their_variant(algorithm, option, variant):
     assert config_of(algorithm).with_options([option]).variant == variant
 
 
+def test_a_stored_run_keeps_what_it_was_trained_with():
+    now = config_of("ppo-image")
+    assert (now.projection_learning_rate, now.near_junctions, now.near_bends, now.inside_junctions) == (
+        *(0.1, 0.3, 0.2, 0.2),
+    )
+    stored = now.as_dict() | {"near_junctions": 0.4, "near_bends": 0.25}
+    del stored["inside_junctions"], stored["projection_learning_rate"]
+    then = config_of("ppo-image", stored)
+    assert (then.projection_learning_rate, then.near_junctions, then.near_bends, then.inside_junctions) == (
+        *(1.0, 0.4, 0.25, 0.0),
+    )
+
+
 def test_options_are_read_by_their_kind():
     config = config_of("ppo-image").with_options(["steps=1_000", "gamma=0.9", "augment=true"])
     assert (config.steps, config.gamma, config.augment) == (1000, 0.9, True)

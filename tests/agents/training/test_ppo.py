@@ -83,10 +83,16 @@ def test_the_last_step_is_looked_at_too():
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "share"), [("ppo-segmentation", None), ("ppo-image", None), ("ppo-auxiliary", 0.2)]
+    ("algorithm", "options", "share", "projection"),
+    [
+        ("ppo-segmentation", (), 1.0, None),
+        ("ppo-image", (), None, 0.1),
+        ("ppo-image", ("projection_learning_rate=1",), None, 1.0),
+        ("ppo-auxiliary", (), 0.2, 0.1),
+    ],
 )
-def test_the_encoders_convolutions_have_their_own_learning_rate(algorithm, share):
-    ppo = small_ppo(algorithm)
+def test_convolutions_and_projection_have_their_own_learning_rates(algorithm, options, share, projection):
+    ppo = small_ppo(algorithm, *options)
     ppo._update_current_progress_remaining(0, 0)
     ppo._update_learning_rate(ppo.policy.optimizer)
     of = {id(parameter): group["lr"] for group in ppo.policy.optimizer.param_groups for parameter in group["params"]}
@@ -94,7 +100,8 @@ def test_the_encoders_convolutions_have_their_own_learning_rate(algorithm, share
     for name, parameter in ppo.policy.named_parameters():
         convolution = name.startswith("model.encoder.network.")
         if parameter.requires_grad:
-            assert of.pop(id(parameter)) == pytest.approx(rate * (share or 1.0) if convolution else rate), name
+            expected = share if convolution else projection if name.startswith("model.encoder.projection.") else 1.0
+            assert of.pop(id(parameter)) == pytest.approx(rate * expected), name
         else:
             assert convolution or name.startswith("model.encoder.decoder.")
     assert not of
