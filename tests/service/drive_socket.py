@@ -3,7 +3,7 @@
 import contextlib
 from typing import Any
 
-from service_harness import RunningService
+from service_harness import Service
 from websockets.sync.client import ClientConnection, connect
 
 from wrongturn_protocol import wire
@@ -14,7 +14,7 @@ Result = list[Any]
 class DriveSocket:
     """One connection of one agent."""
 
-    def __init__(self, service: RunningService, token: str) -> None:
+    def __init__(self, service: Service, token: str) -> None:
         self.socket: ClientConnection = connect(
             service.url.replace("http", "ws", 1) + wire.PATH,
             subprotocols=[wire.SUBPROTOCOL],  # type: ignore[list-item]

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
 
-from service_harness import RunningService
+from service_harness import Service
 
 from wrongturn_protocol import wire
 
 
 @contextlib.contextmanager
-def connected(service: RunningService, receive_buffer: int | None = None) -> Iterator[socket.socket]:
+def connected(service: Service, receive_buffer: int | None = None) -> Iterator[socket.socket]:
     """A TCP connection to the service."""
     raw = dial(service, receive_buffer)
     try:
@@ -22,7 +22,7 @@ def connected(service: RunningService, receive_buffer: int | None = None) -> Ite
         raw.close()
 
 
-def dial(service: RunningService, receive_buffer: int | None = None) -> socket.socket:
+def dial(service: Service, receive_buffer: int | None = None) -> socket.socket:
     parts = urlsplit(service.url)
     raw = socket.socket()
     if receive_buffer is not None:

@@ -18,8 +18,23 @@ COAST = {"steer": 0.0, "throttle": 0.0, "brake": 0.0}
 GAS = {"steer": 0.0, "throttle": 0.8, "brake": 0.0}
 
 
-class RunningService:
-    """One ``wrongturn serve`` on a free loopback port."""
+class Service:
+    """A service that listens at a URL."""
+
+    url: str
+
+    @contextlib.contextmanager
+    def agent(self, track: str = "privileged", **fields: object) -> Iterator["Agent"]:
+        """Register an agent; at the end its open episodes are deleted."""
+        with httpx.Client(base_url=self.url, timeout=60) as http:
+            body = {"name": f"agent {uuid.uuid4().hex[:12]}", "track": track, **fields}
+            registered = expect(http.post("/v1/agents", json=body), 201)
+        with Agent(self.url, registered) as agent:
+            yield agent
+
+
+class RunningService(Service):
+    """One ``wrongturn serve`` on a free loopback port, in a process of its own."""
 
     def __init__(self, database: Path, *options: str, **settings: object) -> None:
         self.database = database
@@ -73,7 +88,7 @@ class RunningService:
 
     def _end(self) -> int:
         try:
-            status = self.process.wait(20)
+            status = self.process.wait(120)
         except subprocess.TimeoutExpired:
             self.process.kill()
             status = self.process.wait()
@@ -83,14 +98,6 @@ class RunningService:
         self.process.stdout.close()
         self.process.stderr.close()
         return status
-
-    @contextlib.contextmanager
-    def agent(self, track: str = "privileged", **fields: object) -> Iterator["Agent"]:
-        with httpx.Client(base_url=self.url, timeout=60) as http:
-            body = {"name": f"agent {uuid.uuid4().hex[:12]}", "track": track, **fields}
-            registered = expect(http.post("/v1/agents", json=body), 201)
-        with Agent(self.url, registered) as agent:
-            yield agent
 
 
 class Agent:

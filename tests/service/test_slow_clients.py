@@ -1,145 +1,169 @@
 """Clients that are too slow, too many, or silent; and a stop while agents drive."""
 
 import contextlib
-import signal
-import threading
+import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import httpx
 import pytest
+import structlog
+from clocked_service import ClockedService
 from drive_socket import DriveSocket
 from raw_socket import connected, frame, http_problem, rest, upgrade
-from service_harness import COAST, RunningService, expect, problem
+from service_harness import COAST, Agent, expect, problem
 from websockets.exceptions import InvalidStatus
 
 from wrongturn_protocol import wire
 
-ACTION = (0.0, 0.8, 0.0)
-PATIENCE_S = 1.5
+PATIENCE_S, PING_INTERVAL_S, PING_TIMEOUT_S = 30.0, 20.0, 60.0
 
 
 @pytest.fixture(scope="module")
-def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    """A service of little patience."""
-    running = RunningService(
+def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ClockedService]:
+    """A service whose time-outs are the default ones, and which allows few connections to ``/v1/drive``."""
+    service = ClockedService(
         tmp_path_factory.mktemp("strict") / "wrongturn.db",
-        simulators=2,
         slow_client_s=PATIENCE_S,
         max_sockets=2,
         max_sockets_per_address=3,
-        ping_interval_s=1,
-        ping_timeout_s=2,
+        ping_interval_s=PING_INTERVAL_S,
+        ping_timeout_s=PING_TIMEOUT_S,
     )
-    assert running.ready, running.stderr
-    yield running
-    assert running.stop() == 0, running.stderr
+    yield service
+    service.close()
 
 
-def _closed(service: RunningService, reason: str) -> float:
+@pytest.fixture(autouse=True)
+def _alone(strict: ClockedService) -> None:
+    _until(lambda: strict.connections == 0, "connections of the test before are still there")
+
+
+def _closed(service: ClockedService, reason: str) -> float:
     return _figure(service, f'wrongturn_connections_closed_total{{reason="{reason}"}}')
 
 
-def _figure(service: RunningService, name: str) -> float:
-    lines = httpx.get(service.url + "/metrics").text.splitlines()
+def _figure(service: ClockedService, name: str) -> float:
+    lines = httpx.get(service.url + "/metrics", timeout=60).text.splitlines()
     return next(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name + " "))
 
 
-def _until(condition, message: str, seconds: float = 20) -> None:
+def _until(condition: Callable[[], bool], message: str, seconds: float = 120) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, message
-        time.sleep(0.05)
+        time.sleep(0.01)
+
+
+def _come(raw: socket.socket) -> bytes:
+    """What has come by now."""
+    raw.setblocking(False)
+    try:
+        return raw.recv(65536)
+    except BlockingIOError:
+        return b""
+    finally:
+        raw.settimeout(30)
 
 
 @pytest.mark.parametrize("said", [b"", b"GET /v1/suites HTTP/1.1\r\nHost", b"GET /health/live HTTP/1.1\r\nHost: x\r\n"])
-def test_a_head_that_does_not_come_to_its_end(strict: RunningService, said: bytes) -> None:
+def test_a_head_that_does_not_come_to_its_end(strict: ClockedService, said: bytes) -> None:
     before = _closed(strict, "slow-request")
     with connected(strict) as raw:
         raw.sendall(said)
+        _until(lambda: strict.connections == 1, "it is not connected")
+        strict.pass_time(PATIENCE_S - 1)
+        assert _come(raw) == b""
+        strict.pass_time(1)
         status, _, told = http_problem(rest(raw))
     assert (status, told["type"]) == (408, "/problems/request-timeout")
     assert _closed(strict, "slow-request") == before + 1
 
 
-def test_a_head_that_comes_byte_by_byte(strict: RunningService) -> None:
+def test_a_head_that_comes_byte_by_byte(strict: ClockedService) -> None:
     with connected(strict) as raw:
-        raw.settimeout(0.2)
-        reply = b""
-        for byte in b"GET /health/live HTTP/1.1\r\nHost: " + b"x" * 200:
-            with contextlib.suppress(BrokenPipeError, ConnectionResetError):
-                raw.send(bytes([byte]))
-            with contextlib.suppress(TimeoutError):
-                reply += raw.recv(65536)
-                break
-        assert http_problem(reply + rest(raw))[0] == 408
-
-
-def test_a_second_head_that_does_not_come(strict: RunningService) -> None:
-    with connected(strict) as raw:
-        raw.sendall(b"GET /health/live HTTP/1.1\r\nHost: x\r\n\r\n")
-        assert raw.recv(65536).startswith(b"HTTP/1.1 200")
-        raw.sendall(b"GET /hea")
+        _until(lambda: strict.connections == 1, "it is not connected")
+        for byte in b"GET /health/live HTTP/1.1\r\nHost: x"[: int(PATIENCE_S) - 1]:
+            raw.send(bytes([byte]))
+            strict.pass_time(1)
+            assert _come(raw) == b""
+        strict.pass_time(1)
         assert http_problem(rest(raw))[0] == 408
 
 
-def test_a_body_that_does_not_come_to_its_end(strict: RunningService) -> None:
+def test_a_second_head_that_does_not_come(strict: ClockedService) -> None:
+    with connected(strict) as raw:
+        raw.sendall(b"GET /health/live HTTP/1.1\r\nHost: x\r\n\r\n")
+        assert raw.recv(65536).startswith(b"HTTP/1.1 200")
+        strict.pass_time(PATIENCE_S + 1)  # between two requests a client may be silent for longer
+        raw.sendall(b"GET /hea")
+        strict.pass_time(PATIENCE_S)
+        assert http_problem(rest(raw))[0] == 408
+
+
+def test_a_body_that_does_not_come_to_its_end(strict: ClockedService) -> None:
     with connected(strict) as raw:
         raw.sendall(b"POST /v1/agents HTTP/1.1\r\nHost: x\r\nContent-Length: 100\r\n\r\n{")
+        _until(lambda: strict.connections == 1, "it is not connected")
+        strict.pass_time(PATIENCE_S)
         status, _, told = http_problem(rest(raw))
     assert (status, told["type"]) == (408, "/problems/request-timeout")
     assert "body" in told["detail"]
 
 
-def test_a_message_that_comes_byte_by_byte_though_pings_are_answered(strict: RunningService) -> None:
+def test_a_message_that_comes_byte_by_byte_though_pings_are_answered(strict: ClockedService) -> None:
     with strict.agent() as agent, connected(strict) as raw:
         assert b" 101 " in upgrade(raw, agent.token)
-        raw.settimeout(0.2)
         reply = b""
         raw.sendall(b"\x02\x81\0\0\0\0x")  # the first fragment, of one byte
-        for _ in range(100):
-            with contextlib.suppress(TimeoutError):
-                reply += raw.recv(65536)
-            if b"request-timeout" in reply:
-                break
-            with contextlib.suppress(BrokenPipeError, ConnectionResetError):
-                if b"\x89\x04" in reply:  # a ping
-                    raw.sendall(b"\x8a\x84\0\0\0\0" + reply[reply.index(b"\x89\x04") + 2 :][:4])
-                    reply = b""
-                raw.sendall(b"\0\x81\0\0\0\0x")
+        for _ in range(int(PATIENCE_S) - 1):
+            strict.pass_time(1)
+            reply += _come(raw)
+            if b"\x89\x04" in reply:  # a ping
+                raw.sendall(b"\x8a\x84\0\0\0\0" + reply[reply.index(b"\x89\x04") + 2 :][:4])
+                reply = b""
+            assert reply == b""
+            raw.sendall(b"\0\x81\0\0\0\0x")
+        strict.pass_time(1)
+        reply = rest(raw)
         at = reply.index(b"request-timeout")
         assert int.from_bytes(reply[at - 2 : at], "big") == 1008
 
 
-def test_who_never_reads_is_closed_and_its_replies_are_gone(strict: RunningService) -> None:
+def test_who_never_reads_is_closed_and_its_replies_are_gone(strict: ClockedService) -> None:
     before = _closed(strict, "slow-reader")
     with strict.agent() as agent, connected(strict, 65536) as raw:
         episode = agent.practise(track="segmentation")["id"]
         expect(agent.step(episode, 1), 200)
         upgrade(raw, agent.token)
         batch = frame(wire.pack_calls(1, [["step", episode, 1, 0.0, 0.8, 0.0]] * wire.CALLS))
+        # The service reads no further once nothing more of its replies fits between them.
         raw.settimeout(1)
         with contextlib.suppress(TimeoutError, ConnectionError):
             raw.sendall(batch * 500)
+        strict.pass_time(PATIENCE_S)
         _until(lambda: _closed(strict, "slow-reader") == before + 1, "who never reads stays")
         _until(lambda: _figure(strict, "wrongturn_sockets") == 0, "its connection counts on")
         with contextlib.suppress(TimeoutError, ConnectionError):
-            raw.settimeout(5)
+            raw.settimeout(30)
             rest(raw)
         expect(agent.step(episode, 2), 200)
 
 
-def test_who_answers_no_ping_is_gone_and_its_simulators_are_free(strict: RunningService) -> None:
+def test_who_answers_no_ping_is_gone(strict: ClockedService) -> None:
     with strict.agent() as agent, contextlib.ExitStack() as stack:
         silent = [stack.enter_context(connected(strict)) for _ in range(2)]
         for raw in silent:
             assert b" 101 " in upgrade(raw, agent.token)
+        strict.pass_time(PING_INTERVAL_S)
+        strict.pass_time(PING_TIMEOUT_S - 1)
         assert _figure(strict, "wrongturn_sockets") == 2
+        strict.pass_time(1)
         _until(lambda: _figure(strict, "wrongturn_sockets") == 0, "half-open connections count on")
 
 
-def test_so_many_sockets_of_an_agent_and_from_an_address(strict: RunningService) -> None:
+def test_so_many_sockets_of_an_agent_and_from_an_address(strict: ClockedService) -> None:
     def refused(token: str) -> None:
         with pytest.raises(InvalidStatus) as caught:
             DriveSocket(strict, token)
@@ -162,7 +186,7 @@ def test_so_many_sockets_of_an_agent_and_from_an_address(strict: RunningService)
         DriveSocket(strict, one.token).socket.close()
 
 
-def test_the_line_over_the_socket(strict: RunningService) -> None:
+def test_the_line_over_the_socket(strict: ClockedService) -> None:
     wanted = {"town": "Town01", "approach": "J3-S", "seed": 3}
     with strict.agent() as agent, strict.agent() as other, DriveSocket(strict, agent.token) as drive:
         held = [drive.one("practise", wanted, None)[1]["id"] for _ in range(2)]
@@ -179,13 +203,13 @@ def test_the_line_over_the_socket(strict: RunningService) -> None:
 
 
 def test_too_many_connections(tmp_path: Path) -> None:
-    service = RunningService(tmp_path / "wrongturn.db", simulators=1, max_connections=3)
+    service = ClockedService(tmp_path / "wrongturn.db", max_connections=3)
     with contextlib.ExitStack() as stack:
-        stack.callback(service.stop)
-        with httpx.Client(base_url=service.url) as http:
+        stack.callback(service.close)
+        with httpx.Client(base_url=service.url, timeout=60) as http:
             expect(http.get("/health/live"), 200)
             others = [stack.enter_context(connected(service)) for _ in range(2)]
-            time.sleep(0.2)
+            _until(lambda: service.connections == 3, "they are not connected")
             with connected(service) as late:
                 status, headers, told = http_problem(rest(late))
             assert (status, told["type"]) == (503, "/problems/service-full")
@@ -194,76 +218,70 @@ def test_too_many_connections(tmp_path: Path) -> None:
             _until(lambda: _answers(service), "a place that is free again is not given")
 
 
-def _answers(service: RunningService) -> bool:
+def _answers(service: ClockedService) -> bool:
     try:
-        return httpx.get(service.url + "/health/live").status_code == 200
+        return httpx.get(service.url + "/health/live", timeout=60).status_code == 200
     except httpx.RemoteProtocolError:
         return False
 
 
 def test_a_stop_lets_agents_come_to_their_end_and_begins_nothing(tmp_path: Path) -> None:
-    service = RunningService(tmp_path / "wrongturn.db", simulators=2, shutdown_grace_s=20)
-    with service.agent() as agent, DriveSocket(service, agent.token) as drive:
-        evaluation = agent.evaluate()["id"]
-        episode = expect(agent.reset(evaluation), 201)["id"]
-        idle = agent.practise()["id"]
-        began = time.monotonic()
-        stopped: list[int] = []
-        waiting = threading.Thread(target=lambda: stopped.append(service.stop()))
-        service.process.send_signal(signal.SIGTERM)
-        _until(lambda: agent.http.get("/health/ready").status_code == 503, "it is ready though it stops")
-        refused = agent.reset(evaluation)
-        problem(refused, 503, "shutting-down")
-        assert int(refused.headers["Retry-After"]) >= 1
-        result = drive.one("next", evaluation, None)
-        assert (result[0], result[1]["type"], result[1]["retry_after_s"]) == (503, "/problems/shutting-down", 5)
-        seq, over = 0, False
-        while not over:
-            seq += 1
-            if seq % 2:
-                last = expect(agent.step(episode, seq, COAST), 200)
-            else:
-                status, last, _ = drive.one("step", episode, seq, *COAST.values())
-                assert status == 200, last
-            over = last["terminated"] or last["truncated"]
-        waiting.start()
-        waiting.join(25)
-        assert stopped == [0], service.stderr
-        assert time.monotonic() - began < 25
-    assert '"event": "episodes are lost by the stop' in service.stderr
-    again = RunningService(tmp_path / "wrongturn.db", simulators=1)
+    with structlog.testing.capture_logs() as logs:
+        service = ClockedService(tmp_path / "wrongturn.db", shutdown_grace_s=600)
+        with service.agent() as agent, DriveSocket(service, agent.token) as drive:
+            evaluation = agent.evaluate()["id"]
+            episode = expect(agent.reset(evaluation), 201)["id"]
+            idle = agent.practise()["id"]
+            service.pass_time(2)  # the stop waits for no agent that is silent
+            expect(agent.step(episode, 1, COAST), 200)
+            service.signal()
+            _stopping(agent)
+            refused = agent.reset(evaluation)
+            problem(refused, 503, "shutting-down")
+            assert int(refused.headers["Retry-After"]) >= 1
+            result = drive.one("next", evaluation, None)
+            assert (result[0], result[1]["type"], result[1]["retry_after_s"]) == (503, "/problems/shutting-down", 5)
+            seq, over = 1, False
+            while not over:
+                assert service.running
+                seq += 1
+                if seq % 2:
+                    last = expect(agent.step(episode, seq, COAST), 200)
+                else:
+                    status, last, _ = drive.one("step", episode, seq, *COAST.values())
+                    assert status == 200, last
+                over = last["terminated"] or last["truncated"]
+            service.join()
+        service.close()
+    assert [log["count"] for log in logs if log["event"].startswith("episodes are lost by the stop")] == [1]
+    again = ClockedService(tmp_path / "wrongturn.db")
     try:
         headers = {"Authorization": f"Bearer {agent.token}"}
-        with httpx.Client(base_url=again.url, headers=headers) as http:
+        with httpx.Client(base_url=again.url, headers=headers, timeout=60) as http:
             assert expect(http.get(f"/v1/evaluations/{evaluation}"), 200)["finished"] == 1
             repeated = http.post(f"/v1/episodes/{episode}/step", json={"seq": seq, "action": COAST})
             assert expect(repeated, 200)["seq"] == seq
             lost = http.post(f"/v1/episodes/{idle}/step", json={"seq": 1, "action": COAST})
             problem(lost, 410, "episode-lost")
     finally:
-        assert again.stop() == 0
+        again.close()
+
+
+def _stopping(agent: Agent) -> None:
+    _until(lambda: agent.http.get("/health/ready").status_code == 503, "it is ready though it stops")
 
 
 def test_a_second_signal_does_not_wait(tmp_path: Path) -> None:
-    service = RunningService(tmp_path / "wrongturn.db", simulators=1, shutdown_grace_s=60)
-    with service.agent() as agent:
-        episode = agent.practise()["id"]
-        stop = threading.Event()
-
-        def go_on() -> None:
-            seq = 0
-            with contextlib.suppress(httpx.HTTPError, AssertionError):
-                while not stop.is_set():
-                    seq += 1
-                    expect(agent.step(episode, seq, COAST), 200)
-                    time.sleep(0.1)
-
-        driving = threading.Thread(target=go_on)
-        driving.start()
-        time.sleep(0.5)
-        service.process.send_signal(signal.SIGTERM)
-        time.sleep(1.5)
-        assert service.process.poll() is None
-        assert service.stop() == 0
-        stop.set()
-        driving.join(30)
+    service = ClockedService(tmp_path / "wrongturn.db", shutdown_grace_s=600)
+    try:
+        with service.agent() as agent:
+            episode = agent.practise()["id"]
+            service.signal()
+            _stopping(agent)
+            for seq in range(1, 5):
+                expect(agent.step(episode, seq, COAST), 200)
+            assert service.running
+            service.signal()
+            service.join()
+    finally:
+        service.close()

@@ -1,0 +1,127 @@
+"""A service in a thread of the test's process whose clocks the test moves, so that no time-out has to be waited out."""
+
+import asyncio
+import contextlib
+import gc
+import signal
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from fake_pool import FakePool
+from service_harness import Service
+from typing_extensions import override
+
+from wrongturn_service.app import create_app
+from wrongturn_service.episodes.lease import Lease
+from wrongturn_service.episodes.queue import SimulatorQueue
+from wrongturn_service.server import Server, configuration
+from wrongturn_service.settings import Settings
+
+
+class ClockedLoop(asyncio.SelectorEventLoop):
+    """An event loop whose time is ahead of the real time by what the test adds to it."""
+
+    ahead = 0.0
+
+    @override
+    def time(self) -> float:
+        return super().time() + self.ahead
+
+
+class _Server(Server):
+    """A server that leaves the signals to the test's process."""
+
+    @override
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+class ClockedService(Service):
+    """One service behind real sockets, with simulators that only count.
+
+    Its time-outs go by the loop's clock, which the test moves. Leases and the queue for simulators go by the test's
+    clock alone: for them no time passes while the test works, however slow the machine is.
+    """
+
+    def __init__(self, database: Path, slots: int = 2, **settings: Any) -> None:
+        given = Settings(database=f"sqlite+aiosqlite:///{database}", home=database.parent, simulators=slots, **settings)
+        self._loop = ClockedLoop()
+        self._patches = contextlib.ExitStack()
+        for clocked in (Lease, SimulatorQueue):
+            clock = patch.object(clocked.__init__, "__defaults__", (lambda: self._loop.ahead,))
+            self._patches.enter_context(clock)
+        bound = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{bound.getsockname()[1]}"
+        self._app = create_app(given, pool=FakePool(slots))
+        self._server = _Server(configuration(self._app, given), self._app, self.url, given.shutdown_grace_s)
+        self._started = threading.Event()
+        self._thread = threading.Thread(target=self._run, args=(bound,), daemon=True)
+        self._thread.start()
+        assert self._started.wait(120), "the service did not start"
+        assert self._server.started, self._app.state.startup_error
+
+    def _run(self, bound: socket.socket) -> None:
+        async def serve() -> None:
+            serving = asyncio.ensure_future(self._server.serve([bound]))
+            while not (self._server.started or serving.done()):  # noqa: ASYNC110 - nobody tells of it
+                await asyncio.sleep(0.001)
+            self._started.set()
+            await serving
+
+        try:
+            with bound:
+                self._loop.run_until_complete(serve())
+                self._loop.run_until_complete(self._loop.shutdown_asyncgens())
+        finally:
+            self._started.set()
+            self._loop.close()
+
+    def pass_time(self, seconds: float) -> None:
+        """Let so many seconds go by for the service, after it has dealt with all that has arrived."""
+
+        async def shift() -> None:
+            await _settled()
+            self._loop.ahead += seconds
+            await _settled()
+
+        asyncio.run_coroutine_threadsafe(shift(), self._loop).result(60)
+
+    @property
+    def connections(self) -> int:
+        """Number of open connections."""
+        return len(self._server.server_state.connections)
+
+    def signal(self) -> None:
+        """Do what the signal SIGTERM does."""
+        self._loop.call_soon_threadsafe(self._server.handle_exit, signal.SIGTERM, None)
+
+    @property
+    def running(self) -> bool:
+        """Whether the service has not ended yet."""
+        return self._thread.is_alive()
+
+    def join(self) -> None:
+        """Wait for the end of a service that was told to stop."""
+        self._thread.join(240)
+        assert not self.running, "the service does not end"
+
+    def close(self) -> None:
+        """End the service at once."""
+        if self.running:
+            self.signal()
+            with contextlib.suppress(RuntimeError):  # it may have ended meanwhile
+                self.signal()
+        self.join()
+        self._patches.close()
+        gc.unfreeze()
+
+
+async def _settled() -> None:
+    """Turn the loop often enough for everything that has arrived to be handled."""
+    for _ in range(50):
+        await asyncio.sleep(0)
