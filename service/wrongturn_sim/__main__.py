@@ -1,29 +1,47 @@
-"""Compile all kernels of episodes, as when an image is built: ``python -m wrongturn_sim``.
+"""Compile everything that numba compiles and keep it: ``python -m wrongturn_sim``.
 
-They are kept where ``NUMBA_CACHE_DIR`` says, so that no process that finds them there has to compile.
+Images and tests run it once. The compiled code lies where ``NUMBA_CACHE_DIR`` says, and a process that finds it there
+does not compile anything itself.
 """
 
 from typing import Final
 
+import numpy as np
+
 from wrongturn_networks import draw_journey, draw_trial, load_town
-from wrongturn_protocol import FaultKind, Task, Track
+from wrongturn_protocol import FaultKind, Task, Track, Trial
 from wrongturn_sim.episode import Episode
+from wrongturn_sim.fleet.vector_env import WrongturnVectorEnv
 from wrongturn_sim.home import set_cache
 
 _TOWN: Final = "junctions"
 
 
 def main() -> None:
-    """Drive for a moment in both kinds of trial and on every track, and say where the kernels are."""
+    """Drive one step of a junction and of a journey on every track, alone and in a batch; print the cache's folder."""
     town = load_town(_TOWN)
     junction = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
     for trial in (junction, draw_journey(town, Task.NAVIGATION, 0)):
         for track in Track:
-            episode = Episode(trial, track)
-            episode.reset()
-            episode.step(0.0, 0.5, 0.0)
-            episode.abort()
+            _episode(trial, track)
+            _batch(trial, track)
     print(f"compiled into {set_cache()}")
+
+
+def _episode(trial: Trial, track: Track) -> None:
+    """Drive one step as the service and the single environment do."""
+    episode = Episode(trial, track)
+    episode.reset()
+    episode.step(0.0, 0.5, 0.0)
+    episode.abort()
+
+
+def _batch(trial: Trial, track: Track) -> None:
+    """Drive one step as training does, without SUMO."""
+    batch = WrongturnVectorEnv(1, _TOWN, track)
+    batch.reset(options={"trial": trial})
+    batch.step(np.array([[0.0, 0.5, 0.0]], np.float32))
+    batch.close()
 
 
 if __name__ == "__main__":
