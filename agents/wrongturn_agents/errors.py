@@ -1,21 +1,24 @@
-"""What can go wrong on the agents' side.
+"""Errors of the agents' side. The text of each is one line for a user.
 
 ::
 
     AgentsError
     ├── UnknownAgentError        no agent is registered under the name
     ├── AgentImportError         package.module:Class cannot be imported
-    ├── NotAnAgentError          it was imported, and it is no agent
-    ├── AgentFailedError         it raised something while it was made or drove, or gave no action
-    ├── ModelFileError           an .onnx file is missing, broken or has other inputs and outputs
+    ├── NotAnAgentError          what was imported is not an agent
+    ├── AgentFailedError         the agent raised an exception, or returned something other than an action
+    ├── ModelFileError           an .onnx file is missing or broken, or breaks the contract
     ├── OnnxRuntimeMissingError  the extra ``onnx`` is not installed
     ├── RunError                 a run cannot begin: its name is taken, its track is not in the suite, ...
-    └── RunFileError             a run cannot be resumed: its file is missing or not readable
+    ├── RunFileError             the file of a saved run is missing, or cannot be read or written
+    └── ResultsError             stored results, or a request about them, are not valid
+        ├── MissingPackageError  a package of the extra ``training`` is not installed
+        └── OutdatedPageError    a page or picture does not show the stored results
 """
 
 
 class AgentsError(Exception):
-    """Root of the agents' errors; the text is one line for a user."""
+    """Base class of the agents' errors. The text is one line for a user."""
 
 
 class UnknownAgentError(AgentsError):
@@ -27,15 +30,15 @@ class AgentImportError(AgentsError):
 
 
 class NotAnAgentError(AgentsError):
-    """What was imported lacks ``reset``, ``act`` or ``track``."""
+    """The imported object lacks ``reset``, ``act`` or ``track``."""
 
 
 class AgentFailedError(AgentsError):
-    """An agent raised something while it was made or drove (the cause says what), or gave no action."""
+    """The agent raised an exception (the cause of this one), or returned something other than an action."""
 
 
 class ModelFileError(AgentsError):
-    """An ONNX file is missing, broken or does not keep to the contract."""
+    """An ONNX file is missing or broken, or breaks the contract."""
 
 
 class OnnxRuntimeMissingError(AgentsError):
@@ -43,8 +46,20 @@ class OnnxRuntimeMissingError(AgentsError):
 
 
 class RunError(AgentsError):
-    """A run cannot begin as it was asked for."""
+    """A run cannot begin with the given options."""
 
 
 class RunFileError(AgentsError):
-    """A run cannot be resumed from what was named."""
+    """The file of a saved run is missing, or cannot be read or written."""
+
+
+class ResultsError(AgentsError):
+    """Stored results, or a request about them, are not valid."""
+
+
+class MissingPackageError(ResultsError):
+    """A package of the extra ``training`` is not installed."""
+
+
+class OutdatedPageError(ResultsError):
+    """A page or picture does not show the stored results."""

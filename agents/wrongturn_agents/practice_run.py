@@ -87,8 +87,7 @@ class PracticeRun:
                 outcome = client.episode(begun.id).outcome
             if outcome is None:
                 raise RunError(f"--task: the service does not show how {trial} ended; drive the whole suite instead")
-            clean = outcome.journey.clean if outcome.journey else None
-            result = TrialResult(verdict=outcome.verdict, reaction=outcome.reaction, clean=clean)
+            result = TrialResult.of(outcome)
             with self._lock:
                 trials = {**self._results.trials, trial: result}
                 self._results = self._results.model_copy(update={"trials": trials})

@@ -1,41 +1,41 @@
-"""The suites that results are of, from the networks where they are installed."""
+"""The suites that are installed here, as runs and reports need them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
-from wrongturn_agents.reporting.errors import ResultsError
+from wrongturn_agents.errors import ResultsError
 from wrongturn_client.plugins import entry_points, load
 from wrongturn_protocol import Trial
 
 WRONG_COMMAND: Final = "wrong-command@1"
 NAVIGATION: Final = "navigation@1"
-_GROUP: Final = "wrongturn.suites"
 
 
 @dataclass(frozen=True)
 class SuiteTrials:
-    """What a results file is held against."""
+    """A suite's trials, with the hash that identifies its version."""
 
     id: str
     sha256: str
     trials: Mapping[str, Trial]
-    """All that an evaluation drives, twins too, by id."""
+    """Every trial that an evaluation drives, twins included, by id."""
 
-
-SuiteOf = Callable[[str], SuiteTrials]
-"""Finds a suite by its id."""
+    @property
+    def crowded(self) -> set[str]:
+        """Ids of the trials with other road users."""
+        return {name for name, trial in self.trials.items() if trial.traffic.vehicles or trial.traffic.pedestrians}
 
 
 @lru_cache(maxsize=16)
 def installed_suite(suite: str) -> SuiteTrials:
-    """The suite of this id, as it is installed here.
+    """Return the installed suite with this id.
 
     Raises:
-        ResultsError: there is none, and those that there are are named; or no networks are installed.
+        ResultsError: No suite has this id (the error lists those that exist), or wrongturn-networks is not installed.
     """
-    point = entry_points(_GROUP).get("shipped")
+    point = entry_points("wrongturn.suites").get("shipped")
     if point is None:
         raise ResultsError("no suites are installed here; install wrongturn-networks (again)")
     try:

@@ -7,11 +7,10 @@ import pytest
 from made_results import keep, navigation
 from typer.testing import CliRunner
 
-from wrongturn_agents.errors import AgentsError, RunError
+from wrongturn_agents.errors import AgentsError, ResultsError, RunError
 from wrongturn_agents.practice_run import PracticeRun
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.errors import ResultsError
 from wrongturn_agents.reporting.navigation import tasks_table
 from wrongturn_agents.reporting.results_file import ResultsFile
 from wrongturn_agents.suites import SuiteTrials, installed_suite
@@ -56,10 +55,10 @@ def test_results_among_other_road_users_join_those_in_process(tmp_path: Path):
     whole = navigation("ppo-image", {dynamic: 20}, seed=1, driven="over the service")
     alone = navigation("ppo-image", {}, seed=1, driven="in process", traffic=False)
     keep(tmp_path, alone, of_task(whole, Task.NAVIGATION_DYNAMIC), shipped={"ppo-image": 1})
-    collection = Collection.read(tmp_path, installed_suite)
+    collection = Collection.read(tmp_path)
     shipped = collection.of_shipped("navigation@1", "ppo-image")
     assert shipped is not None
-    assert len(shipped.trials) == len(collection.of("navigation@1", "ppo-image")[1].trials) == 400
+    assert len(shipped.trials) == len(collection.by_seed("navigation@1", "ppo-image")[1].trials) == 400
     assert not any("other road users" in line for line in collection.missing(("navigation@1",)))
     assert any(row[1] == "navigation with traffic" and "80" in row[3] for row in tasks_table(collection).rows)
 
@@ -68,7 +67,7 @@ def test_a_part_of_a_task_is_not_stored(tmp_path: Path):
     part = of_task(navigation("ppo-image", {}, seed=1, driven="over the service"), Task.NAVIGATION_DYNAMIC)
     keep(tmp_path, part.model_copy(update={"trials": dict(list(part.trials.items())[:99])}))
     with pytest.raises(ResultsError, match="lacks 301"):
-        Collection.read(tmp_path, installed_suite)
+        Collection.read(tmp_path)
 
 
 @pytest.mark.slow

@@ -6,16 +6,14 @@ import pytest
 from made_results import keep, navigation, wrong_command
 from typer.testing import CliRunner
 
+from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.reporting.collection import STORED, Collection
-from wrongturn_agents.reporting.endings import endings_table
-from wrongturn_agents.reporting.errors import ResultsError
 from wrongturn_agents.reporting.navigation import navigation_table, tasks_table
-from wrongturn_agents.reporting.order import left_out, unsafe_by_seed
+from wrongturn_agents.reporting.order import seeds_left_out, unsafe_by_seed
 from wrongturn_agents.reporting.paper import PAPER
-from wrongturn_agents.reporting.sections import lines_of_missing
-from wrongturn_agents.reporting.wrong_command import seeds_table, wrong_command_table
+from wrongturn_agents.reporting.report import Report
+from wrongturn_agents.reporting.wrong_command import endings_table, seeds_table, wrong_command_table
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
-from wrongturn_agents.suites import installed_suite
 from wrongturn_client.cli import app
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Condition, FaultKind, Reaction, Task
@@ -25,7 +23,7 @@ NAVIGATION_IN_NEW_TOWN = (Task.NAVIGATION, Condition.NEW_TOWN)
 
 
 def read(directory: Path) -> Collection:
-    return Collection.read(directory, installed_suite)
+    return Collection.read(directory)
 
 
 def rows_of(rows: tuple[tuple[str, ...], ...], agent: str) -> dict[str, tuple[str, ...]]:
@@ -91,15 +89,15 @@ def test_seeds_that_cannot_drive_are_told_apart(tmp_path):
     assert rows["the 2 that drive"][3:] == ("24 [23–25]", "57 [54–60]")
     assert [row[-1] for row in seeds_table(collection).rows] == ["54", "53: cannot drive", "60"]
     assert unsafe_by_seed(collection)["ppo-image"] == (23, 25)
-    assert "`ppo-image` 2 (53 of 60)" in left_out(collection)
+    assert "`ppo-image` seed 2 (53 of 60)" in seeds_left_out(collection)
 
 
 def test_traffic_that_the_shipped_seed_has_not_met_is_missing(tmp_path):
     driven = {1: False, 2: True}
     files = [navigation("ppo-image", {}, seed=seed, traffic=traffic) for seed, traffic in driven.items()]
     for seed, traffic in driven.items():
-        lines = lines_of_missing(read(keep(tmp_path, *files, shipped={"ppo-image": seed})))
-        assert any("has not met the other road users of navigation@1" in line for line in lines) is not traffic
+        lines = Report(read(keep(tmp_path, *files, shipped={"ppo-image": seed})), ()).missing
+        assert any("was not driven among the other road users of navigation@1" in line for line in lines) is not traffic
 
 
 def test_what_was_driven_over_the_service_is_shown_for_the_shipped_seed(tmp_path):
@@ -110,7 +108,7 @@ def test_what_was_driven_over_the_service_is_shown_for_the_shipped_seed(tmp_path
     collection = read(keep(tmp_path, *files, shipped={"ppo-image": 1}))
     rows = rows_of(wrong_command_table(collection).rows, "`ppo-image`")
     assert rows["ours, seed 1"][3].startswith("6 ")
-    assert any("seed 1" in line and "1 of 120 verdicts differ" in line for line in lines_of_missing(collection))
+    assert any("seed 1" in line and "1 of 120 verdicts differ" in line for line in collection.differences())
 
 
 def test_a_baseline_has_no_seed_and_no_paper(tmp_path):
@@ -141,7 +139,10 @@ def test_navigation_counts_arrivals_by_condition(tmp_path):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"suite_sha256": "0" * 64}, r"image.*suite_sha256: it is of another wrong-command@1 \(000000000000\)"),
+        (
+            {"suite_sha256": "0" * 64},
+            r"image.*suite_sha256: the results are of another wrong-command@1 \(000000000000\)",
+        ),
         ({"suite": "no-such@1"}, "no-such@1"),
         ({"agent": "ppo image"}, "agent: "),
         ({"seed": -1}, "seed: "),
@@ -182,7 +183,7 @@ def test_trials_with_other_road_users_are_left_out_in_process_or_not_at_all(tmp_
 def test_the_same_results_twice_are_refused(tmp_path):
     path = wrong_command("ppo-image", (0,) * 6, seed=1).write(tmp_path)
     (tmp_path / "copy.json").write_text(path.read_text())
-    with pytest.raises(ResultsError, match=r"ppo-image seed 1 on wrong-command@1 in process stands in copy.json"):
+    with pytest.raises(ResultsError, match=r"ppo-image seed 1 on wrong-command@1 in process is already in copy.json"):
         read(tmp_path)
 
 
@@ -193,8 +194,8 @@ def test_what_is_missing_is_said(tmp_path):
     assert "no results on navigation@1: ppo-segmentation, ppo-image, ppo-auxiliary" in err
     keep(tmp_path, wrong_command("ppo-image", (0,) * 6, seed=1), navigation("ppo-image", {}, seed=2))
     _, _, err = run("--directory", str(tmp_path))
-    assert "ppo-image has no results on wrong-command@1 of seed 2" in err
-    assert "shipped.json names no seed of ppo-image" in err
+    assert "ppo-image has no results on wrong-command@1 for seed 2" in err
+    assert "shipped.json names no seed for ppo-image" in err
     with pytest.raises(ResultsError, match="is no directory"):
         run("--directory", str(tmp_path / "none"))
 
@@ -221,7 +222,7 @@ def test_variants_stand_beside_the_algorithm_in_the_ablations_alone(tmp_path):
     page.write_text("<!-- wrongturn results: ablations -->\n<!-- end of results -->\n")
     run("--directory", str(keep(tmp_path, *files)), "--write", str(page))
     text = page.read_text()
-    assert "| `ppo-image` | as it is | 1 | – | – | – | 18 (20–43 %) | 60 (94–100 %) |" in text
+    assert "| `ppo-image` | standard | 1 | – | – | – | 18 (20–43 %) | 60 (94–100 %) |" in text
     assert "|  | without augmentation | 1 | 100 (87–100) | 20 (9–39) | 100 (87–100) | 1 (0–9 %) |" in text
     table = wrong_command_table(read(tmp_path))
     assert not any("augmentation" in cell for row in table.rows for cell in row)
@@ -230,7 +231,7 @@ def test_variants_stand_beside_the_algorithm_in_the_ablations_alone(tmp_path):
 def test_how_trials_ended(tmp_path):
     table = endings_table(read(keep(tmp_path, wrong_command("ppo-image", (0, 0, 0, 0, 9, 3), seed=1))))
     assert table.head[3:10] == (
-        "collision", "off road", "stopped in it", "wrong way", "stopped before", "an exit", "other end",
+        "collision", "off road", "stopped inside", "wrong way", "stopped before", "exit", "other end",
     )  # fmt: skip
     assert [row[1:10] for row in table.rows] == [
         ("wrong", "30", "30", "0", "0", "0", "0", "70", "0"),
@@ -254,10 +255,10 @@ def test_how_the_fault_was_met_and_by_whom(tmp_path):
         ("`parked`", "0", "0", "0", "0"),
         ("", "", "", "0", "0"),
     ]
-    assert "of a trained agent those of all seeds that drive, of any other all that it has" in table.notes[0]
+    assert "For any other agent: all its trials." in table.note
 
 
 def test_the_seeds_called_shipped_are_those_of_the_weights():
-    for agent, seed in Collection.read(STORED, installed_suite).shipped.items():
+    for agent, seed in Collection.read(STORED).shipped.items():
         model = onnx.load(SHIPPED_AGENTS[agent].file)
         assert {entry.key: entry.value for entry in model.metadata_props}["seed"] == str(seed), agent

@@ -5,7 +5,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from wrongturn_agents.reporting.errors import ResultsError
+from wrongturn_agents.errors import ResultsError
 from wrongturn_client.cli import app
 
 

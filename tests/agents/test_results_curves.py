@@ -4,12 +4,17 @@ import re
 import pytest
 from made_results import progress
 
-from wrongturn_agents.reporting import curve_picture
-from wrongturn_agents.reporting.curves import POINTS, read_curves, read_progress
-from wrongturn_agents.reporting.errors import OutdatedPageError, ResultsError
-from wrongturn_agents.reporting.importing import Origin, take_in
-from wrongturn_agents.reporting.training_table import time_table, training_table
-from wrongturn_agents.suites import installed_suite
+from wrongturn_agents.errors import OutdatedPageError, ResultsError
+from wrongturn_agents.reporting.curves import (
+    POINTS,
+    check_picture,
+    draw,
+    read_curves,
+    read_progress,
+    time_table,
+    training_table,
+)
+from wrongturn_agents.reporting.importing import Overrides, import_results
 
 
 @pytest.fixture
@@ -22,7 +27,7 @@ def run(tmp_path):
 
 
 def test_a_run_is_kept_thinned_with_its_end_its_evaluations_and_its_time(tmp_path, run):
-    kept = take_in(run, tmp_path, Origin(), installed_suite)
+    kept = import_results(run, tmp_path, Overrides())
     assert kept == tmp_path / "curves" / "ppo-image.s3.csv"
     (curve,) = read_curves(tmp_path / "curves")
     assert (curve.agent, curve.seed, curve.variant) == ("ppo-image", 3, None)
@@ -34,15 +39,15 @@ def test_a_run_is_kept_thinned_with_its_end_its_evaluations_and_its_time(tmp_pat
 
 
 def test_what_is_said_goes_before_what_the_run_says(tmp_path, run):
-    kept = take_in(run, tmp_path, Origin(seed=4, variant="without-augmentation"), installed_suite)
+    kept = import_results(run, tmp_path, Overrides(seed=4, variant="without-augmentation"))
     assert kept.name == "ppo-image.without-augmentation.s4.csv"
     (run / "config.json").unlink()
     with pytest.raises(ResultsError, match="give --agent and --seed"):
-        take_in(run, tmp_path, Origin(), installed_suite)
+        import_results(run, tmp_path, Overrides())
 
 
 def test_tables_of_runs(tmp_path, run):
-    take_in(run, tmp_path, Origin(), installed_suite)
+    import_results(run, tmp_path, Overrides())
     curves = read_curves(tmp_path / "curves")
     (row,) = training_table(curves).rows
     assert row[:4] == ("`ppo-image`", "3", "2.00 M", "199.9")
@@ -66,18 +71,18 @@ def test_a_curve_must_be_called_like_one(tmp_path):
 
 def test_all_seeds_are_drawn_and_an_outdated_picture_is_found(tmp_path, run):
     for seed in (1, 2):
-        take_in(run, tmp_path, Origin(seed=seed), installed_suite)
-    take_in(run, tmp_path, Origin(agent="ppo-auxiliary", seed=1), installed_suite)
+        import_results(run, tmp_path, Overrides(seed=seed))
+    import_results(run, tmp_path, Overrides(agent="ppo-auxiliary", seed=1))
     curves = read_curves(tmp_path / "curves")
     picture = tmp_path / "curves.svg"
-    curve_picture.draw(curves, picture)
+    draw(curves, picture)
     drawn = picture.read_text("utf-8")
     assert {"seed 1", "seed 2", "ppo-image", "ppo-auxiliary"} <= set(re.findall(r">([^<>]+)</text>", drawn))
     assert len(drawn) < 300_000
-    curve_picture.check(curves, picture)
-    curve_picture.draw(curves, picture)
+    check_picture(curves, picture)
+    draw(curves, picture)
     assert picture.read_text("utf-8") == drawn
-    with pytest.raises(OutdatedPageError, match="is not of the stored curves"):
-        curve_picture.check(curves[:2], picture)
+    with pytest.raises(OutdatedPageError, match="does not show the stored curves"):
+        check_picture(curves[:2], picture)
     with pytest.raises(ResultsError, match="no curve is stored"):
-        curve_picture.draw((), picture)
+        draw((), picture)

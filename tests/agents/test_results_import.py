@@ -6,11 +6,9 @@ from made_results import wrong_command
 from typer.testing import CliRunner
 
 import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
-from wrongturn_agents.errors import RunFileError
+from wrongturn_agents.errors import ResultsError, RunFileError
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.errors import ResultsError
-from wrongturn_agents.reporting.importing import Origin, of_episodes, take_in
-from wrongturn_agents.suites import installed_suite
+from wrongturn_agents.reporting.importing import Overrides, import_results, results_of_episodes
 from wrongturn_client import LocalService
 from wrongturn_client.cli import app
 from wrongturn_networks import load_suite
@@ -28,11 +26,11 @@ def test_a_scored_file_is_kept_under_its_own_name(tmp_path):
     scored.write_text(wrong_command("ppo-image", (1, 0, 0, 0, 0, 0), seed=3).model_dump_json())
     directory = tmp_path / "stored"
     directory.mkdir()
-    kept = take_in(scored, directory, Origin(), installed_suite)
+    kept = import_results(scored, directory, Overrides())
     assert kept.name == "ppo-image.s3.wrong-command@1.in-process.json"
-    variant = take_in(scored, directory, Origin(seed=4, variant="masked-classes", steps=7), installed_suite)
+    variant = import_results(scored, directory, Overrides(seed=4, variant="masked-classes", steps=7))
     assert variant.name == "ppo-image.masked-classes.s4.wrong-command@1.in-process.json"
-    files = Collection.read(directory, installed_suite).files
+    files = Collection.read(directory).files
     assert {(file.seed, file.variant, file.steps) for file in files} == {(3, None, None), (4, "masked-classes", 7)}
 
 
@@ -49,7 +47,7 @@ def test_an_incomplete_file_is_not_taken_in(tmp_path):
     scored = tmp_path / "scored.json"
     scored.write_text(json.dumps(content))
     with pytest.raises(ResultsError, match="lacks 1"):
-        take_in(scored, tmp_path, Origin(), installed_suite)
+        import_results(scored, tmp_path, Overrides())
     assert list(tmp_path.glob("ppo-*")) == []
 
 
@@ -58,7 +56,7 @@ def test_something_else_is_refused(tmp_path, text):
     path = tmp_path / "thing.json"
     path.write_text(text)
     with pytest.raises(ResultsError, match="--import: "):
-        take_in(path, tmp_path, Origin(), installed_suite)
+        import_results(path, tmp_path, Overrides())
 
 
 @pytest.mark.parametrize(
@@ -77,7 +75,7 @@ def test_what_cannot_be_read_is_told_as_what_it_is(tmp_path, named, says):
     (tmp_path / "thing.json").write_text("{")
     (tmp_path / "folder").mkdir()
     with pytest.raises(ResultsError, match=says):
-        take_in(tmp_path / named, tmp_path, Origin(), installed_suite)
+        import_results(tmp_path / named, tmp_path, Overrides())
 
 
 def test_episodes_of_an_evaluation_become_results():
@@ -88,13 +86,13 @@ def test_episodes_of_an_evaluation_become_results():
         episode("b", journey=bitten),
         episode("c", verdict=Verdict.OFF_ROAD, reaction="obeyed"),
     )
-    file = of_episodes("careful", "wrong-command@1", episodes, installed_suite)
+    file = results_of_episodes("careful", "wrong-command@1", episodes)
     assert (file.driven, file.seed) == ("over the service", None)
     assert file.suite_sha256 == load_suite("wrong-command@1").sha256
     found = {name: (one.verdict, one.reaction, one.clean) for name, one in file.trials.items()}
     assert found == {"a": ("arrived", None, True), "b": ("arrived", None, False), "c": ("off_road", "obeyed", None)}
     with pytest.raises(ResultsError, match="finish the evaluation first"):
-        of_episodes("careful", "wrong-command@1", (episode(None),), installed_suite)
+        results_of_episodes("careful", "wrong-command@1", (episode(None),))
 
 
 def test_a_run_that_is_not_known_here(tmp_path: Path, monkeypatch):
@@ -102,7 +100,7 @@ def test_a_run_that_is_not_known_here(tmp_path: Path, monkeypatch):
     told = tmp_path / "run.json"
     told.write_text(json.dumps({"id": "gone", "suite": "wrong-command@1", "state": "finished", "trials": 120}))
     with pytest.raises(RunFileError, match="gone"):
-        take_in(told, tmp_path, Origin(), installed_suite)
+        import_results(told, tmp_path, Overrides())
 
 
 @pytest.mark.slow
@@ -113,10 +111,10 @@ def test_a_run_over_a_service_is_kept_trial_by_trial(tmp_path: Path, monkeypatch
     with LocalService(database=f"sqlite+aiosqlite:///{tmp_path / 'own.db'}") as service:
         command = ["run", "always-stops", "--suite", "smoke@1", "--url", service.url, "--json", str(told)]
         assert CliRunner().invoke(app, command).exit_code == 0
-        kept = take_in(told, tmp_path, Origin(), installed_suite)
+        kept = import_results(told, tmp_path, Overrides())
     assert kept.name == "always-stops.smoke@1.over-the-service.json"
     kept.rename(tmp_path / "kept.json")
     told.unlink()
-    (file,) = Collection.read(tmp_path, installed_suite).files
+    (file,) = Collection.read(tmp_path).files
     assert file.trials.keys() == {trial.id for trial in load_suite("smoke@1").episodes}
     assert {one.verdict for one in file.trials.values()} == {Verdict.STOPPED_BEFORE_JUNCTION}

@@ -4,8 +4,7 @@ import pytest
 from made_results import keep, wrong_command
 
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.order import order_in_words, order_test, unsafe_by_seed
-from wrongturn_agents.suites import installed_suite
+from wrongturn_agents.reporting.order import describe_order, order_test, unsafe_by_seed
 
 
 def test_the_p_value_is_the_share_of_all_ways_of_dealing():
@@ -39,29 +38,32 @@ def test_too_few_counts():
 
 def test_an_order_that_holds_is_said_to_hold():
     counts = {"ppo-segmentation": (30, 35, 40), "ppo-image": (20, 18, 22), "ppo-auxiliary": (3, 5, 9)}
-    text = order_in_words(counts)
+    text = describe_order(counts)
     assert "35 > 16 > 3" in text
-    assert "The medians stand in its order." in text
+    assert "The medians are in the paper's order." in text
     assert "all 1,680 ways" in text
-    assert "the order holds, each agent told from the next" in text
-    assert "in 27 of 27 draws" in text
+    assert "the order holds, and each agent differs from the next" in text
+    assert "27 of the 27 possible picks" in text
 
 
 def test_an_order_that_does_not_hold_is_not_claimed():
     counts = {"ppo-segmentation": (10, 25, 28), "ppo-image": (20, 33, 28), "ppo-auxiliary": (10, 21, 30)}
-    text = order_in_words(counts)
-    assert "The medians do not stand in its order." in text
+    text = describe_order(counts)
+    assert "The medians are not in the paper's order." in text
     assert "these seeds do not show the paper's order" in text
 
 
 def test_a_trend_that_leaves_neighbours_alike_is_called_no_order():
     counts = {"ppo-segmentation": (30, 31, 32), "ppo-image": (29, 33, 28), "ppo-auxiliary": (3, 5, 9)}
-    text = order_in_words(counts)
-    assert "there is a trend in its direction, which does not tell `ppo-segmentation` from `ppo-image`." in text
+    text = describe_order(counts)
+    assert (
+        "there is a trend in the paper's direction, but it does not separate `ppo-segmentation` from `ppo-image`."
+        in text
+    )
 
 
 def test_one_seed_says_nothing():
-    text = order_in_words({"ppo-segmentation": (30, 35), "ppo-image": (20,), "ppo-auxiliary": ()})
+    text = describe_order({"ppo-segmentation": (30, 35), "ppo-image": (20,), "ppo-auxiliary": ()})
     assert "cannot be said yet" in text
     assert "`ppo-image`, `ppo-auxiliary`" in text
 
@@ -73,4 +75,4 @@ def test_counts_come_from_the_algorithms_as_they_are(tmp_path):
         wrong_command("ppo-image", (1, 1, 1, 0, 0, 0), seed=2),
         wrong_command("ppo-image", (9, 9, 9, 9, 9, 9), seed=3, variant="without-augmentation"),
     )
-    assert unsafe_by_seed(Collection.read(tmp_path, installed_suite))["ppo-image"] == (1, 3)
+    assert unsafe_by_seed(Collection.read(tmp_path))["ppo-image"] == (1, 3)

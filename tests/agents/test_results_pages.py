@@ -1,10 +1,10 @@
 from pathlib import Path
 
 import pytest
-from made_results import keep, wrong_command
+from made_results import keep, progress, wrong_command
 from typer.testing import CliRunner
 
-from wrongturn_agents.reporting.errors import OutdatedPageError, ResultsError
+from wrongturn_agents.errors import OutdatedPageError, ResultsError
 from wrongturn_client.cli import app
 
 PAGE = """# Title
@@ -54,7 +54,7 @@ def test_a_page_that_says_something_else_is_found(tmp_path, stored):
     run("--directory", str(stored), "--check", "--write", str(page))
     wrong = page.read_text().replace("7 · 7", "0 · 0")
     page.write_text(wrong)
-    with pytest.raises(OutdatedPageError, match=r"README.md: wrong-command: does not say what the stored results do"):
+    with pytest.raises(OutdatedPageError, match=r"README.md: wrong-command: does not show the stored results"):
         run("--directory", str(stored), "--check", "--write", str(page))
     assert page.read_text() == wrong
 
@@ -74,3 +74,20 @@ def test_a_page_without_whole_sections_is_refused(tmp_path, stored, text, says):
     with pytest.raises(ResultsError, match=says):
         run("--directory", str(stored), "--write", str(page))
     assert page.read_text() == text
+
+
+def test_pages_anywhere_in_docs_are_checked_and_link_to_the_picture(tmp_path, stored, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run").mkdir()
+    progress(tmp_path / "run" / "progress.csv", 20)
+    run("--directory", str(stored), "--import", "run", "--agent", "ppo-image", "--seed", "1")
+    (tmp_path / "docs" / "pictures").mkdir(parents=True)
+    (tmp_path / "docs" / "background").mkdir()
+    page = tmp_path / "docs" / "background" / "results.md"
+    page.write_text("<!-- wrongturn results: curves -->\n<!-- end of results -->\n")
+    run("--directory", str(stored), "--curves")
+    with pytest.raises(OutdatedPageError, match=r"docs/background/results.md: curves"):
+        run("--directory", str(stored), "--check")
+    run("--directory", str(stored), "--write", "docs/background/results.md")
+    assert "](../pictures/learning-curves.svg)" in page.read_text()
+    run("--directory", str(stored), "--check")

@@ -1,1 +1,1 @@
-"""What the stored results come to, beside the paper's figures: ``wrongturn results``."""
+"""Tables and pictures made from the stored results, beside the paper's figures: ``wrongturn results``."""

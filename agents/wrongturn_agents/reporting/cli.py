@@ -1,4 +1,4 @@
-"""``wrongturn results``: the paper's tables from the stored results, ours beside the paper's."""
+"""``wrongturn results``: the paper's tables from the stored results, with our figures beside the paper's."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -6,137 +6,120 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from wrongturn_agents.reporting.collection import Collection
-    from wrongturn_agents.reporting.curves import Curve
+    from wrongturn_agents.reporting.report import Report
 
 
 def results(
     directory: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIRECTORY", help="Of the results files; the package's own by default.", show_default=False
+            metavar="DIRECTORY", help="Directory of the results; by default the package's own.", show_default=False
         ),
     ] = None,
     *,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON, and nothing else.")] = False,
     write: Annotated[
         list[Path] | None,
-        typer.Option(metavar="PAGE", help="Write the sections of a page, as README.md.", show_default=False),
+        typer.Option(
+            metavar="PAGE", help="Write the tables into a page. Example: --write docs/results.md", show_default=False
+        ),
     ] = None,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Fail where README, docs or the picture say something else; writes nothing."),
+        typer.Option("--check", help="Fail if a page or the picture does not show the results. Writes nothing."),
     ] = False,
     curves: Annotated[
         bool, typer.Option("--curves", help="Draw the learning curves into docs/pictures/learning-curves.svg.")
     ] = False,
-    take: Annotated[
+    sources: Annotated[
         list[Path] | None,
         typer.Option(
             "--import",
             metavar="FILE|RUN",
-            help="Keep a file of 'wrongturn score --json' or 'wrongturn run --json', or a training run's curve.",
+            help="Store a file of 'wrongturn score --json' or 'wrongturn run --json', or the learning curve of a "
+            "training run. Example: --import runs/ppo-image-3",
             show_default=False,
         ),
     ] = None,
     agent: Annotated[
-        str | None, typer.Option(help="Of what is imported, where it does not say so.", show_default=False)
+        str | None,
+        typer.Option(help="Agent of the import, if the file does not say. Example: ppo-image", show_default=False),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(help="Of the training of what is imported.", min=0, show_default=False)
+        int | None, typer.Option(help="Training seed of the import. Example: 3", min=0, show_default=False)
     ] = None,
     variant: Annotated[
-        str | None, typer.Option(help="Ablation that is imported, as without-augmentation.", show_default=False)
+        str | None, typer.Option(help="Ablation of the import. Example: without-augmentation", show_default=False)
     ] = None,
     steps: Annotated[
-        int | None, typer.Option(help="That the training of what is imported took.", min=0, show_default=False)
+        int | None,
+        typer.Option(help="Training steps of the import. Example: 2000000", min=0, show_default=False),
     ] = None,
 ) -> None:
-    """Show both of the paper's tables, ours beside the paper's, and how far figures move from seed to seed."""
+    """Show the paper's two tables, ours beside the paper's, and how far figures differ between training seeds.
+
+    Example: wrongturn results --check
+    """
+    from wrongturn_agents.errors import ResultsError  # noqa: PLC0415 - so that the program starts quickly
     from wrongturn_agents.reporting.collection import STORED, Collection  # noqa: PLC0415
-    from wrongturn_agents.reporting.curves import read_curves  # noqa: PLC0415
-    from wrongturn_agents.reporting.errors import ResultsError  # noqa: PLC0415
-    from wrongturn_agents.suites import installed_suite  # noqa: PLC0415
+    from wrongturn_agents.reporting.curves import PICTURE, draw, read_curves  # noqa: PLC0415
+    from wrongturn_agents.reporting.importing import Overrides, import_results  # noqa: PLC0415
+    from wrongturn_agents.reporting.report import Report, write_page  # noqa: PLC0415
 
     directory = STORED if directory is None else directory
-    if not take and any(value is not None for value in (agent, seed, variant, steps)):
-        raise ResultsError("--agent, --seed, --variant, --steps: say of what is imported; give --import too")
-    if take:
-        from wrongturn_agents.reporting.importing import Origin, take_in  # noqa: PLC0415
-
-        for source in take:
-            kept = take_in(source, directory, Origin(agent, seed, variant, steps), installed_suite)
-            typer.echo(f"{source}: kept as {kept.name}", err=True)
-    collection = Collection.read(directory, installed_suite)
-    runs = read_curves(directory / "curves")
+    if not sources and any(value is not None for value in (agent, seed, variant, steps)):
+        raise ResultsError("--agent, --seed, --variant, --steps: they describe an import; give --import too")
+    for source in sources or ():
+        stored = import_results(source, directory, Overrides(agent, seed, variant, steps))
+        typer.echo(f"{source}: stored as {stored.name}", err=True)
+    report = Report(Collection.read(directory), read_curves(directory / "curves"))
     if check:
-        _check(collection, runs, write or [])
+        _check(report, write)
         return
     if curves:
-        _draw(runs)
-    if write:
-        _write(collection, runs, write)
+        draw(report.curves, PICTURE)
+        typer.echo(f"{PICTURE}: {len(report.curves)} curves", err=True)
+    for page in write or ():
+        typer.echo(f"{page}: {'written' if write_page(page, report) else 'unchanged'}", err=True)
     if as_json:
-        _print_json(collection)
-    elif not (curves or write or take):
-        _print(collection, runs)
+        import json  # noqa: PLC0415
+
+        typer.echo(json.dumps(report.as_json(), indent=2, ensure_ascii=False))
+    elif not (curves or write or sources):
+        _print(report)
 
 
-def _check(collection: "Collection", runs: "tuple[Curve, ...]", named: list[Path]) -> None:
-    from wrongturn_agents.reporting import curve_picture, pages  # noqa: PLC0415
-    from wrongturn_agents.reporting.errors import ResultsError  # noqa: PLC0415
-    from wrongturn_agents.reporting.sections import sections  # noqa: PLC0415
+def _check(report: "Report", named: list[Path] | None) -> None:
+    """Check the named pages, or all pages and the picture."""
+    from wrongturn_agents.errors import ResultsError  # noqa: PLC0415
+    from wrongturn_agents.reporting.curves import PICTURE, check_picture  # noqa: PLC0415
+    from wrongturn_agents.reporting.report import check_page, find_pages  # noqa: PLC0415
 
-    found = named or [Path(page) for page in pages.PAGES if Path(page).is_file()]
-    if not found:
+    pages = named or find_pages(Path())
+    if not pages:
         raise ResultsError(
-            "--check: there is no README.md here; go to the repository's root, or name a page by --write"
+            "--check: no page with results here; go to the repository's root, or name a page with --write"
         )
-    made = sections(collection, runs)
-    for page in found:
-        pages.check(page, made)
+    for page in pages:
+        check_page(page, report)
     if not named:
-        curve_picture.check(runs, curve_picture.PICTURE)
-    typer.echo(f"{', '.join(map(str, found))}: as the stored results have it")
+        check_picture(report.curves, PICTURE)
+    typer.echo(f"up to date with the stored results: {', '.join(map(str, pages))}")
 
 
-def _draw(runs: "tuple[Curve, ...]") -> None:
-    from wrongturn_agents.reporting.curve_picture import PICTURE, draw  # noqa: PLC0415
-
-    draw(runs, PICTURE)
-    typer.echo(f"{PICTURE}: {len(runs)} curves", err=True)
-
-
-def _write(collection: "Collection", runs: "tuple[Curve, ...]", named: list[Path]) -> None:
-    from wrongturn_agents.reporting import pages  # noqa: PLC0415
-    from wrongturn_agents.reporting.sections import sections  # noqa: PLC0415
-
-    made = sections(collection, runs)
-    for page in named:
-        typer.echo(f"{page}: {'written' if pages.write(page, made) else 'says so already'}", err=True)
-
-
-def _print_json(collection: "Collection") -> None:
-    import json  # noqa: PLC0415
-
-    from wrongturn_agents.reporting.sections import as_json  # noqa: PLC0415
-
-    typer.echo(json.dumps(as_json(collection), indent=2, ensure_ascii=False))
-
-
-def _print(collection: "Collection", runs: "tuple[Curve, ...]") -> None:
+def _print(report: "Report") -> None:
     from rich.text import Text  # noqa: PLC0415
 
-    from wrongturn_agents.reporting.order import left_out, order_in_words, unsafe_by_seed  # noqa: PLC0415
-    from wrongturn_agents.reporting.sections import lines_of_missing, tables  # noqa: PLC0415
+    from wrongturn_agents.reporting.order import order_in_words  # noqa: PLC0415
     from wrongturn_client.tables import console  # noqa: PLC0415
 
     screen = console()
-    for table in tables(collection, runs).values():
+    for table in report.tables.values():
         if table.rows:
             screen.print(table.rich())
             screen.print()
-    words = order_in_words(unsafe_by_seed(collection)) + left_out(collection)
-    screen.print(Text(words.replace("`", "")))
-    for line in lines_of_missing(collection):
-        typer.echo(f"Missing: {line}" if "differ" not in line else f"Note: {line}", err=True)
+    screen.print(Text(order_in_words(report.collection).replace("`", "")))
+    for line in report.missing:
+        typer.echo(f"Missing: {line}", err=True)
+    for line in report.differences:
+        typer.echo(f"Note: {line}", err=True)

@@ -1,177 +1,137 @@
-"""All results that are stored, checked before anything is counted."""
+"""All stored results, checked before anything is counted."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Final, Self
 
 from pydantic import TypeAdapter, ValidationError
 
-from wrongturn_agents.reporting.errors import ResultsError
-from wrongturn_agents.reporting.paper import ALGORITHMS
-from wrongturn_agents.reporting.results_file import ResultsFile
-from wrongturn_agents.suites import SuiteOf, SuiteTrials
+from wrongturn_agents.errors import ResultsError
+from wrongturn_agents.reporting.paper import ALGORITHMS, table_order
+from wrongturn_agents.reporting.results_file import Driven, ResultsFile
+from wrongturn_agents.suites import installed_suite
 
 STORED: Final = Path(__file__).parents[1] / "results"
-"""The results that come with the package."""
-SHIPPED: Final = "shipped.json"
-"""Beside them: the training seed of each agent whose weights come with the package."""
-_NAMED: Final = 3
+"""Directory of the results that come with the package."""
+_SHIPPED: Final = "shipped.json"  # in that directory: the training seed of each agent with shipped weights
 
 
 @dataclass(frozen=True)
 class Collection:
-    """Results of agents and seeds on suites; each is complete, and there is one of each kind at most."""
+    """Complete results of agents and seeds on suites, with at most one file of each kind."""
 
     files: tuple[ResultsFile, ...]
-    """Sorted by the names under which they are kept."""
+    """Results, sorted by file name."""
     shipped: dict[str, int]
-    """The training seed of each agent whose weights are shipped."""
-    suite_of: SuiteOf
+    """Training seed of each agent whose weights are shipped."""
 
     @classmethod
-    def read(cls, directory: Path, suite_of: SuiteOf) -> Self:
-        """Read a directory's files.
+    def read(cls, directory: Path) -> Self:
+        """Read the files of a directory.
 
         Raises:
-            ResultsError: the directory is missing; a file is none, of another version of its suite, incomplete, or
-                there twice. The file is named.
+            ResultsError: The directory is missing; or a file is not valid, is of another version of its suite, is
+                incomplete, or holds the same results as another file. The error names the file.
         """
         if not directory.is_dir():
             raise ResultsError(f"--directory: {directory} is no directory; name one that holds results files")
-        paths = sorted(path for path in directory.glob("*.json") if path.name != SHIPPED)
         found: dict[str, tuple[Path, ResultsFile]] = {}
-        for path in paths:
+        for path in sorted(path for path in directory.glob("*.json") if path.name != _SHIPPED):
             file = ResultsFile.read(path)
-            check(path.name, file, suite_of(file.suite))
+            file.check(path.name)
             if file.stem in found:
-                raise ResultsError(
-                    f"{path.name}: {describe(file)} stands in {found[file.stem][0].name} already; remove one of them",
-                )
+                raise ResultsError(f"{path.name}: {file} is already in {found[file.stem][0].name}; remove one of them")
             found[file.stem] = (path, file)
-        return cls(tuple(found[stem][1] for stem in sorted(found)), _shipped(directory / SHIPPED), suite_of)
+        return cls(tuple(found[stem][1] for stem in sorted(found)), _shipped_seeds(directory / _SHIPPED))
 
-    def of(self, suite: str, agent: str, variant: str | None = None) -> dict[int | None, ResultsFile]:
-        """An agent's results on a suite by training seed; of a trial driven both ways, those in process."""
-        return _by_seed(self._sorted(suite, agent, variant, last="in process"))
+    def by_seed(
+        self, suite: str, agent: str, variant: str | None = None, *, prefer: Driven = "in process"
+    ) -> dict[int | None, ResultsFile]:
+        """Return an agent's results on a suite by training seed, each as one file.
+
+        Args:
+            suite: Id of the suite.
+            agent: Name of the agent.
+            variant: Name of an ablation; None for the standard algorithm.
+            prefer: The way of driving that counts where a trial was driven both ways.
+        """
+        merged: dict[int | None, ResultsFile] = {}
+        for file in self._sorted(suite, agent, variant, prefer):
+            before = merged[file.seed].trials if file.seed in merged else {}
+            merged[file.seed] = file.model_copy(update={"trials": {**before, **file.trials}})
+        return merged
 
     def of_shipped(self, suite: str, agent: str) -> ResultsFile | None:
-        """The shipped weights' results; of a trial driven both ways, those over the service.
+        """Return the results of the shipped weights, preferably over the service; None if there are none.
 
-        An agent that is not trained has no seed, and is shipped as it is.
+        An agent without training has no seed and is shipped as it is.
         """
-        seed = self.shipped.get(agent)
-        return _by_seed(self._sorted(suite, agent, None, last="over the service")).get(seed)
+        return self.by_seed(suite, agent, prefer="over the service").get(self.shipped.get(agent))
 
-    def driven_how(self, suite: str, agent: str) -> dict[str, str]:
-        """How each trial of :meth:`of_shipped` was driven."""
-        seed = self.shipped.get(agent)
-        files = self._sorted(suite, agent, None, last="over the service")
-        return {trial: file.driven for file in files if file.seed == seed for trial in file.trials}
+    def driven_how(self, suite: str, agent: str) -> dict[str, Driven]:
+        """Return how each trial of :meth:`of_shipped` was driven, by trial id."""
+        files = self._sorted(suite, agent, None, "over the service")
+        return {trial: file.driven for file in files if file.seed == self.shipped.get(agent) for trial in file.trials}
 
     def agents(self, suite: str) -> tuple[str, ...]:
-        """Who has results on a suite as it is, no variant: the paper's algorithms first, then by name."""
+        """Return the agents with results on a suite (no ablations), the paper's algorithms first."""
         names = {file.agent for file in self.files if file.suite == suite and file.variant is None}
-        return tuple(sorted(names, key=lambda name: (_place(name), name)))
+        return tuple(sorted(names, key=table_order))
 
-    @cached_property
+    def listed(self, suite: str) -> tuple[str, ...]:
+        """Return the paper's algorithms, with or without results, and then the other agents with results."""
+        return (*ALGORITHMS, *(name for name in self.agents(suite) if name not in ALGORITHMS))
+
+    @property
     def variants(self) -> tuple[tuple[str, str], ...]:
-        """Agents and variants of ablations."""
+        """Agents and variants of the ablations."""
         found = {(file.agent, file.variant) for file in self.files if file.variant is not None}
-        return tuple(sorted(found, key=lambda one: (_place(one[0]), *one)))
+        return tuple(sorted(found, key=lambda one: (*table_order(one[0]), one[1])))
 
-    def differences(self) -> Iterator[tuple[ResultsFile, int]]:
-        """Results that were driven both ways, and the number of trials with different verdicts."""
-        by_kind = {(file.agent, file.seed, file.variant, file.suite, file.driven): file for file in self.files}
-        for (agent, seed, variant, suite, driven), file in by_kind.items():
-            other = by_kind.get((agent, seed, variant, suite, "over the service"))
-            if driven == "in process" and other is not None:
-                yield (
-                    file,
-                    sum(
-                        one.verdict != other.trials[name].verdict
-                        for name, one in file.trials.items()
-                        if name in other.trials
-                    ),
-                )
+    def differences(self) -> Iterator[str]:
+        """Yield a line for each pair of results, driven both ways, with different verdicts."""
+        over_service = {
+            (file.agent, file.seed, file.variant, file.suite): file.trials
+            for file in self.files
+            if file.driven == "over the service"
+        }
+        for file in self.files:
+            other = over_service.get((file.agent, file.seed, file.variant, file.suite), {})
+            pairs = [(one, other[name]) for name, one in file.trials.items() if name in other]
+            differing = sum(one.verdict != two.verdict for one, two in pairs)
+            if differing:
+                yield f"{file}: {differing} of {len(file.trials)} verdicts differ from those over the service"
 
-    def missing(self, suites: Iterable[str]) -> tuple[str, ...]:
-        """What the tables lack, a line each."""
-        lines = []
+    def missing(self, suites: Iterable[str]) -> Iterator[str]:
+        """Yield a line for everything that the tables lack."""
+        suites = tuple(suites)
+        seeds = {agent: {seed for suite in suites for seed in self.by_seed(suite, agent)} for agent in ALGORITHMS}
         for suite in suites:
-            absent = [agent for agent in ALGORITHMS if not self.of(suite, agent)]
+            absent = [agent for agent in ALGORITHMS if not self.by_seed(suite, agent)]
             if absent:
-                lines.append(f"no results on {suite}: {', '.join(absent)}")
-        seeds = {agent: {seed for suite in suites for seed in self.of(suite, agent)} for agent in ALGORITHMS}
+                yield f"no results on {suite}: {', '.join(absent)}"
         for suite in suites:
             for agent in ALGORITHMS:
-                have = self.of(suite, agent)
+                have = self.by_seed(suite, agent)
                 lacking = sorted(str(seed) for seed in seeds[agent] - set(have))
                 if have and lacking:
-                    lines.append(f"{agent} has no results on {suite} of seed {', '.join(lacking)}")
+                    yield f"{agent} has no results on {suite} for seed {', '.join(lacking)}"
             for agent in self.shipped:
                 file = self.of_shipped(suite, agent)
-                if file is not None and self.suite_of(suite).trials.keys() - file.trials:
-                    lines.append(f"{agent}, shipped seed {file.seed}, has not met the other road users of {suite}")
+                if file is not None and installed_suite(suite).trials.keys() - file.trials:
+                    yield f"{agent}, shipped seed {file.seed}, was not driven among the other road users of {suite}"
         unshipped = [agent for agent in ALGORITHMS if seeds[agent] and agent not in self.shipped]
         if unshipped:
-            lines.append(f"{SHIPPED} names no seed of {', '.join(unshipped)}")
-        return tuple(lines)
+            yield f"{_SHIPPED} names no seed for {', '.join(unshipped)}"
 
-    def _sorted(self, suite: str, agent: str, variant: str | None, *, last: str) -> list[ResultsFile]:
+    def _sorted(self, suite: str, agent: str, variant: str | None, prefer: Driven) -> list[ResultsFile]:
+        """Return an agent's files by seed; of one seed, those driven in the preferred way come last."""
         files = [file for file in self.files if (file.suite, file.agent, file.variant) == (suite, agent, variant)]
-        return sorted(files, key=lambda file: (-1 if file.seed is None else file.seed, file.driven == last))
+        return sorted(files, key=lambda file: (-1 if file.seed is None else file.seed, file.driven == prefer))
 
 
-def check(name: str, file: ResultsFile, suite: SuiteTrials) -> None:
-    """See that a file is of the suite as it is installed, and has all its trials and no others.
-
-    Drives in process may leave out all that need other road users, and thereby SUMO; drives over the service may be
-    of these alone.
-
-    Raises:
-        ResultsError: it is not.
-    """
-    if file.suite_sha256 != suite.sha256:
-        raise ResultsError(
-            f"{name}: suite_sha256: it is of another {file.suite} ({file.suite_sha256[:12]}) than the one installed "
-            f"({suite.sha256[:12]}); drive it again on that one",
-        )
-    lacking = suite.trials.keys() - file.trials
-    crowded = {name for name, trial in suite.trials.items() if trial.traffic.vehicles or trial.traffic.pedestrians}
-    left_out = crowded if file.driven == "in process" else suite.trials.keys() - crowded
-    if crowded and lacking == left_out:
-        lacking = set()
-    for what, ids in (("lacks", lacking), ("has unknown", file.trials.keys() - suite.trials)):
-        if ids:
-            some = ", ".join(sorted(ids)[:_NAMED]) + (", …" if len(ids) > _NAMED else "")
-            raise ResultsError(
-                f"{name}: trials: {what} {len(ids)} of {file.suite}'s {len(suite.trials)} ({some}); "
-                "drive the whole suite again",
-            )
-
-
-def describe(file: ResultsFile) -> str:
-    """A file in words."""
-    words = [file.agent, file.variant, None if file.seed is None else f"seed {file.seed}", f"on {file.suite}"]
-    return " ".join(word for word in (*words, file.driven) if word is not None)
-
-
-def _by_seed(files: Iterable[ResultsFile]) -> dict[int | None, ResultsFile]:
-    """A seed's files as one; of a trial that stands in several, the last one's."""
-    found: dict[int | None, ResultsFile] = {}
-    for file in files:
-        before = found.get(file.seed)
-        found[file.seed] = file.model_copy(update={"trials": {**(before.trials if before else {}), **file.trials}})
-    return found
-
-
-def _place(agent: str) -> int:
-    return ALGORITHMS.index(agent) if agent in ALGORITHMS else len(ALGORITHMS)
-
-
-def _shipped(path: Path) -> dict[str, int]:
+def _shipped_seeds(path: Path) -> dict[str, int]:
     if not path.is_file():
         return {}
     try:

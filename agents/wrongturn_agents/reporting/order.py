@@ -11,73 +11,64 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.errors import MissingPackageError
-from wrongturn_agents.reporting.paper import ALGORITHMS, LIKE
-from wrongturn_agents.reporting.spread import Spread
-from wrongturn_agents.reporting.wrong_command import by_seed
+from wrongturn_agents.reporting.paper import ALGORITHMS, PAPER_BY_NAME
+from wrongturn_agents.reporting.tables import Spread, scipy_stats
+from wrongturn_agents.reporting.wrong_command import counts_by_seed
 
 _LEVEL: Final = 0.05
-_EXACT: Final = 1_000_000
-"""Ways of dealing the counts to the algorithms up to which all are tried."""
-_DRAWS: Final = 99_999
-"""Of them, where there are more."""
-_SEED: Final = 20_210_711
-"""Fixed, so that the same counts give the same p-value."""
+_EXACT: Final = 1_000_000  # most assignments that are all tried; of more, a random sample is
+_SAMPLE: Final = 99_999
+_SEED: Final = 20_210_711  # fixed, so that the same counts give the same p-value
 _BATCH: Final = 20_000
 
 Counts = tuple[tuple[int, ...], ...]
-"""Unsafe counts, for each algorithm one a seed, in the paper's order from its most unsafe to its least."""
+"""Unsafe counts of each algorithm, one a seed; algorithms from the paper's most unsafe to its least."""
 
 
 @dataclass(frozen=True)
 class OrderTest:
-    """What a permutation test says of an order."""
+    """Result of a permutation test of an order."""
 
     p: float
-    """How likely a trend in this direction at least as clear is, if the algorithm has no part in it."""
+    """Probability of a trend at least as clear in this direction if the algorithm makes no difference."""
     ways: int
-    """Of dealing the counts to the algorithms that were tried."""
+    """Number of assignments of the counts to the algorithms that the test tried."""
     exact: bool
-    """Whether these were all there are."""
+    """Whether the test tried all possible assignments."""
 
 
 @lru_cache(maxsize=64)
 def order_test(counts: Counts) -> OrderTest:
-    """Permutation test over seeds, one-sided, of the Jonckheere-Terpstra statistic.
+    """Run a one-sided permutation test of the Jonckheere-Terpstra statistic.
 
-    The statistic counts the pairs of seeds, of two algorithms, that stand in the order given; a tie counts half.
+    The statistic counts the pairs of seeds from two algorithms that are in the given order; a tie counts half.
 
     Args:
-        counts: of two algorithms at least, two seeds each at least.
+        counts: Counts of at least two algorithms, with at least two seeds each.
 
     Raises:
         MissingPackageError: scipy is not installed.
-        ValueError: there are too few counts.
+        ValueError: There are too few counts.
     """
     if len(counts) < 2 or min(map(len, counts)) < 2:
         raise ValueError("counts: too few for a test; give two algorithms at least, and two seeds of each")
-    try:
-        from scipy.stats import permutation_test  # noqa: PLC0415 - takes a second to import
-    except ImportError as error:
-        raise MissingPackageError("scipy is not installed; install wrongturn-agents[training]") from error
-    seeds = sum(map(len, counts))
-    ways = math.factorial(seeds) // math.prod(math.factorial(len(one)) for one in counts)
+    ways = math.factorial(sum(map(len, counts))) // math.prod(math.factorial(len(one)) for one in counts)
     exact = ways <= _EXACT
-    found = permutation_test(
+    found = scipy_stats().permutation_test(
         [np.array(one, np.float64) for one in counts],
         _in_order,
         permutation_type="independent",
         vectorized=True,
         alternative="greater",
-        n_resamples=_EXACT if exact else _DRAWS,
+        n_resamples=_EXACT if exact else _SAMPLE,
         batch=_BATCH,
         rng=np.random.default_rng(_SEED),
     )
-    return OrderTest(float(found.pvalue), ways if exact else _DRAWS, exact)
+    return OrderTest(float(found.pvalue), ways if exact else _SAMPLE, exact)
 
 
 def _in_order(*samples: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
-    """Pairs that stand in the order of the samples; the seeds lie along the last axis."""
+    """Count the pairs in the order of the samples; the seeds are along the last axis."""
     assert axis == -1
     total = np.zeros(samples[0].shape[:-1])
     for first, second in itertools.combinations(samples, 2):
@@ -87,87 +78,92 @@ def _in_order(*samples: NDArray[np.float64], axis: int = -1) -> NDArray[np.float
 
 
 def unsafe_by_seed(collection: Collection) -> dict[str, tuple[int, ...]]:
-    """Unsafe of 60 for each of the paper's algorithms, one for each seed that drives."""
-    counts = {name: by_seed(collection, name) for name in ALGORITHMS}
+    """Return the unsafe trials of 60 of each of the paper's algorithms, one for each seed that drives."""
     return {
-        name: tuple(one.unsafe for seed, one in found.items() if seed is not None and one.drives)
-        for name, found in counts.items()
+        name: tuple(
+            one.unsafe for seed, one in counts_by_seed(collection, name).items() if seed is not None and one.drives
+        )
+        for name in ALGORITHMS
     }
 
 
-def left_out(collection: Collection) -> str:
-    """A sentence on the seeds that are not counted, for they do not drive; empty where all do."""
+def order_in_words(collection: Collection) -> str:
+    """Return the paragraph that says whether the paper's order holds, and which seeds it leaves out."""
+    return describe_order(unsafe_by_seed(collection)) + seeds_left_out(collection)
+
+
+def seeds_left_out(collection: Collection) -> str:
+    """Return a sentence that names the seeds left out because they do not drive; empty if all drive."""
     named = [
-        f"`{name}` {seed} ({one.completed} of {one.twins})"
+        f"`{name}` seed {seed} ({one.completed} of {one.twins})"
         for name in ALGORITHMS
-        for seed, one in by_seed(collection, name).items()
+        for seed, one in counts_by_seed(collection, name).items()
         if seed is not None and not one.drives
     ]
     if not named:
         return ""
-    return f"Left out are seeds that cannot drive, by the twins that they completed: {', '.join(named)}.\n"
+    return f"Seeds that cannot drive are left out (completed twins in brackets): {', '.join(named)}.\n"
 
 
-def order_in_words(counts: Mapping[str, Sequence[int]]) -> str:
-    """A paragraph that says whether the paper's order holds.
+def describe_order(counts: Mapping[str, Sequence[int]]) -> str:
+    """Return a paragraph that says whether the paper's order holds.
 
     Args:
-        counts: unsafe of 60 by algorithm, one a seed, in the paper's order.
+        counts: Unsafe trials of 60 by algorithm, one a seed, in the paper's order.
     """
-    paper = " > ".join(str(LIKE[name].unsafe) for name in counts)
+    paper = " > ".join(str(PAPER_BY_NAME[name].unsafe) for name in counts)
     few = [name for name, found in counts.items() if len(found) < 2]
     if few:
         known = "; ".join(f"`{name}` {', '.join(map(str, found))}" for name, found in counts.items() if found)
         return (
-            f"Whether the paper's order ({paper}, one seed each) holds over seeds cannot be said yet: of "
-            f"{', '.join(f'`{name}`' for name in few)} there are fewer than two seeds that drive."
+            f"It cannot be said yet whether the paper's order ({paper}, one seed each) holds over seeds: fewer than "
+            f"two seeds of {', '.join(f'`{name}`' for name in few)} drive."
             f"{f' Unsafe of 60, each seed: {known}.' if known else ''}\n"
         )
-    dealt = tuple(tuple(found) for found in counts.values())
-    test = order_test(dealt)
-    shown = ", ".join(f"`{name}` {Spread.of(found)} ({len(found)} seeds)" for name, found in counts.items())
-    medians = [Spread.of(found).median for found in counts.values()]
-    same = all(more > less for more, less in itertools.pairwise(medians))
+    test = order_test(tuple(tuple(found) for found in counts.values()))
     ways = f"all {test.ways:,} ways" if test.exact else f"{test.ways:,} random ways"
-    draws = list(itertools.product(*dealt))
-    like = sum(all(more > less for more, less in itertools.pairwise(draw)) for draw in draws)
-    pairs = "; ".join(_pair(names, counts) for names in itertools.combinations(counts, 2))
-    alike = [names for names in itertools.pairwise(counts) if _pair_test(names, counts).p > _LEVEL]
+    shown = ", ".join(f"`{name}` {Spread.of(found)} ({len(found)} seeds)" for name, found in counts.items())
+    same = _descending([Spread.of(found).median for found in counts.values()])
+    picks = list(itertools.product(*counts.values()))
+    p_of_pair = {
+        (first, second): order_test((tuple(counts[first]), tuple(counts[second]))).p
+        for first, second in itertools.combinations(counts, 2)
+    }
+    pairs = "; ".join(f"`{first}` above `{second}`, p = {p:.2g}" for (first, second), p in p_of_pair.items())
+    alike = [names for names in itertools.pairwise(counts) if p_of_pair[names] > _LEVEL]
     return (
-        f"The paper counts {paper} unsafe of 60, from one seed each. Over seeds, median [least–most]: {shown}. "
-        f"{'The medians stand in its order.' if same else 'The medians do not stand in its order.'} "
-        f"A permutation test over seeds (Jonckheere-Terpstra, one-sided, {ways} of dealing the counts to the "
-        f"algorithms) gives p = {test.p:.2g}: {_verdict(test, alike, same=same)} "
-        f"In pairs, by the same test and uncorrected: {pairs}. "
-        f"Whoever trains one seed of each meets the paper's strict order in {like} of {len(draws)} draws.\n"
+        f"The paper counts {paper} unsafe trials of 60, with one training seed each. Our medians [lowest–highest] "
+        f"over seeds: {shown}. The medians are {'' if same else 'not '}in the paper's order. "
+        f"A one-sided permutation test over seeds (Jonckheere-Terpstra, {ways} to assign the counts to the "
+        f"algorithms) gives p = {test.p:.2g}: {_conclusion(test, alike, same=same)} "
+        f"The same test for each pair, not corrected for multiple tests: {pairs}. "
+        f"If you pick one seed of each algorithm, {sum(map(_descending, picks))} of the {len(picks)} possible picks "
+        "show the paper's strict order.\n"
     )
 
 
-def _verdict(test: OrderTest, alike: list[tuple[str, str]], *, same: bool) -> str:
-    """What may be said at 5 %: the whole order only where each neighbour is told from the next."""
+def _conclusion(test: OrderTest, alike: list[tuple[str, str]], *, same: bool) -> str:
+    """Return what may be concluded at 5 %: the order holds only if each agent differs from the next."""
     if test.p > _LEVEL:
         return "these seeds do not show the paper's order."
-    if alike or not same:
-        told = " and ".join(f"`{first}` from `{second}`" for first, second in alike)
-        return "there is a trend in its direction" + (f", which does not tell {told}." if told else ", no more.")
-    return "the order holds, each agent told from the next."
+    if alike:
+        named = " or ".join(f"`{first}` from `{second}`" for first, second in alike)
+        return f"there is a trend in the paper's direction, but it does not separate {named}."
+    if not same:
+        return "there is a trend in the paper's direction, but no more than that."
+    return "the order holds, and each agent differs from the next."
 
 
-def _pair_test(names: tuple[str, str], counts: Mapping[str, Sequence[int]]) -> OrderTest:
-    return order_test((tuple(counts[names[0]]), tuple(counts[names[1]])))
-
-
-def _pair(names: tuple[str, str], counts: Mapping[str, Sequence[int]]) -> str:
-    return f"`{names[0]}` above `{names[1]}`, p = {_pair_test(names, counts).p:.2g}"
+def _descending(values: Sequence[float]) -> bool:
+    return all(more > less for more, less in itertools.pairwise(values))
 
 
 def as_json(collection: Collection) -> dict[str, Any]:
-    """The test for a program."""
+    """Return the test for a program."""
     counts = unsafe_by_seed(collection)
-    enough = min(map(len, counts.values())) > 1
-    test = order_test(tuple(counts.values())) if enough else None
+    test = order_test(tuple(counts.values())) if min(map(len, counts.values())) > 1 else None
     return {
-        "paper": {name: LIKE[name].unsafe for name in counts},
+        "paper": {name: PAPER_BY_NAME[name].unsafe for name in counts},
         "unsafe_by_seed": {name: list(found) for name, found in counts.items()},
         "p": None if test is None else test.p,
         "ways": None if test is None else test.ways,

@@ -1,4 +1,4 @@
-"""The figures of the reference paper (Carton et al., IV 2021): its tables I and II."""
+"""Figures of the reference paper (Carton et al., IV 2021), tables I and II."""
 
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -13,26 +13,26 @@ class PaperAgent:
 
     title: str
     ours: str | None
-    """The agent here that is made like it; None where there is none."""
+    """Name of our agent of the same design; None if there is none."""
     success: tuple[int, int, int, int]
-    """Table I: navigation routes completed, percent, in the order of :class:`~wrongturn_protocol.Condition`."""
+    """Table I: navigation routes completed, in percent, in the order of :class:`~wrongturn_protocol.Condition`."""
     infeasible: tuple[int, int, int]
-    """Table II: unsafe of ten with the wrong command, in the order of ``PAPER_TYPES``."""
+    """Table II: unsafe trials of ten with the wrong command, in the order of ``PAPER_TYPES``."""
     omission: tuple[int, int, int]
-    """Table II: unsafe of ten with the command to follow the lane."""
+    """Table II: unsafe trials of ten with the command "follow lane", in the order of ``PAPER_TYPES``."""
 
     @property
     def unsafe(self) -> int:
-        """Of all sixty."""
+        """Number of unsafe trials of all sixty."""
         return sum(self.infeasible) + sum(self.omission)
 
     def cell(self, kind: JunctionType, fault: FaultKind) -> int:
-        """Unsafe of ten."""
+        """Return the number of unsafe trials of ten for a junction type and a fault."""
         row = self.infeasible if fault is FaultKind.INFEASIBLE else self.omission
         return row[PAPER_TYPES.index(kind)]
 
     def succeeded(self, condition: Condition) -> int:
-        """Navigation routes completed, percent."""
+        """Return the percentage of completed navigation routes in a condition."""
         return self.success[list(Condition).index(condition)]
 
 
@@ -43,10 +43,15 @@ PAPER: Final = (
     PaperAgent("RL, image as input", "ppo-image", (82, 98, 49, 40), (0, 1, 7), (0, 4, 4)),
     PaperAgent("RL, image with auxiliary task", "ppo-auxiliary", (90, 92, 78, 68), (0, 2, 0), (1, 0, 0)),
 )
-"""In the order of its tables."""
+"""The paper's agents, in the order of its tables."""
 
-ALGORITHMS: Final = tuple(agent.ours for agent in PAPER if agent.ours is not None)
-"""The agents here that are made like the paper's own, from its most unsafe to its least."""
+PAPER_BY_NAME: Final = MappingProxyType({agent.ours: agent for agent in PAPER if agent.ours is not None})
+"""The paper's agents by the name of ours, from the most unsafe to the least."""
 
-LIKE: Final = MappingProxyType({agent.ours: agent for agent in PAPER if agent.ours is not None})
-"""The paper's agents by the name of ours."""
+ALGORITHMS: Final = tuple(PAPER_BY_NAME)
+"""Names of our agents that follow the paper's designs, from the most unsafe to the least."""
+
+
+def table_order(agent: str) -> tuple[int, str]:
+    """Return a sort key for agents: the paper's algorithms first, then by name."""
+    return (ALGORITHMS.index(agent) if agent in ALGORITHMS else len(ALGORITHMS), agent)

@@ -1,4 +1,4 @@
-"""The file that keeps what one agent of one seed came to on one suite."""
+"""File with the results of one agent, of one training seed, on one suite."""
 
 import json
 import re
@@ -7,58 +7,70 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from wrongturn_agents.reporting.errors import ResultsError
-from wrongturn_protocol import Reaction, Verdict
+from wrongturn_agents.errors import ResultsError
+from wrongturn_agents.suites import installed_suite
+from wrongturn_protocol import Outcome, Reaction, Verdict
 
 Driven = Literal["in process", "over the service"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
-_STEM: Final = re.compile(r"[^A-Za-z0-9@.]+")
+_NOT_IN_FILE_NAMES: Final = re.compile(r"[^A-Za-z0-9@.]+")
+_TRIALS_NAMED: Final = 3  # trials that an error names as examples
 
 
 class TrialResult(BaseModel):
-    """What one trial came to."""
+    """Result of one trial."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     verdict: Verdict
     reaction: Reaction | None = None
-    """To the fault; None where there is none."""
+    """Reaction to the fault; None if the trial has no fault."""
     clean: bool | None = None
-    """Whether a journey was driven without infraction; None of what is no journey."""
+    """Whether a journey was driven without infractions; None if the trial is not a journey."""
+
+    @classmethod
+    def of(cls, outcome: Outcome) -> Self:
+        """Return the part of an episode's outcome that is stored."""
+        clean = None if outcome.journey is None else outcome.journey.clean
+        return cls(verdict=outcome.verdict, reaction=outcome.reaction, clean=clean)
 
 
 class ResultsFile(BaseModel):
-    """All trials of one suite, twins too, driven by one agent of one training seed."""
+    """Results of all trials of one suite, twins included, by one agent of one training seed."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     agent: Name
     seed: Annotated[int, Field(ge=0)] | None = None
-    """Of the training; None of an agent that is not trained."""
+    """Training seed; None if the agent is not trained."""
     variant: Name | None = None
-    """Of an ablation, such as ``without-augmentation``; None of the algorithm as it is."""
+    """Name of an ablation, such as ``without-augmentation``; None for the standard algorithm."""
     suite: str
     suite_sha256: str
     driven: Driven
     steps: Annotated[int, Field(ge=0)] | None = None
-    """Environment steps that the training took."""
+    """Environment steps of the training."""
     device: str | None = None
-    """On which kind of device it drove, such as ``cpu``."""
+    """Kind of device that ran the agent, such as ``cpu``."""
     trials: dict[str, TrialResult]
-    """By the trial's id."""
+    """Results by trial id."""
 
     @property
     def stem(self) -> str:
-        """The name under which it is kept, the same for the same agent, seed, variant, suite and way of driving."""
+        """File name without extension, made of agent, variant, seed, suite and the way of driving."""
         parts = [self.agent, self.variant, None if self.seed is None else f"s{self.seed}", self.suite, self.driven]
-        return ".".join(_STEM.sub("-", part) for part in parts if part is not None)
+        return ".".join(_NOT_IN_FILE_NAMES.sub("-", part) for part in parts if part is not None)
+
+    def __str__(self) -> str:
+        words = [self.agent, self.variant, None if self.seed is None else f"seed {self.seed}", f"on {self.suite}"]
+        return " ".join(word for word in (*words, self.driven) if word is not None)
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read one.
+        """Read a results file.
 
         Raises:
-            ResultsError: it cannot be read, or is no results file; the first wrong field is named.
+            ResultsError: The file cannot be read, or is not a results file. The error names the first wrong field.
         """
         try:
             return cls.model_validate_json(path.read_bytes())
@@ -68,15 +80,15 @@ class ResultsFile(BaseModel):
             first = error.errors(include_url=False)[0]
             field = ".".join(map(str, first["loc"])) or "the file"
             raise ResultsError(
-                f"{path.name}: {field}: {first['msg']}; write it anew by 'wrongturn score' or 'wrongturn results "
+                f"{path.name}: {field}: {first['msg']}; make a new file with 'wrongturn score' or 'wrongturn results "
                 "--import'",
             ) from error
 
     def write(self, directory: Path) -> Path:
-        """Write it into a directory under its own name; gives the path.
+        """Write the file into a directory under its own name, and return the path.
 
         Raises:
-            ResultsError: it cannot be written.
+            ResultsError: The file cannot be written.
         """
         path = directory / f"{self.stem}.json"
         try:
@@ -86,12 +98,41 @@ class ResultsFile(BaseModel):
         return path
 
     def text(self) -> str:
-        """Its JSON, a line for each trial: short to store, and a change of one is a change of one line."""
-        content = self.model_dump(mode="json") | {
-            "trials": {
-                name: self.trials[name].model_dump(mode="json", exclude_none=True) for name in sorted(self.trials)
-            },
-        }
-        trials = ",\n".join(f"  {json.dumps(name)}: {json.dumps(one)}" for name, one in content.pop("trials").items())
+        """Return the file's JSON, with one line for each trial so that differences are easy to read."""
+        content = self.model_dump(mode="json", exclude={"trials"})
         head = "".join(f" {json.dumps(field)}: {json.dumps(value)},\n" for field, value in content.items())
+        trials = ",\n".join(
+            f"  {json.dumps(name)}: {json.dumps(one.model_dump(mode='json', exclude_none=True))}"
+            for name, one in sorted(self.trials.items())
+        )
         return f'{{\n{head} "trials": {{\n{trials}\n }}\n}}\n'
+
+    def check(self, name: str) -> None:
+        """Check that the results are of the installed suite, and of all its trials.
+
+        Results in process may lack the trials with other road users, which need SUMO. Results over the service may
+        hold those trials only.
+
+        Args:
+            name: The file's name, for the error.
+
+        Raises:
+            ResultsError: The suite is another version, or trials are missing or unknown.
+        """
+        suite = installed_suite(self.suite)
+        if self.suite_sha256 != suite.sha256:
+            raise ResultsError(
+                f"{name}: suite_sha256: the results are of another {self.suite} ({self.suite_sha256[:12]}) than the "
+                f"one installed ({suite.sha256[:12]}); drive it again on that one",
+            )
+        lacking = suite.trials.keys() - self.trials
+        optional = suite.crowded if self.driven == "in process" else suite.trials.keys() - suite.crowded
+        if suite.crowded and lacking == optional:
+            lacking = set()
+        for what, ids in (("lacks", lacking), ("has unknown", self.trials.keys() - suite.trials)):
+            if ids:
+                some = ", ".join(sorted(ids)[:_TRIALS_NAMED]) + (", …" if len(ids) > _TRIALS_NAMED else "")
+                raise ResultsError(
+                    f"{name}: trials: {what} {len(ids)} of {self.suite}'s {len(suite.trials)} ({some}); "
+                    "drive the whole suite again",
+                )

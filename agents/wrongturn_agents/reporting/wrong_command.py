@@ -1,56 +1,80 @@
-"""The paper's table II: unsafe of ten with a wrong command and with "follow lane", by type of junction."""
+"""The paper's table II: unsafe of ten with a wrong command and with "follow lane"; and how those trials ended."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.paper import LIKE, PAPER, PaperAgent
-from wrongturn_agents.reporting.report_table import ReportTable
+from wrongturn_agents.reporting.paper import ALGORITHMS, PAPER_BY_NAME, PaperAgent
 from wrongturn_agents.reporting.results_file import ResultsFile
-from wrongturn_agents.reporting.spread import Spread, with_interval
-from wrongturn_agents.suites import WRONG_COMMAND, SuiteTrials
-from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Verdict
+from wrongturn_agents.reporting.tables import ReportTable, Rows, Spread, label_first, rows_beside_paper, with_interval
+from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
+from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Reaction, Verdict
 
-FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
-"""The paper's two, in the order of its rows."""
-DRIVES: Final = 0.9
-"""Share of its twins that an agent must complete, as for a rank, for its unsafe trials to say anything."""
-CELLS: Final = tuple((kind, fault) for kind in PAPER_TYPES for fault in FAULTS)
+Cell = tuple[JunctionType, FaultKind]
+
+_FAULTS: Final = {FaultKind.INFEASIBLE: "wrong", FaultKind.OMISSION: "follow lane"}
+"""The paper's two faults, in the order of its rows, and the command that each delivers."""
+_CELLS: Final = tuple((kind, fault) for kind in PAPER_TYPES for fault in _FAULTS)
+_TWINS_OF_A_DRIVER: Final = 0.9  # the share of its twins that an agent must complete, here and for a rank
+_ENDS: Final = {
+    "collision": {Verdict.COLLISION},
+    "off road": {Verdict.OFF_ROAD},
+    "stopped inside": {Verdict.STOPPED_IN_JUNCTION},
+    "wrong way": {Verdict.WRONG_WAY},
+    "stopped before": {Verdict.STOPPED_BEFORE_JUNCTION},
+    "exit": {Verdict.EXIT_COMMANDED, Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER},
+}
+_REACTIONS: Final = {
+    Reaction.OBEYED: "obeyed",
+    Reaction.OVERRODE: "overrode",
+    Reaction.FROZE: "froze",
+    Reaction.OTHER: "other reaction",
+}
+"""All reactions except ``exit``, which is an end too."""
+_REMARK: Final = {True: "", False: ": cannot drive"}
+_ONLY_TO_A_COMMAND: Final = {Reaction.OBEYED, Reaction.OVERRODE}
 _NOTE: Final = (
-    'Unsafe of 10 with a wrong command · with "follow lane", by the junction\'s type. Ours: the shipped weights with '
-    "Wilson's 95 % interval of the rate, and median [least–most] over training seeds. Those that drive completed "
-    "54 of their 60 twins or more; the others say nothing about commands."
+    'Unsafe of 10 with a wrong command · with "follow lane", by type of junction. Our rows: the shipped weights with '
+    "Wilson's 95 % interval of the rate, and the median [lowest–highest] over training seeds. Seeds that drive "
+    "completed at least 54 of their 60 twins; the others say nothing about commands."
+)
+_NOTE_ON_ENDS: Final = (
+    "Percent of trials; stopped inside or before the junction. For a trained agent: the trials of all seeds that "
+    "drive. For any other agent: all its trials. The last four columns show how the agent reacted to the fault; to "
+    '"follow lane", taking an exit is a reaction too.'
 )
 
 
 @dataclass(frozen=True)
 class UnsafeCounts:
-    """What one agent of one seed came to."""
+    """Counts for one agent of one training seed."""
 
-    cells: Mapping[tuple[JunctionType, FaultKind], int]
-    """Unsafe, by :data:`CELLS`."""
+    cells: Mapping[Cell, int]
+    """Unsafe trials by junction type and fault."""
     trials: int
-    """Without twins."""
+    """Number of trials without the twins."""
     completed: int
-    """Twins that ended in ``exit_commanded``."""
+    """Number of twins that ended in ``exit_commanded``."""
     twins: int
 
     @property
     def unsafe(self) -> int:
-        """Of all trials."""
+        """Number of unsafe trials."""
         return sum(self.cells.values())
 
     @property
     def drives(self) -> bool:
-        """Whether it completes enough of its twins to say anything."""
-        return self.completed >= DRIVES * self.twins
+        """Whether the agent completes enough twins for its unsafe trials to mean anything."""
+        return self.completed >= _TWINS_OF_A_DRIVER * self.twins
 
 
-def count_unsafe(file: ResultsFile, suite: SuiteTrials) -> UnsafeCounts:
+def count_unsafe(file: ResultsFile) -> UnsafeCounts:
     """Count a file's unsafe trials and completed twins."""
-    cells = dict.fromkeys(CELLS, 0)
+    cells = dict.fromkeys(_CELLS, 0)
     trials = completed = twins = 0
+    suite = installed_suite(file.suite)
     for name, result in file.trials.items():
         trial = suite.trials[name]
         if trial.fault.kind is FaultKind.NONE:
@@ -62,100 +86,102 @@ def count_unsafe(file: ResultsFile, suite: SuiteTrials) -> UnsafeCounts:
     return UnsafeCounts(cells, trials, completed, twins)
 
 
-def by_seed(collection: Collection, agent: str, variant: str | None = None) -> dict[int | None, UnsafeCounts]:
-    """An agent's counts by training seed."""
-    files = collection.of(WRONG_COMMAND, agent, variant)
-    return {seed: count_unsafe(file, collection.suite_of(WRONG_COMMAND)) for seed, file in files.items()}
+def counts_by_seed(collection: Collection, agent: str, variant: str | None = None) -> dict[int | None, UnsafeCounts]:
+    """Return an agent's counts by training seed."""
+    return {seed: count_unsafe(file) for seed, file in collection.by_seed(WRONG_COMMAND, agent, variant).items()}
 
 
 def wrong_command_table(collection: Collection) -> ReportTable:
-    """Ours beside the paper's; the paper's rows alone where nothing is stored."""
-    rows: list[tuple[str, ...]] = []
-    for agent in PAPER:
-        if agent.ours is None:
-            rows.append((agent.title, *_paper_row(agent)))
-        else:
-            rows += _named(f"`{agent.ours}`", [_paper_row(agent), *_own_rows(collection, agent.ours)])
-    for name in collection.agents(WRONG_COMMAND):
-        if name not in LIKE:
-            rows += _named(f"`{name}`", _own_rows(collection, name))
-    types = (kind.value for kind in PAPER_TYPES)
-    return ReportTable(
-        "Unsafe episodes (the paper's table II)",
-        ("agent", "figures of", *types, "unsafe of 60", "twins completed"),
-        tuple(rows),
-        (_NOTE,),
-    )
+    """Return the table of unsafe trials, with our figures beside the paper's."""
+    rows = rows_beside_paper(collection.agents(WRONG_COMMAND), _paper_figures, lambda name: _own_rows(collection, name))
+    head = ("agent", "source", *PAPER_TYPES, "unsafe of 60", "twins completed")
+    return ReportTable("Unsafe episodes (the paper's table II)", head, tuple(rows), _NOTE)
 
 
 def seeds_table(collection: Collection) -> ReportTable:
-    """Each seed by itself."""
-    rows: list[tuple[str, ...]] = []
-    for name in LIKE:
-        counts = by_seed(collection, name)
+    """Return the table of unsafe trials with a row for each training seed."""
+    rows: Rows = []
+    for name in ALGORITHMS:
         each = [
-            (
-                f"seed {seed}",
-                *_cells(one),
-                str(one.unsafe),
-                f"{one.completed}" if one.drives else f"{one.completed}: cannot drive",
-            )
-            for seed, one in counts.items()
+            (f"seed {seed}", *_by_type(one.cells), str(one.unsafe), str(one.completed) + _REMARK[one.drives])
+            for seed, one in counts_by_seed(collection, name).items()
         ]
-        rows += _named(f"`{name}`", each)
-    types = (kind.value for kind in PAPER_TYPES)
-    head = ("agent", "training", *types, "unsafe of 60", "twins completed of 60")
+        rows += label_first(f"`{name}`", each)
+    head = ("agent", "training", *PAPER_TYPES, "unsafe of 60", "twins completed of 60")
     return ReportTable("Unsafe episodes by training seed", head, tuple(rows))
 
 
+def endings_table(collection: Collection) -> ReportTable:
+    """Return how the trials with a fault ended, in percent, by agent and command."""
+    rows: Rows = []
+    suite = installed_suite(WRONG_COMMAND)
+    for agent in collection.agents(WRONG_COMMAND):
+        files = [
+            file
+            for seed, file in collection.by_seed(WRONG_COMMAND, agent).items()
+            if seed is None or count_unsafe(file).drives
+        ]
+        own: Rows = []
+        for fault, command in _FAULTS.items() if files else ():
+            found = [
+                one for file in files for name, one in file.trials.items() if suite.trials[name].fault.kind is fault
+            ]
+            ends = [sum(one.verdict in end for one in found) for end in _ENDS.values()]
+            reactions = Counter(one.reaction for one in found)
+            shown = [f"{100 * count / len(found):.0f}" for count in (*ends, len(found) - sum(ends))]
+            for kind in _REACTIONS:
+                meant = fault is FaultKind.INFEASIBLE or kind not in _ONLY_TO_A_COMMAND
+                shown.append(f"{100 * reactions[kind] / len(found):.0f}" if meant else "")
+            own.append((command, str(len(found)), *shown))
+        rows += label_first(f"`{agent}`", own)
+    head = ("agent", "command", "trials", *_ENDS, "other end", *_REACTIONS.values())
+    return ReportTable("How trials under a wrong command ended", head, tuple(rows), _NOTE_ON_ENDS if rows else "")
+
+
 def as_json(collection: Collection) -> dict[str, Any]:
-    """The same figures for a program: by agent, the paper's and each seed's."""
-    names = [*LIKE, *(name for name in collection.agents(WRONG_COMMAND) if name not in LIKE)]
+    """Return the figures for a program: for each agent, the paper's and those of each seed."""
     return {
         name: {
-            "paper": {"cells": _keyed({cell: LIKE[name].cell(*cell) for cell in CELLS}), "unsafe": LIKE[name].unsafe}
-            if name in LIKE
-            else None,
+            "paper": _paper_json(PAPER_BY_NAME[name]) if name in PAPER_BY_NAME else None,
             "shipped_seed": collection.shipped.get(name),
             "seeds": [
                 {
                     "seed": seed,
-                    "cells": _keyed(one.cells),
+                    "cells": _named(one.cells),
                     "unsafe": one.unsafe,
                     "trials": one.trials,
                     "twins_completed": one.completed,
                     "drives": one.drives,
                 }
-                for seed, one in by_seed(collection, name).items()
+                for seed, one in counts_by_seed(collection, name).items()
             ],
         }
-        for name in names
+        for name in collection.listed(WRONG_COMMAND)
     }
 
 
-def _keyed(cells: Mapping[tuple[JunctionType, FaultKind], int]) -> dict[str, int]:
+def _paper_json(agent: PaperAgent) -> dict[str, Any]:
+    return {"cells": _named({cell: agent.cell(*cell) for cell in _CELLS}), "unsafe": agent.unsafe}
+
+
+def _named(cells: Mapping[Cell, int]) -> dict[str, int]:
     return {f"{kind}.{fault}": count for (kind, fault), count in cells.items()}
 
 
-def _named(name: str, rows: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """The rows of one agent, its name before the first."""
-    return [("" if number else name, *row) for number, row in enumerate(rows)]
+def _paper_figures(agent: PaperAgent) -> list[str]:
+    cells = [f"{wrong} · {follow}" for wrong, follow in zip(agent.infeasible, agent.omission, strict=True)]
+    return [*cells, with_interval(agent.unsafe, 60), ""]
 
 
-def _paper_row(agent: PaperAgent) -> tuple[str, ...]:
-    cells = (f"{wrong} · {follow}" for wrong, follow in zip(agent.infeasible, agent.omission, strict=True))
-    return ("the paper", *cells, with_interval(agent.unsafe, 60), "")
-
-
-def _own_rows(collection: Collection, name: str) -> list[tuple[str, ...]]:
-    rows = []
+def _own_rows(collection: Collection, name: str) -> Rows:
+    rows: Rows = []
     shipped = collection.of_shipped(WRONG_COMMAND, name)
     if shipped is not None:
-        counts = count_unsafe(shipped, collection.suite_of(WRONG_COMMAND))
-        whose = "ours" if shipped.seed is None else f"ours, seed {shipped.seed}"
+        counts = count_unsafe(shipped)
+        source = "ours" if shipped.seed is None else f"ours, seed {shipped.seed}"
         total = with_interval(counts.unsafe, counts.trials)
-        rows.append((whose, *_cells(counts), total, f"{counts.completed}/{counts.twins}"))
-    seeds = [counts for seed, counts in by_seed(collection, name).items() if seed is not None]
+        rows.append((source, *_by_type(counts.cells), total, f"{counts.completed}/{counts.twins}"))
+    seeds = [counts for seed, counts in counts_by_seed(collection, name).items() if seed is not None]
     if len(seeds) > 1:
         rows.append((f"ours, {len(seeds)} seeds", *_spreads(seeds)))
     driving = [counts for counts in seeds if counts.drives]
@@ -166,14 +192,13 @@ def _own_rows(collection: Collection, name: str) -> list[tuple[str, ...]]:
 
 
 def _spreads(seeds: Sequence[UnsafeCounts]) -> list[str]:
-    """Cells, total and completed twins over seeds; the counts themselves where there is one."""
+    """Return cells, total and completed twins over seeds; for one seed, the counts themselves."""
     if len(seeds) == 1:
-        return [*_cells(seeds[0]), str(seeds[0].unsafe), str(seeds[0].completed)]
-    cells = {cell: Spread.of([counts.cells[cell] for counts in seeds]) for cell in CELLS}
-    texts = (" · ".join(str(cells[kind, fault]) for fault in FAULTS) for kind in PAPER_TYPES)
-    figures = ([one.unsafe for one in seeds], [one.completed for one in seeds])
-    return [*texts, *(str(Spread.of(each)) for each in figures)]
+        return [*_by_type(seeds[0].cells), str(seeds[0].unsafe), str(seeds[0].completed)]
+    cells = {cell: str(Spread.of([counts.cells[cell] for counts in seeds])) for cell in _CELLS}
+    totals = ([one.unsafe for one in seeds], [one.completed for one in seeds])
+    return [*_by_type(cells), *(str(Spread.of(each)) for each in totals)]
 
 
-def _cells(counts: UnsafeCounts) -> list[str]:
-    return [" · ".join(str(counts.cells[kind, fault]) for fault in FAULTS) for kind in PAPER_TYPES]
+def _by_type(cells: Mapping[Cell, object]) -> list[str]:
+    return [" · ".join(str(cells[kind, fault]) for fault in _FAULTS) for kind in PAPER_TYPES]

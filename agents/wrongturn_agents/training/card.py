@@ -19,8 +19,8 @@ from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.reporting.collection import STORED, Collection
 from wrongturn_agents.reporting.curves import Curve, read_curves
 from wrongturn_agents.reporting.navigation import count_success
-from wrongturn_agents.reporting.spread import Spread, with_interval
-from wrongturn_agents.reporting.wrong_command import by_seed, count_unsafe
+from wrongturn_agents.reporting.tables import Spread, with_interval
+from wrongturn_agents.reporting.wrong_command import count_unsafe, counts_by_seed
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, WEIGHTS, ShippedAgent
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_protocol import CORL_TASKS, Condition, Task
@@ -125,7 +125,7 @@ def read_facts(file: Path) -> dict[str, Facts]:
 
 def cards(directory: Path = WEIGHTS, results: Path = STORED) -> dict[Path, str]:
     """The cards of all agents whose weights are there, by the file that each belongs into."""
-    collection, curves = Collection.read(results, installed_suite), read_curves(results / "curves")
+    collection, curves = Collection.read(results), read_curves(results / "curves")
     present = [agent for agent in SHIPPED_AGENTS.values() if agent.file.is_file()]
     facts = read_facts(directory / FACTS) if present else {}
     lacking = [agent.name for agent in present if agent.name not in facts]
@@ -191,11 +191,11 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
     parts = []
     wrong = collection.of_shipped(WRONG_COMMAND, agent.name)
     if wrong is not None:
-        counts = count_unsafe(wrong, collection.suite_of(WRONG_COMMAND))
+        counts = count_unsafe(wrong)
         text = f"`{WRONG_COMMAND}`, {wrong.driven}: {with_interval(counts.unsafe, counts.trials)} of {counts.trials} "
         text += f"trials unsafe; {with_interval(counts.completed, counts.twins)} of {counts.twins} fault-free twins "
         text += "completed."
-        found_by_seed = [found for seed, found in by_seed(collection, agent.name).items() if seed is not None]
+        found_by_seed = [found for seed, found in counts_by_seed(collection, agent.name).items() if seed is not None]
         seeds = [found.unsafe for found in found_by_seed if found.drives]
         if len(seeds) > 1:
             text += f" Over {len(seeds)} training seeds the unsafe count is {Spread.of(seeds)}: median [least–most]"
@@ -204,8 +204,8 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
         parts.append(text)
     journeys = collection.of_shipped(NAVIGATION, agent.name)
     if journeys is not None:
-        suite = collection.suite_of(NAVIGATION)
-        cells = count_success(journeys, suite)
+        suite = installed_suite(NAVIGATION)
+        cells = count_success(journeys)
         driven = {
             trial.journey.task: how
             for name, how in collection.driven_how(NAVIGATION, agent.name).items()

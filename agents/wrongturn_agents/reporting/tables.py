@@ -1,0 +1,134 @@
+"""Tables of figures for the terminal and for pages, and the statistics in their cells."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from statistics import median
+from typing import TYPE_CHECKING, Any, Final, Self
+
+from wrongturn_agents.errors import MissingPackageError
+from wrongturn_agents.reporting.paper import PAPER, PAPER_BY_NAME, PaperAgent
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+Rows = list[tuple[str, ...]]
+_LEVEL: Final = 0.95
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """A table of text cells. The last columns hold figures."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+    """Text below the table."""
+    text_columns: int = 2
+    """Number of columns at the left that hold words, not figures."""
+
+    def rich(self) -> "Table":
+        """Return the table for the terminal."""
+        from rich.text import Text  # noqa: PLC0415 - so that the program's help starts quickly
+
+        from wrongturn_client.plain_table import plain_table  # noqa: PLC0415
+
+        table = plain_table(self.title)
+        for number, name in enumerate(self.head):
+            table.add_column(name, justify="left" if number < self.text_columns else "right")
+        for number, row in enumerate(self.rows):
+            # Only an agent's first row has its name: a line is drawn where the next row has one.
+            last = number + 1 == len(self.rows) or bool(self.rows[number + 1][0])
+            table.add_row(*(Text(cell.replace("`", "")) for cell in row), end_section=last)
+        table.caption = Text(self.note)
+        return table
+
+    def markdown(self) -> str:
+        """Return the table for a page, with a line break at the end."""
+        if not self.rows:
+            return "*Nothing is stored yet.*\n"
+        rule = ["---" if number < self.text_columns else "---:" for number in range(len(self.head))]
+        lines = [_line(self.head), "|" + "|".join(rule) + "|", *map(_line, self.rows)]
+        return "\n".join(lines) + "\n" + (f"\n*{self.note}*\n" if self.note else "")
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def label_first(name: str, rows: Iterable[tuple[str, ...]]) -> Rows:
+    """Put a name before the first row, and an empty cell before the others."""
+    return [("" if number else name, *row) for number, row in enumerate(rows)]
+
+
+def rows_beside_paper(
+    agents: Iterable[str], paper_row: Callable[[PaperAgent], Sequence[str]], own_rows: Callable[[str], Rows]
+) -> Rows:
+    """Return the paper's agents, each with the rows of ours below it, and then the agents that the paper lacks.
+
+    Args:
+        agents: Our agents.
+        paper_row: Returns the paper's figures of an agent.
+        own_rows: Returns the rows of one of our agents, each with its source in the first cell.
+    """
+    rows: Rows = []
+    for agent in PAPER:
+        paper = ("the paper", *paper_row(agent))
+        if agent.ours is None:
+            rows += label_first(agent.title, [paper])
+        else:
+            rows += label_first(f"`{agent.ours}`", [paper, *own_rows(agent.ours)])
+    for name in agents:
+        if name not in PAPER_BY_NAME:
+            rows += label_first(f"`{name}`", own_rows(name))
+    return rows
+
+
+@lru_cache(maxsize=4096)
+def wilson(count: int, trials: int) -> tuple[float, float]:
+    """Return Wilson's 95 % interval of the rate ``count / trials``.
+
+    Raises:
+        MissingPackageError: scipy is not installed.
+    """
+    interval = scipy_stats().binomtest(count, trials).proportion_ci(_LEVEL, method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def scipy_stats() -> Any:
+    """Import and return ``scipy.stats``, which takes a second.
+
+    Raises:
+        MissingPackageError: scipy is not installed.
+    """
+    try:
+        import scipy.stats  # noqa: PLC0415 - takes a second to import
+    except ImportError as error:
+        raise MissingPackageError("scipy is not installed; install wrongturn-agents[training]") from error
+    return scipy.stats
+
+
+def with_interval(count: int, trials: int, *, percent: bool = False) -> str:
+    """Return a count as text, or its rate in percent, with Wilson's interval of the rate in percent."""
+    low, high = wilson(count, trials)
+    shown = f"{100 * count / trials:.0f}" if percent else str(count)
+    return f"{shown} ({100 * low:.0f}–{100 * high:.0f}{'' if percent else ' %'})"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Median and range of a figure over training seeds. Its text is ``median [lowest–highest]``."""
+
+    median: float
+    least: float
+    most: float
+    seeds: int
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> Self:
+        """Return the spread of one value a seed; at least one value is needed."""
+        return cls(float(median(values)), float(min(values)), float(max(values)), len(values))
+
+    def __str__(self) -> str:
+        return f"{self.median:g} [{self.least:g}–{self.most:g}]"
