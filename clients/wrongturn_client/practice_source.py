@@ -100,9 +100,14 @@ class PracticeSource:
         if trial is not None:
             raise ValueError(f"options: the trial {trial!r} needs an environment that was made with its suite")
         if not self._approaches and self._task is None:
-            self._approaches = tuple(sorted(one.id for one in client.town(self._town).approaches if self._admits(one)))
+            approaches = client.town(self._town).approaches
+            self._approaches = tuple(sorted(one.id for one in approaches if self._admits(one)))
             if not self._approaches:
-                raise ValueError(f"fault: {self._fault.kind} suits no such approach of {self._town}; take another")
+                offered = ", ".join(sorted({kind for one in approaches for kind in one.faults}))
+                raise ValueError(
+                    f"fault: {self._fault.kind} can be applied at no such approach of {self._town}, "
+                    f"whose approaches offer {offered}; take another",
+                )
         # A journey may begin anywhere.
         number = len(self._approaches)
         approach = self._approaches[int(random.integers(number))] if number else None
@@ -123,4 +128,4 @@ class PracticeSource:
     def _admits(self, approach: Any) -> bool:
         if self._route is not None and self._route not in approach.exits:
             return False
-        return self._fault.kind is not FaultKind.INFEASIBLE or approach.type.missing is not None
+        return self._fault.kind in approach.faults

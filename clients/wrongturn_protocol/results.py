@@ -11,6 +11,7 @@ from wrongturn_protocol.vocabulary import (
     Command,
     Entry,
     EvaluationState,
+    FaultKind,
     JunctionType,
     Reaction,
     Track,
@@ -80,6 +81,8 @@ class ApproachDetail(Message):
     junction: str
     type: JunctionType
     exits: tuple[Command, ...]
+    faults: tuple[FaultKind, ...]
+    """Faults that can be applied here."""
     stop_line: tuple[float, float]
     """Where the approach's lane ends, town frame, metres."""
     heading: float

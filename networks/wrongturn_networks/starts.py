@@ -3,7 +3,7 @@
 import math
 import random
 
-from wrongturn_networks.errors import ApproachTooShortError, FaultNotApplicableError, RouteNotAvailableError
+from wrongturn_networks.errors import ApproachTooShortError, RouteNotAvailableError
 from wrongturn_networks.junctions import Approach
 from wrongturn_networks.town import Town
 from wrongturn_protocol import Command, Fault, FaultKind, Start, Traffic, Trial, Weather, trial_id
@@ -59,21 +59,17 @@ def draw_trial(
     weather: Weather = Weather.CLEAR_NOON,
     traffic: Traffic = Traffic(),  # noqa: B008 - immutable
 ) -> Trial:
-    """A trial at an approach by the suites' recipe.
+    """Draw a trial at an approach by the suites' recipe.
+
+    Whether the fault can be applied there is the fault's own to say: ask ``wrongturn_sim.faults.check_fault``.
 
     Raises:
         UnknownApproachError: the town has no such approach.
-        FaultNotApplicableError: the fault cannot be done there.
         RouteNotAvailableError: the approach has no such exit.
         ApproachTooShortError: its lane has no room for a start.
     """
     approach = town.approach(approach_id)
     wanted = fault if isinstance(fault, Fault) else Fault(kind=fault)
-    if wanted.kind is FaultKind.INFEASIBLE and approach.type.missing is None:
-        raise FaultNotApplicableError(
-            f"fault: {wanted.kind} needs a direction that does not exist, and {town.name} {approach_id} has all three; "
-            "choose an approach of a T-junction",
-        )
     if route is not None and route not in approach.exits:
         names = ", ".join(command.name for command in approach.exits)
         raise RouteNotAvailableError(f"route: {town.name} {approach_id} has no exit {route.name}; it has: {names}")

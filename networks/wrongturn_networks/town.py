@@ -14,7 +14,7 @@ from wrongturn_networks.errors import UnknownApproachError
 from wrongturn_networks.junctions import Approach, Junction
 from wrongturn_networks.lanes import Lane
 from wrongturn_networks.scenery import SceneryObject
-from wrongturn_protocol import ApproachDetail, JunctionType, TownDetail, TownSummary
+from wrongturn_protocol import ApproachDetail, FaultKind, JunctionType, TownDetail, TownSummary
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +68,12 @@ class Town:
             approaches={kind: count for kind, count in counts.items() if count},
         )
 
-    def detail(self) -> TownDetail:
-        """The town as the service describes it, enough to draw it."""
+    def detail(self, faults: Mapping[str, tuple[FaultKind, ...]]) -> TownDetail:
+        """Return the town as the service describes it: enough to draw it.
+
+        Args:
+            faults: by approach, the kinds that can be applied there; none at approaches that are not named.
+        """
         return TownDetail(
             name=self.name,
             sha256=self.sha256,
@@ -80,6 +84,7 @@ class Town:
                     junction=approach.junction,
                     type=approach.type,
                     exits=tuple(approach.exits),
+                    faults=faults.get(approach.id, ()),
                     stop_line=approach.stop_line,
                     heading=approach.heading,
                     lane_length=self.lanes[approach.lane].length,

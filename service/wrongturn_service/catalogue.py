@@ -30,9 +30,11 @@ from wrongturn_protocol import (
     PracticeRequest,
     ProblemType,
     Task,
+    TownDetail,
     Trial,
 )
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
+from wrongturn_sim.faults import check_fault, faults_at
 
 _T = TypeVar("_T")
 _LONGEST = 1000
@@ -54,6 +56,12 @@ def suite(suite_id: str) -> Suite:
 def town(name: str) -> Town:
     """A town by its name; raises NotFoundError."""
     return _find(lambda: load_town(name), "town", ProblemType.UNKNOWN_TOWN)
+
+
+def town_detail(name: str) -> TownDetail:
+    """Return a town with its approaches and geometry; raises NotFoundError."""
+    found = town(name)
+    return found.detail({approach: faults_at(found, approach) for approach in found.approaches})
 
 
 async def practice_trial(request: PracticeRequest) -> Trial:
@@ -78,7 +86,7 @@ def _practice_trial(request: PracticeRequest) -> Trial:
         return _journey(where, request.task, request)
     assert approach is not None
     try:
-        return draw_trial(
+        trial = draw_trial(
             where,
             approach,
             request.fault,
@@ -87,6 +95,8 @@ def _practice_trial(request: PracticeRequest) -> Trial:
             weather=request.weather,
             traffic=request.traffic,
         )
+        check_fault(trial)
+        return trial
     except RouteNotAvailableError as error:
         raise InvalidRequestError("route", str(error)) from error
     except FaultNotApplicableError as error:

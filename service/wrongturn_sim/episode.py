@@ -15,9 +15,10 @@ from wrongturn_sim.errors import (
     InvalidActionError,
 )
 from wrongturn_sim.faults import CommandFault, make_fault
+from wrongturn_sim.faults.fault import Guidance
 from wrongturn_sim.observation import observe_privileged, observe_state
 from wrongturn_sim.reward import reward
-from wrongturn_sim.route import Guidance, Navigator, start_pose
+from wrongturn_sim.route import Navigator, start_pose
 from wrongturn_sim.simulator import Drive, Simulator
 from wrongturn_sim.traffic.plan import EGO_LENGTH, plan_traffic
 from wrongturn_sim.trajectory import Row, Trajectory

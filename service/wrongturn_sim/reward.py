@@ -6,7 +6,7 @@ from typing import Final
 from numba import njit
 
 from wrongturn_protocol import Command
-from wrongturn_sim.route import Guidance
+from wrongturn_sim.faults.fault import Guidance
 
 CRUISING: Final = 35.0
 """v* outside a junction's window, km/h."""

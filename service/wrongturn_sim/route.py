@@ -14,10 +14,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_networks import Approach, Town, exits_towards
+from wrongturn_networks import Town, exits_towards
 from wrongturn_protocol import Command, Trial
 from wrongturn_protocol.observations import PATH_POINTS
 from wrongturn_sim import guide
+from wrongturn_sim.faults.fault import Guidance
 from wrongturn_sim.roads import Roads, roads_of
 
 _COMMANDS: Final = {int(command): command for command in Command}
@@ -55,22 +56,6 @@ def start_pose(town: Town, trial: Trial) -> Pose:
         ay + ahead * sin + trial.start.lateral * cos,
         math.atan2(math.sin(yaw), math.cos(yaw)),
     )
-
-
-class Guidance(NamedTuple):
-    """What the planner says at one decision; what faults work on."""
-
-    command: Command
-    """The route's: a direction within the window, LANE_FOLLOW elsewhere."""
-    approach: Approach | None
-    """Whose window this is; outside a window the approach ahead, if there is one."""
-    travelled: float
-    """Metres along the route from the begin of the nominal window; negative before it, inf with no junction ahead.
-    Inside the junction it is measured along the route's path."""
-    lateral: float
-    """Of the body's centre beside the route's path, metres, positive to the left."""
-    heading: float
-    """Of the route's path there, radians."""
 
 
 def guidance_of(roads: Roads, command: int, leg: int, travelled: float, lateral: float, heading: float) -> Guidance:

@@ -7,7 +7,7 @@ import numpy as np
 
 from wrongturn_networks import NetworkError, draw_cruise, draw_journey, draw_trial, load_suite, load_town
 from wrongturn_protocol import Fault, FaultKind, Task, Traffic, Trial, Weather
-from wrongturn_sim.faults import FaultNotApplicableError, make_fault
+from wrongturn_sim.faults import FaultNotApplicableError, check_fault, fault_class
 
 _SEEDS = 2**31
 
@@ -73,6 +73,7 @@ class TrialSource:
         self._approach = approach
         self._suite = None if suite is None else load_suite(suite)
         self._fault = fault if isinstance(fault, Fault) else Fault(kind=FaultKind(fault))
+        fault_class(self._fault.kind)
         names_of_weathers = weather if isinstance(weather, Iterable) and not isinstance(weather, str) else (weather,)
         for name in names_of_weathers:
             if name not in list(Weather):
@@ -161,7 +162,7 @@ class TrialSource:
     def _admits(self, approach: str, *, among: int) -> bool:
         """Whether trials of the fault can be drawn at an approach; the reason why not, where it is the only one."""
         try:
-            make_fault(self._made(approach, 0, self._weathers[0]))
+            check_fault(self._made(approach, 0, self._weathers[0]))
         except NetworkError:
             if among == 1:
                 raise

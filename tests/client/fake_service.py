@@ -230,6 +230,7 @@ def _town(name: str) -> dict[str, Any]:
             "junction": approach[:2],
             "type": kind,
             "exits": exits,
+            "faults": ["none", "omission"] if kind == "CROSS" else ["none", "omission", "infeasible"],
             "stop_line": [0.0, 0.0],
             "heading": 0.0,
             "lane_length": 40.0,

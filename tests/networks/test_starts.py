@@ -103,11 +103,6 @@ def test_a_trial_says_where_it_is() -> None:
     assert trial.twin().start == trial.start
 
 
-def test_infeasible_needs_a_direction_that_is_missing() -> None:
-    with pytest.raises(FaultNotApplicableError, match=r"^fault: .*choose an approach of a T-junction"):
-        draw_trial(load_town("junctions"), "J2-S", FaultKind.INFEASIBLE, 1)
-
-
 @pytest.mark.parametrize("route", [Command.STRAIGHT, Command.LANE_FOLLOW, Command.VOID])
 def test_a_route_needs_its_exit(route: Command) -> None:
     with pytest.raises(RouteNotAvailableError, match=r"^route: .*LEFT, RIGHT"):

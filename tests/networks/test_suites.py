@@ -23,6 +23,7 @@ from wrongturn_networks.catalog import list_suites
 from wrongturn_networks.making.writing_suites import suite_text
 from wrongturn_networks.suites import SUITES
 from wrongturn_protocol import PAPER_TYPES, FaultKind, Track, Traffic, Weather, trial_id
+from wrongturn_sim.faults import check_fault
 
 PINNED = {
     "navigation@1": "9b57c582ae19be91c7bb3ba9b87988bc005107f2009bd72ea038f1b828914383",
@@ -60,7 +61,7 @@ def test_the_suites_town_has_not_changed() -> None:
 
 
 def test_a_suite_is_what_its_recipe_gives(suite: Suite) -> None:
-    assert (SUITES / f"{suite.id}.json").read_text("utf-8") == suite_text(suite.id)
+    assert (SUITES / f"{suite.id}.json").read_text("utf-8") == suite_text(suite.id, check_fault)
 
 
 def test_every_trial_is_what_its_seed_gives(paired: Suite) -> None:

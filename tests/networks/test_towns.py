@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from wrongturn_networks import Town, UnknownApproachError, UnknownTownError, load_town, town_names
 from wrongturn_networks.catalog import checks, list_towns
 from wrongturn_networks.junctions import direction_of
-from wrongturn_protocol import DIRECTIONS, PAPER_TYPES, Command, JunctionType
+from wrongturn_protocol import DIRECTIONS, PAPER_TYPES, Command, FaultKind, JunctionType
 
 MIRROR = {Command.LEFT: Command.RIGHT, Command.RIGHT: Command.LEFT, Command.STRAIGHT: Command.STRAIGHT}
 
@@ -143,10 +143,11 @@ def test_an_unknown_approach_names_the_known() -> None:
 
 
 def test_what_the_service_shows_is_json(town: Town) -> None:
-    detail = town.detail()
+    faults = dict.fromkeys(town.approaches, (FaultKind.OMISSION,))
+    detail = town.detail(faults)
     # GeoJSON's tuples come back as lists, so texts are compared.
     assert detail.model_validate_json(detail.model_dump_json()).model_dump_json() == detail.model_dump_json()
-    assert {approach.id for approach in detail.approaches} == set(town.approaches)
+    assert {approach.id: approach.faults for approach in detail.approaches} == faults
     assert detail.road["type"] in {"Polygon", "MultiPolygon"}
     assert set(detail.junctions) == set(town.junctions)
     assert town.summary() in list_towns()

@@ -1,9 +1,23 @@
+import asyncio
+import sys
+from functools import cache, partial
+
+import numpy as np
 import pytest
 
-from wrongturn_networks import load_town
-from wrongturn_protocol import Command, Fault, FaultKind, JunctionType, Track
-from wrongturn_sim import Episode, FaultNotApplicableError, available_faults
-from wrongturn_sim.faults import make_fault
+from wrongturn_networks import draw_trial, load_town
+from wrongturn_networks.making import writing_suites
+from wrongturn_protocol import Command, FaultKind, JunctionType, PracticeRequest, ProblemType, Track
+from wrongturn_service.catalogue import practice_trial, town_detail
+from wrongturn_service.errors import InvalidRequestError
+from wrongturn_sim import (
+    Episode,
+    FaultNotApplicableError,
+    WrongturnSimEnv,
+    WrongturnVectorEnv,
+    available_faults,
+    faults,
+)
 
 
 def delivered(episode):
@@ -43,17 +57,89 @@ def test_the_command_seen_is_the_one_that_the_next_rows_hold(make_trial):
     assert Command(rows[-1].command) is not Command.LANE_FOLLOW
 
 
-def test_a_crossing_misses_no_direction(make_trial):
+def test_infeasible_is_refused_where_no_direction_is_missing():
     town = load_town("junctions")
     approach = next(name for name, arm in town.approaches.items() if arm.type is JunctionType.CROSS)
-    trial = make_trial(approach).model_copy(update={"fault": Fault(kind=FaultKind.INFEASIBLE)})
-    with pytest.raises(FaultNotApplicableError, match="all three"):
-        Episode(trial, Track.STATE)
+    with pytest.raises(FaultNotApplicableError, match=r"^fault\.kind: infeasible needs .* has all three; take another"):
+        Episode(draw_trial(town, approach, FaultKind.INFEASIBLE, 1), Track.STATE)
+    assert FaultKind.INFEASIBLE not in faults.faults_at(town, approach)
+    assert FaultKind.INFEASIBLE in faults.faults_at(town, "J1-S")
 
 
-def test_faults_to_come_are_refused_and_those_there_are_named(make_trial):
-    assert set(available_faults()) >= {FaultKind.NONE, FaultKind.INFEASIBLE, FaultKind.OMISSION}
-    for kind in set(FaultKind) - set(available_faults()):
-        trial = make_trial().model_copy(update={"fault": Fault(kind=kind)})
-        with pytest.raises(FaultNotApplicableError, match="none, infeasible, omission"):
-            make_fault(trial)
+def practise(approach, fault):
+    asyncio.run(practice_trial(PracticeRequest(town="junctions", approach=approach, fault=fault)))
+
+
+@pytest.mark.parametrize("kind", sorted(set(FaultKind) - set(available_faults())))
+def test_a_fault_that_is_not_built_is_refused_as_such_everywhere(kind):
+    message = f"{kind} is not built yet; take one of none, infeasible, omission"
+    with pytest.raises(FaultNotApplicableError, match=message):
+        Episode(draw_trial(load_town("junctions"), "J1-S", kind, 1), Track.STATE)
+    for approach in (None, "J1-S"):
+        for environment in (WrongturnSimEnv, partial(WrongturnVectorEnv, 2)):
+            with pytest.raises(FaultNotApplicableError, match=message):
+                environment(town="junctions", approach=approach, fault=kind)
+    with pytest.raises(InvalidRequestError, match=message) as refused:
+        practise("J1-S", kind)
+    assert (refused.value.status, refused.value.kind) == (422, ProblemType.FAULT_NOT_APPLICABLE)
+    assert [error.path for error in refused.value.errors] == ["fault"]
+
+
+SUBSTITUTION = """
+from wrongturn_protocol import Command, FaultKind
+from wrongturn_sim.faults.fault import CommandFault
+
+
+class Substitution(CommandFault):
+    kind = FaultKind.SUBSTITUTION
+
+    @classmethod
+    def refusal(cls, trial):
+        return None if trial.approach.endswith("-S") else "needs the southern arm; take it"
+
+    def deliver(self, t, guidance):
+        if guidance.command is Command.LANE_FOLLOW:
+            return guidance.command
+        return next(direction for direction in guidance.approach.exits if direction is not guidance.command)
+"""
+
+
+@pytest.fixture
+def substitution(tmp_path, monkeypatch):
+    """A fault that is nothing but one file among the others."""
+    (tmp_path / "substitution.py").write_text(SUBSTITUTION)
+    monkeypatch.setattr(faults, "__path__", [*faults.__path__, str(tmp_path)])
+    monkeypatch.setattr(faults, "_registry", cache(faults._registry.__wrapped__))
+    yield FaultKind.SUBSTITUTION
+    del sys.modules["wrongturn_sim.faults.substitution"]
+
+
+def test_practice_and_environments_ask_a_new_fault_where_it_applies(substitution):
+    assert substitution in available_faults()
+    south = {name for name in load_town("junctions").approaches if name.endswith("-S")}
+    assert {one.id for one in town_detail("junctions").approaches if substitution in one.faults} == south
+    practise("J1-S", substitution)
+    with pytest.raises(InvalidRequestError, match="substitution needs the southern arm"):
+        practise("J1-W", substitution)
+    env = WrongturnSimEnv("junctions", fault=substitution)
+    assert {env.reset(seed=k)[1]["trial"].split(".")[1] for k in range(20)} == south
+
+
+def test_the_suite_maker_asks_a_new_fault_where_it_applies(substitution, monkeypatch):
+    monkeypatch.setattr(writing_suites, "PAPER_FAULTS", (substitution,))
+    with pytest.raises(FaultNotApplicableError, match="substitution needs the southern arm"):
+        writing_suites.suite_text("wrong-command@1", faults.check_fault)
+
+
+def test_episodes_and_batches_deliver_a_new_faults_command(substitution, make_trial, drive):
+    trial = make_trial("J1-S", substitution)
+    episode = drive(trial)
+    exits = {int(direction) for direction in load_town("junctions").approach("J1-S").exits}
+    for command, route in delivered(episode):
+        assert command == 4 if route == 4 else command in exits - {route}
+    assert {route for _, route in delivered(episode)} > {4}
+    env = WrongturnVectorEnv(2, trial=trial)
+    env.reset(seed=1)
+    for row in episode.trajectory.rows[1::2]:
+        env.step(np.array([[row.steer, row.throttle, row.brake]] * 2, np.float32))
+    assert env.episode(1).trajectory.to_json() == episode.trajectory.to_json()

@@ -3,8 +3,8 @@ import math
 import pytest
 
 from wrongturn_protocol import Command
+from wrongturn_sim.faults.fault import Guidance
 from wrongturn_sim.reward import reward
-from wrongturn_sim.route import Guidance
 
 
 def guidance(command, lateral=0.0, heading=0.0):

@@ -1,23 +1,24 @@
-"""``python -m wrongturn_networks.making [towns|suites|all] [--check]``."""
+"""Build the towns and write the suites: ``python -m wrongturn_networks.making [towns|suites|all] [--check]``."""
 
 import argparse
 import filecmp
 import sys
 import tempfile
+from importlib.metadata import entry_points
 from pathlib import Path
 
 from wrongturn_networks.loading import TOWNS
 from wrongturn_networks.making.netconvert import build
 from wrongturn_networks.making.recipes import RECIPES
-from wrongturn_networks.making.writing_suites import SUITE_RECIPES, suite_text
+from wrongturn_networks.making.writing_suites import SUITE_RECIPES, FaultCheck, suite_text
 from wrongturn_networks.suites import SUITES
 
 
-def make_towns(check: bool) -> list[str]:
-    """Builds all towns; with ``check`` elsewhere, and gives the files that differ from those here."""
+def make_towns(*, compare: bool) -> list[str]:
+    """Build all towns, or with ``compare`` only return the files that differ from what their recipe gives."""
     different: list[str] = []
     for recipe in RECIPES.values():
-        if not check:
+        if not compare:
             build(recipe, TOWNS / recipe.name)
             print(f"built {recipe.name}")
             continue
@@ -30,30 +31,43 @@ def make_towns(check: bool) -> list[str]:
     return different
 
 
-def make_suites(check: bool) -> list[str]:
-    """Writes all suites that are not there; one that is there is never changed."""
+def make_suites(*, compare: bool) -> list[str]:
+    """Write the suites that are missing, and return those that differ from their recipe; no suite is overwritten."""
     different: list[str] = []
+    check = fault_check()
     for suite_id in SUITE_RECIPES:
-        path, text = SUITES / f"{suite_id}.json", suite_text(suite_id)
+        path, text = SUITES / f"{suite_id}.json", suite_text(suite_id, check)
         if path.exists() and path.read_text("utf-8") != text:
             different.append(path.name)
-        elif not check:
+        elif not compare:
             SUITES.mkdir(exist_ok=True)
             path.write_text(text, "utf-8")
     return different
 
 
+def fault_check() -> FaultCheck:
+    """Return the check of the installed faults, which the simulation registers under ``wrongturn.faults``.
+
+    Raises:
+        RuntimeError: the simulation is not installed.
+    """
+    for point in entry_points(group="wrongturn.faults"):
+        check: FaultCheck = point.load()
+        return check
+    raise RuntimeError("the faults are missing, which say where they can be applied; pip install wrongturn-service")
+
+
 def main() -> int:
-    """Runs the program; 1 where something differs."""
+    """Run the program; the exit status is 1 where a file differs from its recipe."""
     parser = argparse.ArgumentParser(prog="python -m wrongturn_networks.making", description=__doc__)
     parser.add_argument("what", nargs="?", choices=("towns", "suites", "all"), default="all")
-    parser.add_argument("--check", action="store_true", help="change nothing, say what differs from its recipe")
+    parser.add_argument("--check", action="store_true", help="change nothing; list the files that differ")
     arguments = parser.parse_args()
     different: list[str] = []
     if arguments.what in {"towns", "all"}:
-        different += make_towns(arguments.check)
+        different += make_towns(compare=arguments.check)
     if arguments.what in {"suites", "all"}:
-        different += make_suites(arguments.check)
+        different += make_suites(compare=arguments.check)
     for name in different:
         print(f"differs from its recipe: {name}; a changed suite needs a new version", file=sys.stderr)
     return 1 if different else 0

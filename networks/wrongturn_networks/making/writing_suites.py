@@ -1,4 +1,4 @@
-"""Writes the suites by their recipes."""
+"""Recipes of the suites, and the text of their files."""
 
 import hashlib
 import json
@@ -15,9 +15,13 @@ from wrongturn_protocol import PAPER_TYPES, Command, FaultKind, Track, Trial
 PAPER_FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 SCORED: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
 
+FaultCheck = Callable[[Trial], object]
+"""Raises FaultNotApplicableError for a trial whose fault cannot be applied to it. Faults belong to the simulation,
+which this package may not import, so the caller hands the check in."""
 
-def _cells(per_cell: int, seed: int) -> list[Trial]:
-    """The paper's cells: so many approaches of each type, the same for both faults, their routes balanced."""
+
+def _cells(check: FaultCheck, per_cell: int, seed: int) -> list[Trial]:
+    """Draw the paper's cells: ``per_cell`` approaches of each type, the same for both faults, with balanced routes."""
     town = load_town("Town01")
     draw = random.Random(seed)
     chosen = {
@@ -32,21 +36,33 @@ def _cells(per_cell: int, seed: int) -> list[Trial]:
             routes = [exits[(first + turn) % len(exits)] for turn in range(per_cell)]
             draw.shuffle(routes)
             for approach_id, route in zip(chosen[kind], routes, strict=True):
-                trial_seed = seed * 1000 + len(trials) + 1
-                trials.append(draw_trial(town, approach_id, fault, trial_seed, route=route))
+                trial = draw_trial(town, approach_id, fault, seed * 1000 + len(trials) + 1, route=route)
+                check(trial)
+                trials.append(trial)
     return trials
 
 
-SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[], list[Trial]]]]] = {
-    "navigation@1": ("CoRL 2017's navigation: 4 tasks x 4 conditions x 25 routes", lambda: navigation(3001)),
-    "smoke@1": ("Six trials for a first try, one for each of the paper's cells", lambda: _cells(1, 2)),
-    "wrong-command@1": ("The paper's benchmark: 3 junction types x 2 faults x 10 approaches", lambda: _cells(10, 1)),
+SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[FaultCheck], list[Trial]]]]] = {
+    "navigation@1": ("CoRL 2017's navigation: 4 tasks x 4 conditions x 25 routes", lambda _: navigation(3001)),
+    "smoke@1": ("Six trials for a first try, one for each of the paper's cells", lambda check: _cells(check, 1, 2)),
+    "wrong-command@1": (
+        "The paper's benchmark: 3 junction types x 2 faults x 10 approaches",
+        lambda check: _cells(check, 10, 1),
+    ),
 }
 """Title and trials of each suite."""
 
 
-def suite_text(suite_id: str) -> str:
-    """A suite's file."""
+def suite_text(suite_id: str, check: FaultCheck) -> str:
+    """Return the text of a suite's file.
+
+    Args:
+        suite_id: one of :data:`SUITE_RECIPES`.
+        check: of the faults, such as ``wrongturn_sim.faults.check_fault``.
+
+    Raises:
+        FaultNotApplicableError: the recipe asks for a fault where it cannot be applied.
+    """
     title, trials = SUITE_RECIPES[suite_id]
     name, version = suite_id.split("@")
     content = {
@@ -54,7 +70,7 @@ def suite_text(suite_id: str) -> str:
         "version": int(version),
         "title": title,
         "tracks": [str(track) for track in SCORED],
-        "trials": [trial.model_dump(mode="json") for trial in trials()],
+        "trials": [trial.model_dump(mode="json") for trial in trials(check)],
     }
     sha256 = hashlib.sha256(canonical(content)).hexdigest()
     return json.dumps({"sha256": sha256, **content}, indent=1) + "\n"

@@ -22,4 +22,4 @@ async def towns() -> Response:
 @router.get("/{town}", **described(TownDetail, 404))
 async def town(town: str) -> Response:
     """One town with its approaches and its geometry."""
-    return reply(await asyncio.to_thread(catalogue.town(town).detail))
+    return reply(await asyncio.to_thread(catalogue.town_detail, town))

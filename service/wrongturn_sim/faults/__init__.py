@@ -1,38 +1,86 @@
-"""Command faults: what is done to the command between the route and the agent. One file a fault.
+"""Command faults: what happens to the command between the route and the agent. Each fault is one file.
 
-A new fault is one file in this package: a subclass of :class:`~wrongturn_sim.faults.fault.CommandFault` that names
-its kind. It is found by being there.
+To add a fault, put a file into this folder with a subclass of :class:`~wrongturn_sim.faults.fault.CommandFault`. The
+class names its kind, says which trials it can be applied to, and delivers the command. Nothing else has to change:
+the suite maker, practice and the environments ask the class.
 """
 
+import functools
 import importlib
 import pkgutil
 
+from wrongturn_networks import NetworkError, Town, draw_trial
 from wrongturn_protocol import FaultKind, Trial
 from wrongturn_sim.faults.fault import CommandFault, FaultNotApplicableError
 
-for _module in pkgutil.iter_modules(__path__):
-    importlib.import_module(f"{__name__}.{_module.name}")
+__all__ = [
+    "CommandFault",
+    "FaultNotApplicableError",
+    "available_faults",
+    "check_fault",
+    "fault_class",
+    "faults_at",
+    "make_fault",
+]
 
-_REGISTRY: dict[FaultKind, type[CommandFault]] = {fault.kind: fault for fault in CommandFault.__subclasses__()}
+
+@functools.cache
+def _registry() -> dict[FaultKind, type[CommandFault]]:
+    for module in pkgutil.iter_modules(__path__):
+        importlib.import_module(f"{__name__}.{module.name}")
+    return {fault.kind: fault for fault in CommandFault.__subclasses__()}
 
 
 def available_faults() -> tuple[FaultKind, ...]:
-    """The kinds that this version can do, in the vocabulary's order."""
-    return tuple(kind for kind in FaultKind if kind in _REGISTRY)
+    """Return the kinds that are built, in the vocabulary's order."""
+    return tuple(kind for kind in FaultKind if kind in _registry())
+
+
+def fault_class(kind: FaultKind) -> type[CommandFault]:
+    """Return the class of a fault.
+
+    Raises:
+        FaultNotApplicableError: the vocabulary names the kind, but it is not built yet.
+    """
+    if kind not in _registry():
+        built = ", ".join(available_faults())
+        raise FaultNotApplicableError(f"fault.kind: {kind} is not built yet; take one of {built}")
+    return _registry()[kind]
+
+
+def check_fault(trial: Trial) -> None:
+    """Check that a trial's fault can be applied to it.
+
+    Raises:
+        FaultNotApplicableError: it cannot, or its kind is not built yet; the message says which and why.
+    """
+    refusal = fault_class(trial.fault.kind).refusal(trial)
+    if refusal is not None:
+        raise FaultNotApplicableError(f"fault.kind: {trial.fault.kind} {refusal}")
 
 
 def make_fault(trial: Trial) -> CommandFault:
-    """A trial's fault, ready for one episode.
+    """Return a trial's fault, ready for one episode.
 
     Raises:
-        FaultNotApplicableError: this version has no such fault, or the approach does not admit it.
+        FaultNotApplicableError: as :func:`check_fault`.
     """
-    found = _REGISTRY.get(trial.fault.kind)
-    if found is None:
-        raise FaultNotApplicableError(
-            f"fault.kind: {trial.fault.kind} is not available yet; take one of {', '.join(available_faults())}",
-        )
-    return found(trial)
+    check_fault(trial)
+    return fault_class(trial.fault.kind)(trial)
 
 
-__all__ = ["CommandFault", "FaultNotApplicableError", "available_faults", "make_fault"]
+def faults_at(town: Town, approach: str) -> tuple[FaultKind, ...]:
+    """Return the kinds that can be applied at an approach; none where its lane is too short for any trial.
+
+    Raises:
+        UnknownApproachError: the town has no such approach.
+    """
+    town.approach(approach)
+    found = []
+    for kind in available_faults():
+        try:
+            check_fault(draw_trial(town, approach, kind, 0))
+        except NetworkError:
+            continue
+        found.append(kind)
+    return tuple(found)

@@ -1,30 +1,55 @@
-"""What every fault is."""
+"""Base class of all faults, and what the route tells them."""
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
-from wrongturn_networks import FaultNotApplicableError
+from wrongturn_networks import Approach, FaultNotApplicableError
 from wrongturn_protocol import Command, FaultKind, Trial
-from wrongturn_sim.route import Guidance
 
-__all__ = ["CommandFault", "FaultNotApplicableError"]
+__all__ = ["CommandFault", "FaultNotApplicableError", "Guidance"]
+
+
+class Guidance(NamedTuple):
+    """What the route planner says at one decision."""
+
+    command: Command
+    """The route's command: a direction within the window, LANE_FOLLOW elsewhere."""
+    approach: Approach | None
+    """The approach whose window this is; outside a window the one ahead, or None."""
+    travelled: float
+    """Metres along the route since the nominal window began; negative before it, inf with no junction ahead.
+    Inside a junction it is measured along the route's path."""
+    lateral: float
+    """Distance of the body's centre from the route's path, metres, positive to the left."""
+    heading: float
+    """Heading of the route's path there, radians."""
 
 
 class CommandFault(ABC):
-    """Turns the route's command into the one that is delivered; made anew for each episode.
+    """Turns the route's command into the one that the agent gets.
 
-    A fault that draws takes its numbers from the trial's seed alone.
+    Each episode has a new object. A fault that draws numbers takes them from the trial's seed alone.
+
+    Args:
+        trial: the one that is driven; :meth:`refusal` has accepted it.
     """
 
     kind: ClassVar[FaultKind]
 
     def __init__(self, trial: Trial) -> None:
-        """Prepare for one episode; FaultNotApplicableError where the trial's approach does not admit the fault."""
         self.trial = trial
+
+    @classmethod
+    def refusal(cls, trial: Trial) -> str | None:  # noqa: ARG003
+        """Return why the fault cannot be applied to a trial, and the remedy; None where it can.
+
+        The text continues a sentence that begins with the fault's name: "needs an approach that …; take another".
+        """
+        return None
 
     @abstractmethod
     def deliver(self, t: float, guidance: Guidance) -> Command:
-        """The command for the coming 0.1 s.
+        """Return the command that the agent gets for the next 0.1 s.
 
         Args:
             t: seconds since the episode's start.

@@ -1,15 +1,14 @@
-"""No fault: a trial's twin."""
+"""No fault: what a trial's twin has."""
 
 from wrongturn_protocol import Command, FaultKind
-from wrongturn_sim.faults.fault import CommandFault
-from wrongturn_sim.route import Guidance
+from wrongturn_sim.faults.fault import CommandFault, Guidance
 
 
 class NoFault(CommandFault):
-    """The route's command."""
+    """The route's command, unchanged."""
 
     kind = FaultKind.NONE
 
     def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """The route's command."""
+        """Return the route's command."""
         return guidance.command
