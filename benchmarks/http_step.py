@@ -15,17 +15,16 @@ import tempfile
 import time
 from http.client import HTTPConnection
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgpack
-from fastapi import Request, Response
+from fastapi import APIRouter, Depends, Request, Response
 
 from wrongturn_protocol import StepRequest
 from wrongturn_service import logs, server
 from wrongturn_service.address import bind
-from wrongturn_service.api import episodes
-from wrongturn_service.api.body import parsed
-from wrongturn_service.api.dependencies import accepted, caller_of
+from wrongturn_service.api.dependencies import Body, CallerDep, EncodingDep, ServiceDep
+from wrongturn_service.api.documents import Route
 from wrongturn_service.settings import Settings
 
 CASES = (
@@ -39,30 +38,31 @@ ACTION = {"steer": 0.0, "throttle": 0.2, "brake": 0.0}
 
 
 def serve(database: str) -> None:
-    """The service, where the steps of some episodes have a constant reply."""
-    create_app, step = server.create_app, episodes.step
+    """Run the service with one more route, which does what a step does around the simulation."""
+    create_app = server.create_app
     bodies: dict[str, bytes] = {}
 
-    async def step_or_constant(request: Request, episode: str) -> Response:
-        body = bodies.get(episode)
-        if body is None:
-            return await step(request, episode)
-        wire = accepted(request)
-        await caller_of(request)
-        await parsed(request, StepRequest, binary=True)
-        return Response(body, media_type=wire)
+    async def remember(request: Request, episode: str) -> Response:
+        bodies[episode] = await request.body()
+        return Response(status_code=204)
+
+    async def constant(
+        service: ServiceDep,
+        encoding: EncodingDep,
+        caller: CallerDep,
+        episode: str,
+        wanted: Annotated[StepRequest, Depends(Body(StepRequest, binary=True))],
+    ) -> Response:
+        return Response(bodies[episode], media_type=encoding)
 
     def with_constant(settings: Settings) -> Any:
         app = create_app(settings)
-
-        @app.put("/constant/{episode}")
-        async def remember(request: Request, episode: str) -> Response:
-            bodies[episode] = await request.body()
-            return Response(status_code=204)
-
+        routes = APIRouter(prefix="/constant", route_class=Route)
+        routes.post("/{episode}/step")(constant)
+        routes.put("/{episode}")(remember)
+        app.router.routes[:0] = routes.routes  # as early as the route of a real step
         return app
 
-    episodes.step = step_or_constant
     server.create_app = with_constant
     settings = Settings(port=0, database=database)
     logs.configure("error")
@@ -107,7 +107,7 @@ def measure(http: Connection, track: str, media: str, steps: int) -> dict[str, A
         wanted = {"town": "Town01", "approach": "J3-S", "seed": len(taken), "track": track}
         episode = unpack(http.call("POST", "/v1/episodes", encoded(wanted), 201))["id"]
         first = http.call("POST", f"/v1/episodes/{episode}/step", encoded({"seq": 1, "action": ACTION}))
-        http.call("PUT", f"/constant/constant_{episode}", first, 204)
+        http.call("PUT", f"/constant/{episode}", first, 204)
         size = len(first)
         seq, over = 2, False
         while not over:
@@ -117,7 +117,7 @@ def measure(http: Connection, track: str, media: str, steps: int) -> dict[str, A
             over = reply["terminated"] or reply["truncated"]
             if not over:  # the last one waits for its commit
                 taken.append(seconds)
-                constant.append(http.timed(f"/v1/episodes/constant_{episode}/step", body)[0])
+                constant.append(http.timed(f"/constant/{episode}/step", body)[0])
             seq += 1
     return {
         "track": track,

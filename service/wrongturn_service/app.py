@@ -23,13 +23,13 @@ Errors are `application/problem+json`; their types are explained at `/problems/{
 
 
 def create_app(settings: Settings, *, pool: SimulatorPool | None = None) -> FastAPI:
-    """The application; its lifespan starts and ends the service.
+    """Create the application. Its lifespan starts and stops the service.
 
-    Where the start fails, ``app.state.startup_error`` says why.
+    If the start fails, ``app.state.startup_error`` says why.
 
     Args:
-        settings: see there.
-        pool: the simulators; processes of this machine where None.
+        settings: Settings of the service.
+        pool: The simulators. None runs them as processes of this machine.
     """
     telemetry = Telemetry()
 
@@ -55,9 +55,10 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None) -> Fast
     )
     app.state.startup_error = None
     app.state.telemetry = telemetry
-    app.add_middleware(Middleware, telemetry=telemetry, step=episodes.step)
+    app.add_middleware(Middleware, telemetry=telemetry)
     errors.install(app)
-    for part in (health, suites, towns, agents, evaluations, episodes, session, leaderboards, errors):
+    # Starlette tries the routes in this order, and nearly all requests are steps of episodes.
+    for part in (episodes, health, suites, towns, agents, evaluations, session, leaderboards, errors):
         app.include_router(part.router)
     # As one of FastAPI's routes, whose name the log and the figures have.
     app.add_api_route("/openapi.json", serve_document, methods=["GET", "HEAD"], include_in_schema=False)

@@ -1,32 +1,31 @@
 """Agents and their tokens."""
 
 import time
+from typing import Annotated
 
-import orjson
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Depends, Request, Response
 
 from wrongturn_protocol import AgentDetail, AgentList, AgentRegistration, RegisteredAgent
 from wrongturn_service.accounts import bearer, detail
-from wrongturn_service.api.body import parsed
-from wrongturn_service.api.dependencies import address_of, key_of, reply, service_of
-from wrongturn_service.api.documents import described
+from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, address_of, reply
+from wrongturn_service.api.documents import Route, described
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.storage.models import AgentRow, IdempotencyRow
-from wrongturn_service.tokens import digest, new_id, new_token, unseal
+from wrongturn_service.storage.models import AgentRow
+from wrongturn_service.tokens import digest, new_id, new_token
 
-router = APIRouter(prefix="/v1/agents", tags=["agents"])
+router = APIRouter(prefix="/v1/agents", tags=["agents"], route_class=Route)
 
 
-@router.post("", **described(RegisteredAgent, 403, 409, 429, status=201, body=AgentRegistration, creates=True))
-async def register(request: Request) -> Response:
-    """Register an agent. The token is shown this once; a new model is a new agent."""
-    service = service_of(request)
-    registration = await parsed(request, AgentRegistration)
-    canonical = registration.model_dump_json().encode()
-    # Before there is a token, a key belongs to who knows it; its reply is sealed by it.
-    async with service.idempotency.once(key_of(request), "registration", "POST /v1/agents", canonical) as once:
-        if once.stored is not None:
-            return _with_token(once.stored, once.key)
+@router.post("", **described(RegisteredAgent, 403, 409, 429, status=201))
+async def register(
+    request: Request,
+    service: ServiceDep,
+    registration: Annotated[AgentRegistration, Depends(Body(AgentRegistration))],
+    key: KeyDep,
+) -> Response:
+    """Register an agent. The reply shows the token once. A new model is a new agent."""
+    # There is no token yet, so the key belongs to everybody who knows it, and the stored token is sealed with it.
+    async with key.once("registration", registration) as once:
         operator = service.accounts.is_operator(request.headers.get("authorization"))
         service.accounts.check_registration(registration, operator=operator, address=address_of(request))
         token = new_token()
@@ -48,28 +47,22 @@ async def register(request: Request) -> Response:
 
 
 @router.get("", **described(AgentList))
-async def agents(request: Request) -> Response:
-    """All agents, by name."""
-    rows = await service_of(request).store.agents()
-    return reply(AgentList(agents=tuple(detail(row) for row in rows)))
+async def agents(service: ServiceDep) -> Response:
+    """List all agents by name."""
+    return reply(AgentList(agents=tuple(detail(row) for row in await service.store.agents())))
 
 
 @router.get("/{agent}", **described(AgentDetail, 404))
-async def agent(request: Request, agent: str) -> Response:
-    """One agent."""
-    return reply(detail(await service_of(request).accounts.agent(agent)))
+async def agent(service: ServiceDep, agent: str) -> Response:
+    """Show one agent."""
+    return reply(detail(await service.accounts.agent(agent)))
 
 
-@router.post("/{agent}/token", **described(RegisteredAgent, 404, status=201, token=True, creates=True))
-async def rotate(request: Request, agent: str) -> Response:
-    """A new token, shown this once; the old one ends. For the owner or the operator."""
-    service = service_of(request)
-    authorization = request.headers.get("authorization")
-    # The key is the old token's, which no longer opens anything when the request is repeated.
-    scope = digest(bearer(authorization))
-    async with service.idempotency.once(key_of(request), scope, f"POST /v1/agents/{agent}/token", b"") as once:
-        if once.stored is not None:
-            return _with_token(once.stored, once.key)
+@router.post("/{agent}/token", **described(RegisteredAgent, 404, status=201))
+async def rotate(service: ServiceDep, agent: str, authorization: AuthorizationDep, key: KeyDep) -> Response:
+    """Make a new token and show it once. The old one ends. For the agent itself or the operator."""
+    # The key belongs to the old token, which no longer opens anything when the request is repeated.
+    async with key.once(digest(bearer(authorization))) as once:
         found = detail(await service.accounts.owned_agent(agent, authorization))
         token = new_token()
         remember = once.remember(201, Encoding.JSON, token)
@@ -78,17 +71,9 @@ async def rotate(request: Request, agent: str) -> Response:
     return reply(RegisteredAgent(**found.model_dump(), token=token), 201)
 
 
-@router.delete("/{agent}/token", **described(None, 404, status=204, token=True))
-async def revoke(request: Request, agent: str) -> Response:
-    """End the agent's token. For the owner or the operator, who alone can give a new one then."""
-    service = service_of(request)
-    await service.accounts.owned_agent(agent, request.headers.get("authorization"))
+@router.delete("/{agent}/token", **described(None, 404, status=204))
+async def revoke(service: ServiceDep, agent: str, authorization: AuthorizationDep) -> Response:
+    """End the agent's token. For the agent itself or the operator. Only the operator can make a new one then."""
+    await service.accounts.owned_agent(agent, authorization)
     await service.accounts.set_token(agent, None)
     return Response(status_code=204)
-
-
-def _with_token(stored: IdempotencyRow, key: str | None) -> Response:
-    assert stored.sealed_token is not None
-    assert key is not None
-    message = {**orjson.loads(stored.body), "token": unseal(stored.sealed_token, key)}
-    return reply(RegisteredAgent.model_validate(message, strict=False), stored.status)

@@ -1,58 +1,128 @@
-"""What the calls share: the service, the caller, the encoding of the reply."""
+"""What routes declare as dependencies: the service, the caller, the body, the key and the reply's encoding.
 
+Declare them in the order in which they are to be checked: FastAPI resolves them in the order of the parameters.
+:class:`~wrongturn_service.api.documents.Route` reads the OpenAPI document's entries from the same declarations.
+"""
+
+import contextlib
+from collections.abc import AsyncIterator
 from functools import lru_cache
+from typing import Annotated, Any, Generic, TypeVar
 
-from fastapi import Request, Response
-from pydantic import BaseModel
+import orjson
+from fastapi import Depends, Header, Request, Response, Security
+from fastapi.openapi.models import HTTPBearer
+from fastapi.security.base import SecurityBase
+from pydantic import BaseModel, WithJsonSchema
 from starlette.requests import HTTPConnection
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.accounts import Caller
+from wrongturn_service.api.body import parsed
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.errors import ForbiddenError, NotFoundError, ServiceError
-from wrongturn_service.idempotency import HEADER
+from wrongturn_service.idempotency import HEADER, Idempotency, Once
 from wrongturn_service.service import Service
-from wrongturn_service.storage.models import EvaluationRow, IdempotencyRow
+from wrongturn_service.storage.models import EvaluationRow
+from wrongturn_service.tokens import unseal
+
+M = TypeVar("M", bound=BaseModel)
 
 
-def service_of(request: Request) -> Service:
-    """The service behind the application."""
+async def service_of(request: Request) -> Service:
+    """Return the service behind the application."""
     service: Service = request.app.state.service
     return service
 
 
-async def caller_of(request: Request) -> Caller:
-    """The agent whose token came along. Raises UnauthenticatedError."""
-    return await service_of(request).accounts.caller(request.headers.get("authorization"))
+class Token(SecurityBase):
+    """Finds the agent whose bearer token the request holds. Raises UnauthenticatedError."""
+
+    def __init__(self) -> None:
+        self.model = HTTPBearer(description="From POST /v1/agents")
+        self.scheme_name = "token"
+
+    async def __call__(self, request: Request) -> Caller:
+        """Return the agent."""
+        service = await service_of(request)
+        return await service.accounts.caller(request.headers.get("authorization"))
 
 
-async def owned_evaluation(request: Request, caller: Caller, evaluation_id: str) -> EvaluationRow:
-    """The caller's evaluation. Raises NotFoundError, ForbiddenError."""
-    return await owned_by(service_of(request), caller, evaluation_id)
+class AnyToken(Token):
+    """Reads the ``Authorization`` header of calls that take an agent's token or the operator's."""
+
+    async def __call__(self, request: Request) -> str | None:  # type: ignore[override]
+        """Return the header."""
+        return request.headers.get("authorization")
 
 
-async def owned_by(service: Service, caller: Caller, evaluation_id: str) -> EvaluationRow:
-    """The caller's evaluation. Raises NotFoundError, ForbiddenError."""
-    row = await service.store.evaluation(evaluation_id)
-    if row is None:
-        raise NotFoundError(ProblemType.UNKNOWN_EVALUATION, f"there is no evaluation {evaluation_id[:64]!r}")
-    if row.agent_id != caller.id:
-        raise ForbiddenError(f"evaluation {evaluation_id} is another agent's")
-    return row
+class Body(Generic[M]):
+    """Reads and checks the request's body, see :func:`~wrongturn_service.api.body.parsed`.
+
+    Args:
+        model: The message.
+        binary: Whether msgpack is accepted too.
+    """
+
+    def __init__(self, model: type[M], *, binary: bool = False) -> None:
+        self.model = model
+        self.binary = binary
+
+    async def __call__(self, request: Request) -> M:
+        """Return the message."""
+        return await parsed(request, self.model, binary=self.binary)
 
 
-def key_of(request: Request) -> str | None:
-    """The idempotency key, or None."""
-    return request.headers.get(HEADER)
+class StoredReplyError(Exception):
+    """The request was answered before under its key; the handler sends that reply again."""
+
+    def __init__(self, once: Once) -> None:
+        super().__init__("answered before")
+        self.once = once
 
 
-def address_of(request: HTTPConnection) -> str:
-    """Where a request or connection came from; what a trusted proxy says, where there is one before."""
-    return request.client.host if request.client is not None else "unknown"
+class RequestKey:
+    """The request's ``Idempotency-Key``, or its absence."""
+
+    def __init__(self, request: Request, value: str | None) -> None:
+        self.value = value
+        self._idempotency: Idempotency = request.app.state.service.idempotency
+        self._call = f"{request.method} {request.url.path}"
+
+    @contextlib.asynccontextmanager
+    async def once(self, scope: str, body: BaseModel | None = None) -> AsyncIterator[Once]:
+        """Run the block once for each key.
+
+        Args:
+            scope: Whose key it is, usually the caller's id.
+            body: The request's message.
+
+        Raises:
+            StoredReplyError: The request was answered before.
+            InvalidRequestError: The key has a wrong form.
+            ServiceError: The key was sent with another request.
+        """
+        content = b"" if body is None else body.model_dump_json().encode()
+        async with self._idempotency.once(self.value, scope, self._call, content) as once:
+            if once.stored is not None:
+                raise StoredReplyError(once)
+            yield once
 
 
-def accepted(request: Request) -> Encoding:
-    """The encoding that the client wants. Raises ServiceError (406)."""
+async def request_key(
+    request: Request,
+    key: Annotated[
+        str | None,
+        WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 255, "pattern": "^[ -~]+$"}),
+        Header(alias=HEADER, description="A random UUID. A repeat with the same key gets the stored reply"),
+    ] = None,
+) -> RequestKey:
+    """Return the request's key."""
+    return RequestKey(request, key)
+
+
+async def accepted(request: Request) -> Encoding:
+    """Return the encoding that the client wants for the reply. Raises ServiceError (406)."""
     encoding = _negotiated(request.headers.get("accept", ""))
     if encoding is None:
         raise ServiceError(
@@ -94,11 +164,40 @@ def _weight(parameters: list[str]) -> float:
     return 1.0
 
 
+ServiceDep = Annotated[Service, Depends(service_of)]
+CallerDep = Annotated[Caller, Security(Token())]
+AuthorizationDep = Annotated[str | None, Security(AnyToken())]
+EncodingDep = Annotated[Encoding, Depends(accepted)]
+KeyDep = Annotated[RequestKey, Depends(request_key)]
+
+
+async def owned_by(service: Service, caller: Caller, evaluation_id: str) -> EvaluationRow:
+    """Return an evaluation of the caller. Raises NotFoundError, ForbiddenError."""
+    row = await service.store.evaluation(evaluation_id)
+    if row is None:
+        raise NotFoundError(ProblemType.UNKNOWN_EVALUATION, f"there is no evaluation {evaluation_id[:64]!r}")
+    if row.agent_id != caller.id:
+        raise ForbiddenError(f"evaluation {evaluation_id} belongs to another agent")
+    return row
+
+
+def address_of(connection: HTTPConnection) -> str:
+    """Return the client's address, or the one that a trusted proxy reports."""
+    return connection.client.host if connection.client is not None else "unknown"
+
+
 def reply(message: BaseModel, status: int = 200) -> Response:
-    """A message as JSON."""
+    """Return a response with a message as JSON."""
     return Response(message.model_dump_json(), status, media_type=Encoding.JSON)
 
 
-def repeated(stored: IdempotencyRow) -> Response:
-    """The reply that was stored for an idempotency key."""
-    return Response(stored.body, stored.status, media_type=stored.content_type)
+def stored_reply(error: StoredReplyError) -> Response:
+    """Return the reply that was stored for a key, with its token if it had one."""
+    stored, key = error.once.stored, error.once.key
+    assert stored is not None
+    assert key is not None
+    body = stored.body
+    if stored.sealed_token is not None:
+        message: dict[str, Any] = {**orjson.loads(body), "token": unseal(stored.sealed_token, key)}
+        body = orjson.dumps(message)
+    return Response(body, stored.status, media_type=stored.content_type)

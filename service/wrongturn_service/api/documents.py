@@ -2,12 +2,14 @@
 
 import re
 import threading
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, Final, Literal
 
 from fastapi import FastAPI, Request, Response
 from fastapi.openapi.utils import get_openapi
 from fastapi.responses import JSONResponse
+from fastapi.routing import APIRoute
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 from starlette.routing import compile_path
@@ -20,7 +22,7 @@ from wrongturn_protocol import (
     ResultsRequest,
     StepRequest,
 )
-from wrongturn_service.idempotency import HEADER
+from wrongturn_service.api.dependencies import Body, Token, accepted, request_key
 
 _MAKING: Final = threading.Lock()
 _REFERENCE = "#/components/schemas/{model}"
@@ -47,7 +49,7 @@ _MEANING = {
     429: "Too many; come back after Retry-After",
     503: "Not now; come back after Retry-After",
 }
-_BODY_PROBLEMS = (400, 408, 413, 415, 422)
+_BINARY: Final[dict[str, Any]] = {"schema": {"type": "string", "format": "binary"}}
 _MADE = {
     "/v1/agents": "agent",
     "/v1/evaluations": "evaluation",
@@ -58,64 +60,61 @@ _MADE = {
 
 
 def described(
-    reply: type[BaseModel] | None,
-    *problems: int,
-    status: int = 200,
-    body: type[BaseModel] | None = None,
-    token: bool = False,
-    binary: bool = False,
-    creates: bool = False,
-    media: str = "application/json",
+    message: type[BaseModel] | None, *problems: int, status: int = 200, media: str = "application/json"
 ) -> dict[str, Any]:
-    """The keyword arguments of a route that document it.
+    """Return the keyword arguments of a route that document its replies.
+
+    :class:`Route` adds what follows from the route's dependencies.
 
     Args:
-        reply: the message of a good reply; None for one without a body, or of another media type.
-        problems: statuses of problems that are the route's own.
-        status: of a good reply.
-        body: the request's message.
-        token: whether the owner's token is needed.
-        binary: whether msgpack is spoken too.
-        creates: whether it takes an idempotency key.
-        media: of a reply that is no message.
+        message: The message of a good reply. None for a reply without a body or of another media type.
+        problems: Statuses of the route's own problems.
+        status: Status of a good reply.
+        media: Media type of a reply that is no message.
     """
-    statuses = set(problems) | {503}
-    statuses |= set(_BODY_PROBLEMS) if body is not None else set()
-    statuses |= {401, 403} if token else set()
-    statuses |= {422} if creates else set()
-    statuses |= {406} if binary else set()
-    problem = {"schema": {"$ref": _REFERENCE.format(model=Problem.__name__)}}
-    responses: dict[int | str, dict[str, Any]] = {
-        code: {"description": _MEANING[code], "content": {"application/problem+json": problem}}
-        for code in sorted(statuses)
-    }
     good: dict[str, Any] = {"description": "As asked"}
-    if reply is not None:
-        good["model"] = reply
-        if binary:
-            good["content"] = {"application/msgpack": {"schema": {"type": "string", "format": "binary"}}}
+    if message is not None:
+        good["model"] = message
     elif status != 204:
         good["content"] = {media: {}}
-    responses[status] = good
-    extra: dict[str, Any] = {}
-    if body is not None:
-        schema = {"schema": {"$ref": _REFERENCE.format(model=body.__name__)}}
-        content = {"application/json": schema}
-        if binary:
-            content["application/msgpack"] = {"schema": {"type": "string", "format": "binary"}}
-        extra["requestBody"] = {"required": True, "content": content}
-    if token:
-        extra["security"] = [{"token": []}]
-    if creates:
-        extra["parameters"] = [
-            {
-                "name": HEADER,
-                "in": "header",
-                "description": "A random UUID: a repeat with the same key gives the stored reply",
-                "schema": {"type": "string", "minLength": 1, "maxLength": 255, "pattern": "^[ -~]+$"},
-            },
-        ]
-    return {"status_code": status, "response_model": None, "responses": responses, "openapi_extra": extra}
+    responses = {status: good, **{code: _problem(code) for code in (*problems, 503)}}
+    return {"status_code": status, "response_model": None, "responses": responses}
+
+
+def _problem(status: int) -> dict[str, Any]:
+    schema = {"$ref": _REFERENCE.format(model=Problem.__name__)}
+    return {"description": _MEANING[status], "content": {"application/problem+json": {"schema": schema}}}
+
+
+class Route(APIRoute):
+    """A route whose document follows from what it declares: body, token, key and encoding."""
+
+    def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
+        super().__init__(path, endpoint, **options)
+        for dependency in self.dependant.dependencies:
+            match dependency.call:
+                case Body() as body:
+                    self._add_body(body)
+                case Token():
+                    self._add_problems(401, 403)
+                case call if call is request_key:
+                    self._add_problems(422)
+                case call if call is accepted:
+                    self._add_problems(406)
+                    good = self.responses.setdefault(self.status_code or 200, {})
+                    good["content"] = {"application/msgpack": _BINARY}
+        self.responses = dict(sorted(self.responses.items(), key=lambda item: str(item[0])))
+
+    def _add_body(self, body: Body[Any]) -> None:
+        self._add_problems(400, 408, 413, 415, 422)
+        content = {"application/json": {"schema": {"$ref": _REFERENCE.format(model=body.model.__name__)}}}
+        if body.binary:
+            content["application/msgpack"] = _BINARY
+        self.openapi_extra = {"requestBody": {"required": True, "content": content}}
+
+    def _add_problems(self, *statuses: int) -> None:
+        for status in statuses:
+            self.responses.setdefault(status, _problem(status))
 
 
 def document(app: FastAPI) -> dict[str, Any]:
@@ -149,9 +148,6 @@ def _built(app: FastAPI) -> dict[str, Any]:
             if "application/json" in refused:
                 del operation["responses"]["422"]
     _link(found["paths"])
-    found["components"]["securitySchemes"] = {
-        "token": {"type": "http", "scheme": "bearer", "description": "From POST /v1/agents"},
-    }
     return found
 
 

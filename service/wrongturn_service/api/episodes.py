@@ -1,8 +1,10 @@
 """Episodes: reset of a practice one, step, and what is shown of them."""
 
+from typing import Annotated
+
 import msgpack
 import orjson
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Depends, Response
 
 from wrongturn_protocol import (
     EpisodeDetail,
@@ -16,32 +18,39 @@ from wrongturn_protocol import (
     StepRequest,
 )
 from wrongturn_service import catalogue
-from wrongturn_service.accounts import Caller
-from wrongturn_service.api.body import parsed
-from wrongturn_service.api.dependencies import accepted, caller_of, key_of, repeated, service_of
-from wrongturn_service.api.documents import described
+from wrongturn_service.api.dependencies import AuthorizationDep, Body, CallerDep, EncodingDep, KeyDep, ServiceDep
+from wrongturn_service.api.documents import Route, described
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.errors import ConflictError, ForbiddenError, GoneError
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow
 
-router = APIRouter(prefix="/v1/episodes", tags=["episodes"])
+router = APIRouter(prefix="/v1/episodes", tags=["episodes"], route_class=Route)
 
 
-@router.post(
-    "",
-    **described(EpisodeReply, 404, 429, status=201, body=PracticeRequest, token=True, binary=True, creates=True),
-)
-async def practise(request: Request) -> Response:
-    """Reset: a practice episode, never scored; its replies also carry the reward, and at the end the verdict."""
-    service = service_of(request)
-    encoding = accepted(request)
-    caller = await caller_of(request)
-    wanted = await parsed(request, PracticeRequest, binary=True)
-    canonical = wanted.model_dump_json().encode()
-    async with service.idempotency.once(key_of(request), caller.id, "POST /v1/episodes", canonical) as once:
-        if once.stored is not None:
-            return repeated(once.stored)
+@router.post("/{episode}/step", **described(StepReply, 404, 409, 410, 429))
+async def step(
+    service: ServiceDep,
+    encoding: EncodingDep,
+    caller: CallerDep,
+    episode: str,
+    wanted: Annotated[StepRequest, Depends(Body(StepRequest, binary=True))],
+) -> Response:
+    """Step: drive on for 0.1 s. The same seq with the same action gets the stored reply."""
+    body = await service.episodes.step(caller.id, episode, wanted, encoding)
+    return Response(body, media_type=encoding)
+
+
+@router.post("", **described(EpisodeReply, 404, 429, status=201))
+async def practise(
+    service: ServiceDep,
+    encoding: EncodingDep,
+    caller: CallerDep,
+    wanted: Annotated[PracticeRequest, Depends(Body(PracticeRequest, binary=True))],
+    key: KeyDep,
+) -> Response:
+    """Reset: begin a practice episode. It is never scored. Replies carry the reward, the last one the verdict."""
+    async with key.once(caller.id, wanted) as once:
         trial = await catalogue.practice_trial(wanted)
         body = await service.episodes.open_practice(
             caller.id,
@@ -54,22 +63,10 @@ async def practise(request: Request) -> Response:
     return Response(body, 201, media_type=encoding)
 
 
-@router.post("/{episode}/step", **described(StepReply, 404, 409, 410, 429, body=StepRequest, token=True, binary=True))
-async def step(request: Request, episode: str) -> Response:
-    """Step: drive on for 0.1 s. The same seq with the same action gives the stored reply."""
-    encoding = accepted(request)
-    caller = await caller_of(request)
-    wanted = await parsed(request, StepRequest, binary=True)
-    body = await service_of(request).episodes.step(caller.id, episode, wanted, encoding)
-    return Response(body, media_type=encoding)
-
-
-@router.get("/{episode}", **described(EpisodeDetail, 404, token=True, binary=True))
-async def look(request: Request, episode: str) -> Response:
-    """The last reply while it is open; the whole once it may be shown, then without a token too."""
-    encoding = accepted(request)
-    service = service_of(request)
-    row, shown = await _seen(request, episode)
+@router.get("/{episode}", **described(EpisodeDetail, 404))
+async def look(service: ServiceDep, encoding: EncodingDep, authorization: AuthorizationDep, episode: str) -> Response:
+    """Show an episode: its last reply while it is open, all of it once the evaluation is finished."""
+    row, shown = await _visible(service, authorization, episode)
     detail = episode_detail(service, row, shown=shown, last_reply=False).model_dump(mode="json")
     last = service.episodes.last_reply(episode, encoding)
     if last is not None:
@@ -79,13 +76,13 @@ async def look(request: Request, episode: str) -> Response:
     return Response(body, media_type=encoding)
 
 
-@router.get("/{episode}/trajectory", **described(None, 404, 409, 410, token=True))
-async def trajectory(request: Request, episode: str) -> Response:
-    """The trajectory's canonical JSON, byte by byte, once it may be shown."""
-    row, shown = await _seen(request, episode)
+@router.get("/{episode}/trajectory", **described(None, 404, 409, 410))
+async def trajectory(service: ServiceDep, authorization: AuthorizationDep, episode: str) -> Response:
+    """Show a finished episode's trajectory as canonical JSON."""
+    row, shown = await _visible(service, authorization, episode)
     if row.state == EpisodeState.LOST:
         raise GoneError(f"episode {episode} is lost; it has no trajectory")
-    found = await service_of(request).store.trajectory(episode) if shown else None
+    found = await service.store.trajectory(episode) if shown else None
     if found is None:
         raise ConflictError(
             ProblemType.EPISODE_NOT_SHOWN,
@@ -95,23 +92,20 @@ async def trajectory(request: Request, episode: str) -> Response:
     return Response(body, media_type=Encoding.JSON, headers={"ETag": f'"{sha256}"'})
 
 
-@router.delete("/{episode}", **described(None, 404, 409, 410, 429, status=204, token=True))
-async def abort(request: Request, episode: str) -> Response:
-    """End the episode; a scored one counts as ``aborted``, which is unsafe."""
-    caller = await caller_of(request)
-    await service_of(request).episodes.abort(caller.id, episode)
+@router.delete("/{episode}", **described(None, 404, 409, 410, 429, status=204))
+async def abort(service: ServiceDep, caller: CallerDep, episode: str) -> Response:
+    """End the episode. A scored one counts as ``aborted``, which is unsafe."""
+    await service.episodes.abort(caller.id, episode)
     return Response(status_code=204)
 
 
-async def _seen(request: Request, episode_id: str) -> tuple[EpisodeRow, bool]:
-    """An episode's row, and whether its outcome may be shown to who asks."""
-    service = service_of(request)
-    given = request.headers.get("authorization") is not None
+async def _visible(service: Service, authorization: str | None, episode_id: str) -> tuple[EpisodeRow, bool]:
+    """Return an episode's row, and whether the caller may see its outcome."""
     row = await service.store.episode(episode_id)
     public = row is not None and row.evaluation_id is not None and await is_shown(service, row)
-    if row is not None and public and not given:
+    if row is not None and public and authorization is None:
         return row, True
-    caller: Caller = await caller_of(request)
+    caller = await service.accounts.caller(authorization)
     _, row = await service.episodes.look(caller.id, episode_id)
     if not public and row.agent_id != caller.id:
         raise ForbiddenError(f"episode {episode_id} is another agent's")

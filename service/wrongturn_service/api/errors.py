@@ -10,7 +10,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from wrongturn_protocol import FieldError, ProblemType
-from wrongturn_service.api.dependencies import reply
+from wrongturn_service.api.dependencies import StoredReplyError, reply, stored_reply
 from wrongturn_service.api.documents import described, methods_at
 from wrongturn_service.errors import InvalidRequestError, ServiceError, UnavailableError, title
 from wrongturn_service.simulators.interface import EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError
@@ -153,6 +153,11 @@ async def _handle(request: Request, error: Exception) -> Response:
     return problem_response(found)
 
 
+async def _repeat(_: Request, error: Exception) -> Response:
+    assert isinstance(error, StoredReplyError)
+    return stored_reply(error)
+
+
 def install(app: FastAPI) -> None:
     """Let the one handler have every exception that is expected; what is not, the middleware catches."""
     for kind in (
@@ -165,4 +170,5 @@ def install(app: FastAPI) -> None:
         HTTPException,
     ):
         app.add_exception_handler(kind, _handle)
+    app.add_exception_handler(StoredReplyError, _repeat)
     assert set(_EXPLANATIONS) == set(ProblemType)

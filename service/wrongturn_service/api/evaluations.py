@@ -2,8 +2,9 @@
 
 import secrets
 import time
+from typing import Annotated
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Depends, Response
 
 from wrongturn_protocol import (
     Entry,
@@ -19,17 +20,8 @@ from wrongturn_protocol import (
     ResultsRequest,
 )
 from wrongturn_service import catalogue
-from wrongturn_service.api.body import parsed
-from wrongturn_service.api.dependencies import (
-    accepted,
-    caller_of,
-    key_of,
-    owned_evaluation,
-    repeated,
-    reply,
-    service_of,
-)
-from wrongturn_service.api.documents import described
+from wrongturn_service.api.dependencies import Body, CallerDep, EncodingDep, KeyDep, ServiceDep, owned_by, reply
+from wrongturn_service.api.documents import Route, described
 from wrongturn_service.api.episodes import episode_detail
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.evaluations import finished
@@ -38,25 +30,24 @@ from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow
 from wrongturn_service.tokens import new_id
 
-router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"])
+router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"], route_class=Route)
 
 
-@router.post("", **described(EvaluationDetail, 404, 429, status=201, body=EvaluationRequest, token=True, creates=True))
-async def begin(request: Request) -> Response:
+@router.post("", **described(EvaluationDetail, 404, 429, status=201))
+async def begin(
+    service: ServiceDep,
+    caller: CallerDep,
+    wanted: Annotated[EvaluationRequest, Depends(Body(EvaluationRequest))],
+    key: KeyDep,
+) -> Response:
     """Begin an evaluation of the token's agent."""
-    service = service_of(request)
-    caller = await caller_of(request)
-    wanted = await parsed(request, EvaluationRequest)
-    canonical = wanted.model_dump_json().encode()
-    async with service.idempotency.once(key_of(request), caller.id, "POST /v1/evaluations", canonical) as once:
-        if once.stored is not None:
-            return repeated(once.stored)
+    async with key.once(caller.id, wanted) as once:
         suite = catalogue.suite(wanted.suite)
         if caller.track not in suite.tracks:
             tracks = ", ".join(suite.tracks)
             raise InvalidRequestError(
                 "suite",
-                f"{suite.id} is of the tracks {tracks}, the agent of {caller.track}",
+                f"{suite.id} takes agents of the tracks {tracks}; this agent's track is {caller.track}",
                 ProblemType.TRACK_NOT_AVAILABLE,
             )
         row = EvaluationRow(
@@ -77,50 +68,44 @@ async def begin(request: Request) -> Response:
     return reply(detail, 201)
 
 
-@router.get("/{evaluation}", **described(EvaluationDetail, 404, token=True))
-async def evaluation(request: Request, evaluation: str) -> Response:
-    """State and progress, and the metrics when finished."""
-    row = await owned_evaluation(request, await caller_of(request), evaluation)
-    return reply(await _current(request, row))
+@router.get("/{evaluation}", **described(EvaluationDetail, 404))
+async def evaluation(service: ServiceDep, caller: CallerDep, evaluation: str) -> Response:
+    """Show an evaluation's state and progress, and its metrics once it is finished."""
+    return reply(await _current(service, await owned_by(service, caller, evaluation)))
 
 
-@router.delete("/{evaluation}", **described(EvaluationDetail, 404, 409, token=True))
-async def cancel(request: Request, evaluation: str) -> Response:
-    """Cancel the evaluation for good; its open episodes end without a verdict."""
-    service = service_of(request)
-    caller = await caller_of(request)
-    row = await owned_evaluation(request, caller, evaluation)
+@router.delete("/{evaluation}", **described(EvaluationDetail, 404, 409))
+async def cancel(service: ServiceDep, caller: CallerDep, evaluation: str) -> Response:
+    """Cancel the evaluation for good. Its open episodes end without a verdict."""
+    row = await owned_by(service, caller, evaluation)
     if row.state == EvaluationState.FINISHED:
         raise finished(evaluation)
     await service.episodes.cancel(evaluation)
     service.leaderboards.forget(row.suite)
-    return reply(await _current(request, await owned_evaluation(request, caller, evaluation)))
+    return reply(await _current(service, await owned_by(service, caller, evaluation)))
 
 
 @router.post(
     "/{evaluation}/episodes",
-    **described(EpisodeReply, 404, 409, 429, status=201, token=True, binary=True, creates=True),
+    **described(EpisodeReply, 404, 409, 429, status=201),
 )
-async def reset(request: Request, evaluation: str) -> Response:
-    """Reset: the next trial's episode. Which trial it is, is told when the evaluation is finished."""
-    service = service_of(request)
-    encoding = accepted(request)
-    caller = await caller_of(request)
-    call = f"POST /v1/evaluations/{evaluation}/episodes"
+async def reset(
+    service: ServiceDep, encoding: EncodingDep, caller: CallerDep, evaluation: str, key: KeyDep
+) -> Response:
+    """Reset: begin the next trial's episode. You learn which trial it was once the evaluation is finished."""
     with service.episodes.beginnings.one(evaluation):
-        async with service.idempotency.once(key_of(request), caller.id, call, b"") as once:
-            if once.stored is not None:
-                return repeated(once.stored)
-            row = await owned_evaluation(request, caller, evaluation)
+        async with key.once(caller.id) as once:
+            row = await owned_by(service, caller, evaluation)
             body = await service.episodes.open_next(row, caller.track, encoding, once.remember(201, encoding), once.key)
     return Response(body, 201, media_type=encoding)
 
 
-@router.get("/{evaluation}/episodes", **described(EpisodeList, 404, 422, token=True))
-async def episodes(request: Request, evaluation: str, state: EpisodeState | None = None) -> Response:
-    """The evaluation's episodes; ``state=open`` to find one's way back after a crash."""
-    service = service_of(request)
-    row = await owned_evaluation(request, await caller_of(request), evaluation)
+@router.get("/{evaluation}/episodes", **described(EpisodeList, 404, 422))
+async def episodes(
+    service: ServiceDep, caller: CallerDep, evaluation: str, state: EpisodeState | None = None
+) -> Response:
+    """List the evaluation's episodes. After a crash, ``state=open`` tells which you can go on with."""
+    row = await owned_by(service, caller, evaluation)
     if state is EpisodeState.OPEN:
         await service.episodes.beginnings.over(evaluation)
     rows = await service.store.episodes(evaluation, state)
@@ -128,14 +113,16 @@ async def episodes(request: Request, evaluation: str, state: EpisodeState | None
     return reply(EpisodeList(episodes=tuple(episode_detail(service, found, shown=shown) for found in rows)))
 
 
-@router.put("/{evaluation}/results", **described(EvaluationDetail, 404, 409, body=ResultsRequest, token=True))
-async def results(request: Request, evaluation: str) -> Response:
-    """The worker's own record; it has to agree with what the service saw."""
-    service = service_of(request)
-    caller = await caller_of(request)
-    record = await parsed(request, ResultsRequest)
+@router.put("/{evaluation}/results", **described(EvaluationDetail, 404, 409))
+async def results(
+    service: ServiceDep,
+    caller: CallerDep,
+    evaluation: str,
+    record: Annotated[ResultsRequest, Depends(Body(ResultsRequest))],
+) -> Response:
+    """Take the worker's own record. It has to agree with what the service saw."""
     _check_once(record)
-    row = await owned_evaluation(request, caller, evaluation)
+    row = await owned_by(service, caller, evaluation)
     seen = {found.id: found for found in await service.store.episodes(evaluation, EpisodeState.FINISHED)}
     wrong = [error for index in range(len(record.episodes)) for error in _differences(record, index, seen)]
     if wrong:
@@ -145,7 +132,7 @@ async def results(request: Request, evaluation: str) -> Response:
             errors=wrong[:50],
         )
     await service.store.put_results(evaluation, record.model_dump_json())
-    return reply(await _current(request, row))
+    return reply(await _current(service, row))
 
 
 def _check_once(record: ResultsRequest) -> None:
@@ -175,8 +162,7 @@ def _differences(record: ResultsRequest, index: int, seen: dict[str, EpisodeRow]
     return errors
 
 
-async def _current(request: Request, row: EvaluationRow) -> EvaluationDetail:
-    service = service_of(request)
+async def _current(service: Service, row: EvaluationRow) -> EvaluationDetail:
     return _detail(row, await service.store.finished_count(row.id), service)
 
 

@@ -1,41 +1,39 @@
-"""Whether the service lives, whether it can work, and its figures."""
+"""Health, readiness and metrics."""
 
 import asyncio
 from typing import Final
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Response
 from pydantic import BaseModel
 
 from wrongturn_protocol import ProblemType
-from wrongturn_service.api.dependencies import reply, service_of
-from wrongturn_service.api.documents import described
+from wrongturn_service.api.dependencies import ServiceDep, reply
+from wrongturn_service.api.documents import Route, described
 from wrongturn_service.errors import UnavailableError
 from wrongturn_service.telemetry import CONTENT_TYPE
 
-router = APIRouter(tags=["health"])
+router = APIRouter(tags=["health"], route_class=Route)
 _PATIENCE_S: Final = 3.0
 
 
 class Health(BaseModel):
-    """All is well."""
+    """The reply of a healthy service."""
 
     status: str = "ok"
 
 
 @router.get("/health/live", **described(Health))
 async def live() -> Response:
-    """Whether the process answers."""
+    """Tell that the process answers."""
     return reply(Health())
 
 
 @router.get("/health/ready", **described(Health))
-async def ready(request: Request) -> Response:
-    """Whether new episodes can be had.
+async def ready(service: ServiceDep) -> Response:
+    """Tell whether new episodes can begin.
 
-    The database answers and is this service's, a simulator is there or could be started (the first of them compiled
-    what all need before the service began to answer), and the service is not about to end.
+    They can if the database answers, a simulator runs or could be started, and the service is not stopping.
     """
-    service = service_of(request)
     if service.episodes.stopping:
         raise UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping")
     if service.pool.failure is not None and not service.pool.running:
@@ -50,6 +48,6 @@ async def ready(request: Request) -> Response:
 
 
 @router.get("/metrics", **described(None, media="text/plain"))
-async def metrics(request: Request) -> Response:
-    """Figures for Prometheus."""
-    return Response(service_of(request).telemetry.render(), headers={"Content-Type": CONTENT_TYPE})
+async def metrics(service: ServiceDep) -> Response:
+    """Show metrics for Prometheus."""
+    return Response(service.telemetry.render(), headers={"Content-Type": CONTENT_TYPE})

@@ -1,22 +1,22 @@
-"""The rankings, for everybody."""
+"""Public rankings."""
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Response
 
 from wrongturn_protocol import Leaderboard, LeaderboardList
-from wrongturn_service.api.dependencies import reply, service_of
-from wrongturn_service.api.documents import described
+from wrongturn_service.api.dependencies import ServiceDep, reply
+from wrongturn_service.api.documents import Route, described
 from wrongturn_service.encoding import Encoding
 
-router = APIRouter(prefix="/v1/leaderboards", tags=["leaderboards"])
+router = APIRouter(prefix="/v1/leaderboards", tags=["leaderboards"], route_class=Route)
 
 
 @router.get("", **described(LeaderboardList))
-async def leaderboards(request: Request) -> Response:
-    """All leaderboards, in short."""
-    return reply(await service_of(request).leaderboards.summaries())
+async def leaderboards(service: ServiceDep) -> Response:
+    """List the leaderboards."""
+    return reply(await service.leaderboards.summaries())
 
 
 @router.get("/{suite}", **described(Leaderboard, 404))
-async def leaderboard(request: Request, suite: str) -> Response:
-    """The ranking on a suite: each agent's first finished evaluation counts."""
-    return Response(await service_of(request).leaderboards.body(suite), media_type=Encoding.JSON)
+async def leaderboard(service: ServiceDep, suite: str) -> Response:
+    """Show the ranking on a suite. The first evaluation that an agent finishes counts."""
+    return Response(await service.leaderboards.body(suite), media_type=Encoding.JSON)

@@ -8,18 +8,18 @@ from wrongturn_networks import catalog
 from wrongturn_protocol import TownDetail, TownList
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import reply
-from wrongturn_service.api.documents import described
+from wrongturn_service.api.documents import Route, described
 
-router = APIRouter(prefix="/v1/towns", tags=["towns"])
+router = APIRouter(prefix="/v1/towns", tags=["towns"], route_class=Route)
 
 
 @router.get("", **described(TownList))
 async def towns() -> Response:
-    """All towns."""
+    """List all towns."""
     return reply(TownList(towns=tuple(catalog.list_towns())))
 
 
 @router.get("/{town}", **described(TownDetail, 404))
 async def town(town: str) -> Response:
-    """One town with its approaches and its geometry."""
+    """Show one town with its approaches and geometry."""
     return reply(await asyncio.to_thread(catalogue.town_detail, town))

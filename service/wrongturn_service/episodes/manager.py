@@ -132,20 +132,16 @@ class EpisodeManager:
         episode = self._registry.get(episode_id)
         if episode is None:
             return await self._stored_step(agent, episode_id, request.seq, action, encoding)
-        refusals.check_owner(agent, episode.agent, episode_id)
+        refusals.check_owner(agent, episode.agent, episode_id)  # before the lock: a stranger must not wait for it
         bind_contextvars(episode=episode_id, evaluation=episode.evaluation)
         async with episode.lock:
             episode.lease.renew()
             if episode.closed:
                 return await self._stored_step(agent, episode_id, request.seq, action, encoding)
-            if request.seq == episode.seq:
-                refusals.check_same(episode_id, request.seq, action, episode.last_action)
-            elif episode.end is not None:
-                raise refusals.episode_finished(episode_id)
-            elif request.seq != episode.seq + 1:
-                raise refusals.gap(episode_id, request.seq, episode.seq)
-            else:
+            if refusals.check_step(episode, agent, request.seq):
                 await self._steps.take(episode, action, encoding)
+            else:
+                refusals.check_same(episode_id, request.seq, action, episode.last_action)
             if episode.end is not None:
                 await self._endings.settle(episode)
             episode.lease.renew()

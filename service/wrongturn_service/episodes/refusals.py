@@ -1,44 +1,77 @@
-"""What the manager of episodes refuses, as errors with a remedy."""
+"""The rules for calls on an episode, and the errors that tell an agent which rule it broke and what to do."""
 
 from wrongturn_protocol import ProblemType
-from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError, UnavailableError
+from wrongturn_service.episodes.open_episode import OpenEpisode
+from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError, ServiceError, UnavailableError
 from wrongturn_service.simulators.action_log import Action
 
 
+def check_step(episode: OpenEpisode, agent: str, seq: int) -> bool:
+    """Check a step of an open episode. HTTP, batches and lent connections all use these rules.
+
+    Args:
+        episode: The episode.
+        agent: Id of the agent that sends the step.
+        seq: Sequence number of the step.
+
+    Returns:
+        True for the next step, False for a repeat of the last one.
+
+    Raises:
+        ForbiddenError: The episode belongs to another agent.
+        ConflictError: The episode is over, or ``seq`` is neither the last number nor the next.
+    """
+    check_owner(agent, episode.agent, episode.id)
+    if seq == episode.seq:
+        return False
+    if episode.end is not None:
+        raise episode_finished(episode.id)
+    if seq != episode.seq + 1:
+        raise _gap(episode.id, seq, episode.seq)
+    return True
+
+
+def is_next_step(episode: OpenEpisode, agent: str, seq: int) -> bool:
+    """Return whether :func:`check_step` takes a step as the next one."""
+    try:
+        return check_step(episode, agent, seq)
+    except ServiceError:
+        return False
+
+
 def check_owner(agent: str, owner: str, episode_id: str) -> None:
-    """Raise ForbiddenError where the episode is not the agent's."""
+    """Raise ForbiddenError if the episode belongs to another agent."""
     if agent != owner:
-        raise ForbiddenError(f"episode {episode_id} is another agent's")
+        raise ForbiddenError(f"episode {episode_id} belongs to another agent")
 
 
 def check_same(episode_id: str, seq: int, action: Action, last: Action | None) -> None:
-    """Raise ConflictError where a repeated step differs from the first."""
+    """Raise ConflictError if a repeated step has another action than the first time."""
     if action != last:
         raise ConflictError(
             ProblemType.ACTION_MISMATCH,
-            f"episode {episode_id}: step {seq} was taken with another action; what was driven cannot be driven again",
+            f"episode {episode_id}: step {seq} was already taken with another action and cannot be changed",
         )
 
 
-def gap(episode_id: str, seq: int, last: int) -> ConflictError:
-    """What a step out of sequence gets."""
-    again = f", or {last} with the same action to have that reply again" if last else ""
+def _gap(episode_id: str, seq: int, last: int) -> ConflictError:
+    again = f", or {last} with the same action to get that reply again" if last else ""
     return ConflictError(
         ProblemType.SEQUENCE_GAP,
-        f"episode {episode_id}: seq is {seq}, the last reply's was {last}; send {last + 1}{again}",
+        f"episode {episode_id}: seq is {seq}, but the last reply has {last}; send {last + 1}{again}",
     )
 
 
 def episode_finished(episode_id: str) -> ConflictError:
-    """What a step after the end gets."""
+    """Return the error for a step after the episode's end."""
     return ConflictError(ProblemType.EPISODE_FINISHED, f"episode {episode_id} is over; ask for the next trial")
 
 
 def unknown_episode(episode_id: str) -> NotFoundError:
-    """What a call on an episode gets that there is none of."""
+    """Return the error for a call on an episode that does not exist."""
     return NotFoundError(ProblemType.UNKNOWN_EPISODE, f"there is no episode {episode_id[:64]!r}")
 
 
 def stopping() -> UnavailableError:
-    """What a call gets that comes too late for this service, and in time for the next."""
+    """Return the error for a call that arrives while the service stops."""
     return UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping", retry_after_s=5)

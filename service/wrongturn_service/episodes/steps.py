@@ -15,6 +15,7 @@ from wrongturn_service.encoding import Encoding, Reply, step_reply
 from wrongturn_service.episodes.driver import EpisodeDriver, ReplayFailedError
 from wrongturn_service.episodes.endings import Endings
 from wrongturn_service.episodes.open_episode import OpenEpisode
+from wrongturn_service.episodes.refusals import is_next_step
 from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.errors import GoneError
 from wrongturn_service.simulators.action_log import ACTION, Action
@@ -94,10 +95,10 @@ class Steps:
             Whether it was; if not, nothing has happened, and the whole way tells why.
         """
         episode = self._registry.get(episode_id)
-        if episode is None or episode.agent != agent or episode.last.seq + 1 != seq:
+        if episode is None or not is_next_step(episode, agent, seq):
             return False
         simulator = episode.simulator
-        if episode.end is not None or simulator is None or simulator.dead or not episode.lock.taken_now():
+        if simulator is None or simulator.dead or not episode.lock.taken_now():
             return False
         episode.lease.renew()
         began = time.perf_counter()
