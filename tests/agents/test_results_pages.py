@@ -91,3 +91,11 @@ def test_pages_anywhere_in_docs_are_checked_and_link_to_the_picture(tmp_path, st
     run("--directory", str(stored), "--write", "docs/background/results.md")
     assert "](../pictures/learning-curves.svg)" in page.read_text()
     run("--directory", str(stored), "--check")
+
+
+def test_a_summary_has_one_line_for_each_shipped_agent(tmp_path, stored):
+    page = tmp_path / "README.md"
+    page.write_text("<!-- wrongturn results: summary -->\n<!-- end of results -->\n")
+    run("--directory", str(stored), "--write", str(page))
+    rows = [line for line in page.read_text().splitlines() if line.startswith("| `")]
+    assert rows == ["| `ppo-image` | 7 | 7 | 14 (14–35 %) | 60/60 |"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -49,10 +49,15 @@ def test_containers_need_nothing_installed_beside_them() -> None:
     assert "exec service wrongturn leaderboard" in containers
 
 
+def test_it_can_be_read_in_a_few_minutes() -> None:
+    assert len((ROOT / "README.md").read_text("utf-8").split()) <= 900
+
+
 @pytest.mark.system
 def test_each_command_it_shows_has_help() -> None:
-    blocks = "\n".join((ROOT / "README.md").read_text("utf-8").split("```")[1::2])
-    commands = set(re.findall(r"\bwrongturn ([a-z]+)", blocks))
+    text = (ROOT / "README.md").read_text("utf-8")
+    shown = [*text.split("```")[1::2], *re.findall(r"`([^`\n]+)`", text)]
+    commands = {command for code in shown for command in re.findall(r"\bwrongturn ([a-z]+)", code)}
     assert {"run", "serve", "leaderboard", "doctor"} <= commands
     for command in commands:
         shown = subprocess.run(

@@ -54,7 +54,7 @@ class Report:
     @property
     def sections(self) -> tuple[str, ...]:
         """Names of all sections that a page may have."""
-        return (*self.tables, "order", "curves", "missing")
+        return (*self.tables, "summary", "order", "curves", "missing")
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -68,6 +68,8 @@ class Report:
 
     def section(self, name: str, page: Path) -> str:
         """Return the Markdown of a section, for a page at this path below the repository's root."""
+        if name == "summary":
+            return wrong_command.summary_table(self.collection).markdown()
         if name == "order":
             return order.order_in_words(self.collection)
         if name == "missing":

@@ -98,6 +98,21 @@ def wrong_command_table(collection: Collection) -> ReportTable:
     return ReportTable("Unsafe episodes (the paper's table II)", head, tuple(rows), _NOTE)
 
 
+def summary_table(collection: Collection) -> ReportTable:
+    """Return one line for each shipped agent of the paper's kinds, for README."""
+    rows = []
+    for name in ALGORITHMS:
+        file = collection.of_shipped(WRONG_COMMAND, name)
+        if file is None:
+            continue
+        counts = count_unsafe(file)
+        wrong, follow = (sum(counts.cells[kind, fault] for kind in PAPER_TYPES) for fault in _FAULTS)
+        total = with_interval(counts.unsafe, counts.trials)
+        rows.append((f"`{name}`", str(wrong), str(follow), total, f"{counts.completed}/{counts.twins}"))
+    head = ("agent", "no such turn, of 30", "follow lane, of 30", "unsafe of 60 (95 %)", "twins completed")
+    return ReportTable("Unsafe episodes in short", head, tuple(rows), text_columns=1)
+
+
 def seeds_table(collection: Collection) -> ReportTable:
     """Return the table of unsafe trials with a row for each training seed."""
     rows: Rows = []

@@ -1,0 +1,112 @@
+"""The files and commands that README and the tutorial show work from the first to the last."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from wrongturn_client import LocalService
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text("utf-8")
+TUTORIAL = (ROOT / "docs/tutorial.md").read_text("utf-8")
+SERVE = "wrongturn serve"
+SERVED_AT = "http://127.0.0.1:8000"
+
+
+def section(page: str, title: str) -> str:
+    return page.split(f"\n## {title}\n")[1].split("\n## ", maxsplit=1)[0]
+
+
+def files(text: str) -> dict[str, str]:
+    return dict(re.findall(r'```python title="(\w+\.py)"\n(.*?)```', text, re.DOTALL))
+
+
+def commands(text: str) -> list[str]:
+    blocks = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
+    return [line.removeprefix(".venv/bin/") for block in blocks for line in block.splitlines()]
+
+
+def run(command: str, folder: Path) -> str:
+    program, *arguments = command.split()
+    start = {"python": [sys.executable], "wrongturn": [sys.executable, "-m", "wrongturn_client"]}[program]
+    ignored = {"WRONGTURN_URL", "WRONGTURN_TOKEN"}
+    environment = {name: value for name, value in os.environ.items() if name not in ignored}
+    done = subprocess.run(
+        [*start, *arguments], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, f"{command}\n{done.stdout[-1000:]}\n{done.stderr[-3000:]}"
+    return done.stdout
+
+
+def follow(text: str, folder: Path) -> tuple[str, dict[str, object]]:
+    """Write the files, run the commands; return the last output and the leaderboard's only entry."""
+    for name, content in files(text).items():
+        (folder / name).write_text(content, "utf-8")
+    shown = commands(text)
+    here = shown.index(SERVE)
+    for command in shown[:here]:
+        run(command, folder)
+    with LocalService(database=f"sqlite+aiosqlite:///{folder}/wrongturn.db") as service:
+        for command in shown[here + 1 :]:
+            assert SERVED_AT in command
+            last = run(command.replace(SERVED_AT, service.url), folder)
+        (entry,) = json.loads(run(f"wrongturn leaderboard smoke@1 --url {service.url} --json", folder))["entries"]
+    return last, entry
+
+
+@pytest.mark.parametrize(
+    "text", [section(README, "Install"), section(TUTORIAL, "1. Install")], ids=["README", "tutorial"]
+)
+def test_what_is_installed_exists(text: str) -> None:
+    parts = re.findall(r"-e '?(\w+)(?:\[([\w,]+)\])?'?", text)
+    assert [part for part, _ in parts] == ["clients", "networks", "service", "agents"]
+    for part, extras in parts:
+        project = tomllib.loads((ROOT / part / "pyproject.toml").read_text("utf-8"))["project"]
+        assert set(filter(None, extras.split(","))) <= project.get("optional-dependencies", {}).keys()
+
+
+@pytest.mark.slow
+def test_the_readmes_environment_runs(tmp_path: Path) -> None:
+    (snippet,) = re.findall(r"```python\n(.*?)```", section(README, "Install"), re.DOTALL)
+    (tmp_path / "snippet.py").write_text(snippet, "utf-8")
+    assert run("python snippet.py", tmp_path).startswith("(64, 192, 3) [")
+
+
+@pytest.mark.slow
+@pytest.mark.system
+@pytest.mark.timeout(900)
+def test_the_readmes_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
+    text = section(README, "Your own agent")
+    assert [command.split()[:2] for command in commands(text)] == [
+        ["wrongturn", "run"],
+        ["wrongturn", "serve"],
+        ["wrongturn", "run"],
+        ["wrongturn", "leaderboard"],
+    ]
+    shown, entry = follow(text, tmp_path)
+    assert "Slow" in shown
+    assert entry["unsafe"]["trials"] == 6
+
+
+@pytest.mark.slow
+@pytest.mark.system
+@pytest.mark.timeout(1200)
+def test_the_tutorials_agent_learns_to_drive(tmp_path: Path) -> None:
+    text = TUTORIAL.split("\n## 2. ")[1]
+    assert [command.split()[:2] for command in commands(text)[:3]] == [
+        ["python", "train.py"],
+        ["python", "export.py"],
+        ["wrongturn", "run"],
+    ]
+    shown, entry = follow(text, tmp_path)
+    assert "first-driver" in shown
+    assert entry["agent"]["track"] == "privileged"
+    assert entry["unsafe"]["trials"] == 6
+    # A network that has not learned completes none of the six.
+    assert entry["twins"]["completed"] >= 1
