@@ -12,7 +12,7 @@ from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
 from wrongturn_agents.suites import SuiteTrials
 from wrongturn_agents.worker import GuardedAgent, Progress, side_by_side
 from wrongturn_client import Client
-from wrongturn_client.evaluate import drive_episode
+from wrongturn_client.evaluation_driver import drive_episode
 from wrongturn_protocol import PracticeRequest, Trial
 
 
@@ -83,7 +83,7 @@ class PracticeRun:
             with Client(url, token) as client:
                 request = PracticeRequest(suite=self._suite.id, trial=trial, track=self._source.track)
                 begun = client.practise(request)
-                drive_episode(client, policy, begun.id, 0, begun.observation, stop=self._stop)
+                drive_episode(client, policy, begun, stop=self._stop)
                 outcome = client.episode(begun.id).outcome
             if outcome is None:
                 raise RunError(f"--task: the service does not show how {trial} ended; drive the whole suite instead")

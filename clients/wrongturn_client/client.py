@@ -2,25 +2,25 @@
 
 import re
 import uuid
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, TypeVar
 from urllib.parse import urlsplit
 from urllib.request import getproxies, proxy_bypass
 
 import httpx
-import msgpack
 from pydantic import BaseModel
 
 from wrongturn_client import settings
-from wrongturn_client.closing import Closing
-from wrongturn_client.decoding import decode_reply, validated
+from wrongturn_client.decoding import validated
 from wrongturn_client.drive import Drive
-from wrongturn_client.errors import NotOfferedError
-from wrongturn_client.evaluate import Progress, drive_evaluation
+from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, EpisodeCalls, Result
+from wrongturn_client.errors import ApiError, NotOfferedError, WrongturnError
+from wrongturn_client.evaluation_driver import EvaluationDriver
+from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy
+from wrongturn_client.recorder import EpisodeRecorder, installed_versions
 from wrongturn_client.transport import JSON, MSGPACK, Reply, Transport, path_of
 from wrongturn_protocol import (
-    Action,
     AgentDetail,
     AgentKind,
     AgentList,
@@ -28,15 +28,13 @@ from wrongturn_protocol import (
     EpisodeDetail,
     EpisodeList,
     EpisodeRecord,
-    EpisodeReply,
     EvaluationDetail,
+    EvaluationState,
     Leaderboard,
     LeaderboardList,
     LeaderboardSummary,
-    PracticeRequest,
     RegisteredAgent,
     ResultsRequest,
-    StepReply,
     SuiteList,
     SuiteSummary,
     TownDetail,
@@ -48,15 +46,17 @@ from wrongturn_protocol import (
 )
 
 M = TypeVar("M", bound=BaseModel)
+Progress = Callable[[int, int], None]
+"""Called with the numbers of finished and of all episodes."""
 _SLOTS: Final = re.compile(rb"^wrongturn_simulator_slots ([0-9.e+]+)$", re.MULTILINE)
-"""In the service's figures for Prometheus."""
+"""Number of simulators among the service's Prometheus metrics."""
 
 
-class Client(Closing):
-    """A connection to a service.
+class Client(EpisodeCalls):
+    """Client of one service. Its methods may be called from several threads.
 
-    Every method raises :class:`~wrongturn_client.ServiceUnreachableError` where nobody answers, and an
-    :class:`~wrongturn_client.ApiError` where the service refuses.
+    Every method raises :class:`~wrongturn_client.ServiceUnreachableError` if nobody answers, and an
+    :class:`~wrongturn_client.ApiError` if the service refuses.
 
     Example:
         >>> with Client("http://127.0.0.1:8000") as client:  # doctest: +SKIP
@@ -75,30 +75,28 @@ class Client(Closing):
         patience: float = 60.0,
         binary: bool = True,
     ) -> None:
-        """Open nothing yet.
+        """Create a client; the first call connects.
 
         Args:
-            url: of the service; ``WRONGTURN_URL`` by default, else where ``wrongturn serve`` listens by default.
-            token: an agent's or the operator's; ``WRONGTURN_TOKEN`` by default. Public calls need none.
-            transport: of httpx, for tests.
-            timeout: seconds for each attempt at a call.
-            patience: seconds for which a call is repeated while the service is busy or gone; 0 for never. A URL at
-                which nobody has answered this client yet is given up after 5 s.
-            binary: whether episodes go as msgpack; else as JSON.
+            url: The service's URL; by default ``WRONGTURN_URL``, or else the default address of ``wrongturn serve``.
+            token: An agent's or the operator's token; ``WRONGTURN_TOKEN`` by default. Public calls need none.
+            transport: An httpx transport, for tests.
+            timeout: Seconds for each attempt at a call.
+            patience: Seconds for which a call is repeated while the service is busy or does not answer; 0 for never.
+                A URL at which nobody has answered yet is given up after 5 s.
+            binary: Send and receive episodes as msgpack; False for JSON.
         """
+        self._token = token or settings.token()
         self._transport = Transport(
             url or settings.service_url() or settings.DEFAULT_URL,
-            token or settings.token(),
+            self._token,
             transport=transport,
             timeout=timeout,
             patience=patience,
         )
-        self._media_type = MSGPACK if binary else JSON
-        self._step_headers = {"Accept": self._media_type, "Content-Type": self._media_type}
+        self._http = HttpCalls(self._transport, MSGPACK if binary else JSON)
         self._binary = binary
-        self._token = token or settings.token()
         self._timeout = timeout
-        self._patience = patience
         self._injected = transport is not None
 
     @property
@@ -192,16 +190,6 @@ class Client(Closing):
         """Cancel an evaluation for good."""
         self._transport.call("DELETE", path_of("v1", "evaluations", evaluation))
 
-    def next_episode(self, evaluation: str) -> EpisodeReply:
-        """Reset: the next trial's episode.
-
-        Raises:
-            EvaluationFinishedError: no trial is left.
-            NoTrialAvailableError: none can be had for now; its ``retry_after`` tells when to ask again.
-        """
-        path = path_of("v1", "evaluations", evaluation, "episodes")
-        return self._episode_model(EpisodeReply, self._create(path, None, self._media_type))
-
     def open_episodes(self, evaluation: str) -> tuple[EpisodeDetail, ...]:
         """The evaluation's open episodes, to find one's way back after a crash."""
         path = path_of("v1", "evaluations", evaluation, "episodes") + "?state=open"
@@ -255,77 +243,70 @@ class Client(Closing):
             PolicyError: the policy gave something that is no action.
             Exception: whatever the policy raises. The episode counts as aborted then; the evaluation can be resumed.
         """
-        return drive_evaluation(
-            self, policy, suite, evaluation=evaluation, progress=progress, versions=versions, parallel=parallel
-        )
+        if parallel < 1:
+            raise ValueError(f"parallel: is {parallel}; drive 1 episode at a time or more")
+        detail = self.create_evaluation(suite) if evaluation is None else self.evaluation(evaluation)
+        if detail.suite != suite:
+            raise WrongturnError(f"evaluation: {detail.id} is on the suite {detail.suite}, not on {suite}")
+        if detail.state is EvaluationState.CANCELLED:
+            raise WrongturnError(f"evaluation: {detail.id} was cancelled; begin a new one")
+        records: list[EpisodeRecord] = []
+        finished = detail.finished
+
+        def count(recorder: EpisodeRecorder | None) -> None:
+            nonlocal finished
+            finished += 1
+            if recorder is not None:
+                records.append(recorder.record())
+            if progress is not None:
+                progress(min(finished, detail.trials), detail.trials)
+
+        if progress is not None:
+            progress(min(finished, detail.trials), detail.trials)
+        if detail.state is EvaluationState.RUNNING:
+            resumed = [] if evaluation is None else [episode.id for episode in self.open_episodes(detail.id)]
+            with self.connection(parallel) as connection:
+                EvaluationDriver(connection, policy, detail.id, parallel=parallel, resumed=resumed, on_end=count).run()
+        if records:
+            self.put_results(detail.id, records, {**installed_versions(), **(versions or {})})
+        return self.evaluation(detail.id)
 
     # Episodes
-
-    def practise(self, request: PracticeRequest, *, key: str | None = None) -> EpisodeReply:
-        """Reset: an episode for practice, never scored.
-
-        Args:
-            request: what is practised.
-            key: of the caller's choice; with the same key again, the same episode. Each call has its own by default.
-        """
-        body = request.model_dump(mode="json", exclude_none=True)
-        return self._episode_model(EpisodeReply, self._create("/v1/episodes", body, self._media_type, key))
-
-    def step(self, episode: str, seq: int, action: Action) -> StepReply:
-        """Drive on for 0.1 s.
-
-        Args:
-            episode: its id.
-            seq: the last one received plus 1.
-            action: what to do.
-
-        Raises:
-            EpisodeFinishedError: the episode has had its last step.
-            EpisodeLostError: the service was started again meanwhile.
-        """
-        body = {
-            "seq": seq,
-            "action": {"steer": action.steer, "throttle": action.throttle, "brake": action.brake},
-        }
-        if not self._binary:
-            reply = self._transport.call("POST", f"/v1/episodes/{episode}/step", body=body)
-        else:
-            reply = self._transport.send(
-                "POST", f"/v1/episodes/{episode}/step", self._step_headers, msgpack.packb(body)
-            )
-        return self._episode_model(StepReply, reply)
-
-    def episode(self, episode: str) -> EpisodeDetail:
-        """An episode: its last reply while it is open, its outcome once it may be shown."""
-        reply = self._transport.call("GET", path_of("v1", "episodes", episode), media_type=self._media_type)
-        message = reply.message()
-        if isinstance(message, dict) and message.get("last_reply"):
-            message["last_reply"] = decode_reply(message["last_reply"])
-        return validated(EpisodeDetail, message)
 
     def trajectory(self, episode: str) -> bytes:
         """The trajectory's canonical JSON, byte by byte, once it may be shown."""
         return self._transport.call("GET", path_of("v1", "episodes", episode, "trajectory")).content
 
-    def abort_episode(self, episode: str) -> None:
-        """End an episode; a scored one counts as ``aborted``, which is unsafe."""
-        self._transport.call("DELETE", path_of("v1", "episodes", episode))
-
-    # The socket
-
     def drive(self) -> Drive:
-        """A connection over which episodes are driven with less ado: many at a time, many steps in a message.
+        """Open a WebSocket connection for driving: many episodes at a time, many steps in a message.
 
         Raises:
-            NotOfferedError: the service, or a proxy before it, has no such socket; HTTP does the same.
+            NotOfferedError: The service, or a proxy before it, has no such WebSocket. HTTP does the same.
         """
         url = urlsplit(self.url)
         if not self._binary:
             raise NotOfferedError("the WebSocket is binary; this client was asked for JSON")
         if self._injected or (url.scheme in getproxies() and not proxy_bypass(url.hostname or "")):
             raise NotOfferedError("no WebSocket through a proxy or another transport; HTTP does the same")
-        availability = self._transport.availability
-        return Drive(url, self._token, timeout=self._timeout, patience=self._patience, availability=availability)
+        transport = self._transport
+        return Drive(
+            url,
+            self._token,
+            timeout=self._timeout,
+            patience=transport.patience,
+            availability=transport.availability,
+        )
+
+    def connection(self, parallel: int) -> DriveConnection:
+        """Open a connection for driving: the WebSocket if there is one, else HTTP.
+
+        Args:
+            parallel: Calls over HTTP at a time.
+        """
+        try:
+            return self.drive()
+        except NotOfferedError:
+            return HttpDrive(self._http, parallel)
 
     # Leaderboards
 
@@ -337,12 +318,14 @@ class Client(Closing):
         """The ranking on a suite."""
         return _model(Leaderboard, self._transport.call("GET", path_of("v1", "leaderboards", suite)))
 
-    def _create(self, path: str, body: Any, media_type: str = JSON, key: str | None = None) -> Reply:
-        headers = {"Idempotency-Key": key or str(uuid.uuid4())}
-        return self._transport.call("POST", path, body=body, media_type=media_type, headers=headers)
+    def _create(self, path: str, body: Any) -> Reply:
+        return self._transport.call("POST", path, body=body, headers={"Idempotency-Key": str(uuid.uuid4())})
 
-    def _episode_model(self, kind: type[M], reply: Reply) -> M:
-        return validated(kind, decode_reply(reply.message()))
+    def _answer(self, call: EpisodeCall) -> Result:
+        try:
+            return self._http.send(call)
+        except ApiError as error:
+            return error
 
 
 def _model(kind: type[M], reply: Reply) -> M:

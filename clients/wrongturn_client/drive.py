@@ -1,43 +1,31 @@
 """Driving over ``WS /v1/drive``: many episodes on one connection, many calls in one message."""
 
-import uuid
-from collections.abc import Callable, Sequence
-from typing import Any, Final, TypeVar
+import contextlib
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, Final
 from urllib.parse import SplitResult
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from wrongturn_client.availability import Availability
-from wrongturn_client.closing import Closing
 from wrongturn_client.connections import ConnectionBrokeError
-from wrongturn_client.decoding import validated
+from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result
 from wrongturn_client.errors import ApiError, ProtocolError, ServiceBusyError, ServiceUnreachableError
 from wrongturn_client.problems import api_error
 from wrongturn_client.transport import attempts
 from wrongturn_client.websocket import WebSocketConnection
-from wrongturn_protocol import Action, EpisodeDetail, EpisodeReply, PracticeRequest, Problem, StepReply
-from wrongturn_protocol.wire import (
-    CALLS,
-    RETRY_AFTER,
-    Call,
-    MalformedMessageError,
-    arrays,
-    pack_calls,
-    unpack_results,
-)
+from wrongturn_protocol import Problem
+from wrongturn_protocol.wire import CALLS, RETRY_AFTER, MalformedMessageError, arrays, pack_calls, unpack_results
 
-M = TypeVar("M", bound=BaseModel)
-Result = dict[str, Any] | ApiError
-"""The fields of a call's reply, its observation as arrays; or why it was refused."""
 _NUMBERS: Final = 2**32
-_STEP: Final = Call.STEP.value
 
 
-class Drive(Closing):
-    """A connection for driving; one thread's at a time.
+class Drive(DriveConnection):
+    """WebSocket connection for driving; one thread may use it at a time. Make it with :meth:`Client.drive`.
 
-    Where the connection breaks it is made again, and what was not answered is sent again: a step that was taken is
-    not taken twice, by its ``seq``, nor is an episode begun twice, by its key. Make it by :meth:`Client.drive`.
+    If the connection breaks, it is opened again and every unanswered message is sent again. Nothing happens twice: a
+    step carries its ``seq``, and a call that begins an episode carries a key.
     """
 
     def __init__(
@@ -49,28 +37,29 @@ class Drive(Closing):
         patience: float = 60.0,
         availability: Availability | None = None,
     ) -> None:
-        """Connect.
+        """Connect to the service.
 
         Args:
-            url: of the service.
-            token: an agent's.
-            timeout: seconds for each wait for an answer.
-            patience: seconds for which is tried again while the service is busy or gone; 0 for never.
-            availability: what is known of the service; nothing by default, and then it is given up soon.
+            url: The service's URL.
+            token: An agent's token.
+            timeout: Seconds for each wait for an answer.
+            patience: Seconds for which to try again while the service is busy or does not answer; 0 for never.
+            availability: What the client knows of the service. By default nothing; the first attempts then end soon.
 
         Raises:
-            ServiceUnreachableError, NotOfferedError, ApiError.
+            ServiceUnreachableError: Nobody answers.
+            NotOfferedError: There is no such WebSocket.
+            ApiError: The service refuses.
         """
         self.patience = patience
         self._url = url
-        self._availability = known = availability or Availability(url.geturl())
-        self._make: Callable[[], WebSocketConnection] = lambda: WebSocketConnection(
-            url, token, timeout, offered=known.offers_socket
-        )
+        self._availability = availability or Availability(url.geturl())
+        self._open = partial(WebSocketConnection, url, token, timeout)
         self._connection: WebSocketConnection | None = None
         self._number = 0
         self._unanswered: dict[int, bytes] = {}
         self._early: dict[int, list[Result]] = {}
+        """Results that came while another message was waited for."""
         self._connect()
 
     def close(self) -> None:
@@ -79,14 +68,8 @@ class Drive(Closing):
             self._connection.close()
             self._connection = None
 
-    # Messages
-
-    def submit(self, calls: Sequence[Sequence[Any]]) -> int:
-        """Send one message of calls, as :mod:`wrongturn_protocol.wire` has them; its number.
-
-        Raises:
-            ServiceUnreachableError, ApiError.
-        """
+    def submit(self, calls: Sequence[EpisodeCall]) -> int:
+        """Send a message of calls and return its number."""
         if not 0 < len(calls) <= CALLS:
             raise ValueError(f"calls: are {len(calls)}; send 1 to {CALLS} in a message")
         self._number = number = (self._number + 1) % _NUMBERS
@@ -98,71 +81,36 @@ class Drive(Closing):
         return number
 
     def receive(self) -> tuple[int, list[Result]]:
-        """Number and results of the next message that is answered, whichever it is.
-
-        Raises:
-            ServiceUnreachableError: nobody answered for as long as the patience lasts.
-            ApiError: the service refused the connection or a message; no single call.
-        """
+        """Wait for any answered message and return its number and results."""
         if self._early:
             number = next(iter(self._early))
             return number, self._early.pop(number)
         return self._receive()
 
-    def exchange(self, calls: Sequence[Sequence[Any]], patience: float | None = None) -> list[Result]:
-        """The results of one message of calls; those that met a busy service are tried again for a while.
-
-        Args:
-            calls: as :meth:`submit` takes them.
-            patience: seconds for which they are; the connection's own by default.
-        """
+    def exchange(self, calls: Sequence[EpisodeCall], patience: float | None = None) -> list[Result]:
+        """Send a message of calls and return their results; calls that meet a busy service are repeated."""
         results = self._wait(self.submit(calls))
-        for result in results:
-            if isinstance(result, ServiceBusyError):
-                self._try_again(calls, results, self.patience if patience is None else patience)
-                break
+        self.retry_busy(calls, results, patience)
         return results
 
-    # Calls
-
-    def next_episode(self, evaluation: str) -> EpisodeReply:
-        """Reset: as :meth:`Client.next_episode`."""
-        return self._one(EpisodeReply, [Call.NEXT, evaluation, str(uuid.uuid4())])
-
-    def practise(self, request: PracticeRequest, *, key: str | None = None) -> EpisodeReply:
-        """Reset: as :meth:`Client.practise`."""
-        return self._one(EpisodeReply, practise_call(request, key))
-
-    def step(self, episode: str, seq: int, action: Action) -> StepReply:
-        """Drive on for 0.1 s: as :meth:`Client.step`."""
-        return self._one(StepReply, step_call(episode, seq, action))
-
-    def steps(self, steps: Sequence[tuple[str, int, Action]]) -> list[StepReply | ApiError]:
-        """A step of each of several episodes, in one message: the reply to each, or why it was refused.
-
-        Args:
-            steps: episode, seq and action, as :meth:`step` takes them.
-        """
-        results = self.exchange([step_call(*step) for step in steps])
-        return [result if isinstance(result, ApiError) else validated(StepReply, result) for result in results]
-
-    def episode(self, episode: str) -> EpisodeDetail:
-        """An episode: as :meth:`Client.episode`."""
-        return self._one(EpisodeDetail, [Call.LOOK, episode])
-
-    def abort_episode(self, episode: str) -> None:
-        """End an episode: as :meth:`Client.abort_episode`."""
-        (result,) = self.exchange([[Call.ABORT, episode]])
-        if isinstance(result, ApiError):
-            raise result
-
-    # Small things
-
-    def _one(self, kind: type[M], call: Sequence[Any]) -> M:
-        (result,) = self.exchange([call])
-        if isinstance(result, ApiError):
-            raise result
-        return validated(kind, result)
+    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result], patience: float | None = None) -> None:
+        """Repeat the calls that met a busy service, and replace their results."""
+        busy = [at for at, result in enumerate(results) if isinstance(result, ServiceBusyError)]
+        if not busy:
+            return
+        first = True
+        with contextlib.suppress(ServiceBusyError):  # the results say so
+            for attempt in attempts(self.patience if patience is None else patience, self._availability):
+                with attempt:
+                    if not first:
+                        again = self._wait(self.submit([calls[at] for at in busy]))
+                        for at, result in zip(busy, again, strict=True):
+                            results[at] = result
+                    first = False
+                    refusals = {at: error for at in busy if isinstance(error := results[at], ServiceBusyError)}
+                    busy = list(refusals)
+                    if busy:
+                        raise max(refusals.values(), key=lambda error: error.retry_after or 0.0)
 
     def _wait(self, wanted: int) -> list[Result]:
         while True:
@@ -181,12 +129,12 @@ class Drive(Closing):
             except MalformedMessageError as error:
                 raise ProtocolError(f"the service's message cannot be read: {error}") from error
             read = [_read(result) for result in results]
-            if number is None:
+            if number is None:  # about the connection itself
                 self.close()
                 if read and isinstance(read[0], ApiError):
                     raise read[0]
                 raise ProtocolError("the service's message has no number")
-            # What was sent over two connections may be answered by both.
+            # A message that was sent over two connections may be answered twice.
             if self._unanswered.pop(number, None) is not None:
                 return number, read
 
@@ -196,14 +144,14 @@ class Drive(Closing):
         return self._connection
 
     def _connect(self) -> None:
-        """Connect, and send again what was not answered."""
+        """Connect, and send unanswered messages again."""
         before, self._connection = self._connection, None
         if before is not None:
             before.close()
         try:
             for attempt in attempts(self.patience, self._availability):
                 with attempt:
-                    connection = self._make()
+                    connection = self._open(offered=self._availability.offers_socket)
                     try:
                         for message in self._unanswered.values():
                             connection.send(message)
@@ -217,35 +165,6 @@ class Drive(Closing):
         except ConnectionBrokeError as error:
             raise ServiceUnreachableError(self._url.geturl(), str(error)) from error.__cause__
 
-    def _try_again(self, calls: Sequence[Sequence[Any]], results: list[Result], patience: float) -> None:
-        """Send calls again that met a busy service; where it stays busy, that stays their result."""
-        first = True
-        try:
-            for attempt in attempts(patience, self._availability):
-                with attempt:
-                    left = [at for at, result in enumerate(results) if isinstance(result, ServiceBusyError)]
-                    if not first:
-                        again = self._wait(self.submit([calls[at] for at in left]))
-                        for at, result in zip(left, again, strict=True):
-                            results[at] = result
-                    first = False
-                    busy = [result for result in results if isinstance(result, ServiceBusyError)]
-                    if busy:
-                        raise max(busy, key=lambda error: error.retry_after or 0.0)
-        except ServiceBusyError:
-            return
-
-
-def step_call(episode: str, seq: int, action: Action) -> list[Any]:
-    """The call of a step."""
-    return [_STEP, episode, seq, action.steer, action.throttle, action.brake]
-
-
-def practise_call(request: PracticeRequest, key: str | None = None) -> list[Any]:
-    """The call of an episode for practice; sent again, it gives the same episode."""
-    body = request.model_dump(mode="json", exclude_none=True)
-    return [Call.PRACTISE.value, body, key or str(uuid.uuid4())]
-
 
 def _read(result: list[Any]) -> Result:
     status: int = result[0]
@@ -257,7 +176,7 @@ def _read(result: list[Any]) -> Result:
         except ValidationError as error:
             raise ProtocolError(f"the answer has status {status} and no problem that can be read") from error
     if len(result) == 3:
-        # A look's observation belongs to the reply that it tells again.
+        # The observation of a look belongs to the last reply inside it.
         holder = fields.get("last_reply", fields)
         try:
             holder["observation"] = arrays(result[2])

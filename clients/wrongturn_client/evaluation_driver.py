@@ -1,55 +1,69 @@
-"""Driving the trials of an evaluation over one socket: the steps of all open episodes go in one message."""
+"""Driving a policy through the trials of an evaluation, over the WebSocket or HTTP."""
 
 import contextlib
+import threading
 import time
-import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Final
 
-from wrongturn_client.deciding import Waiting, decide, give_up
+from wrongturn_client.actions import refusal
 from wrongturn_client.decoding import track_of_message
-from wrongturn_client.drive import Drive, Result, step_call
+from wrongturn_client.episode_calls import (
+    DriveConnection,
+    EpisodeCall,
+    EpisodeCalls,
+    Result,
+    granted,
+    next_call,
+    step_call,
+)
 from wrongturn_client.errors import (
-    ApiError,
     EpisodeFinishedError,
     EpisodeLostError,
     EvaluationFinishedError,
+    EvaluationStalledError,
     NoTrialAvailableError,
+    PolicyError,
     ProtocolError,
-    ServiceBusyError,
+    WrongturnError,
 )
 from wrongturn_client.policy import Policy
 from wrongturn_client.recorder import EpisodeRecorder
-from wrongturn_protocol import Action
+from wrongturn_protocol import Action, EpisodeReply
 from wrongturn_protocol.observations import Observation, observation_space
 from wrongturn_protocol.wire import CALLS, Call
 
+_STALLED_AFTER: Final = 900.0
+"""Seconds without a trial; the service gives up on a vanished worker after 600."""
+_PAUSE: Final = 1.0
+"""Seconds, if the service does not say when to ask for a trial again."""
+_LONGEST_PAUSE: Final = 10.0
+
 
 @dataclass
-class _Driven:
-    """One open episode."""
-
-    episode: str
+class _OpenEpisode:
+    id: str
     seq: int
     observation: Observation
-    record: EpisodeRecorder | None
-    """None of one whose first actions another program took."""
+    recorder: EpisodeRecorder | None
+    """None for a resumed episode: its first actions are not known here."""
     action: Action | None = None
-    """Under way."""
+    """The action of the step under way."""
 
 
 class EvaluationDriver:
     """Drives one policy through one evaluation.
 
-    Trials are asked for beside the steps, each in a message of its own: a reset takes as long as dozens of steps.
+    The steps of all open episodes go in one message. Each new trial is asked for in a message of its own, beside the
+    steps, because a reset takes as long as dozens of steps.
     """
 
     def __init__(
         self,
-        drive: Drive,
+        connection: DriveConnection,
         policy: Policy,
         evaluation: str,
         *,
@@ -57,149 +71,206 @@ class EvaluationDriver:
         resumed: Iterable[str] = (),
         on_end: Callable[[EpisodeRecorder | None], None],
     ) -> None:
-        """Nothing is driven yet.
+        """Create a driver without episodes.
 
         Args:
-            drive: the connection.
-            policy: what decides.
-            evaluation: its id.
-            parallel: episodes at a time.
-            resumed: open episodes that are gone on with first.
-            on_end: called with the record of each episode that is over; with None for one that was resumed.
+            connection: Carries the calls.
+            policy: Decides on the actions.
+            evaluation: The evaluation's id.
+            parallel: Episodes at a time.
+            resumed: Ids of open episodes to finish first.
+            on_end: Called with the record of each episode that ends; with None for a resumed episode.
         """
-        self._drive = drive
+        self._connection = connection
         self._policy = policy
         self._evaluation = evaluation
         self._parallel = min(parallel, CALLS // 2)
         self._resumed = deque(resumed)
         self._on_end = on_end
-        self._asked: dict[int, list[Any]] = {}
-        """Calls for a trial, or for the state of one that is resumed, by their message's number."""
-        self._stepping: dict[int, list[_Driven]] = {}
-        self._ready: list[_Driven] = []
-        self._over = False
+        self._asked: dict[int, EpisodeCall] = {}
+        """Calls that begin or resume an episode, by the number of their message."""
+        self._stepping: dict[int, list[_OpenEpisode]] = {}
+        self._ready: list[_OpenEpisode] = []
+        self._no_trial_left = False
         self._ask_at = 0.0
-        self._waiting = Waiting(evaluation)
+        self._last_progress = time.monotonic()
 
     def run(self) -> None:
-        """Drive until no trial is left; raises as :meth:`wrongturn_client.Client.evaluate`."""
-        with _acting(self._parallel) as run:
+        """Drive until no trial is left; raise as :meth:`wrongturn_client.Client.evaluate`."""
+        with _decisions(self._parallel) as decide_all:
             while True:
                 self._ask()
                 if self._ready and not self._stepping:
-                    self._step(run)
+                    self._step(decide_all)
                 if self._asked or self._stepping:
-                    self._take(*self._drive.receive())
-                elif self._over and not self._resumed:
+                    self._take(*self._connection.receive())
+                elif self._no_trial_left and not self._resumed:
                     return
                 else:
                     time.sleep(max(0.0, self._ask_at - time.monotonic()))
 
     def _ask(self) -> None:
-        """For as many trials as there is room for."""
+        """Ask for as many trials as there is room for."""
         room = self._parallel - len(self._asked) - len(self._ready) - sum(map(len, self._stepping.values()))
-        while room > 0:
+        for _ in range(room):
             if self._resumed:
                 call = [Call.LOOK.value, self._resumed.popleft()]
-            elif self._over or time.monotonic() < self._ask_at:
+            elif self._no_trial_left or time.monotonic() < self._ask_at:
                 return
             else:
-                call = [Call.NEXT.value, self._evaluation, str(uuid.uuid4())]
-            self._asked[self._drive.submit([call])] = call
-            room -= 1
+                call = next_call(self._evaluation)
+            self._asked[self._connection.submit([call])] = call
 
-    def _step(self, run: Callable[[Callable[[_Driven], None], list[_Driven]], None]) -> None:
-        driven, self._ready = self._ready, []
-        run(self._decide, driven)
-        calls = []
-        for one in driven:
-            assert one.action is not None
-            calls.append(step_call(one.episode, one.seq + 1, one.action))
-        self._stepping[self._drive.submit(calls)] = driven
+    def _step(self, decide_all: "_DecideAll") -> None:
+        episodes, self._ready = self._ready, []
+        decide_all(self._decide, episodes)
+        self._stepping[self._connection.submit([_call(episode) for episode in episodes])] = episodes
 
-    def _decide(self, one: _Driven) -> None:
-        try:
-            action, latency = decide(self._policy, one.observation)
-        except Exception:
-            give_up(self._drive.abort_episode, one.episode)
-            raise
-        one.action = action
-        if one.record is not None:
-            one.record.add(action, latency)
+    def _decide(self, episode: _OpenEpisode) -> None:
+        episode.action, latency = _decide(self._connection, self._policy, episode.id, episode.observation)
+        if episode.recorder is not None:
+            episode.recorder.add(episode.action, latency)
 
     def _take(self, number: int, results: list[Result]) -> None:
         call = self._asked.pop(number, None)
         if call is not None:
+            self._connection.retry_busy([call], results)
             self._begin(call, results[0])
             return
-        for one, result in zip(self._stepping.pop(number), results, strict=True):
-            self._advance(one, result)
+        episodes = self._stepping.pop(number)
+        self._connection.retry_busy([_call(episode) for episode in episodes], results)
+        for episode, result in zip(episodes, results, strict=True):
+            self._advance(episode, result)
 
-    def _begin(self, call: list[Any], result: Result) -> None:
-        if isinstance(result, ServiceBusyError):
-            (result,) = self._drive.exchange([call])
-        looked = call[0] == Call.LOOK
-        match result:
-            case EvaluationFinishedError():
-                self._over = True
-            case NoTrialAvailableError():
-                self._ask_at = self._waiting.pause(result) + time.monotonic()
-            case ApiError():
-                raise result
-            case _ if not looked:
-                self._start(_Driven(result["id"], 0, result["observation"], EpisodeRecorder(result["id"])))
-            case _ if result.get("last_reply"):  # else it ended meanwhile
-                last = result["last_reply"]
-                self._start(_Driven(result["id"], int(last["seq"]), last["observation"], None))
+    def _begin(self, call: EpisodeCall, result: Result) -> None:
+        if isinstance(result, EvaluationFinishedError):
+            self._no_trial_left = True
+        elif isinstance(result, NoTrialAvailableError):
+            self._ask_at = time.monotonic() + self._pause(result)
+        elif isinstance(result, EpisodeLostError):
+            return
+        elif call[0] != Call.LOOK:
+            fields = granted(result)
+            self._start(_OpenEpisode(fields["id"], 0, fields["observation"], EpisodeRecorder(fields["id"])))
+        elif last := granted(result).get("last_reply"):  # without one, the episode has ended meanwhile
+            self._start(_OpenEpisode(granted(result)["id"], int(last["seq"]), last["observation"], None))
 
-    def _start(self, one: _Driven) -> None:
-        self._waiting.ended()
-        try:
-            self._policy.reset(observation_space(track_of_message(one.observation)))
-        except Exception:
-            give_up(self._drive.abort_episode, one.episode)
-            raise
-        self._ready.append(one)
+    def _pause(self, error: NoTrialAvailableError) -> float:
+        """Return the seconds until the next attempt to get a trial."""
+        if time.monotonic() - self._last_progress > _STALLED_AFTER:
+            raise EvaluationStalledError(
+                f"no trial of evaluation {self._evaluation} could be had for {_STALLED_AFTER:.0f} s; another worker "
+                "holds the rest: look at its open episodes, or resume it later by its id",
+            ) from error
+        return min(_PAUSE if error.retry_after is None else error.retry_after, _LONGEST_PAUSE)
 
-    def _advance(self, one: _Driven, result: Result) -> None:
-        if isinstance(result, ServiceBusyError):
-            assert one.action is not None
-            (result,) = self._drive.exchange([step_call(one.episode, one.seq + 1, one.action)])
+    def _start(self, episode: _OpenEpisode) -> None:
+        self._last_progress = time.monotonic()
+        _reset(self._connection, self._policy, episode.id, episode.observation)
+        self._ready.append(episode)
+
+    def _advance(self, episode: _OpenEpisode, result: Result) -> None:
         if isinstance(result, EpisodeLostError):
             return
-        if isinstance(result, EpisodeFinishedError) and one.record is None:
-            self._end(one)
+        if isinstance(result, EpisodeFinishedError) and episode.recorder is None:
+            self._end(episode)
             return
-        if isinstance(result, ApiError):
-            raise result
-        if result["seq"] != one.seq + 1:
-            raise ProtocolError(
-                f"seq: the reply to step {one.seq + 1} of episode {one.episode} has {result['seq']}",
-            )
-        if result["terminated"] or result["truncated"]:
-            self._end(one)
+        fields = granted(result)
+        _check_seq(episode.id, episode.seq + 1, fields["seq"])
+        if fields["terminated"] or fields["truncated"]:
+            self._end(episode)
             return
-        one.seq += 1
-        one.observation = result["observation"]
-        self._ready.append(one)
+        episode.seq += 1
+        episode.observation = fields["observation"]
+        self._ready.append(episode)
 
-    def _end(self, one: _Driven) -> None:
-        # A place is free, and perhaps a twin: no need to wait out the pause.
+    def _end(self, episode: _OpenEpisode) -> None:
+        # There is room for a trial again, and perhaps a twin is free: ask at once.
         self._ask_at = 0.0
-        self._waiting.ended()
-        self._on_end(one.record)
+        self._last_progress = time.monotonic()
+        self._on_end(episode.recorder)
+
+
+def drive_episode(
+    client: EpisodeCalls, policy: Policy, begun: EpisodeReply, *, stop: threading.Event | None = None
+) -> None:
+    """Drive one episode to its end.
+
+    Args:
+        client: Carries the calls.
+        policy: Decides on the actions.
+        begun: The reply to the reset.
+        stop: Once set, the episode is left open where it is.
+
+    Raises:
+        EpisodeLostError: The service was restarted meanwhile.
+        PolicyError: The policy returned something that is not an action. The episode is aborted then, as after any
+            error that the policy raises.
+    """
+    seq, observation = 0, begun.observation
+    _reset(client, policy, begun.id, observation)
+    while stop is None or not stop.is_set():
+        action, _ = _decide(client, policy, begun.id, observation)
+        seq += 1
+        reply = client.step(begun.id, seq, action)
+        _check_seq(begun.id, seq, reply.seq)
+        if reply.terminated or reply.truncated:
+            return
+        observation = reply.observation
+
+
+def _reset(client: EpisodeCalls, policy: Policy, episode: str, observation: Observation) -> None:
+    """Reset the policy; if that fails, abort the episode."""
+    try:
+        policy.reset(observation_space(track_of_message(observation)))
+    except Exception:
+        _abort(client, episode)
+        raise
+
+
+def _decide(client: EpisodeCalls, policy: Policy, episode: str, observation: Observation) -> tuple[Action, float]:
+    """Return the policy's action and the seconds it took; if that fails, abort the episode."""
+    try:
+        begin = time.perf_counter()
+        action = policy.act(observation)
+        latency = time.perf_counter() - begin
+        why = refusal(action)
+        if why is not None:
+            raise PolicyError(f"{type(policy).__name__}.act {why}")
+    except Exception:
+        _abort(client, episode)
+        raise
+    return action, latency
+
+
+def _abort(client: EpisodeCalls, episode: str) -> None:
+    with contextlib.suppress(WrongturnError):  # the first error matters more
+        client.abort_episode(episode)
+
+
+def _call(episode: _OpenEpisode) -> EpisodeCall:
+    assert episode.action is not None
+    return step_call(episode.id, episode.seq + 1, episode.action)
+
+
+def _check_seq(episode: str, wanted: int, got: int) -> None:
+    if got != wanted:
+        raise ProtocolError(f"seq: the reply to step {wanted} of episode {episode} has {got}")
+
+
+_DecideAll = Callable[[Callable[[_OpenEpisode], None], list[_OpenEpisode]], None]
 
 
 @contextlib.contextmanager
-def _acting(parallel: int) -> Iterator[Callable[[Callable[[_Driven], None], list[_Driven]], None]]:
-    """What runs the decisions of a round: in threads where there are several at a time."""
+def _decisions(parallel: int) -> Iterator[_DecideAll]:
+    """Yield what decides for a list of episodes: in threads if several are driven at a time."""
     if parallel == 1:
-        yield lambda decide, driven: decide(driven[0])
+        yield lambda decide, episodes: decide(episodes[0])
         return
     with ThreadPoolExecutor(parallel) as threads:
 
-        def run(decide: Callable[[_Driven], None], driven: list[_Driven]) -> None:
-            for _ in threads.map(decide, driven):
+        def decide_all(decide: Callable[[_OpenEpisode], None], episodes: list[_OpenEpisode]) -> None:
+            for _ in threads.map(decide, episodes):
                 pass
 
-        yield run
+        yield decide_all

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from wrongturn_client.actions import action_error
-from wrongturn_client.drive import step_call
+from wrongturn_client.episode_calls import granted, step_call
 from wrongturn_client.errors import EpisodeFinishedError, EpisodeLostError, InvalidActionError
-from wrongturn_client.practice import Practice, granted
+from wrongturn_client.practice import Practice
 from wrongturn_client.practice_source import Options, PracticeSource
 from wrongturn_protocol import Action
 from wrongturn_protocol.observations import Observation, action_space, observation_space

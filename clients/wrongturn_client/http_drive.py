@@ -1,106 +1,138 @@
-"""Over what an environment's episodes are driven: the socket, or HTTP where there is none."""
+"""Driving over HTTP, for services and proxies without the WebSocket."""
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
-from functools import partial
-from typing import Any, Final, Protocol
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from itertools import count
+from typing import Any, Final
 
-from wrongturn_client.client import Client
-from wrongturn_client.closing import Closing
-from wrongturn_client.drive import Result
-from wrongturn_client.errors import ApiError, NotOfferedError
-from wrongturn_protocol import Action, PracticeRequest
+from wrongturn_client.decoding import decode_reply, validated
+from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result
+from wrongturn_client.errors import ApiError
+from wrongturn_client.transport import Reply, Transport, path_of
+from wrongturn_protocol import EpisodeDetail, EpisodeReply, StepReply
 from wrongturn_protocol.wire import Call
 
-_THREADS: Final = 16
-"""Calls over HTTP at a time."""
+_REPLIES: Final[dict[str, type[StepReply | EpisodeReply | EpisodeDetail]]] = {
+    Call.STEP: StepReply,
+    Call.NEXT: EpisodeReply,
+    Call.PRACTISE: EpisodeReply,
+    Call.LOOK: EpisodeDetail,
+}
 
 
-class Line(Protocol):
-    """Takes the calls of :mod:`wrongturn_protocol.wire`."""
+class HttpCalls:
+    """Sends the calls of an episode as HTTP requests."""
 
-    patience: float
-    """Seconds for which is tried again while the service is gone, or busy where nothing else is said."""
+    def __init__(self, transport: Transport, media_type: str) -> None:
+        """Store where and how to send calls.
 
-    def exchange(self, calls: Sequence[Sequence[Any]], patience: float | None = None) -> list[Result]:
-        """The result of each call; those that meet a busy service are tried again for ``patience`` seconds.
+        Args:
+            transport: Sends the requests.
+            media_type: Of bodies and replies, JSON or msgpack.
+        """
+        self.patience = transport.patience
+        self._transport = transport
+        self._media_type = media_type
+
+    def send(self, call: EpisodeCall, patience: float | None = None) -> dict[str, Any]:
+        """Send one call and return the fields of its reply.
+
+        Args:
+            call: See :data:`~wrongturn_client.episode_calls.EpisodeCall`.
+            patience: Seconds for which it is repeated; the transport's own by default.
 
         Raises:
-            ServiceUnreachableError: nobody answers. The calls may be sent again: none has its effect twice.
+            ServiceUnreachableError: Nobody answered within the patience.
+            ApiError: The service refused.
+            ProtocolError: The reply is not one of this protocol.
         """
-        ...
+        kind, name, *given = call
+        if kind == Call.STEP:
+            seq, steer, throttle, brake = given
+            body = {"seq": seq, "action": {"steer": steer, "throttle": throttle, "brake": brake}}
+            return decode_reply(self._request("POST", f"/v1/episodes/{name}/step", body, patience=patience).message())
+        if kind == Call.NEXT:
+            path = path_of("v1", "evaluations", name, "episodes")
+            return decode_reply(self._request("POST", path, key=given[0], patience=patience).message())
+        if kind == Call.PRACTISE:
+            return decode_reply(self._request("POST", "/v1/episodes", name, key=given[0], patience=patience).message())
+        path = path_of("v1", "episodes", name)
+        if kind == Call.ABORT:
+            self._request("DELETE", path, patience=patience)
+            return {}
+        fields: dict[str, Any] = self._request("GET", path, patience=patience).message()
+        if isinstance(fields, dict) and fields.get("last_reply"):
+            fields["last_reply"] = decode_reply(fields["last_reply"])
+        return fields
 
-    def close(self) -> None:
-        """Close; open episodes stay open."""
+    def _request(
+        self, method: str, path: str, body: Any = None, *, key: str | None = None, patience: float | None
+    ) -> Reply:
+        headers = {} if key is None else {"Idempotency-Key": key}
+        return self._transport.call(
+            method, path, body=body, media_type=self._media_type, headers=headers, patience=patience
+        )
 
 
-class HttpLine(Closing):
-    """The same over HTTP, the calls of a message side by side."""
+class HttpDrive(DriveConnection):
+    """Connection for driving over HTTP; the calls of a message go side by side."""
 
-    def __init__(self, make: Callable[[float], Client], patience: float) -> None:
+    def __init__(self, http: HttpCalls, threads: int) -> None:
         """Open nothing yet.
 
         Args:
-            make: a client of so many seconds' patience.
-            patience: see :class:`Line`.
+            http: Sends the calls.
+            threads: Calls at a time. With 1, :meth:`submit` waits for the answer.
         """
-        self.patience = patience
-        self._make = make
-        self._clients: dict[float, Client] = {}
-        self._threads: ThreadPoolExecutor | None = None
+        self.patience = http.patience
+        self._http = http
+        self._threads = ThreadPoolExecutor(threads, "wrongturn-http") if threads > 1 else None
+        self._numbers = count()
+        self._open: dict[int, list[Future[Result]]] = {}
 
-    def exchange(self, calls: Sequence[Sequence[Any]], patience: float | None = None) -> list[Result]:
-        """See :class:`Line`."""
-        seconds = self.patience if patience is None else patience
-        if seconds not in self._clients:
-            self._clients[seconds] = self._make(seconds)
-        answer = partial(_answer, self._clients[seconds])
+    def submit(self, calls: Sequence[EpisodeCall]) -> int:
+        """Send a message of calls and return its number."""
+        number = next(self._numbers)
+        self._open[number] = [self._start(call, None) for call in calls]
+        return number
+
+    def receive(self) -> tuple[int, list[Result]]:
+        """Wait for any answered message and return its number and results."""
+        while True:
+            for number, futures in self._open.items():
+                if all(future.done() for future in futures):
+                    del self._open[number]
+                    return number, [future.result() for future in futures]
+            waiting = [future for futures in self._open.values() for future in futures if not future.done()]
+            wait(waiting, return_when=FIRST_COMPLETED)
+
+    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result], patience: float | None = None) -> None:
+        """Do nothing: over HTTP each call is repeated before its result is known."""
+
+    def exchange(self, calls: Sequence[EpisodeCall], patience: float | None = None) -> list[Result]:
+        """Send a message of calls and return their results."""
         if len(calls) == 1:
-            return [answer(calls[0])]
-        if self._threads is None:
-            self._threads = ThreadPoolExecutor(_THREADS, "wrongturn-line")
-        answers = [self._threads.submit(answer, call) for call in calls]
-        wait(answers)  # where one fails too: none may still be under way when it is sent again
-        return [one.result() for one in answers]
+            return [self._result(calls[0], patience)]
+        futures = [self._start(call, patience) for call in calls]
+        wait(futures)  # after an error too: no call may be under way when the caller repeats it
+        return [future.result() for future in futures]
 
     def close(self) -> None:
-        """Close the connections."""
+        """Wait for open calls and end the threads; open episodes stay open."""
         if self._threads is not None:
             self._threads.shutdown()
-            self._threads = None
-        while self._clients:
-            self._clients.popitem()[1].close()
 
+    def _start(self, call: EpisodeCall, patience: float | None) -> Future[Result]:
+        if self._threads is not None:
+            return self._threads.submit(self._result, call, patience)
+        done: Future[Result] = Future()
+        done.set_result(self._result(call, patience))
+        return done
 
-def _answer(client: Client, call: Sequence[Any]) -> Result:
-    kind, *given = call
-    try:
-        if kind == Call.STEP:
-            episode, seq, steer, throttle, brake = given
-            return dict(client.step(episode, seq, Action(steer=steer, throttle=throttle, brake=brake)))
-        if kind == Call.PRACTISE:
-            request, key = given
-            return dict(client.practise(PracticeRequest.model_validate(request), key=key))
-        if kind == Call.ABORT:
-            client.abort_episode(given[0])
-            return {}
-    except ApiError as error:
-        return error
-    raise ValueError(f"call: {kind!r} is none of an environment's")
-
-
-def line(make: Callable[[float], Client], patience: float) -> Line:
-    """The socket where it is offered, else HTTP.
-
-    Args:
-        make: a client of so many seconds' patience.
-        patience: see :class:`Line`.
-
-    Raises:
-        ServiceUnreachableError, ApiError.
-    """
-    try:
-        with make(patience) as client:
-            return client.drive()
-    except NotOfferedError:
-        return HttpLine(make, patience)
+    def _result(self, call: EpisodeCall, patience: float | None) -> Result:
+        try:
+            fields = self._http.send(call, self.patience if patience is None else patience)
+        except ApiError as error:
+            return error
+        kind = _REPLIES.get(call[0])
+        return fields if kind is None else dict(validated(kind, fields))

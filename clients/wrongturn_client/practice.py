@@ -12,12 +12,13 @@ import numpy as np
 from wrongturn_client import settings
 from wrongturn_client.client import Client
 from wrongturn_client.closing import Closing
-from wrongturn_client.drive import Result, practise_call
+from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result, practise_call
 from wrongturn_client.errors import ApiError, WrongturnError
-from wrongturn_client.http_drive import Line, line
 from wrongturn_client.practice_source import PracticeSource
 from wrongturn_protocol.wire import CALLS, Call
 
+_THREADS: Final = 16
+"""Calls over HTTP at a time."""
 _GOODBYE: Final = 2.0
 """Seconds that a service which is gone is tried again for to end episodes."""
 
@@ -52,7 +53,7 @@ class Practice(Closing):
         self._token = token or settings.token()
         self._transport = transport
         self._client: Client | None = None
-        self._line: Line | None = None
+        self._connection: DriveConnection | None = None
 
     @property
     def url(self) -> str:
@@ -78,50 +79,42 @@ class Practice(Closing):
         except ApiError:
             return None
 
-    def exchange(self, calls: Sequence[Sequence[Any]], patience: float | None = None) -> list[Result]:
-        """The results of any number of calls; raises as :meth:`wrongturn_client.http_drive.Line.exchange`."""
-        if self._line is None:
-            self._connected()
-            self._line = line(self._make, self.patience)
-        return [result for some in _messages(calls) for result in self._line.exchange(some, patience)]
+    def exchange(self, calls: Sequence[EpisodeCall], patience: float | None = None) -> list[Result]:
+        """Return the results of any number of calls; raises as ``DriveConnection.exchange``."""
+        if self._connection is None:
+            self._connection = self._connected().connection(_THREADS)
+        return [result for some in _messages(calls) for result in self._connection.exchange(some, patience)]
 
     def abort(self, episodes: Sequence[str]) -> None:
         """End episodes: those that nobody drives on would hold their simulators until the service gives them up."""
-        if self._line is None or not episodes:
+        if self._connection is None or not episodes:
             return
-        self._line.patience = min(_GOODBYE, self.patience)
+        self._connection.patience = min(_GOODBYE, self.patience)
         with contextlib.suppress(WrongturnError):
             self.exchange([[Call.ABORT.value, episode] for episode in episodes])
-        self._line.patience = self.patience
+        self._connection.patience = self.patience
 
     def close(self) -> None:
         """Close the connections; they are made again when they are needed again."""
-        for one in (self._line, self._client):
+        for one in (self._connection, self._client):
             if one is not None:
                 one.close()
-        self._line = self._client = None
+        self._connection = self._client = None
 
-    def _make(self, patience: float) -> Client:
-        return Client(self._url, self._token, transport=self._transport, patience=patience)
+    def _make(self) -> Client:
+        return Client(self._url, self._token, transport=self._transport, patience=self.patience)
 
     def _connected(self) -> Client:
         if self._client is None:
             if self._token is None:
-                with self._make(self.patience) as client:
+                with self._make() as client:
                     name = f"practice-{secrets.token_hex(6)}"
                     track = self._source.track
                     self._token = client.register(name, track, description="Registered for practice.").token
-            self._client = self._make(self.patience)
+            self._client = self._make()
         return self._client
 
 
-def granted(result: Result) -> dict[str, Any]:
-    """The fields of a call that was granted. Raises ApiError."""
-    if isinstance(result, ApiError):
-        raise result
-    return result
-
-
-def _messages(calls: Sequence[Sequence[Any]]) -> Iterator[Sequence[Sequence[Any]]]:
+def _messages(calls: Sequence[EpisodeCall]) -> Iterator[Sequence[EpisodeCall]]:
     for begin in range(0, len(calls), CALLS):
         yield calls[begin : begin + CALLS]

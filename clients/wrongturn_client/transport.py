@@ -107,6 +107,7 @@ class Transport:
         body: Any = None,
         media_type: str = JSON,
         headers: dict[str, str] | None = None,
+        patience: float | None = None,
     ) -> Reply:
         """Send a call until it is answered.
 
@@ -116,6 +117,7 @@ class Transport:
             body: plain values, or None for none.
             media_type: of the body and of the answer that is asked for.
             headers: beside these.
+            patience: seconds for which this call is repeated; the transport's own by default.
 
         Raises:
             ServiceUnreachableError: nobody answered for as long as the patience lasts.
@@ -126,14 +128,10 @@ class Transport:
         if body is not None:
             sent["Content-Type"] = media_type
             content = msgpack.packb(body) if media_type == MSGPACK else json.dumps(body, allow_nan=False).encode()
-        return self.send(method, path, sent, content)
-
-    def send(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Reply:
-        """Send prepared bytes until they are answered; raises as :meth:`call`."""
         try:
-            for attempt in attempts(self.patience, self.availability):
+            for attempt in attempts(self.patience if patience is None else patience, self.availability):
                 with attempt:
-                    return self._once(method, path, headers, content)
+                    return self._once(method, path, sent, content)
         except ConnectionBrokeError as error:
             raise ServiceUnreachableError(self.url, str(error)) from error.__cause__
         raise AssertionError("stamina ends with a result or an error")

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
 from numpy.typing import NDArray
 
-from wrongturn_client.drive import Result
+from wrongturn_client.episode_calls import Result, granted
 from wrongturn_client.errors import (
     ApiError,
     EpisodeFinishedError,
@@ -21,7 +21,7 @@ from wrongturn_client.errors import (
     ServiceBusyError,
     ServiceFullError,
 )
-from wrongturn_client.practice import Practice, granted
+from wrongturn_client.practice import Practice
 from wrongturn_client.practice_source import Options, PracticeSource
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 from wrongturn_protocol.vectors import Flags, checked_actions, mask_of, seeds_of, trials_of, whole_number

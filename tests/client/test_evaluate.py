@@ -127,7 +127,14 @@ def test_a_lost_episode_is_nobodys_fault_and_the_next_is_taken() -> None:
 
 def test_waits_while_no_trial_is_available(monkeypatch: pytest.MonkeyPatch) -> None:
     pauses: list[float] = []
-    monkeypatch.setattr("wrongturn_client.evaluate.time.sleep", pauses.append)
+    clock = [0.0]
+
+    def sleep(seconds: float) -> None:
+        pauses.append(seconds)
+        clock[0] += seconds
+
+    monkeypatch.setattr("wrongturn_client.evaluation_driver.time.sleep", sleep)
+    monkeypatch.setattr("wrongturn_client.evaluation_driver.time.monotonic", lambda: clock[0])
     service = FakeService()
     answers = [problem(ProblemType.NO_TRIAL_AVAILABLE, 409, headers={"retry-after": "2"}) for _ in range(3)]
     service.inject = lambda request: (

@@ -15,9 +15,11 @@ from urllib.parse import urlsplit
 from policies import policy
 from stamina import instrumentation
 
-from wrongturn_client import ApiError, Client, NotOfferedError
-from wrongturn_client.drive import Drive, Result
-from wrongturn_protocol import Action, EvaluationState, StepReply
+from wrongturn_client import ApiError, Client
+from wrongturn_client.drive import Drive
+from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result
+from wrongturn_client.http_drive import HttpDrive
+from wrongturn_protocol import EvaluationState
 from wrongturn_protocol.wire import Call
 
 HTTP, SOCKET = "HTTP", "socket"
@@ -34,60 +36,45 @@ class Journal:
         os.write(self._file, line.encode())
 
 
-class WatchedDrive(Drive):
+class Watched(DriveConnection):
     """Notes the last reply of each episode."""
 
-    def __init__(self, journal: Journal, *arguments: Any, **options: Any) -> None:
-        self._journal = journal
-        self._calls: dict[int, Sequence[Sequence[Any]]] = {}
-        super().__init__(*arguments, **options)
+    journal: Journal
 
-    def submit(self, calls: Sequence[Sequence[Any]]) -> int:
-        number = super().submit(calls)
-        self._calls[number] = calls
-        return number
-
-    def receive(self) -> tuple[int, list[Result]]:
-        number, results = super().receive()
-        self._note(self._calls.pop(number), results)
-        return number, results
-
-    def exchange(self, calls: Sequence[Sequence[Any]]) -> list[Result]:
-        results = super().exchange(calls)
-        self._note(calls, results)
-        return results
-
-    def _note(self, calls: Sequence[Sequence[Any]], results: list[Result]) -> None:
+    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result], patience: float | None = None) -> None:
+        super().retry_busy(calls, results, patience)
+        # Every message comes through here once its results are final.
         for call, result in zip(calls, results, strict=True):
             if isinstance(result, ApiError):
-                self._journal.note("refused", problem=result.type)
+                self.journal.note("refused", problem=result.type)
             elif call[0] == Call.STEP and (result["terminated"] or result["truncated"]):
-                self._journal.note("final", episode=call[1], seq=result["seq"])
+                self.journal.note("final", episode=call[1], seq=result["seq"])
+
+
+class WatchedDrive(Watched, Drive):
+    """Over the socket."""
+
+
+class WatchedHttpDrive(Watched, HttpDrive):
+    """Over HTTP."""
 
 
 class WatchedClient(Client):
-    """The same over HTTP, and over the socket where that is asked for."""
+    """Drives over the channel that is asked for, and notes what it is told."""
 
     def __init__(self, journal: Journal, url: str, token: str, channel: str) -> None:
         super().__init__(url, token, patience=120.0)
         self._journal = journal
         self._channel = channel
-        self._own_token = token
 
-    def step(self, episode: str, seq: int, action: Action) -> StepReply:
-        try:
-            reply = super().step(episode, seq, action)
-        except ApiError as error:
-            self._journal.note("refused", problem=error.type)
-            raise
-        if reply.terminated or reply.truncated:
-            self._journal.note("final", episode=episode, seq=reply.seq)
-        return reply
-
-    def drive(self) -> Drive:
+    def connection(self, parallel: int) -> DriveConnection:
+        connection: Watched
         if self._channel == HTTP:
-            raise NotOfferedError("this one goes by HTTP")
-        return WatchedDrive(self._journal, urlsplit(self.url), self._own_token, patience=120.0)
+            connection = WatchedHttpDrive(self._http, parallel)
+        else:
+            connection = WatchedDrive(urlsplit(self.url), self._token, patience=120.0)
+        connection.journal = self._journal
+        return connection
 
 
 def main() -> None:

@@ -1,0 +1,155 @@
+"""The calls that drive an episode. A WebSocket, HTTP and the client itself all answer them."""
+
+import uuid
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, Final, TypeVar
+
+from pydantic import BaseModel
+
+from wrongturn_client.closing import Closing
+from wrongturn_client.decoding import validated
+from wrongturn_client.errors import ApiError
+from wrongturn_protocol import Action, EpisodeDetail, EpisodeReply, PracticeRequest, StepReply
+from wrongturn_protocol.wire import Call
+
+M = TypeVar("M", bound=BaseModel)
+EpisodeCall = Sequence[Any]
+"""A call such as ``["step", episode, seq, steer, throttle, brake]``; see :mod:`wrongturn_protocol.wire`."""
+Result = dict[str, Any] | ApiError
+"""The fields of the reply with the observation as arrays, or the service's refusal."""
+_STEP: Final = Call.STEP.value
+
+
+def step_call(episode: str, seq: int, action: Action) -> list[Any]:
+    """Return the call of a step."""
+    return [_STEP, episode, seq, action.steer, action.throttle, action.brake]
+
+
+def next_call(evaluation: str) -> list[Any]:
+    """Return the call that begins the next trial; if you send it twice, both replies name the same episode."""
+    return [Call.NEXT.value, evaluation, str(uuid.uuid4())]
+
+
+def practise_call(request: PracticeRequest, key: str | None = None) -> list[Any]:
+    """Return the call that begins a practice episode; if you send it twice, both replies name the same episode."""
+    body = request.model_dump(mode="json", exclude_none=True)
+    return [Call.PRACTISE.value, body, key or str(uuid.uuid4())]
+
+
+def granted(result: Result) -> dict[str, Any]:
+    """Return the fields of a result, or raise its ApiError."""
+    if isinstance(result, ApiError):
+        raise result
+    return result
+
+
+class EpisodeCalls(Closing):
+    """Base of what drives episodes: each call as a method with typed arguments and replies."""
+
+    @abstractmethod
+    def _answer(self, call: EpisodeCall) -> Result:
+        """Send one call and return its result."""
+
+    def next_episode(self, evaluation: str) -> EpisodeReply:
+        """Begin the next trial of an evaluation (the reset).
+
+        Raises:
+            EvaluationFinishedError: No trial is left.
+            NoTrialAvailableError: No trial is free now; ``retry_after`` says when to ask again.
+        """
+        return self._model(EpisodeReply, next_call(evaluation))
+
+    def practise(self, request: PracticeRequest, *, key: str | None = None) -> EpisodeReply:
+        """Begin a practice episode, which is never scored (the reset).
+
+        Args:
+            request: What to practise.
+            key: A name for this call. Calls with the same key return the same episode; by default each key is new.
+        """
+        return self._model(EpisodeReply, practise_call(request, key))
+
+    def step(self, episode: str, seq: int, action: Action) -> StepReply:
+        """Drive an episode for 0.1 s.
+
+        Args:
+            episode: The episode's id.
+            seq: The ``seq`` of the last reply, plus 1.
+            action: What the car does.
+
+        Raises:
+            EpisodeFinishedError: The episode is over.
+            EpisodeLostError: The service was restarted while the episode was open.
+        """
+        return self._model(StepReply, step_call(episode, seq, action))
+
+    def episode(self, episode: str) -> EpisodeDetail:
+        """Return an episode: its last reply while it is open, its outcome once it may be shown."""
+        return self._model(EpisodeDetail, [Call.LOOK.value, episode])
+
+    def abort_episode(self, episode: str) -> None:
+        """End an episode. A scored one then counts as ``aborted``, which is unsafe."""
+        granted(self._answer([Call.ABORT.value, episode]))
+
+    def _model(self, kind: type[M], call: EpisodeCall) -> M:
+        return validated(kind, granted(self._answer(call)))
+
+
+class DriveConnection(EpisodeCalls):
+    """Connection for driving many episodes: several calls go in one message, and several messages may be open.
+
+    One thread may use it at a time.
+    """
+
+    patience: float
+    """Seconds for which calls are repeated while the service is busy or does not answer; 0 for never."""
+
+    @abstractmethod
+    def submit(self, calls: Sequence[EpisodeCall]) -> int:
+        """Send a message of calls and return its number.
+
+        Raises:
+            ServiceUnreachableError: Nobody answered within the patience.
+            ApiError: The service refused the connection.
+        """
+
+    @abstractmethod
+    def receive(self) -> tuple[int, list[Result]]:
+        """Wait for any answered message and return its number and results; raises as :meth:`submit`."""
+
+    @abstractmethod
+    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result], patience: float | None = None) -> None:
+        """Repeat the calls that met a busy service, and replace their results.
+
+        Args:
+            calls: The calls of one message.
+            results: Their results; calls that still meet a busy service keep their error.
+            patience: Seconds for which to repeat them; the connection's own by default.
+        """
+
+    @abstractmethod
+    def exchange(self, calls: Sequence[EpisodeCall], patience: float | None = None) -> list[Result]:
+        """Send a message of calls and return their results. Calls that meet a busy service are repeated.
+
+        After an error you can send the same calls again: none has its effect twice.
+
+        Args:
+            calls: The calls, 256 at most.
+            patience: Seconds for which busy calls are repeated; the connection's own by default.
+
+        Raises:
+            ServiceUnreachableError: Nobody answered within the patience.
+            ApiError: The service refused the connection.
+        """
+
+    def steps(self, steps: Sequence[tuple[str, int, Action]]) -> list[StepReply | ApiError]:
+        """Drive several episodes for 0.1 s in one message; return a reply or an error for each.
+
+        Args:
+            steps: Episode, seq and action of each, as :meth:`step` takes them.
+        """
+        results = self.exchange([step_call(*step) for step in steps])
+        return [result if isinstance(result, ApiError) else validated(StepReply, result) for result in results]
+
+    def _answer(self, call: EpisodeCall) -> Result:
+        return self.exchange([call])[0]
