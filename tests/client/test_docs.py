@@ -1,5 +1,6 @@
 """What the page on the client says can be run as it stands."""
 
+import inspect
 import re
 import subprocess
 import sys
@@ -24,6 +25,6 @@ def test_examples_run(number: int, service: LocalService, monkeypatch: pytest.Mo
 
 
 def test_each_call_is_named() -> None:
-    calls = {name for name, value in vars(Client).items() if callable(value) and not name.startswith("_")}
+    calls = {name for name, _ in inspect.getmembers(Client, callable) if not name.startswith("_")}
     named = set(re.findall(r"`(\w+)`", PAGE.read_text(encoding="utf-8")))
     assert calls - {"close", "evaluate"} <= named
