@@ -54,8 +54,6 @@ class Vehicle:
 VEHICLE: Final = Vehicle()
 SUB_STEP: Final = 0.05
 """Seconds that the car is integrated over at a time."""
-DECISION: Final = 0.1
-"""Seconds between two actions."""
 SUB_STEPS: Final = 2
 """Sub-steps of a decision."""
 

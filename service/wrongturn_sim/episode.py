@@ -19,7 +19,7 @@ from wrongturn_sim.faults.fault import Guidance
 from wrongturn_sim.observation import observe_privileged, observe_state
 from wrongturn_sim.reward import reward
 from wrongturn_sim.route import Navigator, start_pose
-from wrongturn_sim.simulator import Drive, Simulator
+from wrongturn_sim.simulator import Simulation, Simulator
 from wrongturn_sim.traffic.plan import EGO_LENGTH, plan_traffic
 from wrongturn_sim.trajectory import Row, Trajectory
 from wrongturn_sim.trials import check as check_trial
@@ -106,7 +106,7 @@ class Episode:
         self._simulator = simulator or Simulator()
         self._privileged = track is Track.PRIVILEGED
         self._renderer = self._renderer_of(camera) if track in {Track.CAMERA, Track.SEGMENTATION} else None
-        self._drive: Drive | None = None
+        self._simulation: Simulation | None = None
         self.trajectory = Trajectory(trial, self.town.sha256)
         self.outcome: Outcome | None = None
         self.steps = 0
@@ -122,7 +122,9 @@ class Episode:
         trial = self.trial
         pose = start_pose(self.town, trial)
         edge = self.town.lanes[self._approach.lane].edge
-        self._drive = self._simulator.begin(self.town.net_file, edge, *pose, seed=trial.seed, traffic=self._traffic)
+        self._simulation = self._simulator.begin(
+            self.town.net_file, edge, *pose, seed=trial.seed, traffic=self._traffic
+        )
         self._state: State = (*pose, trial.start.speed, 0.0)
         self._navigator = Navigator(self.town, trial)
         self._fault = make_fault(trial)
@@ -134,7 +136,7 @@ class Episode:
         self._expected = self._traffic.ego if self._traffic is not None and trial.journey is not None else ()
         self._misled = False
         self._guide()
-        users = self._drive.road_users()
+        users = self._simulation.road_users()
         row = Row(0.0, *self._state, int(self._command), int(self._guidance.command), 0.0, 0.0, 0.0, users)
         self.trajectory.append(row)
         self.outcome = self._judge.observe(row)
@@ -180,8 +182,8 @@ class Episode:
         return self.step(*actions[-1])
 
     def _advance(self, steer: float, throttle: float, brake: float) -> None:
-        drive = self._drive
-        if drive is None:
+        simulation = self._simulation
+        if simulation is None:
             raise EpisodeNotStartedError("step before the first reset; call reset")
         if self.outcome is not None:
             raise EpisodeAlreadyFinishedError(f"the episode ended in {self.outcome.verdict}; call reset to drive again")
@@ -200,10 +202,10 @@ class Episode:
         route_command = int(self._guidance.command)
         for _ in range(SUB_STEPS):
             state = advance(*state, steer, throttle, brake, SUB_STEP)
-            drive.move(state[0], state[1], state[2])
+            simulation.move(state[0], state[1], state[2])
             self._sub_steps += 1
             t = self._sub_steps / _PER_SECOND
-            row = _row(Row, (t, *state, command, route_command, steer, throttle, brake, drive.road_users()))
+            row = _row(Row, (t, *state, command, route_command, steer, throttle, brake, simulation.road_users()))
             rows.append(row)
             self.outcome = self._judge.observe(row)
             if self.outcome is not None:
@@ -219,7 +221,7 @@ class Episode:
         Raises:
             EpisodeNotStartedError: nothing was begun.
         """
-        if self._drive is None:
+        if self._simulation is None:
             raise EpisodeNotStartedError("abort before the first reset; call reset")
         if self.outcome is None:
             self.outcome = self._judge.abort(self.trajectory.rows[-1].t)
@@ -228,7 +230,7 @@ class Episode:
     @property
     def actions_sha256(self) -> str:
         """Of the actions as little-endian float32 [n, 3] in the order steer, throttle, brake; hexadecimal."""
-        if self._drive is None:
+        if self._simulation is None:
             return hashlib.sha256(b"").hexdigest()
         return hashlib.sha256(b"".join(self._actions)).hexdigest()
 
@@ -249,13 +251,13 @@ class Episode:
                 self._expected = tuple(self.town.lanes[lane].edge for lane in lanes)
                 self._misled = True
         if self._misled:
-            assert self._drive is not None
-            self._misled = not self._drive.lead(self._expected)
+            assert self._simulation is not None
+            self._misled = not self._simulation.set_route(self._expected)
 
     def _observe(self) -> Observation:
         if self._privileged:
-            assert self._drive is not None
-            return observe_privileged(self._state, self._command, self._navigator, self._drive.road_users())
+            assert self._simulation is not None
+            return observe_privileged(self._state, self._command, self._navigator, self._simulation.road_users())
         observation = observe_state(self._state, self._command)
         if self._renderer is not None:
             rgb, segmentation = self._seen_by(self._renderer)
@@ -270,7 +272,7 @@ class Episode:
         Raises:
             EpisodeNotStartedError: call ``reset`` first.
         """
-        if self._drive is None:
+        if self._simulation is None:
             raise EpisodeNotStartedError("picture before the first reset; call reset")
         return self._seen_by(self._renderer_of(camera))[0]
 
@@ -280,5 +282,5 @@ class Episode:
         return Renderer(World.of(self.town), camera, self.trial.weather, self.trial.seed)
 
     def _seen_by(self, renderer: "Renderer") -> "tuple[Image, Image]":
-        assert self._drive is not None
-        return renderer.render(*self._state[:3], self.steps, self._drive.others())
+        assert self._simulation is not None
+        return renderer.render(*self._state[:3], self.steps, self._simulation.others())

@@ -21,7 +21,7 @@ WINDOW_BEFORE = 15.0
 """The command is named from so far before the stop line on, metres along the lane."""
 WINDOW_AFTER = 5.0
 """And until so far past the exit line."""
-SIGHT = 60.0
+VISIBLE_RANGE = 60.0
 """Stop lines and exits are shown within this distance, metres."""
 GATE_DEPTH = 30.0
 """An exit was taken by a car that is in its lane within so far of the exit line, metres."""
@@ -58,7 +58,7 @@ PROGRESS_FLOATS = 2
 DRAWN, NONE = -2, -1
 """In a way: the leg's exit is drawn; there is none to take."""
 DRAWS = 64
-"""Random words of an ego's route; an exit takes two or fewer on average, and they go round."""
+"""Random draws of an ego's route; an exit takes two or fewer on average, and they go round."""
 
 
 @njit(cache=True)
@@ -75,11 +75,11 @@ def taken(floats: Array, leg: int, k: int, x: float, y: float) -> bool:
 
 
 @njit(cache=True)
-def choose(words: Array, progress: Array, count: int) -> Any:
+def choose(draws: Array, progress: Array, count: int) -> Any:
     """One of so many exits, at most three, as ``random.choice`` draws: a word's highest bits, until they are one."""
     shift = 31 if count == 1 else 30
     for _ in range(DRAWS):
-        pick = words[progress[P_DRAWN] % DRAWS] >> shift
+        pick = draws[progress[P_DRAWN] % DRAWS] >> shift
         progress[P_DRAWN] += 1
         if pick < count:
             return np.int64(pick)
@@ -87,24 +87,24 @@ def choose(words: Array, progress: Array, count: int) -> Any:
 
 
 @njit(cache=True)
-def enter(ints: Array, words: Array, way: Array, progress: Array, leg: int) -> None:
+def enter(ints: Array, draws: Array, way: Array, progress: Array, leg: int) -> None:
     """Plan anew from a lane."""
     progress[P_LEG] = leg
     progress[P_INSIDE] = 0
     if way[leg] != DRAWN:
         progress[P_GATE] = way[leg]
     else:
-        progress[P_GATE] = choose(words, progress, ints[leg, L_GATES]) if ints[leg, L_GATES] > 0 else NONE
+        progress[P_GATE] = choose(draws, progress, ints[leg, L_GATES]) if ints[leg, L_GATES] > 0 else NONE
 
 
 @njit(cache=True)
-def leave(ints: Array, floats: Array, words: Array, way: Array, progress: Array, places: Array, k: int) -> None:
+def leave(ints: Array, floats: Array, draws: Array, way: Array, progress: Array, places: Array, k: int) -> None:
     """Plan anew from the lane of an exit that was taken, the route's or not."""
     leg = progress[P_LEG]
     progress[P_AFTER] = leg
     progress[P_AFTER_COMMAND] = ints[leg, L_GATE + GATE_INTS * progress[P_GATE] + G_DIRECTION]
     places[P_AFTER_TRAVELLED] = WINDOW_BEFORE + floats[leg, F_GATE + GATE_FLOATS * k + G_INNER]
-    enter(ints, words, way, progress, ints[leg, L_GATE + GATE_INTS * k + G_LEG])
+    enter(ints, draws, way, progress, ints[leg, L_GATE + GATE_INTS * k + G_LEG])
 
 
 @compiled_with(polyline)
@@ -132,7 +132,7 @@ def found_again(points: Array, along: Array, ints: Array, floats: Array, progres
 
 @compiled_with(polyline)
 def update(
-    points: Array, along: Array, ints: Array, floats: Array, words: Array, way: Array, progress: Array,
+    points: Array, along: Array, ints: Array, floats: Array, draws: Array, way: Array, progress: Array,
     places: Array, x: float, y: float,
 ) -> tuple[int, int, float, float, float]:  # fmt: skip
     """Take in where the body's centre is now.
@@ -142,7 +142,7 @@ def update(
         along: (N,), their distances.
         ints: (legs, LEG_INTS).
         floats: (legs, LEG_FLOATS).
-        words: (DRAWS,) uint32 of the ego's route.
+        draws: (DRAWS,) uint32 of the ego's route.
         way: (legs,), which of its exits each leg's is: DRAWN, or NONE.
         progress: (PROGRESS_INTS,), changed.
         places: (PROGRESS_FLOATS,), changed.
@@ -157,7 +157,7 @@ def update(
     if progress[P_INSIDE]:
         for k in range(ints[leg, L_GATES]):
             if taken(floats, leg, k, x, y):
-                leave(ints, floats, words, way, progress, places, k)
+                leave(ints, floats, draws, way, progress, places, k)
                 leg = progress[P_LEG]
                 break
     if progress[P_INSIDE] and progress[P_JOURNEY]:
@@ -167,7 +167,7 @@ def update(
         if abs(lateral) > _ASTRAY or s > inner + GATE_DEPTH:
             lane = found_again(points, along, ints, floats, progress, x, y)
             if lane >= 0:
-                enter(ints, words, way, progress, lane)
+                enter(ints, draws, way, progress, lane)
                 progress[P_AFTER] = -1
                 leg = lane
     if not progress[P_INSIDE]:
@@ -198,7 +198,7 @@ def stop_line(ints: Array, floats: Array, progress: Array, places: Array) -> flo
     """Metres along the lane to the stop line ahead; -1 within the junction and where none lies within 60 m."""
     leg = progress[P_LEG]
     left = floats[leg, F_LENGTH] - places[P_S]
-    return -1.0 if progress[P_INSIDE] or not ints[leg, L_APPROACH] or left > SIGHT else left
+    return -1.0 if progress[P_INSIDE] or not ints[leg, L_APPROACH] or left > VISIBLE_RANGE else left
 
 
 @compiled_with(polyline)
@@ -211,6 +211,6 @@ def lane_ahead(
     fill(points, along, ints[leg, L_FIRST], ints[leg, L_END], begin, out)
 
 
-def draws(random: Any) -> Array:
-    """The words of an ego's route, of a ``random.Random`` of its own."""
+def route_draws(random: Any) -> Array:
+    """The draws of an ego's route, of a ``random.Random`` of its own."""
     return np.frombuffer(random.getrandbits(32 * DRAWS).to_bytes(4 * DRAWS, "little"), "<u4").copy()

@@ -109,7 +109,7 @@ class Projection(NamedTuple):
     """Of the path there, radians."""
 
 
-class Path:
+class Polyline:
     """A polyline with its distances."""
 
     __slots__ = ("along", "length", "points")
@@ -123,9 +123,9 @@ class Path:
         """The nearest place of the path."""
         return Projection(*project(self.points, self.along, 0, len(self.points), x, y))
 
-    def then(self, other: "Path") -> "Path":
+    def then(self, other: "Polyline") -> "Polyline":
         """This path and another one after it."""
-        return Path(np.concatenate([self.points, other.points]))
+        return Polyline(np.concatenate([self.points, other.points]))
 
     def sample(self, begin: float, count: int) -> NDArray[np.float32]:
         """Points 1 m apart from ``begin`` on, (count, 2); past the end, the last one again."""

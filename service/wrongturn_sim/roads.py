@@ -13,7 +13,7 @@ from wrongturn_networks import Approach, Town
 from wrongturn_protocol import DIRECTIONS, Command
 from wrongturn_protocol.observations import PATH_POINTS
 from wrongturn_sim import guide
-from wrongturn_sim.polyline import Path, Points
+from wrongturn_sim.polyline import Points, Polyline
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Roads:
     """The row of each lane, by its id."""
     names: tuple[str, ...]
     """Ids, by row."""
-    lanes: tuple[Path, ...]
+    lanes: tuple[Polyline, ...]
     """Centre lines, by row."""
     approaches: tuple[Approach | None, ...]
     """By row; None where the lane leads into no junction."""
@@ -66,12 +66,12 @@ class Roads:
 def roads_of(town: Town) -> Roads:
     """The roads of a town; made once."""
     legs = {name: row for row, name in enumerate(town.lanes)}
-    lanes = tuple(Path(lane.centreline) for lane in town.lanes.values())
+    lanes = tuple(Polyline(lane.centreline) for lane in town.lanes.values())
     approaches = tuple(town.approach_of_lane(name) for name in town.lanes)
-    lines: list[Path] = []
+    lines: list[Polyline] = []
     begins = [0]
 
-    def put(path: Path) -> tuple[int, int]:
+    def put(path: Polyline) -> tuple[int, int]:
         lines.append(path)
         begins.append(begins[-1] + len(path.points))
         return begins[-2], begins[-1]
@@ -92,7 +92,7 @@ def roads_of(town: Town) -> Roads:
         ints[leg, guide.L_GATES] = len(approach.exits)
         for k, exit_ in enumerate(approach.exits.values()):
             onward = legs[exit_.lane]
-            path = Path(exit_.path).then(lanes[onward])
+            path = Polyline(exit_.path).then(lanes[onward])
             at = guide.L_GATE + guide.GATE_INTS * k
             ints[leg, at : at + guide.GATE_INTS] = int(exit_.direction), onward, *put(path)
             (x, y), (x2, y2) = lanes[onward].points[:2].tolist()

@@ -83,7 +83,7 @@ def way_to(town: Town, goal: str | None) -> NDArray[np.int8]:
     return way
 
 
-def set_out(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64]) -> NDArray[np.uint32]:
+def start_route(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64]) -> NDArray[np.uint32]:
     """Put an ego's progress (``guide.PROGRESS_INTS``) to the begin of a trial; returns its route's draws."""
     leg = roads.legs[town.approach(trial.approach).lane]
     progress[:] = 0
@@ -92,25 +92,25 @@ def set_out(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64])
     progress[guide.P_INSIDE] = trial.start.distance < 0.0
     progress[guide.P_AFTER] = -1
     progress[guide.P_JOURNEY] = trial.journey is not None
-    return guide.draws(random.Random(f"route {trial.seed}"))  # of its own: no other draw shifts the route
+    return guide.route_draws(random.Random(f"route {trial.seed}"))  # of its own: no other draw shifts the route
 
 
 class Navigator:
     """Follows the car along its route, decision by decision."""
 
-    __slots__ = ("_places", "_progress", "_roads", "_tables", "_way", "_words")
+    __slots__ = ("_draws", "_places", "_progress", "_roads", "_tables", "_way")
 
     def __init__(self, town: Town, trial: Trial) -> None:
         self._roads = roads_of(town)
         self._tables = self._roads.tables
         self._progress = np.empty(guide.PROGRESS_INTS, np.int64)
         self._places = np.zeros(guide.PROGRESS_FLOATS)
-        self._words = set_out(self._roads, town, trial, self._progress)
+        self._draws = start_route(self._roads, town, trial, self._progress)
         self._way = way_to(town, trial.journey.goal if trial.journey is not None else None)
 
     def update(self, x: float, y: float) -> Guidance:
         """Take in where the body's centre is now."""
-        found = guide.update(*self._tables, self._words, self._way, self._progress, self._places, x, y)
+        found = guide.update(*self._tables, self._draws, self._way, self._progress, self._places, x, y)
         return guidance_of(self._roads, *found)
 
     @property
@@ -124,7 +124,7 @@ class Navigator:
         places = self._places.copy()
         lanes = [self.lane]
         while progress[guide.P_GATE] >= 0 and metres > 0.0:
-            guide.leave(ints, floats, self._words, self._way, progress, places, int(progress[guide.P_GATE]))
+            guide.leave(ints, floats, self._draws, self._way, progress, places, int(progress[guide.P_GATE]))
             leg = int(progress[guide.P_LEG])
             lanes.append(self._roads.names[leg])
             metres -= self._roads.lanes[leg].length

@@ -101,7 +101,7 @@ def _start(net: Path, seed: int, *more: str) -> ModuleType:
     return sumo
 
 
-class Drive:
+class Simulation:
     """One episode's hold on the simulation: good until somebody else begins one in this process."""
 
     __slots__ = ("_move", "_step")
@@ -139,7 +139,7 @@ class Drive:
             _Process.net = _Process.holder = None
             raise SimulatorFailedError(f"SUMO refused a sub-step: {error}; reset the environment") from error
 
-    def lead(self, edges: tuple[str, ...]) -> bool:  # noqa: ARG002
+    def set_route(self, edges: tuple[str, ...]) -> bool:  # noqa: ARG002
         """Let others expect the car to go along these edges from now on; whether that could be done yet."""
         return True
 
@@ -155,7 +155,7 @@ class Drive:
         return _NOBODY
 
 
-class _CrowdedDrive(Drive):
+class _TrafficSimulation(Simulation):
     """A drive with traffic."""
 
     __slots__ = ("_crowd", "_sumo")
@@ -168,12 +168,12 @@ class _CrowdedDrive(Drive):
     def move(self, x: float, y: float, yaw: float) -> None:
         super().move(x, y, yaw)
         try:
-            self._crowd.look(x, y)
+            self._crowd.update(x, y)
         except Exception as error:
             _Process.holder = None
             raise SimulatorFailedError(f"SUMO does not tell its traffic: {error}; reset the environment") from error
 
-    def lead(self, edges: tuple[str, ...]) -> bool:
+    def set_route(self, edges: tuple[str, ...]) -> bool:
         if _Process.holder is not self or self._sumo.vehicle.getRoadID(EGO) != edges[0]:
             return False
         self._sumo.vehicle.setRoute(EGO, edges)
@@ -199,7 +199,7 @@ class Simulator:
         *,
         seed: int,
         traffic: TrafficPlan | None = None,
-    ) -> Drive:
+    ) -> Simulation:
         """Take the process's simulation, with the net loaded, and put a new car into it.
 
         With traffic the net is loaded freshly and not kept, since SUMO's drivers depend on all that was drawn before.
@@ -222,8 +222,8 @@ class Simulator:
         else:
             _Process.net = None
             sumo = _start(net, seed % 2**31, *_WITH_TRAFFIC)
-        drive = Drive(sumo.vehicle.moveToXY, sumo.simulationStep)
-        _Process.holder = drive
+        simulation = Simulation(sumo.vehicle.moveToXY, sumo.simulationStep)
+        _Process.holder = simulation
         try:
             if EGO in sumo.vehicle.getIDList():
                 sumo.vehicle.remove(EGO)
@@ -236,13 +236,13 @@ class Simulator:
         except Exception as error:
             _Process.net = _Process.holder = None
             raise SimulatorFailedError(f"SUMO cannot place the car on edge {edge}: {error}") from error
-        drive.move(x, y, yaw)
+        simulation.move(x, y, yaw)
         if traffic is not None:
             return self._populate(sumo, traffic, x, y, yaw)
-        return drive
+        return simulation
 
     @staticmethod
-    def _populate(sumo: ModuleType, traffic: TrafficPlan, x: float, y: float, yaw: float) -> Drive:
+    def _populate(sumo: ModuleType, traffic: TrafficPlan, x: float, y: float, yaw: float) -> Simulation:
         """Let the others in, now that they see where the car is."""
         _Process.net = None
         crowd = Crowd(sumo, traffic)
@@ -251,10 +251,10 @@ class Simulator:
         except Exception as error:
             _Process.holder = None
             raise SimulatorFailedError(f"SUMO cannot place the traffic: {error}") from error
-        drive = _CrowdedDrive(sumo, crowd)
-        _Process.holder = drive
+        simulation = _TrafficSimulation(sumo, crowd)
+        _Process.holder = simulation
         for _ in range(_SETTLING):
-            drive.move(x, y, yaw)
-            if not crowd.missing():
+            simulation.move(x, y, yaw)
+            if not crowd.waiting():
                 break
-        return drive
+        return simulation

@@ -6,7 +6,7 @@ from wrongturn_protocol import DIRECTIONS, Track
 from wrongturn_protocol.observations import FIELDS, observation_space
 from wrongturn_sim import Episode
 from wrongturn_sim.camera import Camera
-from wrongturn_sim.polyline import Path
+from wrongturn_sim.polyline import Polyline
 
 TRACKS = tuple(Track)
 
@@ -77,8 +77,8 @@ def test_exits_are_the_permitted_ones_from_the_stop_line_on(town_name, make_tria
                 continue
             assert points[0] == pytest.approx(approach.stop_line, abs=1e-3)
             exit_ = approach.exits[direction]
-            outer = Path(town.lanes[exit_.lane].centreline)
-            begun = int(Path(exit_.path).length) + 1
+            outer = Polyline(town.lanes[exit_.lane].centreline)
+            begun = int(Polyline(exit_.path).length) + 1
             assert all(abs(outer.project(*point).lateral) < 0.01 for point in points[begun : begun + 10])
 
 
@@ -88,7 +88,7 @@ def test_exits_stay_in_sight_through_the_junction_and_then_comes_the_next_lane(m
     driven = drive(trial)
     assert driven.outcome is not None
     assert driven.outcome.verdict == "exit_commanded"
-    outer = Path(town.lanes[town.approach(trial.approach).exits[trial.route].lane].centreline)
+    outer = Polyline(town.lanes[town.approach(trial.approach).exits[trial.route].lane].centreline)
     episode = Episode(trial, Track.PRIVILEGED)
     seen = [episode.reset()]
     seen += [episode.step(r.steer, r.throttle, r.brake).observation for r in driven.trajectory.rows[1::2]]

@@ -3,12 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from wrongturn_sim.polyline import Path
+from wrongturn_sim.polyline import Polyline
 
 
 @pytest.fixture
 def corner():
-    return Path([(0.0, 0.0), (10.0, 0.0), (10.0, 0.0), (10.0, 10.0)])
+    return Polyline([(0.0, 0.0), (10.0, 0.0), (10.0, 0.0), (10.0, 10.0)])
 
 
 @pytest.mark.parametrize(
@@ -35,6 +35,6 @@ def test_samples_are_a_metre_apart_and_end_on_the_last_point(corner):
 
 
 def test_a_path_after_another_keeps_its_distances(corner):
-    both = corner.then(Path([(10.0, 10.0), (0.0, 10.0)]))
+    both = corner.then(Polyline([(10.0, 10.0), (0.0, 10.0)]))
     assert both.length == pytest.approx(30.0)
     assert both.project(5.0, 9.0).s == pytest.approx(25.0)

@@ -5,16 +5,16 @@ import pytest
 
 from wrongturn_networks import draw_journey, load_town
 from wrongturn_protocol import Command, Task
-from wrongturn_sim.polyline import Path
+from wrongturn_sim.polyline import Polyline
 from wrongturn_sim.route import Navigator, start_pose
 
 
 def passage(town, approach_id, direction):
     """Points 0.1 m apart through a junction with their distances; those of the stop line and the exit line."""
     approach = town.approach(approach_id)
-    lane = Path(town.lanes[approach.lane].centreline)
-    inner = Path(approach.exits[direction].path)
-    whole = lane.then(inner).then(Path(town.lanes[approach.exits[direction].lane].centreline))
+    lane = Polyline(town.lanes[approach.lane].centreline)
+    inner = Polyline(approach.exits[direction].path)
+    whole = lane.then(inner).then(Polyline(town.lanes[approach.exits[direction].lane].centreline))
     stop, exit_line = lane.length, lane.length + inner.length
     # Not into the window of the next junction, where the streets are short.
     s = np.arange(max(0.0, stop - 25.0), exit_line + min(9.0, whole.length - exit_line - 15.3), 0.1)
@@ -101,12 +101,12 @@ def test_a_journey_is_planned_anew_from_wherever_the_car_comes_back_to_a_lane(to
     late = [(way.lane, 40.0) for way in approach.exits.values() if town.lanes[way.lane].length > 50.0]
     assert late
     for lane, after in [*late, (town.lanes[approach.lane].opposite, 6.0)]:
-        path = Path(town.lanes[lane].centreline)
+        path = Polyline(town.lanes[lane].centreline)
         for trial, expected in ((journey, lane), (journey.model_copy(update={"journey": None}), approach.lane)):
             navigator = Navigator(town, trial)
             points, _, _ = passage(town, approach.id, trial.route)
             for s, x, y in points:
-                if s > Path(town.lanes[approach.lane].centreline).length + 1.0:
+                if s > Polyline(town.lanes[approach.lane].centreline).length + 1.0:
                     break
                 navigator.update(x, y)
             # Into an exit's lane farther on than where exits are taken, or round to the own street's other lane.
@@ -125,7 +125,7 @@ def test_the_start_is_where_the_trial_says(make_trial):
         for seed, name in enumerate(town.approaches):
             trial = make_trial(name, town=town_name, seed=seed)
             pose = start_pose(town, trial)
-            lane = Path(town.lanes[town.approach(name).lane].centreline)
+            lane = Polyline(town.lanes[town.approach(name).lane].centreline)
             s, lateral, heading = lane.project(pose.x, pose.y)
             assert lane.length - s == pytest.approx(trial.start.distance, abs=0.1)
             assert lateral == pytest.approx(trial.start.lateral, abs=0.02)

@@ -14,7 +14,7 @@ from wrongturn_protocol import Command, FaultKind, SegmentationClass, Track, Tra
 from wrongturn_sim import Episode, JudgeGeometry, Simulator, TrafficTooDenseError, Trajectory, judge
 from wrongturn_sim import simulator as bridge
 from wrongturn_sim.route import start_pose
-from wrongturn_sim.traffic.plan import BODIES, DRIVE_LENGTH, Car, TrafficPlan, Trip, plan_traffic
+from wrongturn_sim.traffic.plan import BODIES, DRIVE_LENGTH, TrafficCar, TrafficPlan, Trip, plan_traffic
 
 EGO = (4.6, 1.9)
 
@@ -240,7 +240,7 @@ class TestTheyMindTheCar:
         lane = town.lanes["J2-J1_1"]
         onward = town.approach("J1-E").exits[Command.STRAIGHT]
         way = LineString([*lane.centreline, *onward.path[1:], *town.lanes[onward.lane].centreline[1:]])
-        other = Car(BODIES[1], (Trip("S-J1_1", 0.35, ("S-J1", "J1-W")),), 0)
+        other = TrafficCar(BODIES[1], (Trip("S-J1_1", 0.35, ("S-J1", "J1-W")),), 0)
         plan = TrafficPlan((other,), (), ("J2-J1", "J1-W"))
         at = way.interpolate(20.0)
         drive = Simulator().begin(town.net_file, lane.edge, at.x, at.y, math.pi, seed=1, traffic=plan)

@@ -17,8 +17,8 @@ from wrongturn_sim import (
     TrialNotAloneError,
     WrongturnSimEnv,
     WrongturnVectorEnv,
-    fleet,
 )
+from wrongturn_sim.fleet import fleet
 
 ID = "wrongturn_sim:WrongturnSim-v0"
 PICTURES = ["camera", "segmentation"]

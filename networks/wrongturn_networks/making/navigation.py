@@ -25,7 +25,7 @@ ALIKE: Final = 2
 """A cell has so many routes at most from one lane to another: few pairs of lanes lie straight ahead of each other."""
 
 
-class Condition(NamedTuple):
+class TownWeathers(NamedTuple):
     """Where and in what weathers."""
 
     town: str
@@ -33,10 +33,10 @@ class Condition(NamedTuple):
 
 
 CONDITIONS: Final = (
-    Condition("Town01", TRAINING_WEATHERS),
-    Condition("Town01", NEW_WEATHERS),
-    Condition("Town02", TRAINING_WEATHERS),
-    Condition("Town02", NEW_WEATHERS),
+    TownWeathers("Town01", TRAINING_WEATHERS),
+    TownWeathers("Town01", NEW_WEATHERS),
+    TownWeathers("Town02", TRAINING_WEATHERS),
+    TownWeathers("Town02", NEW_WEATHERS),
 )
 """Training, new weather, new town, both."""
 
@@ -55,7 +55,7 @@ def navigation(first_seed: int) -> list[Trial]:
     return trials
 
 
-def _cell(condition: Condition, task: Task, seed: int) -> list[Trial]:
+def _cell(condition: TownWeathers, task: Task, seed: int) -> list[Trial]:
     town = load_town(condition.town)
     traffic = TRAFFIC[condition.town] if task is Task.NAVIGATION_DYNAMIC else Traffic()
     trials: list[Trial] = []

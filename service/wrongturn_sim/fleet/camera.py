@@ -44,7 +44,7 @@ class FleetCamera:
         self._threads = threads
         self._world = World.of(fleet.town)
         self._table = np.array([look_of(weather) for weather in Weather])
-        self._painted: list[Trial | None] = [None] * fleet.count
+        self._rendered: list[Trial | None] = [None] * fleet.count
         self._kinds = np.zeros(fleet.count, np.int64)
         self._seeds = np.zeros(fleet.count, np.int64)
         self._gpu = self._on_gpu() if backend == "cuda" else None
@@ -61,7 +61,7 @@ class FleetCamera:
         if track is Track.SEGMENTATION:
             self.pictures["segmentation"] = self._segmentation
 
-    def paint(self, which: Sequence[int] | None = None) -> None:
+    def render(self, which: Sequence[int] | None = None) -> None:
         """Paint anew what all egos see, or only these; each has begun a trial."""
         fleet = self._fleet
         chosen = np.arange(fleet.count) if which is None else np.array(which, np.int64)
@@ -69,8 +69,9 @@ class FleetCamera:
             return
         for i in chosen.tolist():
             trial = fleet.trials[i]
-            if trial is not None and trial is not self._painted[i]:
-                self._painted[i], self._kinds[i], self._seeds[i] = trial, _KINDS[trial.weather], trial.seed & 0x3FFFFFFF
+            if trial is not None and trial is not self._rendered[i]:
+                self._rendered[i] = trial
+                self._kinds[i], self._seeds[i] = _KINDS[trial.weather], trial.seed & 0x3FFFFFFF
         kinds, seeds, poses, ticks = self._kinds[chosen], self._seeds[chosen], fleet.poses[chosen], fleet.steps[chosen]
         if self._gpu is not None:
             self._gpu.render(self._table, seeds, poses, ticks, kinds=kinds, targets=chosen)

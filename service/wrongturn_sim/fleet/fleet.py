@@ -27,15 +27,15 @@ from wrongturn_sim.faults.none import NoFault
 from wrongturn_sim.faults.omission import Omission
 from wrongturn_sim.fleet import kernel
 from wrongturn_sim.roads import roads_of
-from wrongturn_sim.route import guidance_of, set_out, start_pose, way_to
+from wrongturn_sim.route import guidance_of, start_pose, start_route, way_to
 from wrongturn_sim.trajectory import Row, Trajectory
 from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry, decide
 from wrongturn_sim.verdict.journey import (
     JOURNEY_THRESHOLDS,
     conclude_journey,
     journey_numbers,
+    outcome_fields,
     terms_of,
-    told,
 )
 from wrongturn_sim.verdict.journey_kernels import JOURNEY_FLOATS, JOURNEY_INTS, TERMS
 from wrongturn_sim.verdict.judge import conclude
@@ -48,7 +48,7 @@ _COMPILED: Final[dict[type[CommandFault], int]] = {
 }
 """Faults that the kernel delivers; others are asked one ego at a time."""
 _PRIVILEGED: Final = ("pose", "lane", "stop_line", "exits", "exits_mask")
-_PAINTED: Final = ("rgb", "segmentation")
+_PICTURES: Final = ("rgb", "segmentation")
 
 
 @dataclass(frozen=True)
@@ -94,10 +94,12 @@ class Fleet:
         self._rows_of: dict[str, int] = {}
         self._geometries: list[JudgeGeometry | JourneyGeometry] = []
         self._goals: dict[str | None, int] = {None: 0}
-        self._ground = self._lay(())
+        self._tables = self._packed_tables(())
         fields = {field.name: field for field in FIELDS[track]}
         self.observation: Observation = {
-            name: np.zeros((count, *field.shape), field.dtype) for name, field in fields.items() if name not in _PAINTED
+            name: np.zeros((count, *field.shape), field.dtype)
+            for name, field in fields.items()
+            if name not in _PICTURES
         }
         """(n, ...) for each key but the pictures: of the last turn of each ego; written over by the next one."""
         empty = {
@@ -105,7 +107,9 @@ class Fleet:
             for field in FIELDS[Track.PRIVILEGED]
             if field.name in _PRIVILEGED
         }
-        self._shown = kernel.Shown(**{name: (empty | self.observation)[name] for name in kernel.Shown._fields})
+        self._observations = kernel.Observations(
+            **{name: (empty | self.observation)[name] for name in kernel.Observations._fields}
+        )
         self._egos = kernel.Egos(
             order=np.arange(count),
             todo=np.zeros(count, np.int8),
@@ -119,7 +123,7 @@ class Fleet:
             state=np.zeros((count, 5)),
             standing=np.zeros((count, JOURNEY_FLOATS)),
             counts=np.zeros((count, JOURNEY_INTS), np.int64),
-            words=np.zeros((count, guide.DRAWS), np.uint32),
+            draws=np.zeros((count, guide.DRAWS), np.uint32),
             progress=np.zeros((count, guide.PROGRESS_INTS), np.int64),
             places=np.zeros((count, guide.PROGRESS_FLOATS)),
             guided=np.zeros((count, 2), np.int64),
@@ -186,11 +190,11 @@ class Fleet:
             egos.journeys[i] = journey is not None
             egos.goals[i] = 0 if journey is None else self._goal_of(journey.goal)
             egos.state[i] = (*start_pose(self.town, trial), trial.start.speed, 0.0)
-            egos.words[i] = set_out(self._roads, self.town, trial, egos.progress[i])
+            egos.draws[i] = start_route(self._roads, self.town, trial, egos.progress[i])
             if terms is not None:
                 egos.terms[i] = terms
-        if len(self._ground.bases) <= len(self._geometries) or len(self._ground.ways) < len(self._goals):
-            self._ground = self._lay(self._geometries)
+        if len(self._tables.bases) <= len(self._geometries) or len(self._tables.ways) < len(self._goals):
+            self._tables = self._packed_tables(self._geometries)
         egos.order[:] = np.argsort(egos.approaches, kind="stable")
         egos.todo[:] = kernel.REST
         egos.todo[chosen] = kernel.GUIDE
@@ -223,11 +227,11 @@ class Fleet:
             return conclude_journey(standing, counts, trial)
         return conclude(standing[: decide.STANDING_FLOATS], counts, trial, geometry, THRESHOLDS)
 
-    def told(self, i: int) -> dict[str, Any]:
+    def outcome_fields(self, i: int) -> dict[str, Any]:
         """The outcome of an ego that ended, as its JSON has it, without what is None."""
         trial = self.trials[i]
         if trial is not None and trial.journey is not None:
-            return told(self._egos.standing[i], self._egos.counts[i], trial)
+            return outcome_fields(self._egos.standing[i], self._egos.counts[i], trial)
         outcome = self.outcome(i)
         return {} if outcome is None else outcome.model_dump(mode="json", exclude_none=True)
 
@@ -285,11 +289,13 @@ class Fleet:
     def _run(self) -> None:
         """The turns of all egos, shared among the threads; this one takes the first part."""
         if self._pool is None:
-            kernel.run(self._ground, self._egos, self._shown, 0, self.count)
+            kernel.run(self._tables, self._egos, self._observations, 0, self.count)
             return
         (first, end), *others = self._parts
-        waiting = [self._pool.submit(kernel.run, self._ground, self._egos, self._shown, *part) for part in others]
-        kernel.run(self._ground, self._egos, self._shown, first, end)
+        waiting = [
+            self._pool.submit(kernel.run, self._tables, self._egos, self._observations, *part) for part in others
+        ]
+        kernel.run(self._tables, self._egos, self._observations, first, end)
         for part in waiting:
             part.result()
 
@@ -341,7 +347,7 @@ class Fleet:
         """The row of the ways to a goal, likewise."""
         return self._goals.setdefault(goal, len(self._goals))
 
-    def _lay(self, geometries: Sequence[JudgeGeometry | JourneyGeometry]) -> kernel.Ground:
+    def _packed_tables(self, geometries: Sequence[JudgeGeometry | JourneyGeometry]) -> kernel.Tables:
         packed = [geometry.packed for geometry in geometries]
         sizes = np.array([(len(one.floats), len(one.ints), len(one.cells)) for one in packed], np.int64).reshape(-1, 3)
         roads = self._roads
@@ -349,7 +355,7 @@ class Fleet:
         def joined(arrays: list[Any], dtype: Any) -> Any:
             return np.concatenate([np.empty(0, dtype), *arrays])
 
-        return kernel.Ground(
+        return kernel.Tables(
             points=roads.points,
             along=roads.along,
             legs=roads.ints,

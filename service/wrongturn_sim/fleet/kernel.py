@@ -27,7 +27,7 @@ PER_SECOND = 20
 """Sub-steps."""
 
 
-class Ground(NamedTuple):
+class Tables(NamedTuple):
     """What all egos have in common."""
 
     points: Array
@@ -63,14 +63,14 @@ class Egos(NamedTuple):
     todo: Array
     """(n,) int8"""
     approaches: Array
-    """(n,) rows of ``Ground.bases``"""
+    """(n,) rows of ``Tables.bases``"""
     faults: Array
     routes: Array
     """(n,) int64"""
     journeys: Array
     """(n,) bool: whether the trial is one."""
     goals: Array
-    """(n,) rows of ``Ground.ways``"""
+    """(n,) rows of ``Tables.ways``"""
     terms: Array
     """(n, TERMS) of a journey."""
     actions: Array
@@ -80,7 +80,7 @@ class Egos(NamedTuple):
     standing: Array
     counts: Array
     """What ``decide.py`` keeps."""
-    words: Array
+    draws: Array
     progress: Array
     places: Array
     """What ``guide.py`` keeps."""
@@ -102,7 +102,7 @@ class Egos(NamedTuple):
     """(n, decisions, 3) float32: the actions; likewise."""
 
 
-class Shown(NamedTuple):
+class Observations(NamedTuple):
     """The observation's arrays, (n, ...); those of the privileged track have no rows in others."""
 
     speed: Array
@@ -116,10 +116,10 @@ class Shown(NamedTuple):
 
 
 @njit()
-def ask(ground: Ground, egos: Egos, i: int) -> None:
+def update_command(tables: Tables, egos: Egos, i: int) -> None:
     """Ask the route, and the fault, for the next command."""
     command, leg, travelled, lateral, heading = guide.update(
-        ground.points, ground.along, ground.legs, ground.lengths, egos.words[i], ground.ways[egos.goals[i]],
+        tables.points, tables.along, tables.legs, tables.lengths, egos.draws[i], tables.ways[egos.goals[i]],
         egos.progress[i], egos.places[i], egos.state[i, 0], egos.state[i, 1],
     )  # fmt: skip
     egos.guided[i, 0] = command
@@ -131,65 +131,65 @@ def ask(ground: Ground, egos: Egos, i: int) -> None:
     if fault == FAULT_OMISSION:
         command = LANE_FOLLOW
     elif fault == FAULT_INFEASIBLE and command != LANE_FOLLOW and leg >= 0:
-        missing = ground.legs[leg, guide.L_MISSING]
+        missing = tables.legs[leg, guide.L_MISSING]
         if missing != 0:
             command = missing
     egos.delivered[i] = command
 
 
 @njit()
-def watch(ground: Ground, egos: Egos, i: int, command: int) -> bool:
+def judge_row(tables: Tables, egos: Egos, i: int, command: int) -> bool:
     """Record an ego's state and let the judge see it; whether the verdict fell."""
     row = egos.sub_steps[i]
     if egos.states.shape[1] > 0:
         for k in range(5):
             egos.states[i, row, k] = egos.state[i, k]
     one = egos.approaches[i]
-    bases = ground.bases
-    floats = ground.floats[bases[one, 0] : bases[one + 1, 0]]
-    ints = ground.ints[bases[one, 1] : bases[one + 1, 1]]
-    cells = ground.cells[bases[one, 2] : bases[one + 1, 2]]
+    bases = tables.bases
+    floats = tables.floats[bases[one, 0] : bases[one + 1, 0]]
+    ints = tables.ints[bases[one, 1] : bases[one + 1, 1]]
+    cells = tables.cells[bases[one, 2] : bases[one + 1, 2]]
     if egos.journeys[i]:
         found = journey_kernels.observe(
-            floats, ints, cells, ground.lanes, ground.numbers, ground.nobody, egos.terms[i],
-            ground.rests[egos.goals[i]], egos.standing[i], egos.counts[i],
+            floats, ints, cells, tables.lanes, tables.numbers, tables.nobody, egos.terms[i],
+            tables.rests[egos.goals[i]], egos.standing[i], egos.counts[i],
             row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3],
         )  # fmt: skip
         return bool(found != 0)
     found = decide.observe(
-        floats, ints, cells, ground.numbers, ground.nobody, egos.standing[i], egos.counts[i], egos.routes[i],
+        floats, ints, cells, tables.numbers, tables.nobody, egos.standing[i], egos.counts[i], egos.routes[i],
         row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3], command,
     )  # fmt: skip
     return bool(found != 0)
 
 
 @njit()
-def show(ground: Ground, egos: Egos, shown: Shown, i: int) -> None:
+def observe(tables: Tables, egos: Egos, observations: Observations, i: int) -> None:
     """Fill an ego's observation."""
-    shown.speed[i, 0] = egos.state[i, 3]
-    shown.steering[i, 0] = egos.state[i, 4]
-    shown.command[i, 0] = egos.delivered[i]
-    if shown.pose.shape[0] == 0:
+    observations.speed[i, 0] = egos.state[i, 3]
+    observations.steering[i, 0] = egos.state[i, 4]
+    observations.command[i, 0] = egos.delivered[i]
+    if observations.pose.shape[0] == 0:
         return
     for k in range(3):
-        shown.pose[i, k] = egos.state[i, k]
+        observations.pose[i, k] = egos.state[i, k]
     progress = egos.progress[i]
-    left = guide.stop_line(ground.legs, ground.lengths, progress, egos.places[i])
-    shown.stop_line[i, 0] = left
+    left = guide.stop_line(tables.legs, tables.lengths, progress, egos.places[i])
+    observations.stop_line[i, 0] = left
     guide.lane_ahead(
-        ground.points, ground.along, ground.legs, ground.lengths, progress, egos.places[i], shown.lane[i]
+        tables.points, tables.along, tables.legs, tables.lengths, progress, egos.places[i], observations.lane[i]
     )  # fmt: skip
     if progress[guide.P_INSIDE] or left >= 0.0:
         leg = progress[guide.P_LEG]
-        shown.exits[i] = ground.exits[leg]
-        shown.exits_mask[i] = ground.exits_mask[leg]
+        observations.exits[i] = tables.exits[leg]
+        observations.exits_mask[i] = tables.exits_mask[leg]
     else:
-        shown.exits[i] = 0.0
-        shown.exits_mask[i] = 0
+        observations.exits[i] = 0.0
+        observations.exits_mask[i] = 0
 
 
 @njit()
-def drive(ground: Ground, egos: Egos, i: int) -> None:
+def drive(tables: Tables, egos: Egos, i: int) -> None:
     """One decision of one ego, as ``Episode.step``."""
     steer, throttle, brake = egos.actions[i, 0], egos.actions[i, 1], egos.actions[i, 2]
     decision = egos.sub_steps[i] // SUB_STEPS
@@ -208,9 +208,9 @@ def drive(ground: Ground, egos: Egos, i: int) -> None:
         state[3] = v
         state[4] = steering
         egos.sub_steps[i] += 1
-        if watch(ground, egos, i, command):
+        if judge_row(tables, egos, i, command):
             break
-    ask(ground, egos, i)
+    update_command(tables, egos, i)
     egos.rewards[i] = score(v, yaw, egos.guided[i, 0] != LANE_FOLLOW, egos.beside[i, 1], egos.beside[i, 2])
 
 
@@ -225,23 +225,23 @@ def keep_commands(egos: Egos, i: int) -> None:
 
 
 @compiled_with(ego, polyline, guide, kernels, decide, journey_kernels, reward, nogil=True)
-def run(ground: Ground, egos: Egos, shown: Shown, first: int, end: int) -> None:
+def run(tables: Tables, egos: Egos, observations: Observations, first: int, end: int) -> None:
     """The turns of the egos from ``first`` to before ``end`` in the order."""
     for k in range(first, end):
         i = egos.order[k]
         todo = egos.todo[i]
         if todo == DRIVE:
-            drive(ground, egos, i)
+            drive(tables, egos, i)
             keep_commands(egos, i)
-            show(ground, egos, shown, i)
+            observe(tables, egos, observations, i)
         elif todo == GUIDE:
             journey_kernels.begin(egos.standing[i], egos.counts[i])
             for j in range(PROGRESS_FLOATS):
                 egos.places[i, j] = 0.0
             egos.sub_steps[i] = 0
             egos.rewards[i] = 0.0
-            ask(ground, egos, i)
+            update_command(tables, egos, i)
         elif todo == BEGIN:
             keep_commands(egos, i)
-            watch(ground, egos, i, egos.delivered[i])
-            show(ground, egos, shown, i)
+            judge_row(tables, egos, i, egos.delivered[i])
+            observe(tables, egos, observations, i)

@@ -116,8 +116,8 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self._fleet = Fleet(
             load_town(self._source.towns[0]), num_envs, self.track, threads=threads, strict=strict, record=record
         )
-        painted = self.track in {Track.CAMERA, Track.SEGMENTATION}
-        self._camera = self._camera_of(camera, threads, backend) if painted else None
+        has_pictures = self.track in {Track.CAMERA, Track.SEGMENTATION}
+        self._camera = self._camera_of(camera, threads, backend) if has_pictures else None
         size = IMAGE_SHAPE if camera is None else (camera.height, camera.width)
         space = observation_space(self.track, size)
         self.single_observation_space = space
@@ -180,9 +180,9 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         fleet.step(checked_actions(actions, driven, InvalidActionError).astype(np.float32), driven)
         infos: dict[str, Any] = {}
         if waiting.any():
-            self._begin([(i, self._draw(i)) for i in np.flatnonzero(waiting).tolist()], infos, paint=False)
+            self._begin([(i, self._draw(i)) for i in np.flatnonzero(waiting).tolist()], infos, render=False)
         if self._camera is not None:
-            self._camera.paint()
+            self._camera.render()
         rewards = fleet.rewards.copy()
         ended = fleet.ended & driven
         truncated = fleet.ran_out & driven
@@ -226,14 +226,14 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         assert random is not None
         return self._source.draw(random) if given is None else self._source.find(given)
 
-    def _begin(self, trials: list[tuple[int, Trial]], infos: dict[str, Any], *, paint: bool = True) -> None:
+    def _begin(self, trials: list[tuple[int, Trial]], infos: dict[str, Any], *, render: bool = True) -> None:
         self._fleet.begin(trials)
         for i, trial in trials:
             self._begun[i] = True
             self._over[i] = False
             self._note(infos, i, trial=trial.id, town=trial.town)
-        if paint and self._camera is not None:
-            self._camera.paint([i for i, _ in trials])
+        if render and self._camera is not None:
+            self._camera.render([i for i, _ in trials])
 
     def _finish(self, ended: list[int], infos: dict[str, Any]) -> None:
         """Tell of the episodes that ended, and begin the next ones where that is to be at once."""
@@ -242,15 +242,15 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         if at_once and self._camera is not None:
             pictures = self._camera.last(ended)
         for i, seen in zip(ended, pictures, strict=True):
-            outcome = self._fleet.told(i)
-            told = {"verdict": outcome["verdict"], "outcome": outcome}
+            outcome = self._fleet.outcome_fields(i)
+            ended_as = {"verdict": outcome["verdict"], "outcome": outcome}
             if at_once:
                 last = {**{name: array[i].copy() for name, array in self._fleet.observation.items()}, **seen}
                 self._note(infos, i, final_obs=last)
-                self._note(infos.setdefault("final_info", {}), i, **told)
+                self._note(infos.setdefault("final_info", {}), i, **ended_as)
                 infos["_final_info"] = infos["_final_obs"]
             else:
-                self._note(infos, i, **told)
+                self._note(infos, i, **ended_as)
         if at_once:
             self._begin([(i, self._draw(i)) for i in ended], infos)
 

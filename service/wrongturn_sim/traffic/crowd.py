@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wrongturn_sim.traffic.plan import TrafficPlan, Trip
 from wrongturn_sim.trajectory import RoadUser
 
-SIGHT: Final = 80.0
+VISIBLE_RANGE: Final = 80.0
 """Others are seen up to here, metres between the bodies' centres."""
 VEHICLE_KIND: Final = 0
 PEDESTRIAN_KIND: Final = 1
@@ -22,11 +22,11 @@ _END: Final = 0.5  # metres short of a sidewalk's end, where a walk ends
 _RADIANS: Final = math.pi / 180.0
 _QUARTER: Final = math.pi / 2
 _TURN: Final = 2.0 * math.pi
-_NEAR: Final = (SIGHT + 5.0) ** 2
-_SQUARE: Final = SIGHT**2
+_NEAR: Final = (VISIBLE_RANGE + 5.0) ** 2
+_SQUARE: Final = VISIBLE_RANGE**2
 
 
-class _Looks(NamedTuple):
+class _Appearance(NamedTuple):
     """What does not change about somebody."""
 
     number: int
@@ -45,14 +45,14 @@ class Crowd:
         plan: who there is to be.
     """
 
-    __slots__ = ("_later", "_looks", "_plan", "_seen", "_sumo")
+    __slots__ = ("_appearances", "_later", "_plan", "_seen", "_sumo")
 
     def __init__(self, sumo: ModuleType, plan: TrafficPlan) -> None:
         self._sumo = sumo
         self._plan = plan
-        self._looks: dict[str, _Looks] = {}
+        self._appearances: dict[str, _Appearance] = {}
         self._later: dict[str, list[Trip]] = {}
-        self._seen: list[tuple[float, int, RoadUser, _Looks]] = []
+        self._seen: list[tuple[float, int, RoadUser, _Appearance]] = []
 
     def enter(self) -> None:
         """Have everybody come in with SUMO's next step."""
@@ -65,13 +65,13 @@ class Crowd:
             sumo.vehicletype.setHeight(kind, body.height)
         for k, car in enumerate(plan.cars):
             name, body = f"v{k}", car.body
-            self._looks[name] = _Looks(k, body.length, body.width, body.height, VEHICLE_KIND, car.colour)
+            self._appearances[name] = _Appearance(k, body.length, body.width, body.height, VEHICLE_KIND, car.colour)
             self._later[name] = list(car.trips[::-1])
             self._depart(name)
         for k, person in enumerate(plan.pedestrians):
             name = f"p{k}"
             number = len(plan.cars) + k
-            self._looks[name] = _Looks(
+            self._appearances[name] = _Appearance(
                 number, PEDESTRIAN_SIZE, PEDESTRIAN_SIZE, person.height, PEDESTRIAN_KIND, person.colour
             )
             first, last = (sumo.lane.getLength(f"{person.edges[i]}_0") for i in (0, -1))
@@ -89,10 +89,10 @@ class Crowd:
         sumo.route.add(route, trip.edges)
         lane = trip.lane.removeprefix(f"{trip.edges[0]}_")
         at = trip.at * sumo.lane.getLength(trip.lane)
-        kind = _type(self._plan.cars[self._looks[name].number].body.name)
+        kind = _type(self._plan.cars[self._appearances[name].number].body.name)
         sumo.vehicle.add(name, route, kind, depart="now", departLane=lane, departPos=repr(at), departSpeed="max")
 
-    def look(self, x: float, y: float) -> None:
+    def update(self, x: float, y: float) -> None:
         """See who is near a point, and bring back the cars that left the town."""
         sumo, floor, remainder = self._sumo, math.floor, math.remainder
         seen = self._seen = []
@@ -104,22 +104,29 @@ class Crowd:
             for name in domain.getIDList():
                 px, py = position(name)
                 dx, dy = px - x, py - y
-                if dx * dx + dy * dy > _NEAR or (looks := self._looks.get(name)) is None:
+                if dx * dx + dy * dy > _NEAR or (appearance := self._appearances.get(name)) is None:
                     continue
                 # SUMO's angle runs clockwise from north; a car's position is the front bumper's centre.
                 yaw = (
                     int(remainder(_QUARTER - domain.getAngle(name) * _RADIANS, _TURN) * 1e4) / 1e4
                 )  # towards 0: within pi
-                if looks.kind == VEHICLE_KIND:
-                    px -= looks.length / 2 * math.cos(yaw)
-                    py -= looks.length / 2 * math.sin(yaw)
+                if appearance.kind == VEHICLE_KIND:
+                    px -= appearance.length / 2 * math.cos(yaw)
+                    py -= appearance.length / 2 * math.sin(yaw)
                 # Millimetres are enough and keep the record short; round() would take half of the time.
                 px, py = floor(px * 1e3 + 0.5) / 1e3, floor(py * 1e3 + 0.5) / 1e3
                 dx, dy = px - x, py - y
                 square = dx * dx + dy * dy
                 if square <= _SQUARE:
-                    user = (px, py, yaw, looks.length, looks.width, floor(domain.getSpeed(name) * 1e3 + 0.5) / 1e3)
-                    seen.append((square, looks.number, user, looks))
+                    user = (
+                        px,
+                        py,
+                        yaw,
+                        appearance.length,
+                        appearance.width,
+                        floor(domain.getSpeed(name) * 1e3 + 0.5) / 1e3,
+                    )
+                    seen.append((square, appearance.number, user, appearance))
         seen.sort()
 
     def road_users(self) -> tuple[RoadUser, ...]:
@@ -129,14 +136,14 @@ class Crowd:
     def others(self) -> NDArray[np.float64]:
         """The same as (n, 8): x, y, yaw, length, width, height, kind, colour."""
         rows = np.empty((len(self._seen), OTHERS))
-        for row, (_, _, user, looks) in zip(rows, self._seen, strict=True):
-            row[:] = *user[:5], looks.height, looks.kind, looks.colour
+        for row, (_, _, user, appearance) in zip(rows, self._seen, strict=True):
+            row[:] = *user[:5], appearance.height, appearance.kind, appearance.colour
         return rows
 
-    def missing(self) -> int:
+    def waiting(self) -> int:
         """How many have not come in yet."""
         here: int = self._sumo.vehicle.getIDCount() + self._sumo.person.getIDCount() - 1
-        return len(self._looks) - here
+        return len(self._appearances) - here
 
 
 def _type(body: str) -> str:

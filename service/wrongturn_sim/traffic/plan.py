@@ -60,7 +60,7 @@ class Trip:
 
 
 @dataclass(frozen=True)
-class Car:
+class TrafficCar:
     """One car and its trips, one after the other."""
 
     body: Body
@@ -89,7 +89,7 @@ class Pedestrian:
 class TrafficPlan:
     """All that share the town with the ego."""
 
-    cars: tuple[Car, ...]
+    cars: tuple[TrafficCar, ...]
     pedestrians: tuple[Pedestrian, ...]
     ego: tuple[str, ...]
     """The edges by which the others expect the ego to go, as its indicators would tell: its route's."""
@@ -123,7 +123,7 @@ def plan_traffic(town: Town, trial: Trial, start: Pose) -> TrafficPlan | None:
     )
 
 
-def _cars(town: Town, count: int, start: Pose, metres: float, draw: random.Random) -> tuple[Car, ...]:
+def _cars(town: Town, count: int, start: Pose, metres: float, draw: random.Random) -> tuple[TrafficCar, ...]:
     entries = sorted(lane.id for lane in town.lanes.values() if lane.start_junction is None)
     cars = []
     # Within a lane the foremost first: SUMO lets nobody in before a car that could not brake in time.
@@ -132,7 +132,7 @@ def _cars(town: Town, count: int, start: Pose, metres: float, draw: random.Rando
     ):
         body = draw.choices(BODIES, [body.share for body in BODIES])[0]
         at = (front + draw.uniform(0.0, JITTER)) / town.lanes[name].length
-        cars.append(Car(body, _trips(town, Trip(name, at, ()), entries, metres, draw), draw.randrange(COLOURS)))
+        cars.append(TrafficCar(body, _trips(town, Trip(name, at, ()), entries, metres, draw), draw.randrange(COLOURS)))
     return tuple(cars)
 
 

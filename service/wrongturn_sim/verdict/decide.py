@@ -30,7 +30,7 @@ from wrongturn_sim.verdict.kernels import (
     PAST_SHIFT,
     TAKEN_SHIFT,
     WHEELS,
-    look,
+    inspect_row,
 )
 
 Array = np.ndarray[Any, Any]
@@ -137,7 +137,7 @@ def observe(
         return NOT_LATER
     zone = ints[D_ZONE]
     entered = zone >= INSIDE
-    bits, ttc = look(floats, whole, cells, numbers, users, x, y, yaw, v, entered)
+    bits, ttc = inspect_row(floats, whole, cells, numbers, users, x, y, yaw, v, entered)
     if bits < 0:
         return NOT_FINITE
     deceleration = (standing[S_V] - v) / (t - standing[S_T])

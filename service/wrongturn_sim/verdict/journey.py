@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from wrongturn_protocol import JourneyOutcome, Outcome, Trial, Verdict
 from wrongturn_sim.ego import VEHICLE, Vehicle
 from wrongturn_sim.verdict import decide, journey_kernels
+from wrongturn_sim.verdict.base_judge import NOBODY, BaseJudge
+from wrongturn_sim.verdict.codes import FLAGS, VERDICTS
 from wrongturn_sim.verdict.errors import GeometryMismatchError
 from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
 from wrongturn_sim.verdict.packing import CLOCK_TOLERANCE, Floats, numbers_of
 from wrongturn_sim.verdict.thresholds import THRESHOLDS, Thresholds
-from wrongturn_sim.verdict.watching import NOBODY, Watching
-from wrongturn_sim.verdict.words import FLAGS, VERDICTS
 
 if TYPE_CHECKING:
     from wrongturn_sim.trajectory import Row
@@ -74,7 +74,7 @@ def terms_of(geometry: JourneyGeometry, trial: Trial, *, strict: bool) -> tuple[
     return journey.time_limit - CLOCK_TOLERANCE, float(goal), journey.goal_at, float(strict)
 
 
-class JourneyJudge(Watching):
+class JourneyJudge(BaseJudge):
     """Judges one journey, row by row, as :class:`~wrongturn_sim.verdict.judge.Judge` judges one junction.
 
     Args:
@@ -135,7 +135,7 @@ class JourneyJudge(Watching):
         return conclude_journey(self._standing, self._counts, self.trial)
 
 
-def told(standing: Floats, counts: NDArray[np.int64], trial: Trial) -> dict[str, Any]:
+def outcome_fields(standing: Floats, counts: NDArray[np.int64], trial: Trial) -> dict[str, Any]:
     """The outcome of a journey whose verdict fell, as its JSON has it without what is None; ready soon, unlike a model.
 
     ``journey_kernels.py`` tells what stands where.
@@ -171,7 +171,7 @@ def told(standing: Floats, counts: NDArray[np.int64], trial: Trial) -> dict[str,
 
 def conclude_journey(standing: Floats, counts: NDArray[np.int64], trial: Trial) -> Outcome:
     """The same as an ``Outcome``."""
-    fields = told(standing, counts, trial)
+    fields = outcome_fields(standing, counts, trial)
     return Outcome(
         verdict=Verdict(fields["verdict"]),
         flags=tuple(sorted(flag for flag in FLAGS.values() if flag in fields["flags"])),

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from wrongturn_protocol import DIRECTIONS, Outcome, Trial
 from wrongturn_sim.ego import VEHICLE, Vehicle
 from wrongturn_sim.verdict import decide
+from wrongturn_sim.verdict.base_judge import NOBODY, BaseJudge
+from wrongturn_sim.verdict.codes import FLAGS, VERDICTS
 from wrongturn_sim.verdict.errors import GeometryMismatchError
 from wrongturn_sim.verdict.geometry import JudgeGeometry
 from wrongturn_sim.verdict.journey import JourneyJudge
@@ -19,8 +21,6 @@ from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
 from wrongturn_sim.verdict.packing import Floats, numbers_of
 from wrongturn_sim.verdict.reaction import reaction_of
 from wrongturn_sim.verdict.thresholds import THRESHOLDS, Thresholds
-from wrongturn_sim.verdict.watching import NOBODY, Watching
-from wrongturn_sim.verdict.words import FLAGS, VERDICTS
 
 if TYPE_CHECKING:
     from wrongturn_sim.trajectory import Row, Trajectory
@@ -39,7 +39,7 @@ class Zone(IntEnum):
     """It was, and has left it."""
 
 
-class Judge(Watching):
+class Judge(BaseJudge):
     """Judges one episode, row by row; neither SUMO nor a simulator is needed.
 
     Args:

@@ -254,7 +254,7 @@ def least_contact(
 
 
 @njit(cache=True)
-def look(
+def inspect_row(
     floats: Array, ints: Array, cells: Array, numbers: Array, users: Array,
     x: float, y: float, yaw: float, v: float, entered: bool,
 ) -> tuple[int, float]:  # fmt: skip

@@ -14,7 +14,7 @@ from handmade_junction import FOLLOW, LEFT, RIGHT, STRAIGHT, Points, junction, t
 
 from wrongturn_protocol import Command, FaultKind, JunctionType
 from wrongturn_sim.ego import SUB_STEP, VEHICLE, advance
-from wrongturn_sim.polyline import Path as Polyline
+from wrongturn_sim.polyline import Polyline
 from wrongturn_sim.trajectory import RoadUser, Row, Trajectory
 
 FOLDER = Path(__file__).parent / "golden"

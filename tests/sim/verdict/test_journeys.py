@@ -10,7 +10,7 @@ from shapely import Point
 from wrongturn_networks import load_town
 from wrongturn_protocol import Fault, FaultKind, Flag, Journey, Start, Task, Trial, Verdict
 from wrongturn_sim import JudgeGeometry, Row, Trajectory, judge
-from wrongturn_sim.polyline import Path
+from wrongturn_sim.polyline import Polyline
 from wrongturn_sim.verdict import GeometryMismatchError, JourneyGeometry, JourneyJudge, Judge, RowError
 
 TOWN = load_town("Town02")
@@ -43,7 +43,7 @@ CRUISE = trial(Task.CRUISE)
 
 def place(lane, s, lateral=0.0, turned=0.0):
     """x, y, yaw beside a lane's centre line, metres to the left and turned by degrees to the left."""
-    path = Path(lane.centreline)
+    path = Polyline(lane.centreline)
     (x, y), (ahead_x, ahead_y) = ([np.interp(at, path.along, path.points[:, k]) for k in (0, 1)] for at in (s, s + 0.1))
     heading = math.atan2(ahead_y - y, ahead_x - x)
     return x - lateral * math.sin(heading), y + lateral * math.cos(heading), heading + math.radians(turned)
@@ -174,8 +174,8 @@ def test_time_runs_out_unless_it_arrives_with_the_same_row():
 
 
 def test_distance_junctions_and_completion():
-    through = Path(LANE.centreline).then(Path(EXIT.path)).then(Path(GOAL.centreline))
-    begin, inner = LANE.length - 30.0, Path(EXIT.path).length
+    through = Polyline(LANE.centreline).then(Polyline(EXIT.path)).then(Polyline(GOAL.centreline))
+    begin, inner = LANE.length - 30.0, Polyline(EXIT.path).length
     length = 30.0 + inner + GOAL_AT
     navigation = trial(length=length)
     path = through.sample(begin, math.ceil(length) + 2).astype(float).tolist()
@@ -213,7 +213,7 @@ def test_off_road_and_wrong_lane_are_what_the_polygons_say():
         is_off = off >= 3 or not TOWN.road.contains(Point(x, y))
         inside = any(junction.area.contains(Point(x, y)) for junction in TOWN.junctions.values())
         there = [one for one in lanes if not inside and one.polygon.contains(Point(x, y))]
-        oncoming = any(math.cos(Path(one.centreline).project(x, y).heading - yaw) < 0.0 for one in there)
+        oncoming = any(math.cos(Polyline(one.centreline).project(x, y).heading - yaw) < 0.0 for one in there)
         outcome = watch(CRUISE, [row(0.0, where)]).abort(0.0)
         if outcome.verdict is Verdict.COLLISION:
             continue

@@ -129,9 +129,11 @@ def test_compiled_and_interpreted_looks_are_the_same_bit_for_bit(
     numbers = Judge(geometry, trial(kind))._numbers
     packed = geometry.packed
     others = np.array(users, np.float64).reshape(-1, 6)
-    compiled = kernels.look(packed.floats, packed.ints, packed.cells, numbers, others, x, y, yaw, v, entered)
+    compiled = kernels.inspect_row(packed.floats, packed.ints, packed.cells, numbers, others, x, y, yaw, v, entered)
     with np.errstate(over="ignore"):  # compiled code says nothing of a quotient that is too large
-        plain = PLAIN.look(FLOATS[solid], INTS[solid], packed.cells, numbers.tolist(), others, x, y, yaw, v, entered)
+        plain = PLAIN.inspect_row(
+            FLOATS[solid], INTS[solid], packed.cells, numbers.tolist(), others, x, y, yaw, v, entered
+        )
     assert compiled == (int(plain[0]), float(plain[1]))
 
 

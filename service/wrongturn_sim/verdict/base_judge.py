@@ -17,7 +17,7 @@ NOBODY: Final = np.empty((0, 6))
 """No road users."""
 
 
-class Watching(ABC):
+class BaseJudge(ABC):
     """One episode's standing, and its outcome once there is one.
 
     Args:
