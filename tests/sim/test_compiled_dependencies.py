@@ -147,7 +147,7 @@ def test_cached_functions_declare_all_that_they_are_compiled_from(module):
 def test_it_looks_at_all_compiled_functions():
     functions = {f"{module}.{one.name}" for module in MODULES for one, _ in kept(source_of(module))}
     assert {
-        "wrongturn_sim.camera.raycast.frames_into",
+        "wrongturn_sim.camera.raycast.pictures_into",
         "wrongturn_sim.fleet.kernel.run",
         "wrongturn_sim.verdict.decide.decide",
     } <= functions

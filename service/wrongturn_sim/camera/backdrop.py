@@ -6,7 +6,22 @@ from typing import Any
 import numpy as np
 
 from wrongturn_protocol import SegmentationClass
-from wrongturn_sim.camera.kernels import HAZE, LOWER, REACH, SLOPES, UPPER, clamp, floor, haze_at, kernel, noise, put
+from wrongturn_sim.camera.kernels import (
+    HAZE,
+    LOWER,
+    REACH,
+    SLOPES,
+    UPPER,
+    Colour,
+    Column,
+    Scene,
+    clamp,
+    floor,
+    haze_at,
+    kernel,
+    noise,
+    put,
+)
 from wrongturn_sim.camera.pinhole import CY, FOCAL, LEVEL, PITCH_COS, PITCH_SIN, UP
 from wrongturn_sim.camera.weathers import (
     CLOUD_B,
@@ -32,18 +47,25 @@ from wrongturn_sim.camera.weathers import (
 
 _SKY = int(SegmentationClass.SKY)
 _VEGETATION = int(SegmentationClass.VEGETATION)
+_SIDEWALK = int(SegmentationClass.SIDEWALK)
 _UNSIGNED = (1 << 63) - 1
+_LEVEL_RAY = -1e-4
+"""Rays that rise more than this, for each metre of depth, show the sky."""
 
 
 @kernel
-def sky_colour(dx: float, dy: float, flat: float, slope: float, look: Any, cover: Any) -> tuple[float, float, float]:
-    """Colour of the sky along a ray, 0 to 255; ``flat``: the length of (dx, dy)."""
+def sky_colour(column: Column, flat: float, slope: float, cover: Any) -> Colour:
+    """Return the colour of the sky along a ray.
+
+    ``flat`` is the length of (dx, dy); ``slope`` is how far the ray rises for each metre of depth.
+    """
+    look, dx, dy = column.look, column.dx, column.dy
     rise = max(slope, 0.0)
     share = rise / (rise + 0.16 * flat)
     red = look[HORIZON_R] + (look[ZENITH_R] - look[HORIZON_R]) * share
     green = look[HORIZON_G] + (look[ZENITH_G] - look[HORIZON_G]) * share
     blue = look[HORIZON_B] + (look[ZENITH_B] - look[HORIZON_B]) * share
-    # Clouds lie on a plane far above: they grow flat towards the horizon and are lost in its haze.
+    # Clouds lie on a plane far above. Towards the horizon they become flat and fade into its haze.
     scale = 52.0 / (rise + 0.09 * flat)
     value = cover[int(dy * scale + 8192.0) & 511, int(dx * scale + 8192.0) & 511] * (1.0 / 255.0)
     cloud = clamp((value - (1.0 - look[CLOUDS])) * 3.2, 0.0, 1.0) * min(rise * 11.0, 1.0)
@@ -69,18 +91,9 @@ def sky_colour(dx: float, dy: float, flat: float, slope: float, look: Any, cover
 
 
 @kernel
-def sky_pixel(
-    u: int, v: int, dx: float, dy: float, length: float, slope: float, look: Any, cover: Any, canvas: Any
-) -> None:
-    """Paints the sky."""
-    red, green, blue = sky_colour(dx, dy, length, slope, look, cover)
-    put(canvas, u, v, red, green, blue, _SKY)
-
-
-@kernel
 def code_at(x: float, y: float, ground: Any, frame: Any) -> int:
-    """The ground's code at a place; grass beyond the raster."""
-    # Unsigned: what lies before the first cell becomes a number beyond the last.
+    """Return the ground's code at a place; beyond the raster there is grass."""
+    # Unsigned: a place before the first cell becomes a number beyond the last.
     row = np.uint64(int((y - frame[1]) * frame[2]) & _UNSIGNED)
     column = np.uint64(int((x - frame[0]) * frame[2]) & _UNSIGNED)
     if row >= np.uint64(ground.shape[0]) or column >= np.uint64(ground.shape[1]):
@@ -89,96 +102,105 @@ def code_at(x: float, y: float, ground: Any, frame: Any) -> int:
 
 
 @kernel
-def seen_of(code: int) -> int:
-    """The segmentation's class of a code."""
-    kind = (code >> 4) & 3
-    # The others are numbered as their classes are.
-    return kind if kind > 0 else _VEGETATION
+def kind_of(code: int) -> int:
+    """Return the kind of ground that a code stands for: 0 for vegetation, else the number of its class."""
+    return (code >> 4) & 3
 
 
 @kernel
-def ground_pixel(
-    u: int,
-    v: int,
-    dx: float,
-    dy: float,
-    length: float,
-    ex: float,
-    ey: float,
-    px: float,
-    py: float,
-    t: float,
-    upper: float,
-    lower: float,
-    haze: float,
-    slope: float,
-    shade: float,
-    base: float,
-    top: int,
-    single: bool,
-    ground: Any,
-    frame: Any,
-    look: Any,
-    cover: Any,
-    canvas: Any,
-) -> None:
-    """Paints the ground at depth t.
-
-    ``upper``, ``lower``: the depth a third of a row above and below; ``ex``, ``ey``: a third of a column to the right;
-    ``base``, ``top``: the row of the nearest solid's foot and its first row, which wet ground mirrors, in this column.
-    """
-    x, y = px + t * dx, py + t * dy
-    code = code_at(x, y, ground, frame) & 255
+def ground_colour(column: Column, code: int, t: float, upper: float, lower: float, scene: Scene) -> Colour:
+    """Return the colour of the ground at depth t; ``upper`` and ``lower`` are the depths a third of a row away."""
+    look, px, py = column.look, column.px, column.py
     at = GROUND_COLOURS + 3 * code
     red, green, blue = look[at], look[at + 1], look[at + 2]
     if t > 10.0:
-        # Far pixels cover much ground: more samples, of the colour alone.
-        at = GROUND_COLOURS + 3 * code_at(px + upper * (dx + ex), py + upper * (dy + ey), ground, frame)
-        more = GROUND_COLOURS + 3 * code_at(px + lower * (dx - ex), py + lower * (dy - ey), ground, frame)
+        # A far pixel covers much ground: take two more samples of the colour.
+        dx, dy, ex, ey = column.dx, column.dy, column.ex, column.ey
+        at = GROUND_COLOURS + 3 * code_at(px + upper * (dx + ex), py + upper * (dy + ey), scene.ground, scene.frame)
+        more = GROUND_COLOURS + 3 * code_at(px + lower * (dx - ex), py + lower * (dy - ey), scene.ground, scene.frame)
         red = (red + look[at] + look[more]) * (1.0 / 3.0)
         green = (green + look[at + 1] + look[more + 1]) * (1.0 / 3.0)
         blue = (blue + look[at + 2] + look[more + 2]) * (1.0 / 3.0)
+    return red, green, blue
+
+
+@kernel
+def mirror_share(x: float, y: float, slope: float, kind: int, look: Any, cover: Any) -> float:
+    """Return how much of its colour wet ground takes from what it mirrors, 0 to 1."""
+    # The flatter the ray, the more water mirrors. Pools stand in hollows.
+    flat = 1.0 / (1.0 + 110.0 * slope * slope)
+    hollow = cover[int(y * 22.0) & 511, int(x * 22.0) & 511] * 0.035 - 5.6
+    pool = clamp(hollow, 0.0, 1.0)
+    share: float = look[WETNESS] * (0.05 + 0.40 * flat + 0.30 * pool * (0.3 + 0.7 * flat))
+    if kind == _SIDEWALK:
+        share *= 0.5
+    return share
+
+
+@kernel
+def mirrored_colour(column: Column, v: int, flat: float, base: float, slope: float, cover: Any) -> Colour:
+    """Return what ground at row v mirrors: the nearest solid, whose foot is at row ``base``, or the sky."""
+    row = int(2.0 * base - v + 0.5)
+    if column.v1 - column.v0 > 1 and base < 1e6 and row >= column.v0 and row < v:
+        pixel = column.canvas[row, column.u]
+        return (pixel & 255) * 1.0, (pixel >> 8 & 255) * 1.0, (pixel >> 16 & 255) * 1.0
+    return sky_colour(column, flat, -slope, cover)
+
+
+@kernel
+def ground_pixel(column: Column, v: int, flat: float, base: float, rows: Any, scene: Scene) -> None:
+    """Paint the ground at row v; ``flat`` and ``base`` are those of :func:`background`."""
+    look, slope, t = column.look, column.slopes[v], rows[REACH, v]
+    x, y = column.px + t * column.dx, column.py + t * column.dy
+    code = code_at(x, y, scene.ground, scene.frame) & 255
+    red, green, blue = ground_colour(column, code, t, rows[UPPER, v], rows[LOWER, v], scene)
+    shade = column.shade[v]
     red, green, blue = red * shade, green * shade, blue * shade
-    kind = (code >> 4) & 3
+    kind = kind_of(code)
     if look[WETNESS] > 0.0 and kind > 0:
-        # Water mirrors the more, the flatter the ray; in hollows it stands.
-        flat = 1.0 / (1.0 + 110.0 * slope * slope)
-        hollow = cover[int(y * 22.0) & 511, int(x * 22.0) & 511] * 0.035 - 5.6
-        pool = clamp(hollow, 0.0, 1.0)
-        share = look[WETNESS] * (0.05 + 0.40 * flat + 0.30 * pool * (0.3 + 0.7 * flat))
-        if kind == 3:
-            share *= 0.5
-        mirrored = int(2.0 * base - v + 0.5)
-        if not single and base < 1e6 and mirrored >= top and mirrored < v and mirrored >= 0:
-            image = canvas[mirrored, u]
-            red += ((image & 255) - red) * share
-            green += ((image >> 8 & 255) - green) * share
-            blue += ((image >> 16 & 255) - blue) * share
-        else:
-            sky_r, sky_g, sky_b = sky_colour(dx, dy, length, -slope, look, cover)
-            red += (sky_r - red) * share
-            green += (sky_g - green) * share
-            blue += (sky_b - blue) * share
+        share = mirror_share(x, y, slope, kind, look, scene.cover)
+        mirrored_r, mirrored_g, mirrored_b = mirrored_colour(column, v, flat, base, slope, scene.cover)
+        red += (mirrored_r - red) * share
+        green += (mirrored_g - green) * share
+        blue += (mirrored_b - blue) * share
+    haze = rows[HAZE, v]
     put(
-        canvas,
-        u,
+        column.canvas,
+        column.u,
         v,
         red + (look[HAZE_R] - red) * haze,
         green + (look[HAZE_G] - green) * haze,
         blue + (look[HAZE_B] - blue) * haze,
-        seen_of(code),
+        kind if kind > 0 else _VEGETATION,
     )
 
 
 @kernel
+def background(column: Column, base: float, rows: Any, scene: Scene) -> None:
+    """Paint sky and ground where a column is still empty.
+
+    ``base`` is the row of the foot of the nearest solid, which wet ground mirrors; 1e9 if there is none.
+    """
+    flat = math.sqrt(column.dx * column.dx + column.dy * column.dy)
+    for v in range(column.v0, column.v1):
+        if column.depth[v] < 1e8:
+            continue
+        if column.slopes[v] >= _LEVEL_RAY:
+            red, green, blue = sky_colour(column, flat, column.slopes[v], scene.cover)
+            put(column.canvas, column.u, v, red, green, blue, _SKY)
+        else:
+            ground_pixel(column, v, flat, base, rows, scene)
+
+
+@kernel
 def set_row(v: int, camera: Any, look: Any, rows: Any) -> None:
-    """What the pixels of a row have in common: how their rays rise for each metre of depth, and where they end."""
+    """Set what the pixels of row v have in common: how far their rays rise, and where they meet the ground."""
     slope = (camera[CY] - v) / camera[FOCAL]
     if camera[LEVEL] < 0.5:
         slope = slope * camera[PITCH_COS] - camera[PITCH_SIN]
     eye, third = camera[UP], 0.33 / camera[FOCAL]
     rows[SLOPES, v] = slope
-    if slope < -1e-4:
+    if slope < _LEVEL_RAY:
         t = -eye / slope
         rows[REACH, v] = t
         rows[UPPER, v] = min(eye / max(-third - slope, 1e-5), 3.0 * t)

@@ -16,8 +16,8 @@ if not hasattr(np, "row_stack"):
 import numba.cuda
 
 from wrongturn_sim.camera.backdrop import set_row
-from wrongturn_sim.camera.kernels import WORK, Scene, Scratch, kernel
-from wrongturn_sim.camera.raycast import column_into, eye_of, rain, show
+from wrongturn_sim.camera.kernels import WORK, Scene, Scratch, eye_of, kernel
+from wrongturn_sim.camera.raycast import column_into, rain, show
 from wrongturn_sim.camera.sight import span_of
 
 # It warns of each launch for a few pictures, such as of those whose drives begin anew; there is nothing to be done.
@@ -54,9 +54,9 @@ def look_around(
     ``rows`` (N, ROWS, height); ``place`` (N, items, 2); ``spans`` (N, items, 2): each solid's columns, from and to.
     """
     i = cuda.blockIdx.x
-    x, y, fx, fy = eye_of(numbers[i, PX], numbers[i, PY], numbers[i, YAW], camera)
+    eye = eye_of(numbers[i, PX], numbers[i, PY], numbers[i, YAW], camera)
     for item in range(cuda.threadIdx.x, items, cuda.blockDim.x):
-        begin, end = span_of(scenery[item], x, y, fx, fy, camera, width, height, place[i, item])
+        begin, end = span_of(scenery[item], eye, camera, width, height, place[i, item])
         spans[i, item, 0] = begin
         spans[i, item, 1] = end
     look = looks[int(numbers[i, LOOK])]
@@ -92,8 +92,8 @@ def paint_column(
     counts[i, u] = count
     # Neighbours' lists side by side, for threads that read them at once.
     scratch = Scratch(rows[i], work, place[i], counts[i], lists[i].T, users, canvas[i])
-    x, y, fx, fy = eye_of(numbers[i, PX], numbers[i, PY], numbers[i, YAW], camera)
-    column_into(u, x, y, fx, fy, camera, looks[int(numbers[i, LOOK])], scene, scratch)
+    eye = eye_of(numbers[i, PX], numbers[i, PY], numbers[i, YAW], camera)
+    column_into(u, eye, camera, looks[int(numbers[i, LOOK])], scene, scratch)
     target = int(numbers[i, TARGET])
     for v in range(segmentation.shape[1]):
         show(v, u, canvas[i], rgb[target], segmentation[target])

@@ -1,8 +1,8 @@
-"""What every kernel is made of: compilation, whole-number noise, pixels.
+"""Building blocks of all kernels: compilation, noise from whole numbers, and pixels.
 
-Kernels are scalar functions of one image column that allocate nothing and keep nothing, so that a GPU can run the same
-source. Fast arithmetic is allowed here, where nothing is scored; the instruction set is pinned (see
-:mod:`wrongturn_sim.home`), so that the bytes do not hang on the machine.
+A kernel works on one column of a picture with plain numbers. It allocates nothing and keeps no state, so that a GPU
+can run the same source. Kernels may use fast arithmetic, because no score depends on a picture's rounding.
+:mod:`wrongturn_sim.home` pins the instruction set, so that a picture's bytes do not depend on the machine.
 """
 
 import math
@@ -11,20 +11,35 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 import numba
 
-from wrongturn_sim.camera.weathers import HAZE_RATE
+from wrongturn_sim.camera.pinhole import CAMERA_YAW, FORWARD, LEFT
+from wrongturn_sim.camera.solids import COS, SIN
+from wrongturn_sim.camera.weathers import (
+    HAZE_B,
+    HAZE_G,
+    HAZE_R,
+    HAZE_RATE,
+    SKYLIGHT_B,
+    SKYLIGHT_G,
+    SKYLIGHT_R,
+    SUNLIGHT_B,
+    SUNLIGHT_G,
+    SUNLIGHT_R,
+)
 from wrongturn_sim.home import set_cache
 
 set_cache()
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+Colour = tuple[float, float, float]
+"""Red, green and blue, from 0; pixels cut them at 255."""
 
 NEAR: Final = 0.25
-"""What is nearer than this is not drawn, metres."""
+"""Solids nearer than this are not drawn, metres."""
 HITS: Final = 48
-"""Solids that a column can meet; of more, the nearest are kept."""
+"""Most solids that a column can meet; of more, the nearest are kept."""
 
-# What all pixels of a row have in common.
+# Rows of the array of what all pixels of a picture's row have in common.
 SLOPES, REACH, UPPER, LOWER, HAZE = range(5)
 ROWS: Final = 5
 
@@ -34,57 +49,96 @@ WORK: Final = 5
 
 
 class Scene(NamedTuple):
-    """What is looked at."""
+    """What the camera looks at."""
 
     ground: Any
     """See :mod:`~wrongturn_sim.camera.ground`."""
     frame: Any
-    """(3,): x and y of its first cell's corner, metres, and cells for each metre."""
+    """(3,): x and y of the corner of the ground's first cell, metres, and the number of cells in a metre."""
     scenery: Any
     """(N, COLUMNS); see :mod:`~wrongturn_sim.camera.solids`."""
     shops: Any
-    """(S, 3) colours of shop signs."""
+    """(S, 3): colours of shop signs."""
     cover: Any
-    """(512, 512) cover of the sky by clouds."""
+    """(512, 512): cover of the sky by clouds."""
 
 
 class Scratch(NamedTuple):
-    """What is written on while a picture is painted."""
+    """Arrays that kernels write to while they paint a picture."""
 
     rows: Any
     """(ROWS, rows)"""
     work: Any
     """(WORK, rows)"""
     place: Any
-    """(N, 2): the camera in the frame of each solid."""
+    """(N, 2): the camera's place in the frame of each solid."""
     counts: Any
-    """(columns,): how many solids may be seen in each."""
+    """(columns,): number of solids that may be seen in each column."""
     lists: Any
-    """(columns, N): which."""
+    """(columns, N): which solids these are."""
     users: Any
     """(M, COLUMNS): road users as solids."""
     canvas: Any
-    """(rows, columns): red, green, blue and class of each pixel, a byte each."""
+    """(rows, columns): red, green, blue and class of each pixel, one byte each."""
+
+
+class Eye(NamedTuple):
+    """The camera's place on the flat and the unit vector that it looks along there."""
+
+    x: float
+    y: float
+    ahead_x: float
+    ahead_y: float
+
+
+class Column(NamedTuple):
+    """Rows v0 to v1 of column u, which are painted together: all their rays lie in one upright plane."""
+
+    u: int
+    v0: int
+    v1: int
+    px: float
+    """The camera's place, metres, town frame."""
+    py: float
+    dx: float
+    """How far the rays go on the flat for each metre of depth, town frame."""
+    dy: float
+    ex: float
+    """What (dx, dy) gains a third of a column to the right."""
+    ey: float
+    eye: float
+    """Height of the camera above the ground, metres."""
+    focal: float
+    cy: float
+    look: Any
+    """The weather, as :func:`~wrongturn_sim.camera.weathers.look_of` packs it."""
+    slopes: Any
+    """(rows,): how far each row's ray rises for each metre of depth."""
+    depth: Any
+    """(rows,): depth of what is painted so far, metres."""
+    shade: Any
+    """(rows,): share of the light that reaches the ground past road users."""
+    canvas: Any
 
 
 OPTIONS: Final[dict[str, Any]] = {
     "fastmath": True,
     "error_model": "numpy",
     "nogil": True,
-    # Numba's counting of references would take two thirds of the time, and nothing is allocated.
+    # Without it, numba's reference counts would take two thirds of the time. Kernels allocate nothing to be counted.
     "_nrt": False,
 }
 
 
 def kernel(function: F) -> F:
-    """Compiled as part of the kernels that call it."""
+    """Compile a function as part of the kernels that call it."""
     compiled: F = numba.njit(**OPTIONS, forceinline=True)(function)
     return compiled
 
 
 @kernel
 def noise(x: int, y: int, seed: int) -> float:
-    """0 to 1, of whole numbers."""
+    """Return a number from 0 to 1 that depends on these whole numbers alone."""
     value = (x * 374761393 + y * 668265263 + seed * 2246822519) & 0xFFFFFFFF
     value = ((value ^ (value >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
     value = ((value ^ (value >> 12)) * 0x297A2D39) & 0xFFFFFFFF
@@ -93,7 +147,7 @@ def noise(x: int, y: int, seed: int) -> float:
 
 @kernel
 def grain(x: int, y: int, seed: int) -> float:
-    """0 to 1, of whole numbers: cheaper than :func:`noise` and good enough for textures."""
+    """Return a number as :func:`noise` does, at less cost; good enough for textures."""
     value = (x * 374761393 + y * 668265263 + seed * 2246822519) & 0xFFFFFFFF
     value = (value ^ (value >> 15)) * 0x2C1B3C6D
     return ((value >> 12) & 0xFFFF) * (1.0 / 65535.0)
@@ -101,34 +155,51 @@ def grain(x: int, y: int, seed: int) -> float:
 
 @kernel
 def floor(value: float) -> int:
-    """The whole number below; on a GPU, ``math.floor`` gives no whole number."""
+    """Return the whole number below; on a GPU, ``math.floor`` returns a float."""
     return int(math.floor(value))  # noqa: RUF046
 
 
 @kernel
 def ceil(value: float) -> int:
-    """The whole number above; likewise."""
+    """Return the whole number above; on a GPU, ``math.ceil`` returns a float."""
     return int(math.ceil(value))  # noqa: RUF046
 
 
 @kernel
 def clamp(value: float, low: float, high: float) -> float:
-    """The nearest number from low to high."""
+    """Return the nearest number from low to high."""
     return min(max(value, low), high)
 
 
 @kernel
 def put(canvas: Any, u: int, v: int, red: float, green: float, blue: float, seen: int) -> None:
-    """Writes a pixel; colours from 0, cut at 255."""
+    """Write a pixel's colour and class."""
     canvas[v, u] = int(min(red, 255.0)) | int(min(green, 255.0)) << 8 | int(min(blue, 255.0)) << 16 | int(seen) << 24
 
 
 @kernel
-def first_row(limit: float, v0: int, v1: int, focal: float, cy: float, slopes: Any) -> int:
-    """The first row of v0 to v1 whose ray rises by no more than the limit for each metre ahead; v1 if none."""
+def put_lit(column: Column, v: int, red: float, green: float, blue: float, sun: float, haze: float, seen: int) -> None:
+    """Write a pixel of a surface: lit by the sky and by this share of the sun, then faded by haze."""
+    look = column.look
+    clear = 1.0 - haze
+    put(
+        column.canvas,
+        column.u,
+        v,
+        red * (look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]) * clear + look[HAZE_R] * haze,
+        green * (look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]) * clear + look[HAZE_G] * haze,
+        blue * (look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]) * clear + look[HAZE_B] * haze,
+        seen,
+    )
+
+
+@kernel
+def first_row(limit: float, column: Column) -> int:
+    """Return the first row whose ray rises by no more than the limit for each metre of depth; v1 if there is none."""
+    v0, v1 = column.v0, column.v1
     if v1 - v0 == 1:
-        return v0 if slopes[v0] <= limit else v1
-    row = cy - focal * limit
+        return v0 if column.slopes[v0] <= limit else v1
+    row = column.cy - column.focal * limit
     if row <= v0:
         return v0
     if row >= v1:
@@ -138,6 +209,21 @@ def first_row(limit: float, v0: int, v1: int, focal: float, cy: float, slopes: A
 
 @kernel
 def haze_at(t: float, look: Any) -> float:
-    """Share of the haze's colour at a distance."""
+    """Return the haze's share of the colour at a distance."""
     x: float = t * look[HAZE_RATE]
     return x * x / (1.0 + x * x)
+
+
+@kernel
+def eye_of(x: float, y: float, yaw: float, camera: Any) -> Eye:
+    """Return where the camera of a car at (x, y, yaw) stands and which way it looks."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    px = x + camera[FORWARD] * cos - camera[LEFT] * sin
+    py = y + camera[FORWARD] * sin + camera[LEFT] * cos
+    return Eye(px, py, math.cos(yaw + camera[CAMERA_YAW]), math.sin(yaw + camera[CAMERA_YAW]))
+
+
+@kernel
+def turned(row: Any, x: float, y: float) -> tuple[float, float]:
+    """Return a direction of the town frame in a solid's own frame."""
+    return row[COS] * x + row[SIN] * y, row[COS] * y - row[SIN] * x

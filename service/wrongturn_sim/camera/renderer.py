@@ -13,7 +13,7 @@ from wrongturn_sim.camera.errors import CameraError
 from wrongturn_sim.camera.kernels import HITS, ROWS, WORK, Scene, Scratch
 from wrongturn_sim.camera.noise import clouds
 from wrongturn_sim.camera.pinhole import Camera
-from wrongturn_sim.camera.raycast import frames_into
+from wrongturn_sim.camera.raycast import pictures_into
 from wrongturn_sim.camera.solids import COLUMNS, shop_colours
 from wrongturn_sim.camera.weathers import SIZE, look_of
 from wrongturn_sim.camera.world import World
@@ -119,7 +119,7 @@ class Renderer:
         _check_images(self.camera, 1, rgb[None], segmentation[None])
         self._ticks[0] = tick
         self._begins[1] = len(others)
-        frames_into(
+        pictures_into(
             self._pose,
             self._seeds,
             self._ticks,
@@ -182,7 +182,7 @@ def render_batch(
     scene = _scene(world)
 
     def paint(part: slice) -> None:
-        frames_into(
+        pictures_into(
             poses[part],
             folded[part],
             counted[part],

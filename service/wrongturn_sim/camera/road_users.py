@@ -1,10 +1,22 @@
 """Cars and people: tapered boxes with wheels, glass and lamps; a figure on legs."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from wrongturn_protocol import SegmentationClass
-from wrongturn_sim.camera.kernels import clamp, first_row, floor, haze_at, kernel, noise, put
+from wrongturn_sim.camera.kernels import (
+    Colour,
+    Column,
+    clamp,
+    first_row,
+    floor,
+    haze_at,
+    kernel,
+    noise,
+    put,
+    put_lit,
+    turned,
+)
 from wrongturn_sim.camera.solids import (
     B2,
     BOUND,
@@ -49,22 +61,66 @@ from wrongturn_sim.camera.weathers import (
 _VEHICLE = int(SegmentationClass.VEHICLE)
 _PEDESTRIAN = int(SegmentationClass.PEDESTRIAN)
 
+# Columns of a road user, as the renderer takes it; the yaw in radians, kind 0 for a vehicle and 1 for a pedestrian.
+USER_X, USER_Y, USER_YAW, USER_LENGTH, USER_WIDTH, USER_HEIGHT, USER_KIND, USER_COLOUR = range(8)
+
+FRONT, BACK, LEFT, RIGHT, TOP, BOTTOM = range(6)
+"""Faces of a box."""
+
 WHEEL = 0.32
-"""Its radius, metres."""
+"""Radius of a wheel, metres."""
 SILL = 0.26
 """Height of a car's lower edge above the ground, metres."""
+CLOSE = 0.2
+"""What is nearer than this is not painted, metres."""
+
+
+class Box(NamedTuple):
+    """A box from ``low`` to ``high`` whose sides lean inwards by this many metres for each metre of height."""
+
+    half_x: float
+    half_y: float
+    low: float
+    high: float
+    front: float
+    back: float
+    side: float
+
+
+class Body(NamedTuple):
+    """The shape of a vehicle, metres."""
+
+    half_x: float
+    half_y: float
+    height: float
+    tall: bool
+    """Whether it is a van, lorry or bus."""
+    belt: float
+    """Height of the lower edge of the windows."""
+    shift: float
+    """How far behind the middle of the vehicle the middle of the cabin is."""
+    cabin: Box
+
+
+class Spot(NamedTuple):
+    """A place on a vehicle's surface, in the vehicle's own frame."""
+
+    face: int
+    x: float
+    y: float
+    z: float
 
 
 @kernel
 def row_of_other(other: Any, row: Any) -> None:
-    """Turns a road user (x, y, yaw, length, width, height, kind, colour) into a row of a solid."""
-    row[X], row[Y] = other[0], other[1]
-    row[COS], row[SIN] = math.cos(other[2]), math.sin(other[2])
-    row[HALF_X], row[HALF_Y], row[HEIGHT] = 0.5 * other[3], 0.5 * other[4], other[5]
+    """Write a road user as a solid's row."""
+    row[X], row[Y] = other[USER_X], other[USER_Y]
+    row[COS], row[SIN] = math.cos(other[USER_YAW]), math.sin(other[USER_YAW])
+    row[HALF_X], row[HALF_Y], row[HEIGHT] = 0.5 * other[USER_LENGTH], 0.5 * other[USER_WIDTH], other[USER_HEIGHT]
     row[BOUND] = math.sqrt(row[HALF_X] * row[HALF_X] + row[HALF_Y] * row[HALF_Y]) + 0.3
-    colour = int(other[7])
+    colour = int(other[USER_COLOUR])
     row[SEED] = colour & 0xFFFF
-    row[KIND] = CAR if other[6] < 0.5 else WALKER
+    row[KIND] = CAR if other[USER_KIND] < 0.5 else WALKER
     pick = int(noise(colour, 3, 1) * 9.999)
     red, green, blue = 176.0, 30.0, 34.0
     if pick == 1:
@@ -91,38 +147,22 @@ def row_of_other(other: Any, row: Any) -> None:
 
 
 @kernel
-def into(
-    x: float,
-    y: float,
-    z: float,
-    dx: float,
-    dy: float,
-    dz: float,
-    half_x: float,
-    half_y: float,
-    low: float,
-    high: float,
-    front: float,
-    back: float,
-    side: float,
-) -> tuple[float, int]:
-    """Where a ray enters a box whose sides lean inwards (metres for each metre of height), and through which face.
-
-    Faces: 0 front, 1 back, 2 left, 3 right, 4 top, 5 bottom; distance below 0: it misses.
-    """
+def into(x: float, y: float, z: float, dx: float, dy: float, dz: float, box: Box) -> tuple[float, int]:
+    """Return the depth at which a ray enters a box, and the face that it enters through; -1, -1 if it misses."""
     first, last, face = -1e9, 1e9, -1
-    rise = z - low
+    rise = z - box.low
     for plane in range(6):
-        if plane == 0:
-            gap, rate = half_x - x - front * rise, dx + front * dz
-        elif plane == 1:
-            gap, rate = half_x + x - back * rise, -dx + back * dz
-        elif plane == 2:
-            gap, rate = half_y - y - side * rise, dy + side * dz
-        elif plane == 3:
-            gap, rate = half_y + y - side * rise, -dy + side * dz
-        elif plane == 4:
-            gap, rate = high - z, dz
+        # The distance to the plane of the face, and how fast the ray moves away from it.
+        if plane == FRONT:
+            gap, rate = box.half_x - x - box.front * rise, dx + box.front * dz
+        elif plane == BACK:
+            gap, rate = box.half_x + x - box.back * rise, -dx + box.back * dz
+        elif plane == LEFT:
+            gap, rate = box.half_y - y - box.side * rise, dy + box.side * dz
+        elif plane == RIGHT:
+            gap, rate = box.half_y + y - box.side * rise, -dy + box.side * dz
+        elif plane == TOP:
+            gap, rate = box.high - z, dz
         else:
             gap, rate = rise, -dz
         if rate < 0.0:
@@ -140,204 +180,195 @@ def into(
 
 
 @kernel
-def shade_below(
-    v0: int,
-    v1: int,
-    dx: float,
-    dy: float,
-    rx: float,
-    ry: float,
-    eye: float,
-    focal: float,
-    cy: float,
-    row: Any,
-    slopes: Any,
-    shade: Any,
-) -> None:
-    """Darkens the ground below a road user."""
-    ldx, ldy = row[COS] * dx + row[SIN] * dy, row[COS] * dy - row[SIN] * dx
-    margin = 0.12
-    t, _ = into(rx, ry, 0.5, ldx, ldy, 0.0, row[HALF_X] + margin, row[HALF_Y] + margin, 0.0, 1.0, 0.0, 0.0, 0.0)
-    if t <= 0.2:
-        return
-    back, _ = into(
-        rx + 1e3 * ldx,
-        ry + 1e3 * ldy,
-        0.5,
-        -ldx,
-        -ldy,
-        0.0,
-        row[HALF_X] + margin,
-        row[HALF_Y] + margin,
-        0.0,
-        1.0,
-        0.0,
-        0.0,
-        0.0,
-    )
-    a = first_row(-eye / (1e3 - back), v0, v1, focal, cy, slopes)
-    b = first_row(-eye / t, v0, v1, focal, cy, slopes)
-    for v in range(a, b):
-        shade[v] *= 0.42
+def into_outline(x: float, y: float, dx: float, dy: float, half_x: float, half_y: float) -> float:
+    """Return the depth at which a ray on the flat enters a rectangle; below 0 if it misses."""
+    t, _ = into(x, y, 0.5, dx, dy, 0.0, Box(half_x, half_y, 0.0, 1.0, 0.0, 0.0, 0.0))
+    return t
 
 
 @kernel
-def car(
-    u: int,
-    v0: int,
-    v1: int,
-    dx: float,
-    dy: float,
-    rx: float,
-    ry: float,
-    eye: float,
-    focal: float,
-    cy: float,
-    row: Any,
-    look: Any,
-    slopes: Any,
-    depth: Any,
-    canvas: Any,
-) -> None:
-    """Paints a vehicle where it is the nearest."""
-    ldx, ldy = row[COS] * dx + row[SIN] * dy, row[COS] * dy - row[SIN] * dx
-    half_x, half_y, height = row[HALF_X], row[HALF_Y], row[HEIGHT]
-    nearest, _ = into(rx, ry, 0.5, ldx, ldy, 0.0, half_x, half_y, 0.0, 1.0, 0.0, 0.0, 0.0)
-    above = height < eye and abs(rx) < half_x and abs(ry) < half_y
-    if nearest <= 0.2 and not above:
+def shade_below(column: Column, x: float, y: float, row: Any) -> None:
+    """Darken the ground below a road user; the camera is at (x, y) in the road user's own frame."""
+    dx, dy = turned(row, column.dx, column.dy)
+    half_x, half_y = row[HALF_X] + 0.12, row[HALF_Y] + 0.12
+    t = into_outline(x, y, dx, dy, half_x, half_y)
+    if t <= CLOSE:
         return
-    # Of what is lower than the camera the top is seen too.
-    a = first_row(0.0 if height < eye else (height - eye) / nearest, v0, v1, focal, cy, slopes)
-    b = v1 if above else first_row(-eye / nearest, v0, v1, focal, cy, slopes)
+    back = into_outline(x + 1e3 * dx, y + 1e3 * dy, -dx, -dy, half_x, half_y)
+    a = first_row(-column.eye / (1e3 - back), column)
+    b = first_row(-column.eye / t, column)
+    for v in range(a, b):
+        column.shade[v] *= 0.42
+
+
+@kernel
+def body_of(row: Any) -> Body:
+    """Return the shape of a vehicle."""
+    half_x, half_y, height = row[HALF_X], row[HALF_Y], row[HEIGHT]
     tall = height > 2.1
     belt = 0.5 * height if tall else 0.58 * height
-    cabin_half = half_x * (0.985 if tall else 0.60)
-    shift = 0.0 if tall else 0.10 * half_x
+    half = half_x * (0.985 if tall else 0.60)
     front, rear, side = (0.12, 0.02, 0.03) if tall else (0.75, 0.45, 0.22)
-    haze = haze_at(0.0 if above else nearest, look)
-    clear = 1.0 - haze
-    sun_x = row[COS] * look[SUN_X] + row[SIN] * look[SUN_Y]
-    sun_y = row[COS] * look[SUN_Y] - row[SIN] * look[SUN_X]
-    axle = 0.60 * half_x
-    for v in range(a, b):
-        slope = slopes[v]
-        t, face = into(rx, ry, eye, ldx, ldy, slope, half_x, half_y, SILL, belt, 0.10, 0.06, 0.05)
-        cabin = False
-        t2, face2 = into(
-            rx + shift, ry, eye, ldx, ldy, slope, cabin_half, half_y * 0.96, belt, height, front, rear, side
-        )
-        if t2 > 0.0 and (t <= 0.0 or t2 < t):
-            t, face, cabin = t2, face2, True
-        red, green, blue = row[R], row[G], row[B]
-        gloss = 0.0
-        if t <= 0.0 or (face == 5 and not cabin):
-            # Below the sill there are wheels.
-            t, face = into(rx, ry, eye, ldx, ldy, slope, half_x * 0.97, half_y * 0.97, 0.0, SILL + 0.1, 0.0, 0.0, 0.0)
-            if t <= 0.0:
-                continue
-            x, y, z = rx + t * ldx, ry + t * ldy, eye + t * slope
-            if 1 < face < 4:
-                off = abs(x) - axle
-                if off * off + (z - WHEEL) * (z - WHEEL) > WHEEL * WHEEL:
-                    continue
-            elif 0 <= face < 2:
-                if abs(y) < half_y - 0.24:
-                    continue
-            else:
-                continue
-            red = green = blue = 26.0
-            facing = 0.0
-        else:
-            x, y, z = rx + t * ldx, ry + t * ldy, eye + t * slope
-            if face == 0:
-                facing = sun_x + (0.5 * look[SUN_Z] if cabin else 0.0)
-            elif face == 1:
-                facing = -sun_x + (0.3 * look[SUN_Z] if cabin else 0.0)
-            elif face == 2:
-                facing = sun_y
-            elif face == 3:
-                facing = -sun_y
-            else:
-                facing = look[SUN_Z]
-            if cabin:
-                x += shift
-                part = (z - belt) / (height - belt)
-                if face < 4 and part > 0.10 and part < 0.88:
-                    lean = front if face == 0 else rear
-                    width = (half_y * 0.96 - side * (z - belt)) if face < 2 else (cabin_half - lean * (z - belt))
-                    across = abs(y) if face < 2 else abs(x)
-                    pillar = face >= 2 and abs(x - 0.02) < 0.06
-                    if across < width - 0.10 and not pillar and not (tall and face >= 2 and x < half_x * 0.35):
-                        red, green, blue = 24.0, 28.0, 33.0
-                        gloss = 0.16 + 0.30 * part
-            elif face == 0:
-                if z > 0.52 * belt and z < 0.86 * belt and abs(y) > half_y * 0.60:
-                    red, green, blue = 250.0, 248.0, 232.0
-                elif z < 0.62 * belt and abs(y) < half_y * 0.55:
-                    red, green, blue = 30.0, 30.0, 32.0
-            elif face == 1:
-                if z > 0.60 * belt and z < 0.90 * belt and abs(y) > half_y * 0.62:
-                    red, green, blue = 206.0, 22.0, 20.0
-                elif abs(y) < 0.27 and z > 0.48 * belt and z < 0.62 * belt:
-                    red, green, blue = 226.0, 226.0, 214.0
-                elif z < 0.42 * belt:
-                    red, green, blue = red * 0.45, green * 0.45, blue * 0.45
-            elif 1 < face < 4:
-                off = abs(x) - axle
-                arch = off * off + (z - WHEEL) * (z - WHEEL)
-                if arch < WHEEL * WHEEL:
-                    red = green = blue = 118.0 if arch < 0.03 else 26.0
-                elif arch < 0.16:
-                    red, green, blue = red * 0.35, green * 0.35, blue * 0.35
-                elif z < 0.36:
-                    red, green, blue = red * 0.5, green * 0.5, blue * 0.5
-                elif abs(x - 0.1 * half_x) < 0.025 or abs(abs(x) - 0.42 * half_x) < 0.02:
-                    red, green, blue = red * 0.7, green * 0.7, blue * 0.7
-            elif face == 4:
-                gloss = 0.22
-        if t >= depth[v] or t <= 0.2:
-            continue
-        depth[v] = t
-        sun = clamp(facing, 0.0, 1.0)
-        red, green, blue = (
-            red * (0.9 * look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]),
-            green * (0.9 * look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]),
-            blue * (0.9 * look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]),
-        )
-        red += (0.5 * (look[HORIZON_R] + look[ZENITH_R]) - red) * gloss
-        green += (0.5 * (look[HORIZON_G] + look[ZENITH_G]) - green) * gloss
-        blue += (0.5 * (look[HORIZON_B] + look[ZENITH_B]) - blue) * gloss
-        put(
-            canvas,
-            u,
-            v,
-            red * clear + look[HAZE_R] * haze,
-            green * clear + look[HAZE_G] * haze,
-            blue * clear + look[HAZE_B] * haze,
-            _VEHICLE,
-        )
+    shift = 0.0 if tall else 0.10 * half_x
+    cabin = Box(half, half_y * 0.96, belt, height, front, rear, side)
+    return Body(half_x, half_y, height, tall, belt, shift, cabin)
 
 
 @kernel
-def walker(
-    u: int,
-    v0: int,
-    v1: int,
-    dx: float,
-    dy: float,
-    px: float,
-    py: float,
-    eye: float,
-    focal: float,
-    cy: float,
-    row: Any,
-    look: Any,
-    slopes: Any,
-    depth: Any,
-    canvas: Any,
-) -> None:
-    """Paints a pedestrian where they are the nearest: a figure that always faces the camera."""
-    ox, oy = row[X] - px, row[Y] - py
+def off_wheel(body: Body, x: float, z: float) -> float:
+    """Return the square of the distance from the nearest wheel's middle, on the side of a vehicle."""
+    off = abs(x) - 0.60 * body.half_x
+    return off * off + (z - WHEEL) * (z - WHEEL)
+
+
+@kernel
+def wheel_at(x: float, y: float, z: float, dx: float, dy: float, dz: float, body: Body) -> float:
+    """Return the depth at which a ray that passes below the body meets a wheel; below 0 if it meets none."""
+    box = Box(body.half_x * 0.97, body.half_y * 0.97, 0.0, SILL + 0.1, 0.0, 0.0, 0.0)
+    t, face = into(x, y, z, dx, dy, dz, box)
+    if t <= 0.0:
+        return -1.0
+    if LEFT <= face <= RIGHT:
+        return t if off_wheel(body, x + t * dx, z + t * dz) <= WHEEL * WHEEL else -1.0
+    if FRONT <= face <= BACK and abs(y + t * dy) >= body.half_y - 0.24:
+        return t
+    return -1.0
+
+
+@kernel
+def facing_of(face: int, cabin: bool, sun_x: float, sun_y: float, sun_z: float) -> float:
+    """Return the cosine of the angle between a face's normal and the sun, in the vehicle's own frame."""
+    if face == FRONT:
+        return sun_x + (0.5 * sun_z if cabin else 0.0)
+    if face == BACK:
+        return -sun_x + (0.3 * sun_z if cabin else 0.0)
+    if face == LEFT:
+        return sun_y
+    if face == RIGHT:
+        return -sun_y
+    return sun_z
+
+
+@kernel
+def glass_gloss(spot: Spot, body: Body) -> float:
+    """Return how much of the sky the glass of the cabin mirrors, 0 to 1; below 0 where there is no glass."""
+    face, cabin, height = spot.face, body.cabin, spot.z - body.belt
+    part = height / (body.height - body.belt)
+    if face >= TOP or part <= 0.10 or part >= 0.88:
+        return -1.0
+    x = spot.x + body.shift
+    lean = cabin.front if face == FRONT else cabin.back
+    width = (cabin.half_y - cabin.side * height) if face < LEFT else (cabin.half_x - lean * height)
+    across = abs(spot.y) if face < LEFT else abs(x)
+    pillar = face >= LEFT and abs(x - 0.02) < 0.06
+    blind = body.tall and face >= LEFT and x < body.half_x * 0.35
+    return 0.16 + 0.30 * part if across < width - 0.10 and not pillar and not blind else -1.0
+
+
+@kernel
+def body_colour(spot: Spot, body: Body, paint: Colour) -> Colour:
+    """Return the colour of a vehicle below its windows."""
+    z, belt = spot.z, body.belt
+    across = abs(spot.y)
+    shade = 1.0
+    if spot.face == FRONT:
+        if z > 0.52 * belt and z < 0.86 * belt and across > body.half_y * 0.60:
+            return 250.0, 248.0, 232.0
+        if z < 0.62 * belt and across < body.half_y * 0.55:
+            return 30.0, 30.0, 32.0
+    elif spot.face == BACK:
+        if z > 0.60 * belt and z < 0.90 * belt and across > body.half_y * 0.62:
+            return 206.0, 22.0, 20.0
+        if across < 0.27 and z > 0.48 * belt and z < 0.62 * belt:
+            return 226.0, 226.0, 214.0
+        if z < 0.42 * belt:
+            shade = 0.45
+    elif LEFT <= spot.face <= RIGHT:
+        arch = off_wheel(body, spot.x, z)
+        if arch < WHEEL * WHEEL:
+            tyre = 118.0 if arch < 0.03 else 26.0
+            return tyre, tyre, tyre
+        if arch < 0.16:
+            shade = 0.35
+        elif z < 0.36:
+            shade = 0.5
+        elif abs(spot.x - 0.1 * body.half_x) < 0.025 or abs(abs(spot.x) - 0.42 * body.half_x) < 0.02:
+            # Gaps around the doors.
+            shade = 0.7
+    return paint[0] * shade, paint[1] * shade, paint[2] * shade
+
+
+@kernel
+def car(column: Column, x: float, y: float, row: Any) -> None:
+    """Paint a vehicle where it is the nearest; the camera is at (x, y) in the vehicle's own frame."""
+    look, eye = column.look, column.eye
+    dx, dy = turned(row, column.dx, column.dy)
+    body = body_of(row)
+    nearest = into_outline(x, y, dx, dy, body.half_x, body.half_y)
+    above = body.height < eye and abs(x) < body.half_x and abs(y) < body.half_y
+    if nearest <= CLOSE and not above:
+        return
+    # Of a vehicle that is lower than the camera, the top is seen too.
+    a = first_row(0.0 if body.height < eye else (body.height - eye) / nearest, column)
+    b = column.v1 if above else first_row(-eye / nearest, column)
+    haze = haze_at(0.0 if above else nearest, look)
+    sun_x, sun_y = turned(row, look[SUN_X], look[SUN_Y])
+    lower = Box(body.half_x, body.half_y, SILL, body.belt, 0.10, 0.06, 0.05)
+    for v in range(a, b):
+        slope = column.slopes[v]
+        t, face = into(x, y, eye, dx, dy, slope, lower)
+        high, high_face = into(x + body.shift, y, eye, dx, dy, slope, body.cabin)
+        cabin = high > 0.0 and (t <= 0.0 or high < t)
+        if cabin:
+            t, face = high, high_face
+        red, green, blue = row[R], row[G], row[B]
+        facing = gloss = 0.0
+        if t <= 0.0 or (face == BOTTOM and not cabin):
+            t = wheel_at(x, y, eye, dx, dy, slope, body)
+            red = green = blue = 26.0
+        else:
+            facing = facing_of(face, cabin, sun_x, sun_y, look[SUN_Z])
+            spot = Spot(face, x + t * dx, y + t * dy, eye + t * slope)
+            if not cabin:
+                red, green, blue = body_colour(spot, body, (red, green, blue))
+                gloss = 0.22 if face == TOP else 0.0
+            else:
+                glass = glass_gloss(spot, body)
+                if glass > 0.0:
+                    red, green, blue, gloss = 24.0, 28.0, 33.0, glass
+        if t >= column.depth[v] or t <= CLOSE:
+            continue
+        column.depth[v] = t
+        car_pixel(column, v, (red, green, blue), clamp(facing, 0.0, 1.0), gloss, haze)
+
+
+@kernel
+def car_pixel(column: Column, v: int, paint: Colour, sun: float, gloss: float, haze: float) -> None:
+    """Write a pixel of a vehicle, which mirrors the sky with this share of its colour."""
+    look = column.look
+    clear = 1.0 - haze
+    red = paint[0] * (0.9 * look[SKYLIGHT_R] + sun * look[SUNLIGHT_R])
+    green = paint[1] * (0.9 * look[SKYLIGHT_G] + sun * look[SUNLIGHT_G])
+    blue = paint[2] * (0.9 * look[SKYLIGHT_B] + sun * look[SUNLIGHT_B])
+    red += (0.5 * (look[HORIZON_R] + look[ZENITH_R]) - red) * gloss
+    green += (0.5 * (look[HORIZON_G] + look[ZENITH_G]) - green) * gloss
+    blue += (0.5 * (look[HORIZON_B] + look[ZENITH_B]) - blue) * gloss
+    put(
+        column.canvas,
+        column.u,
+        v,
+        red * clear + look[HAZE_R] * haze,
+        green * clear + look[HAZE_G] * haze,
+        blue * clear + look[HAZE_B] * haze,
+        _VEHICLE,
+    )
+
+
+@kernel
+def walker(column: Column, row: Any) -> None:
+    """Paint a pedestrian where they are the nearest: a figure that always faces the camera."""
+    dx, dy, eye = column.dx, column.dy, column.eye
+    ox, oy = row[X] - column.px, row[Y] - column.py
     away = ox * ox + oy * oy
     # The figure stands on the plane across the line to it.
     t = away / max(dx * ox + dy * oy, 1e-6)
@@ -348,17 +379,17 @@ def walker(
     if abs(aside) > width:
         return
     height = row[HEIGHT]
-    a = first_row((height - eye) / t, v0, v1, focal, cy, slopes)
-    b = first_row(-eye / t, v0, v1, focal, cy, slopes)
-    haze = haze_at(t, look)
-    clear = 1.0 - haze
-    # A stride that goes with the way that was walked.
+    a = first_row((height - eye) / t, column)
+    b = first_row(-eye / t, column)
+    haze = haze_at(t, column.look)
+    # The stride follows the distance that the person has walked.
     phase = (row[X] * row[COS] + row[Y] * row[SIN]) * 1.3
     stride = 0.25 + 0.75 * abs(2.0 * (phase - floor(phase)) - 1.0)
+    sun = 0.6 if aside > 0.0 else 0.35
     for v in range(a, b):
-        if t >= depth[v]:
+        if t >= column.depth[v]:
             continue
-        y = (eye + slopes[v] * t) / height
+        y = (eye + column.slopes[v] * t) / height
         across = abs(aside) / width
         if y > 0.86:
             # The head is a disc.
@@ -380,14 +411,5 @@ def walker(
             red, green, blue = row[R2], row[G2], row[B2]
             if y < 0.05:
                 red = green = blue = 30.0
-        depth[v] = t
-        sun = 0.6 if aside > 0.0 else 0.35
-        put(
-            canvas,
-            u,
-            v,
-            red * (look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]) * clear + look[HAZE_R] * haze,
-            green * (look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]) * clear + look[HAZE_G] * haze,
-            blue * (look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]) * clear + look[HAZE_B] * haze,
-            _PEDESTRIAN,
-        )
+        column.depth[v] = t
+        put_lit(column, v, red, green, blue, sun, haze, _PEDESTRIAN)
