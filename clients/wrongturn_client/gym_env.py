@@ -13,8 +13,7 @@ from wrongturn_client.actions import action_error
 from wrongturn_client.episode_calls import granted, step_call
 from wrongturn_client.errors import EpisodeFinishedError, EpisodeLostError, InvalidActionError
 from wrongturn_client.practice import Practice
-from wrongturn_client.practice_source import Options, PracticeSource
-from wrongturn_protocol import Action
+from wrongturn_protocol import Action, Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 
 
@@ -32,7 +31,9 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         patience: seconds for which is tried again while the service is busy or gone.
         render_mode: None; the pictures are observations.
         transport: of httpx, for tests.
-        options: ``track``, ``town`` and so on: those of :class:`~wrongturn_client.practice_source.PracticeSource`.
+        town: The town to draw trials in; ``Town01`` by default.
+        track: What the agent is shown.
+        options: ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
 
     Raises:
         ValueError: names that do not exist, or do not go together.
@@ -48,16 +49,18 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         patience: float = 60.0,
         render_mode: str | None = None,
         transport: httpx.BaseTransport | None = None,
-        **options: Unpack[Options],
+        town: str | None = None,
+        track: Track | str = Track.STATE,
+        **options: Unpack[TrialKeywords],
     ) -> None:
         if render_mode is not None:
             raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
         self.render_mode = None
-        source = PracticeSource(**options)
-        self.track = source.track
+        trials = TrialOptions.of(town, track, **options)
+        self.track = trials.track
         self.observation_space = observation_space(self.track)  # type: ignore[assignment]
         self.action_space = action_space()  # type: ignore[assignment]
-        self._practice = Practice(source, url, token, patience, transport)
+        self._practice = Practice(trials, url, token, patience, transport)
         self._episode: str | None = None
         self._ended = True
         self._seq = 0

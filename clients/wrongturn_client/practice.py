@@ -15,6 +15,7 @@ from wrongturn_client.closing import Closing
 from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result, practise_call
 from wrongturn_client.errors import ApiError, WrongturnError
 from wrongturn_client.practice_source import PracticeSource
+from wrongturn_protocol import TrialOptions
 from wrongturn_protocol.wire import CALLS, Call
 
 _THREADS: Final = 16
@@ -27,7 +28,7 @@ class Practice(Closing):
     """An agent's practice, made when it is first needed: an environment may be made in one process and used in another.
 
     Args:
-        source: what is drawn.
+        options: what is drawn.
         url: of the service; ``WRONGTURN_URL`` by default.
         token: an agent's; ``WRONGTURN_TOKEN`` by default. Where there is none, an agent for practice is registered.
         patience: seconds for which is tried again while the service is busy or gone.
@@ -39,7 +40,7 @@ class Practice(Closing):
 
     def __init__(
         self,
-        source: PracticeSource,
+        options: TrialOptions,
         url: str | None,
         token: str | None,
         patience: float = 60.0,
@@ -48,7 +49,8 @@ class Practice(Closing):
         if isinstance(patience, bool) or not isinstance(patience, int | float) or not patience >= 0:
             raise ValueError(f"patience: is {patience!r}; give seconds, 0 or more")
         self.patience = patience
-        self._source = source
+        self._track = options.track
+        self._source = PracticeSource(options)
         self._url = url
         self._token = token or settings.token()
         self._transport = transport
@@ -109,8 +111,7 @@ class Practice(Closing):
             if self._token is None:
                 with self._make() as client:
                     name = f"practice-{secrets.token_hex(6)}"
-                    track = self._source.track
-                    self._token = client.register(name, track, description="Registered for practice.").token
+                    self._token = client.register(name, self._track, description="Registered for practice.").token
             self._client = self._make()
         return self._client
 

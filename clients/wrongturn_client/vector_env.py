@@ -22,7 +22,7 @@ from wrongturn_client.errors import (
     ServiceFullError,
 )
 from wrongturn_client.practice import Practice
-from wrongturn_client.practice_source import Options, PracticeSource
+from wrongturn_protocol import Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 from wrongturn_protocol.vectors import Flags, checked_actions, mask_of, seeds_of, trials_of, whole_number
 from wrongturn_protocol.wire import Call
@@ -50,7 +50,9 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         patience: seconds for which is tried again while the service is busy or gone.
         render_mode: None; the pictures are observations.
         transport: of httpx, for tests.
-        options: ``track``, ``town`` and so on: those of :class:`~wrongturn_client.practice_source.PracticeSource`.
+        town: The town to draw trials in; ``Town01`` by default.
+        track: What the agent is shown.
+        options: ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
 
     Raises:
         ValueError: names that do not exist, or do not go together.
@@ -68,7 +70,9 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         patience: float = 60.0,
         render_mode: str | None = None,
         transport: httpx.BaseTransport | None = None,
-        **options: Unpack[Options],
+        town: str | None = None,
+        track: Track | str = Track.STATE,
+        **options: Unpack[TrialKeywords],
     ) -> None:
         if render_mode is not None:
             raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
@@ -76,13 +80,13 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         self.num_envs = count = whole_number("num_envs", num_envs)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        source = PracticeSource(**options)
-        self.track = source.track
+        trials = TrialOptions.of(town, track, **options)
+        self.track = trials.track
         self.single_observation_space = observation_space(self.track)
         self.single_action_space = action_space()
         self.observation_space = batch_space(self.single_observation_space, count)
         self.action_space = batch_space(self.single_action_space, count)
-        self._practice = Practice(source, url, token, patience, transport)
+        self._practice = Practice(trials, url, token, patience, transport)
         self._slots: int | None = None
         self._randoms: list[np.random.Generator | None] = [None] * count
         self._calls: dict[int, list[Any]] = {}

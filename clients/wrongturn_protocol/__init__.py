@@ -51,6 +51,7 @@ from wrongturn_protocol.results import (
     UnsafeCount,
 )
 from wrongturn_protocol.segmentation import SegmentationClass
+from wrongturn_protocol.trial_options import TrialKeywords, TrialOptions
 from wrongturn_protocol.vocabulary import (
     CORL_TASKS,
     DIRECTIONS,
@@ -139,7 +140,9 @@ __all__ = [
     "Traffic",
     "Trial",
     "TrialDetail",
+    "TrialKeywords",
     "TrialList",
+    "TrialOptions",
     "TwinCount",
     "UnsafeCount",
     "Verdict",

@@ -1,13 +1,12 @@
 """The Gymnasium environment in process: ``gymnasium.make("wrongturn_sim:WrongturnSim-v0", town=..., track=...)``."""
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, SupportsFloat
+from typing import TYPE_CHECKING, Any, SupportsFloat, Unpack
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_protocol import Fault, FaultKind, Task, Track, Traffic, Trial, Weather
+from wrongturn_protocol import Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.errors import EpisodeNotStartedError, InvalidActionError
@@ -26,22 +25,15 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     end holds ``verdict`` and ``outcome``.
 
     Args:
-        town: where trials are drawn.
-        track: what is shown.
-        approach: the arm that all drawn trials drive in by; any that admits the fault where it is None.
-        fault: of the drawn trials.
-        suite: draw among this suite's trials and twins instead.
-        trial: this trial each time; an id needs ``suite`` too.
-        weather: of the drawn trials; of several, each trial draws its own.
-        traffic: of the drawn trials, as ``{"vehicles": 20, "pedestrians": 10}``.
-        task: draw journeys of this task (``cruise``, or one of CoRL 2017's), instead of single junctions.
-        journeys: further arguments of :func:`wrongturn_networks.draw_cruise`, such as ``{"near_junctions": 0.4}``.
-        strict: a journey ends where the car leaves its road or lane, or stands; for training.
-        render_mode: ``rgb_array`` for pictures by ``render``, whatever the track shows.
-        camera: of the tracks that have one, and of ``render``; the benchmark's own by default.
+        town: The town to draw trials in.
+        track: What the agent is shown.
+        strict: End a journey where the car leaves its road or lane, or stands still; for training.
+        render_mode: ``rgb_array`` lets :meth:`render` return pictures, whatever the track shows.
+        camera: The camera of ``render`` and of tracks with pictures; the benchmark's own by default.
+        options: ``approach``, ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
 
     Raises:
-        ValueError: names that do not exist, or do not go together.
+        ValueError: A name does not exist, or options do not go together.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
@@ -51,32 +43,16 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         town: str | None = None,
         track: Track | str = Track.STATE,
         *,
-        approach: str | None = None,
-        fault: Fault | FaultKind | str = FaultKind.NONE,
-        suite: str | None = None,
-        trial: Trial | str | None = None,
-        weather: Weather | str | Sequence[Weather | str] = Weather.CLEAR_NOON,
-        traffic: Traffic | Mapping[str, int] = Traffic(),  # noqa: B008 - immutable
-        task: Task | str | None = None,
-        journeys: Mapping[str, Any] | None = None,
         strict: bool = False,
         render_mode: str | None = None,
         camera: "Camera | None" = None,
+        **options: Unpack[TrialKeywords],
     ) -> None:
-        self.track = Track(track)
+        trials = TrialOptions.of(town, track, **options)
+        self.track = trials.track
         if render_mode not in {None, "rgb_array"}:
             raise ValueError(f"render_mode: {render_mode!r} is not known; take rgb_array, or leave it None")
-        self._source = TrialSource(
-            town,
-            approach=approach,
-            fault=fault,
-            suite=suite,
-            trial=trial,
-            weather=weather,
-            traffic=traffic,
-            task=task,
-            journeys=journeys,
-        )
+        self._source = TrialSource(trials)
         self.strict = a_flag("strict", strict)
         self.render_mode = render_mode
         self._camera = camera

@@ -12,10 +12,21 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 from wrongturn_client import InvalidActionError, NotFoundError
-from wrongturn_protocol import ProblemType, Track
+from wrongturn_protocol import Command, Fault, FaultKind, JunctionType, ProblemType, Start, Track, Trial
 from wrongturn_protocol.observations import action_space, observation_space
 
 ACTION = np.array([0.1, 0.5, 0.0], np.float32)
+
+TRIAL = Trial(
+    id="Town01.J3-S.none.s1",
+    town="Town01",
+    approach="J3-S",
+    junction_type=JunctionType.CROSS,
+    route=Command.LEFT,
+    start=Start(distance=20, speed=0, lateral=0, yaw=0),
+    fault=Fault(kind=FaultKind.NONE),
+    seed=1,
+)
 
 
 def _make(service: FakeService, **options: Any) -> gymnasium.Env[Any, Any]:
@@ -63,6 +74,20 @@ def test_the_same_seed_asks_for_the_same_trials() -> None:
     assert asked[0] == asked[1]
     assert len({request["seed"] for request in asked[0]}) == 6
     assert {request["approach"] for request in asked[0]} == {"J1-S", "J2-S"}
+
+
+def test_of_several_weathers_each_trial_has_one() -> None:
+    service = FakeService()
+    env = _make(service, token="t", weather=["WetNoon", "ClearSunset"])
+    for seed in range(20):
+        env.reset(seed=seed)
+    assert {request["weather"] for request in service.practice} == {"WetNoon", "ClearSunset"}
+
+
+@pytest.mark.parametrize("options", [{"task": "cruise", "journeys": {"lateral": 0.1}}, {"trial": TRIAL}])
+def test_what_works_in_process_only_is_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=f"{list(options)[-1]}: "):
+        _make(FakeService(), token="t", **options)
 
 
 def test_only_approaches_that_admit_the_fault_are_drawn() -> None:

@@ -6,6 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from wrongturn_networks import load_suite, load_town
+from wrongturn_protocol import Command
 from wrongturn_sim import EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.faults import FaultNotApplicableError
 
@@ -101,6 +102,13 @@ def test_what_cannot_be_made_says_why(arguments, error, named):
         warnings.simplefilter("ignore")
         with pytest.raises(error, match=named):
             gymnasium.make(ID, **arguments)
+
+
+def test_a_route_is_that_of_each_drawn_trial():
+    env = gymnasium.make(ID, town="junctions", route=1)
+    for seed in range(5):
+        env.reset(seed=seed)
+        assert env.unwrapped.episode.trial.route is Command.LEFT
 
 
 def test_infeasible_at_a_crossing_is_refused():

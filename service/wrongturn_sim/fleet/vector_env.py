@@ -6,8 +6,8 @@ It needs neither SUMO nor further processes. Its egos drive alone, and each driv
 in :class:`~wrongturn_sim.gym_env.WrongturnSimEnv`.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wrongturn_networks import load_town
-from wrongturn_protocol import Fault, FaultKind, Task, Track, Trial, Weather
+from wrongturn_protocol import Track, Traffic, Trial, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
 from wrongturn_protocol.vectors import Flags, checked_actions, mask_of, seeds_of, trials_of, whole_number
 from wrongturn_sim.errors import EpisodeAlreadyFinishedError, EpisodeNotStartedError, InvalidActionError
@@ -37,20 +37,13 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
 
     Args:
         num_envs: how many.
-        town: where trials are drawn.
-        track: what is shown.
-        approach: the arm that all drawn trials drive in by; any that admits the fault where it is None.
-        fault: of the drawn trials.
-        suite: draw among this suite's trials and twins instead; all of one town.
-        trial: this trial each time; an id needs ``suite`` too.
-        weather: of the drawn trials; of several, each trial draws its own.
+        town: The town to draw trials in.
+        track: What the agent is shown.
         camera: its place and optics, in the tracks that have one; the benchmark's own by default.
         threads: how many share the work of a step; no byte hangs on it.
         backend: where pictures are made: ``cpu``; or ``cuda``, an NVIDIA GPU. They stay there then:
             ``torch.as_tensor(observation["rgb"], device="cuda")`` shares their memory, and pictures in ``final_obs``
             last until that environment ends again.
-        task: draw journeys of this task (``cruise``, or one of CoRL 2017's), instead of single junctions.
-        journeys: further arguments of :func:`wrongturn_networks.draw_cruise`, such as ``{"near_junctions": 0.4}``.
         strict: a journey ends where the car leaves its road or lane, or stands; for training.
         record: keep trajectories and actions for :meth:`episode`; training needs none, and they take room.
         autoreset_mode: when an environment that ended begins anew: ``NextStep`` (then the action of that step is not
@@ -58,9 +51,11 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             (by ``reset(options={"reset_mask": ...})``).
         copy: give fresh arrays; else those that the next step writes over.
         render_mode: None; the pictures are observations.
+        options: ``approach``, ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
+            ``traffic`` is not possible, and a ``suite`` has to be of one town.
 
     Raises:
-        ValueError: names that do not exist, or do not go together.
+        ValueError: A name does not exist, or options do not go together.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -71,21 +66,15 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         town: str | None = None,
         track: Track | str = Track.STATE,
         *,
-        approach: str | None = None,
-        fault: Fault | FaultKind | str = FaultKind.NONE,
-        suite: str | None = None,
-        trial: Trial | str | None = None,
-        weather: Weather | str | Sequence[Weather | str] = Weather.CLEAR_NOON,
         camera: "Camera | None" = None,
         threads: int = 1,
         backend: str = "cpu",
-        task: Task | str | None = None,
-        journeys: Mapping[str, Any] | None = None,
         strict: bool = False,
         record: bool = True,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         render_mode: str | None = None,
+        **options: Unpack[TrialKeywords],
     ) -> None:
         for name, number in (("num_envs", num_envs), ("threads", threads)):
             whole_number(name, number)
@@ -95,19 +84,13 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             raise ValueError(f"backend: is {backend!r}; give cpu or cuda")
         if render_mode is not None:
             raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
-        self.track = Track(track)
-        self._source = TrialSource(
-            town,
-            approach=approach,
-            fault=fault,
-            suite=suite,
-            trial=trial,
-            weather=weather,
-            task=task,
-            journeys=journeys,
-        )
+        trials = TrialOptions.of(town, track, **options)
+        if trials.traffic != Traffic():
+            raise ValueError("traffic: egos of one batch drive alone; leave it out, or take single environments")
+        self.track = trials.track
+        self._source = TrialSource(trials)
         if len(self._source.towns) != 1:
-            raise ValueError(f"suite: {suite} is of {', '.join(self._source.towns)}; the egos share one town")
+            raise ValueError(f"suite: {trials.suite} is of {', '.join(self._source.towns)}; the egos share one town")
         self.num_envs = num_envs
         self.copy = copy
         self.autoreset_mode = AutoresetMode(autoreset_mode)

@@ -1,0 +1,143 @@
+"""What an environment's trials are drawn from: the same options in process and over the wire."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Final, TypedDict, TypeVar, Unpack
+
+import numpy as np
+
+from wrongturn_protocol.episodes import Fault, Traffic, Trial
+from wrongturn_protocol.vocabulary import DIRECTIONS, Command, FaultKind, Task, Track, Weather
+
+E = TypeVar("E", bound=Enum)
+_SEEDS: Final = 2**31
+_NO_FAULT: Final = Fault(kind=FaultKind.NONE)
+_NO_TRAFFIC: Final = Traffic()
+
+
+class TrialKeywords(TypedDict, total=False):
+    """Keyword arguments of the environments; :class:`TrialOptions` explains each."""
+
+    approach: str | None
+    fault: Fault | FaultKind | str
+    task: Task | str | None
+    journeys: Mapping[str, Any] | None
+    route: Command | int | None
+    weather: Weather | str | Sequence[Weather | str]
+    traffic: Traffic | Mapping[str, int]
+    suite: str | None
+    trial: Trial | str | None
+
+
+@dataclass(frozen=True)
+class TrialOptions:
+    """Which trials an environment draws: in a town, out of a suite, or the same one each time."""
+
+    town: str | None = None
+    """The town to draw trials in."""
+    track: Track = Track.STATE
+    """What the agent is shown."""
+    approach: str | None = None
+    """The arm by which all drawn trials drive in, such as ``J3-S``; by default any where the fault can be applied."""
+    fault: Fault = _NO_FAULT
+    """The fault of drawn trials."""
+    task: Task | None = None
+    """Draw journeys of this task, such as ``navigation`` or ``cruise``, instead of single junctions."""
+    journeys: Mapping[str, Any] | None = None
+    """Further arguments of ``wrongturn_networks.draw_cruise`` for the task ``cruise``; in process only."""
+    route: Command | None = None
+    """The direction of drawn trials' routes; by default the seed decides."""
+    weathers: tuple[Weather, ...] = (Weather.CLEAR_NOON,)
+    """The weathers of drawn trials; with several, each trial draws its own."""
+    traffic: Traffic = _NO_TRAFFIC
+    """The other road users of drawn trials, such as ``{"vehicles": 20, "pedestrians": 10}``."""
+    suite: str | None = None
+    """Draw among this suite's trials and their twins instead."""
+    trial: Trial | str | None = None
+    """Drive this trial each time: the id of one of the suite's, or in process a Trial."""
+
+    @classmethod
+    def of(
+        cls, town: str | None = None, track: Track | str = Track.STATE, **given: Unpack[TrialKeywords]
+    ) -> "TrialOptions":
+        """Read the options as an environment takes them; ``weather`` may be one or several.
+
+        Raises:
+            TypeError: There is no option of that name.
+            ValueError: A name does not exist, or options do not go together.
+        """
+        if unknown := given.keys() - TrialKeywords.__annotations__.keys():
+            raise TypeError(f"{min(unknown)}: there is no such option; give {', '.join(TrialKeywords.__annotations__)}")
+        fault, task, route = given.get("fault", FaultKind.NONE), given.get("task"), given.get("route")
+        options = cls(
+            town=town,
+            track=_one_of("track", Track, track),
+            approach=given.get("approach"),
+            fault=fault if isinstance(fault, Fault) else Fault(kind=_one_of("fault", FaultKind, fault)),
+            task=None if task is None else _one_of("task", Task, task),
+            journeys=given.get("journeys"),
+            route=None if route is None else _direction(route),
+            weathers=_weathers(given.get("weather", Weather.CLEAR_NOON)),
+            traffic=Traffic.model_validate(given.get("traffic", _NO_TRAFFIC)),
+            suite=given.get("suite"),
+            trial=given.get("trial"),
+        )
+        options._check_suite()
+        options._check_journeys()
+        return options
+
+    def draw_weather(self, random: np.random.Generator) -> Weather:
+        """Return the weather of the next trial; a single weather takes no draw."""
+        number = len(self.weathers)
+        return self.weathers[int(random.integers(number)) if number > 1 else 0]
+
+    def draw_seed(self, random: np.random.Generator) -> int:
+        """Return the seed of the next trial."""
+        return int(random.integers(_SEEDS))
+
+    def _check_suite(self) -> None:
+        if self.suite is not None and (self.town is not None or self.approach is not None):
+            raise ValueError("suite: its trials name their towns; leave town and approach out")
+        if self.suite is not None and self.task is not None:
+            raise ValueError("suite: its trials have their own tasks; leave task out")
+        if isinstance(self.trial, str) and self.suite is None:
+            raise ValueError(
+                f"trial: the id {self.trial!r} needs the suite that has it; give suite too, or in process a Trial"
+            )
+
+    def _check_journeys(self) -> None:
+        if self.journeys is not None and self.task is not Task.CRUISE:
+            raise ValueError("journeys: these are arguments of cruises; give task='cruise' with them")
+        if self.journeys is not None and not isinstance(self.journeys, Mapping):
+            raise ValueError(f"journeys: {self.journeys!r} holds no arguments by name; give a dict of them")
+        if self.task is None:
+            return
+        if self.fault.kind is not FaultKind.NONE:
+            raise ValueError(f"fault: journeys are drawn without one, and {self.fault.kind} was named; leave it out")
+        if self.route is not None:
+            raise ValueError("route: a journey's leads to its goal; leave it out, or task")
+        if self.task is Task.CRUISE and self.approach is not None:
+            raise ValueError("approach: cruises begin anywhere in the town; leave it out")
+
+
+def _direction(route: Command | int) -> Command:
+    if route not in DIRECTIONS:
+        choices = ", ".join(f"{one.value} ({one.name})" for one in DIRECTIONS)
+        raise ValueError(f"route: {route!r} is no direction; give one of {choices}")
+    return Command(route)
+
+
+def _weathers(weather: object) -> tuple[Weather, ...]:
+    names = tuple(weather) if isinstance(weather, Iterable) and not isinstance(weather, str) else (weather,)
+    if not names:
+        raise ValueError("weather: none is named; name one or more")
+    return tuple(_one_of("weather", Weather, name) for name in names)
+
+
+def _one_of(name: str, kind: type[E], value: object) -> E:
+    try:
+        return kind(value)
+    except ValueError:
+        choices = ", ".join(str(one.value) for one in kind)
+        raise ValueError(f"{name}: {value!r} is unknown; give one of {choices}") from None
