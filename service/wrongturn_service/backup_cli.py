@@ -1,4 +1,4 @@
-"""``wrongturn backup`` and ``wrongturn restore``. Nothing heavy is imported before one runs."""
+"""``wrongturn backup`` and ``wrongturn restore``. Heavy imports wait until a command runs."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,17 +8,20 @@ import typer
 Url = Annotated[
     str | None,
     typer.Option(
-        help="SQLAlchemy's URL; by default the service's, from WRONGTURN_DATABASE or in WRONGTURN_HOME.",
+        help="SQLAlchemy URL. Default: WRONGTURN_DATABASE, or wrongturn.db in WRONGTURN_HOME.",
         metavar="URL",
         show_default=False,
     ),
 ]
 
 
-def backup(file: Annotated[Path, typer.Argument(help="What to write; not there yet.")], database: Url = None) -> None:
-    """Write a consistent backup of the service's database; the service may run meanwhile."""
+def backup(
+    file: Annotated[Path, typer.Argument(help="New file for the backup. Example: wrongturn-2026-11-22.backup")],
+    database: Url = None,
+) -> None:
+    """Write a consistent backup of the database. The service may run meanwhile."""
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
-    from wrongturn_service.storage.backup import back_up  # noqa: PLC0415 - wants SQLAlchemy
+    from wrongturn_service.storage.backup import back_up  # noqa: PLC0415 - imports SQLAlchemy
 
     settings = _settings(database)
     try:
@@ -30,23 +33,23 @@ def backup(file: Annotated[Path, typer.Argument(help="What to write; not there y
 
 
 def restore(
-    file: Annotated[Path, typer.Argument(help="What 'wrongturn backup' wrote.")],
+    file: Annotated[Path, typer.Argument(help="A file that 'wrongturn backup' wrote.")],
     database: Url = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask; all that is in the database now is gone.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask. Everything in the database now is lost.")] = False,
 ) -> None:
-    """Put a backup in the place of the service's database, while no service runs."""
+    """Replace the database by a backup. Stop the service first."""
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
-    from wrongturn_service.storage import backup as backups  # noqa: PLC0415 - wants SQLAlchemy
+    from wrongturn_service.storage import backup as backups  # noqa: PLC0415 - imports SQLAlchemy
 
     settings = _settings(database)
     if not yes:
-        typer.confirm(f"Replace all that is in {settings.database_url.rsplit('@', 1)[-1]}?", abort=True)
+        typer.confirm(f"Replace everything in {settings.database_url.rsplit('@', 1)[-1]}?", abort=True)
     try:
         backups.restore(settings.database_url, file, settings.home)
     except StartupError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(1) from None
-    typer.echo("restored; episodes that were open when the backup was made run anew")
+    typer.echo("Restored. Episodes that were open at the time of the backup run again.")
 
 
 def _settings(database: str | None) -> Any:

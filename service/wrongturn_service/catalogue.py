@@ -1,4 +1,4 @@
-"""Suites, towns and trials by name, with the service's own errors where there is none of that name."""
+"""Suites, towns and trials by name. Unknown names raise the service's own errors."""
 
 import asyncio
 from collections.abc import Callable
@@ -41,7 +41,7 @@ _LONGEST = 1000
 
 
 def warm_up() -> None:
-    """Load every suite and town, so that no agent has to wait for it."""
+    """Load every suite and town before the first agent needs one."""
     for suite in suite_ids():
         load_suite(suite)
     for town in town_names():
@@ -49,12 +49,12 @@ def warm_up() -> None:
 
 
 def suite(suite_id: str) -> Suite:
-    """A suite by its id; raises NotFoundError."""
+    """Return a suite by its id. Raises NotFoundError."""
     return _find(lambda: load_suite(suite_id), "suite", ProblemType.UNKNOWN_SUITE)
 
 
 def town(name: str) -> Town:
-    """A town by its name; raises NotFoundError."""
+    """Return a town by its name. Raises NotFoundError."""
     return _find(lambda: load_town(name), "town", ProblemType.UNKNOWN_TOWN)
 
 
@@ -65,11 +65,11 @@ def town_detail(name: str) -> TownDetail:
 
 
 async def practice_trial(request: PracticeRequest) -> Trial:
-    """The trial that a practice request names or describes.
+    """Return the trial that a practice request names or describes.
 
     Raises:
-        NotFoundError: an unknown suite, trial, town or approach.
-        InvalidRequestError: the approach does not admit the route or the fault, or the town has no such journey.
+        NotFoundError: The suite, trial, town or approach is unknown.
+        InvalidRequestError: The approach does not allow the route or the fault, or the town has no such journey.
     """
     return await asyncio.to_thread(_practice_trial, request)
 

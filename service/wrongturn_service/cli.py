@@ -1,4 +1,4 @@
-"""``wrongturn serve``, and what ``wrongturn doctor`` asks of the service. Nothing heavy is imported before it runs."""
+"""``wrongturn serve``, and the service's checks for ``wrongturn doctor``. Heavy imports wait until a command runs."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,24 +14,28 @@ _USAGE = 2
 
 def serve(
     host: Annotated[
-        str | None, typer.Option(help="Address to listen on; 127.0.0.1 by default.", show_default=False)
+        str | None,
+        typer.Option(help="Address to listen on. Default: 127.0.0.1. Example: --host 0.0.0.0", show_default=False),
     ] = None,
     port: Annotated[
         int | None,
         typer.Option(
-            help="Port to listen on; 8000 by default, 0 takes a free one.", min=0, max=65535, show_default=False
+            help="Port to listen on. Default: 8000. 0 takes a free port.", min=0, max=65535, show_default=False
         ),
     ] = None,
     database: Annotated[
         str | None,
         typer.Option(
-            help="SQLAlchemy's URL; sqlite+aiosqlite:///…/wrongturn.db in WRONGTURN_HOME by default.",
+            help="SQLAlchemy URL. Default: wrongturn.db in WRONGTURN_HOME. Example: sqlite+aiosqlite:////data/w.db",
             metavar="URL",
             show_default=False,
         ),
     ] = None,
 ) -> None:
-    """Run the service until SIGTERM or Ctrl-C; print its URL once it is ready. Settings also come from WRONGTURN_*."""
+    """Run the service until SIGTERM or Ctrl-C.
+
+    It prints its URL once it is ready. Other settings come from WRONGTURN_* variables, see docs/settings.md.
+    """
     from pydantic import ValidationError  # noqa: PLC0415
 
     from wrongturn_service.address import AddressError, bind  # noqa: PLC0415
@@ -46,7 +50,7 @@ def serve(
             name = ".".join(str(part) for part in item["loc"])
             typer.echo(f"{PREFIX}{name.upper()}: {item['msg']}", err=True)
         raise typer.Exit(_USAGE) from None
-    from wrongturn_service.storage.location import DatabaseUrlError, parse  # noqa: PLC0415 - wants SQLAlchemy
+    from wrongturn_service.storage.location import DatabaseUrlError, parse  # noqa: PLC0415 - imports SQLAlchemy
 
     try:
         parse(settings.database_url)
@@ -58,7 +62,7 @@ def serve(
     except AddressError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(_USAGE) from None
-    from wrongturn_service import logs, server  # noqa: PLC0415 - heavy: only once the address is ours
+    from wrongturn_service import logs, server  # noqa: PLC0415 - slow, so only once the address is bound
 
     logs.configure(settings.log_level)
     try:
@@ -69,7 +73,7 @@ def serve(
 
 
 def checks() -> Iterator[tuple[str, bool, str, str]]:
-    """Name, whether it is well, what was found, what to do where it is not."""
+    """Yield each check as its name, whether it passed, what it found, and the remedy if it failed."""
     from pydantic import ValidationError  # noqa: PLC0415
 
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
@@ -80,15 +84,15 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         settings = Settings()
     except ValidationError as error:
         names = ", ".join(f"WRONGTURN_{'.'.join(map(str, item['loc'])).upper()}" for item in error.errors())
-        yield "settings", False, names, "correct these variables; docs/settings.md describes them"
+        yield "settings", False, names, "correct these variables, see docs/settings.md"
         return
     yield "settings", True, f"database {settings.database_url.rsplit('@', 1)[-1]}", ""
     try:
         found = examine(settings.database_url, settings.home)
     except StartupError as error:
-        remedy = "let WRONGTURN_DATABASE name a database that can be used"
+        remedy = "set WRONGTURN_DATABASE to a database that works"
         if not settings.database:
-            remedy += ", or WRONGTURN_HOME a folder that can be written"
+            remedy += ", or WRONGTURN_HOME to a folder that you can write to"
         yield "database", False, str(error), remedy
     else:
         yield "database", True, found, ""
@@ -100,11 +104,11 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
     except SimulatorStartError as error:
         yield "simulators", False, str(error), "see the checks of libsumo and the kernels"
     except TooLittleMemoryError as error:
-        yield "simulators", False, str(error), "set WRONGTURN_SIMULATORS to fewer, or give the machine more memory"
+        yield "simulators", False, str(error), "lower WRONGTURN_SIMULATORS or add memory"
 
 
 def _simulator(settings: "Settings") -> str:
-    """What is found of a simulator that has nothing to compile: one that compiles takes several times the memory."""
+    """Check a simulator that finds its kernels compiled. Compiling takes several times the memory."""
     from wrongturn_service.simulators.check import TooLittleMemoryError, examine  # noqa: PLC0415
     from wrongturn_sim.home import set_cache  # noqa: PLC0415
 
@@ -122,5 +126,5 @@ def _simulator(settings: "Settings") -> str:
 
 
 def _files(folder: Path) -> set[tuple[Path, int]]:
-    """The files below a folder, and when each was written."""
+    """Return the files below a folder with their times of change."""
     return {(file, file.stat().st_mtime_ns) for file in folder.rglob("*") if file.is_file()}

@@ -1,10 +1,10 @@
-"""Counters of who holds how many of something, without a word of those who hold none."""
+"""Counters that forget names with a count of zero."""
 
 from collections import Counter
 
 
 def one_less(counter: Counter[str], name: str) -> None:
-    """Take one off; who has none left is forgotten."""
+    """Lower a count by one, and forget the name at zero."""
     counter[name] -= 1
     if not counter[name]:
         del counter[name]

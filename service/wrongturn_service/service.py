@@ -15,7 +15,7 @@ from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.evaluations import RunningEvaluations
 from wrongturn_service.episodes.lease import Terms
 from wrongturn_service.episodes.manager import EpisodeManager
-from wrongturn_service.episodes.queue import Limits as LineLimits
+from wrongturn_service.episodes.queue import Limits as QueueLimits
 from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.episodes.registry import Limits
 from wrongturn_service.errors import StartupError
@@ -80,10 +80,10 @@ async def run_service(
         leaderboards = Leaderboards(store)
         evaluations = RunningEvaluations(store, on_finished=leaderboards.forget)
         await evaluations.resume()
-        line = SimulatorQueue(pool.slots, LineLimits(settings.max_waiting, settings.max_line))
+        queue = SimulatorQueue(pool.slots, QueueLimits(settings.max_waiting, settings.max_line))
         episodes = EpisodeManager(
             store,
-            EpisodeDriver(pool, line, telemetry.replays.inc, telemetry.simulated),
+            EpisodeDriver(pool, queue, telemetry.replays.inc, telemetry.simulated),
             evaluations,
             terms=Terms(settings.lease_release_s, settings.lease_abort_s),
             limits=Limits(settings.parallel, settings.practice, settings.open_episodes),
@@ -101,7 +101,7 @@ async def run_service(
         telemetry.watch("wrongturn_simulators_running", "Simulator processes", lambda: pool.running)
         telemetry.watch("wrongturn_simulators_busy", "Simulator processes that drive", lambda: pool.busy)
         telemetry.watch("wrongturn_simulators_idle", "Simulators kept warm", lambda: pool.idle)
-        telemetry.watch("wrongturn_simulators_awaited", "Calls in the line for a simulator", lambda: line.waiting)
+        telemetry.watch("wrongturn_simulators_awaited", "Calls that wait for a simulator", lambda: queue.waiting)
         sockets = ConnectionLimits(each=settings.max_sockets, address=settings.max_sockets_per_address)
         telemetry.watch("wrongturn_sockets", "Connections to /v1/drive", lambda: sockets.open)
         telemetry.watch("wrongturn_sockets_lent", "Of these, lent to simulators", lambda: episodes.lent)

@@ -4,9 +4,7 @@ from collections.abc import Callable
 from contextvars import ContextVar
 from typing import Literal
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, generate_latest
-
-from wrongturn_service.tally import Tally
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -23,29 +21,30 @@ class Telemetry:
 
     def __init__(self) -> None:
         self._registry = registry = CollectorRegistry()
-        self._requests = Tally(
+        self._requests = Histogram(
             "wrongturn_request_seconds",
             "Time to answer a request, by route",
             ("method", "route", "status"),
-            _BUCKETS,
-            registry,
+            buckets=_BUCKETS,
+            registry=registry,
         )
-        self._simulation = Tally(
+        self._simulation = Histogram(
             "wrongturn_simulation_seconds",
             "Time that a simulator took to answer, by what it was asked for",
             ("call",),
-            _BUCKETS,
-            registry,
+            buckets=_BUCKETS,
+            registry=registry,
         )
-        self._overhead = Tally(
+        self._overhead = Histogram(
             "wrongturn_overhead_seconds",
             "Time to answer a reset or step beyond that of its simulator: the service's own",
             ("call",),
-            _BUCKETS,
-            registry,
+            buckets=_BUCKETS,
+            registry=registry,
         )
         self._by_call = {
-            call: (self._simulation.of(call), self._overhead.of(call)) for call in ("reset", "step", "replay", "abort")
+            call: (self._simulation.labels(call), self._overhead.labels(call))
+            for call in ("reset", "step", "replay", "abort")
         }
         self.steps = Counter("wrongturn_steps", "Decisions that were simulated", registry=registry)
         self._ended = Counter(
@@ -82,7 +81,7 @@ class Telemetry:
 
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
         """A request was answered."""
-        self._requests.of(method, route, str(status)).observe(seconds)
+        self._requests.labels(method, route, str(status)).observe(seconds)
         simulated = _simulated.get()
         if simulated is not None:
             _simulated.set(None)
@@ -104,7 +103,7 @@ class Telemetry:
         simulation.observe(simulated_s)
         overhead.observe(seconds - simulated_s)
         self.steps.inc()
-        self._requests.of("WS", route, "200").observe(seconds)
+        self._requests.labels("WS", route, "200").observe(seconds)
 
     def ended(self, *, scored: bool, verdict: str) -> None:
         """An episode has its verdict, which is stored."""

@@ -177,7 +177,7 @@ def test_so_many_calls_of_an_agent_wait(tmp_path: Path) -> None:
             others = [await _agent(http, f"other {number}") for number in range(2)]
             assert _told(await ask(0, others[0]), 503, "simulators-busy")["position"] == 1
             full = _told(await ask(0, others[1]), 503, "simulators-busy")
-            assert "as many as may" in full["detail"]
+            assert "the limit" in full["detail"]
 
     play(story)
 

@@ -117,5 +117,5 @@ def test_a_line_that_is_full_keeps_no_more_places() -> None:
     _refused(line, "b", "0")
     error = _refused(line, "c", "0")
     assert (error.status, error.kind) == (503, ProblemType.SIMULATORS_BUSY)
-    assert "as many as may" in error.detail
+    assert "the limit" in error.detail
     assert line.waiting == 2

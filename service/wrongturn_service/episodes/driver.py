@@ -1,4 +1,4 @@
-"""Drives open episodes in simulators, and repeats them in others when one dies: the agent notices nothing but time."""
+"""Drives open episodes in simulators. If a simulator dies, the episode is replayed in another one."""
 
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -22,55 +22,55 @@ from wrongturn_service.simulators.interface import (
 from wrongturn_service.telemetry import Call
 
 ATTEMPTS: Final = 3
-"""How many simulators may die of one call, or of their own start, before the episode is given up."""
+"""Simulators that may die in one call, or fail to start, before the episode is given up."""
 START_PATIENCE_S: Final = 20.0
-"""Seconds of a call after which a simulator that does not start is the last: the caller's own patience ends."""
+"""Seconds after which a call stops trying to start simulators; its client would not wait longer."""
 STEP_S: Final = 0.1
-"""Seconds of a decision."""
+"""Seconds between two decisions."""
 _T = TypeVar("_T")
 
 
 class ReplayFailedError(Exception):
-    """The episode could not be brought back: the infrastructure's failure, never the agent's."""
+    """The episode could not be replayed. The infrastructure failed, not the agent."""
 
 
 class EpisodeDriver:
-    """Steps episodes; each call is made under the episode's lock."""
+    """Begins, steps and aborts episodes. Callers hold the episode's lock."""
 
     def __init__(
         self,
         pool: SimulatorPool,
-        line: SimulatorQueue,
+        queue: SimulatorQueue,
         on_replay: Callable[[], None] = lambda: None,
         on_simulated: Callable[[Call, float], None] = lambda _call, _seconds: None,
     ) -> None:
-        """Nothing is driven yet.
+        """Create a driver without episodes.
 
         Args:
-            pool: the simulators.
-            line: who gets the next one.
-            on_replay: called when an episode was brought back.
-            on_simulated: called with what a simulator was asked for and the seconds it took.
+            pool: The simulators.
+            queue: Decides which agent gets the next simulator.
+            on_replay: Called after each replay.
+            on_simulated: Called with each call to a simulator and the seconds it took.
         """
         self._pool = pool
-        self._line = line
+        self._queue = queue
         self._on_simulated = on_simulated
         self._on_replay = on_replay
         self._log = structlog.get_logger("driver")
 
     async def begin(self, episode: OpenEpisode, encoding: Encoding, call: str) -> StepResult:
-        """The reset.
+        """Reset an episode.
 
         Args:
-            episode: what is begun.
-            encoding: the encoding.
-            call: what stands in the line for it; who comes back for the same keeps its place.
+            episode: The episode.
+            encoding: Encoding of the observation.
+            call: Name of the request. A request that is sent again keeps its place in the queue.
 
         Raises:
-            UnavailableError: others come first.
+            UnavailableError: Other calls come first.
             EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError, ReplayFailedError.
         """
-        self._line.enter(episode.agent, call)
+        self._queue.enter(episode.agent, call)
         episode.placed = True
         try:
             return await self._begin(episode, encoding)
@@ -82,7 +82,7 @@ class EpisodeDriver:
         trial = episode.trial.model_dump_json()
         async for simulator in self._simulators(episode.trial.town):
             try:
-                frame = await self._timed("reset", simulator.reset(trial, episode.track, b"", encoding))
+                result = await self._timed("reset", simulator.reset(trial, episode.track, b"", encoding))
             except SimulatorDiedError as error:
                 self._log.warning("reset failed", trial=episode.trial.id, reason=str(error))
                 await self._pool.release(simulator)
@@ -91,16 +91,16 @@ class EpisodeDriver:
                 await self._pool.release(simulator)
                 raise
             episode.simulator = simulator
-            return frame
+            return result
         raise ReplayFailedError(f"{ATTEMPTS} simulators failed to begin the episode")
 
     async def step(self, episode: OpenEpisode, action: Action, encoding: Encoding) -> StepResult:
-        """One decision.
+        """Take one step.
 
         Raises:
-            UnavailableError: the episode's simulator was given to others, and others come first.
-            SimulatorsBusyError: none is free.
-            SimulatorStartError: none starts; the episode can be gone on with once one does.
+            UnavailableError: The episode's simulator was given to another agent, and other calls come first.
+            SimulatorsBusyError: No simulator is free.
+            SimulatorStartError: No simulator starts. The episode stays open, so the step can be sent again.
             ReplayFailedError.
         """
         simulator = episode.simulator
@@ -109,13 +109,13 @@ class EpisodeDriver:
                 return await self._timed("step", simulator.step(action, encoding))
             except SimulatorDiedError as error:
                 self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
-        return await self._elsewhere(episode, lambda found: self._timed("step", found.step(action, encoding)))
+        return await self._in_another(episode, lambda found: self._timed("step", found.step(action, encoding)))
 
     async def abort(self, episode: OpenEpisode) -> EpisodeEnd:
-        """EpisodeEnd it as ``aborted``; where no simulator can say more, by what is known without one.
+        """End an episode as ``aborted``. If every simulator fails, the end has no trajectory.
 
         Raises:
-            UnavailableError: others come first.
+            UnavailableError: Other calls come first.
         """
         try:
             simulator = episode.simulator
@@ -124,7 +124,7 @@ class EpisodeDriver:
                     return await self._timed("abort", simulator.abort())
                 except SimulatorDiedError as error:
                     self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
-            return await self._elsewhere(episode, lambda found: self._timed("abort", found.abort()))
+            return await self._in_another(episode, lambda found: self._timed("abort", found.abort()))
         except (ReplayFailedError, SimulatorStartError):
             reaction = None if episode.trial.fault.kind is FaultKind.NONE else Reaction.OTHER
             outcome = Outcome(
@@ -136,15 +136,15 @@ class EpisodeDriver:
             return EpisodeEnd(outcome, episode.seq, b"", "", "")
 
     async def detach(self, episode: OpenEpisode) -> None:
-        """Give the episode's simulator back, and its place to the next."""
+        """Release the episode's simulator and its place in the queue."""
         try:
-            await self._part(episode)
+            await self._release(episode)
         finally:
             if episode.placed:
                 episode.placed = False
-                self._line.leave(episode.agent)
+                self._queue.leave(episode.agent)
 
-    async def _part(self, episode: OpenEpisode) -> None:
+    async def _release(self, episode: OpenEpisode) -> None:
         simulator, episode.simulator = episode.simulator, None
         if simulator is not None:
             await self._pool.release(simulator)
@@ -157,11 +157,11 @@ class EpisodeDriver:
             self._on_simulated(call, time.perf_counter() - began)
 
     async def _simulators(self, town: str) -> AsyncIterator[Simulator]:
-        """Simulators to try one after the other; one that does not start counts as tried.
+        """Yield up to :data:`ATTEMPTS` simulators. One that does not start counts as an attempt.
 
         Raises:
             SimulatorsBusyError.
-            SimulatorStartError: the last did not start.
+            SimulatorStartError: The last one did not start.
         """
         began = time.monotonic()
         for attempt in range(1, ATTEMPTS + 1):
@@ -174,23 +174,23 @@ class EpisodeDriver:
             else:
                 yield simulator
 
-    async def _elsewhere(self, episode: OpenEpisode, call: Callable[[Simulator], Awaitable[_T]]) -> _T:
-        """Repeat the episode in another simulator, and make the call there.
+    async def _in_another(self, episode: OpenEpisode, call: Callable[[Simulator], Awaitable[_T]]) -> _T:
+        """Replay the episode in another simulator and make the call there.
 
-        Where its simulator has died the episode keeps its place, so that nobody comes in between.
+        An episode whose simulator died keeps its place, so that no other call gets in between.
         """
-        await self._part(episode)
+        await self._release(episode)
         if not episode.placed:
-            self._line.enter(episode.agent, episode.id)
+            self._queue.enter(episode.agent, episode.id)
             episode.placed = True
         try:
-            return await self._repeated(episode, call)
+            return await self._replayed(episode, call)
         except BaseException:
             if episode.simulator is None:
                 await self.detach(episode)
             raise
 
-    async def _repeated(self, episode: OpenEpisode, call: Callable[[Simulator], Awaitable[_T]]) -> _T:
+    async def _replayed(self, episode: OpenEpisode, call: Callable[[Simulator], Awaitable[_T]]) -> _T:
         async for simulator in self._simulators(episode.trial.town):
             episode.simulator = simulator
             try:
@@ -200,14 +200,14 @@ class EpisodeDriver:
                     bytes(episode.actions),
                     episode.last.encoding,
                 )
-                frame = await self._timed("replay", again)
-                if frame.observation != episode.last.observation:
+                result = await self._timed("replay", again)
+                if result.observation != episode.last.observation:
                     self._log.error("replay differs", episode=episode.id, seq=episode.seq)
-                    await self._part(episode)
+                    await self._release(episode)
                     continue
                 self._on_replay()
                 return await call(simulator)
             except SimulatorDiedError as error:
                 self._log.warning("replay failed", episode=episode.id, seq=episode.seq, reason=str(error))
-                await self._part(episode)
-        raise ReplayFailedError(f"{ATTEMPTS} simulators failed to repeat the episode")
+                await self._release(episode)
+        raise ReplayFailedError(f"{ATTEMPTS} simulators failed to replay the episode")

@@ -1,4 +1,4 @@
-"""How episodes end: with a verdict that is stored before it is told, or without one that counts."""
+"""Ends of episodes. A verdict is stored before anybody learns of it."""
 
 import contextlib
 import zlib
@@ -18,7 +18,7 @@ from wrongturn_service.telemetry import Telemetry
 
 
 class Endings:
-    """Ends open episodes; where nothing else is said, under the episode's lock."""
+    """Ends open episodes. Callers hold the episode's lock unless a method says that it takes it."""
 
     def __init__(
         self,
@@ -36,7 +36,7 @@ class Endings:
         self._log = structlog.get_logger("episodes")
 
     async def settle(self, episode: OpenEpisode) -> None:
-        """Store an episode's end; only then is it told. Raises SQLAlchemy's errors, and can be called again."""
+        """Store an episode's end and close it. Raises SQLAlchemy's errors; safe to call again."""
         end = episode.end
         assert end is not None
         values = {
@@ -63,26 +63,26 @@ class Endings:
             await self._evaluations.finish_if_done(episode.evaluation)
 
     async def settle_again(self, episode: OpenEpisode) -> None:
-        """Store an end that the database did not take before; takes the lock."""
+        """Store an end again after the database refused it. Takes the lock."""
         async with episode.lock:
             if not episode.closed:
                 with contextlib.suppress(SQLAlchemyError):
                     await self.settle(episode)
 
     async def abort(self, episode: OpenEpisode) -> None:
-        """End it as ``aborted``, unless it has its end; takes the lock.
+        """End an episode as ``aborted`` unless it is over. Takes the lock.
 
         Raises:
-            UnavailableError: its simulator was given to others, and others come first.
+            UnavailableError: Its simulator was given to another agent, and other calls come first.
         """
         async with episode.lock:
             await self._abort(episode)
 
     async def expire(self, episode: OpenEpisode) -> None:
-        """End it as ``aborted``, unless its agent came back meanwhile; takes the lock.
+        """End an episode as ``aborted`` unless its agent came back. Takes the lock.
 
         Raises:
-            UnavailableError: as :meth:`abort`.
+            UnavailableError: As for :meth:`abort`.
         """
         async with episode.lock:
             if episode.lease.expired and not episode.closed:
@@ -90,7 +90,7 @@ class Endings:
                 self._telemetry.expired.inc()
 
     async def invalidate(self, episode: OpenEpisode) -> None:
-        """The infrastructure failed: no verdict that counts, and the trial runs again."""
+        """End an episode after a failure of the infrastructure. It does not count, and its trial runs again."""
         self._log.error("episode invalid", episode=episode.id, trial=episode.trial.id)
         self._telemetry.voided("simulators-failed")
         await self._store.lose_episode(episode.id, Verdict.INVALID)

@@ -1,4 +1,4 @@
-"""Evaluations that are being run: which trial comes next, and what is done when the last has its verdict."""
+"""Running evaluations: their schedules, and their metrics once every trial has a verdict."""
 
 import asyncio
 from collections.abc import Callable
@@ -14,14 +14,14 @@ from wrongturn_service.storage.store import Store
 
 
 class RunningEvaluations:
-    """The schedules of running evaluations, laid out from the database when they are first needed."""
+    """Schedules of running evaluations. Each is made from the database when it is first needed."""
 
     def __init__(self, store: Store, on_finished: Callable[[str], None] = lambda _suite: None) -> None:
-        """Nothing is read yet.
+        """Create the collection without schedules.
 
         Args:
-            store: where evaluations and episodes are.
-            on_finished: called with the suite of each evaluation that is finished.
+            store: Holds evaluations and episodes.
+            on_finished: Called with the suite of each evaluation that finishes.
         """
         self._store = store
         self._on_finished = on_finished
@@ -30,10 +30,10 @@ class RunningEvaluations:
         self._log = structlog.get_logger("evaluations")
 
     async def schedule(self, evaluation: EvaluationRow) -> Schedule:
-        """An evaluation's trials.
+        """Return an evaluation's schedule.
 
         Raises:
-            ConflictError: it is finished, cancelled, or its suite is another one by now.
+            ConflictError: The evaluation is finished or cancelled, or its suite has changed.
         """
         if evaluation.state == EvaluationState.CANCELLED:
             raise cancelled(evaluation.id)
@@ -46,13 +46,13 @@ class RunningEvaluations:
                 if suite.sha256 != evaluation.suite_sha256:
                     raise ConflictError(
                         ProblemType.EVALUATION_CANCELLED,
-                        f"evaluation {evaluation.id}: {evaluation.suite} is not what it was when the evaluation "
-                        "began; begin another",
+                        f"evaluation {evaluation.id}: {evaluation.suite} has changed since the evaluation began; "
+                        "begin another",
                     )
                 done = await self._store.trials_by_state(evaluation.id)
                 found = Schedule(suite.episodes, evaluation.secret, done[EpisodeState.FINISHED])
                 self._schedules[evaluation.id] = found
-                # Only now would a cancelling find it to drop it; one that came before is seen here.
+                # A cancel from now on finds this schedule and drops it. One that came before is seen here.
                 newest = await self._store.evaluation(evaluation.id)
                 if newest is None or newest.state == EvaluationState.CANCELLED:
                     self.drop(evaluation.id)
@@ -60,15 +60,15 @@ class RunningEvaluations:
         return found
 
     def known(self, evaluation_id: str) -> Schedule | None:
-        """The schedule, where one is laid out."""
+        """Return the schedule if it was made already."""
         return self._schedules.get(evaluation_id)
 
     def drop(self, evaluation_id: str) -> None:
-        """It was cancelled."""
+        """Forget the schedule of a cancelled evaluation."""
         self._schedules.pop(evaluation_id, None)
 
     async def finish_if_done(self, evaluation_id: str) -> None:
-        """Compute and store the metrics once each trial has its verdict; what fails is logged and tried again."""
+        """Compute and store the metrics once every trial has a verdict. A failure is logged and repeated later."""
         schedule = self._schedules.get(evaluation_id)
         if schedule is None or not schedule.finished:
             return
@@ -84,7 +84,7 @@ class RunningEvaluations:
         self._locks.pop(evaluation_id, None)
 
     async def resume(self) -> None:
-        """After a start: finish what had its last verdict when the service ended."""
+        """Finish evaluations whose last verdict was stored before the service stopped."""
         for evaluation in await self._store.running_evaluations():
             try:
                 schedule = await self.schedule(evaluation)
@@ -95,7 +95,7 @@ class RunningEvaluations:
                 await self.finish_if_done(evaluation.id)
 
     async def retry(self) -> None:
-        """Finish those whose metrics failed before."""
+        """Finish evaluations whose metrics failed."""
         for evaluation_id, schedule in list(self._schedules.items()):
             if schedule.finished:
                 await self.finish_if_done(evaluation_id)
@@ -111,14 +111,14 @@ class RunningEvaluations:
 
             return metrics.compute(suite, outcomes).model_dump_json()
 
-        # The bootstrap takes a while; other agents' steps go on meanwhile.
+        # The bootstrap takes long; in a thread it does not hold up other agents.
         await self._store.finish_evaluation(evaluation_id, await asyncio.to_thread(compute))
         self._log.info("evaluation finished", evaluation=evaluation_id, suite=evaluation.suite)
         self._on_finished(evaluation.suite)
 
 
 def cancelled(evaluation_id: str) -> ConflictError:
-    """What calls on a cancelled evaluation get."""
+    """Return the error for calls on a cancelled evaluation."""
     return ConflictError(
         ProblemType.EVALUATION_CANCELLED,
         f"evaluation {evaluation_id} was cancelled; begin another by POST /v1/evaluations",
@@ -126,8 +126,8 @@ def cancelled(evaluation_id: str) -> ConflictError:
 
 
 def finished(evaluation_id: str) -> ConflictError:
-    """What a call for another trial gets when none is left."""
+    """Return the error for calls on a finished evaluation."""
     return ConflictError(
         ProblemType.EVALUATION_FINISHED,
-        f"evaluation {evaluation_id} is finished: each of its trials has a verdict; GET it for its metrics",
+        f"evaluation {evaluation_id} is finished; GET it to see its metrics",
     )

@@ -1,4 +1,4 @@
-"""How long an agent may be silent: soon its simulator goes to others, later its episode is over."""
+"""How long an agent may be silent before it loses its simulator, and before its episode is aborted."""
 
 import time
 from collections.abc import Callable
@@ -7,23 +7,23 @@ from enum import Enum, auto
 
 
 class Standing(Enum):
-    """What an agent's silence has come to."""
+    """What an agent's silence leads to."""
 
     HELD = auto()
-    """The simulator is kept for it."""
+    """The agent keeps its simulator."""
     RELEASE = auto()
-    """The simulator goes to others, and is rebuilt when the agent comes back."""
+    """The simulator is released. It is rebuilt when the agent comes back."""
     EXPIRED = auto()
-    """The episode is ``aborted``."""
+    """The episode ends as ``aborted``."""
 
 
 @dataclass(frozen=True)
 class Terms:
-    """The limits.
+    """Limits of an agent's silence.
 
     Attributes:
-        release_s: seconds of silence after which the simulator is released.
-        abort_s: seconds of silence after which the episode is aborted.
+        release_s: Seconds after which the simulator is released.
+        abort_s: Seconds after which the episode is aborted.
     """
 
     release_s: float
@@ -31,7 +31,7 @@ class Terms:
 
     @property
     def period_s(self) -> float:
-        """How often to look, seconds: often enough to be in time by a quarter of the shorter limit."""
+        """Seconds between two checks: at most a quarter of the shorter limit."""
         return min(1.0, self.release_s / 4, self.abort_s / 4)
 
 
@@ -44,17 +44,17 @@ class Lease:
         self._heard = clock()
 
     def renew(self, ago_s: float = 0.0) -> None:
-        """The agent was heard of, so many seconds ago; it may have been heard of since."""
+        """Note that the agent sent something ``ago_s`` seconds ago. A later note stays."""
         self._heard = max(self._heard, self._clock() - ago_s)
 
     @property
     def silence_s(self) -> float:
-        """Seconds since the agent was heard of."""
+        """Seconds since the agent last sent something."""
         return self._clock() - self._heard
 
     @property
     def standing(self) -> Standing:
-        """What the silence has come to."""
+        """What the silence leads to now."""
         silence = self.silence_s
         if silence >= self._terms.abort_s:
             return Standing.EXPIRED
@@ -62,5 +62,5 @@ class Lease:
 
     @property
     def expired(self) -> bool:
-        """Whether the silence has lasted too long."""
+        """Whether the episode has to be aborted."""
         return self.standing is Standing.EXPIRED

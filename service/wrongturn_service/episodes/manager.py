@@ -1,4 +1,4 @@
-"""Episodes from their reset to their verdict. Nothing here knows of HTTP; what it refuses is a ServiceError."""
+"""Episodes from reset to verdict. This module knows nothing of HTTP; it refuses calls with a ServiceError."""
 
 import zlib
 
@@ -25,7 +25,7 @@ from wrongturn_service.telemetry import Telemetry
 
 
 class EpisodeManager:
-    """The open episodes, in memory; the finished ones, in the database."""
+    """All episodes: open ones in memory, finished ones in the database."""
 
     def __init__(
         self,
@@ -37,20 +37,20 @@ class EpisodeManager:
         limits: Limits,
         telemetry: Telemetry | None = None,
     ) -> None:
-        """No episode is open yet.
+        """Create a manager without open episodes.
 
         Args:
-            store: where finished ones go.
-            driver: what moves them.
-            evaluations: what hands out trials.
-            terms: how long agents may be silent.
-            limits: how many may be open.
-            telemetry: what is told of episodes' ends.
+            store: Holds finished episodes.
+            driver: Drives open episodes.
+            evaluations: Holds the schedules of trials.
+            terms: Limits of an agent's silence.
+            limits: Limits on open episodes.
+            telemetry: Counts the ends of episodes.
         """
         self.stopping = False
         """Whether new episodes are refused."""
         self.beginnings = Beginnings()
-        """Resets of evaluations that are under way."""
+        """Resets in progress."""
         self._store = store
         self._driver = driver
         self._registry = registry = Registry(limits)
@@ -62,42 +62,42 @@ class EpisodeManager:
 
     @property
     def open(self) -> int:
-        """How many episodes are open."""
+        """Number of open episodes."""
         return len(self._registry)
 
     @property
     def held(self) -> int:
-        """How many of them have a simulator; the others' is rebuilt when their agent comes back."""
+        """Number of open episodes that have a simulator."""
         return self._registry.held
 
     def driven(self, within_s: float) -> int:
-        """How many open episodes were heard of within so many seconds."""
+        """Return how many open episodes had a call within the last ``within_s`` seconds."""
         return sum(episode.lock.locked() or episode.lease.silence_s < within_s for episode in self._registry)
 
     async def stop(self) -> None:
-        """Give up what goes on in the background; open episodes are marked as lost at the next start."""
+        """Refuse new episodes and cancel the work in the background. The next start marks open episodes as lost."""
         self.stopping = True
         await self._watch.stop()
 
     async def watch_leases(self) -> None:
-        """Look after silent agents until cancelled."""
+        """Check the leases until cancelled."""
         await self._watch.run()
 
     async def open_next(
         self, evaluation: EvaluationRow, track: Track, encoding: Encoding, remember: Remember, key: str | None = None
     ) -> bytes:
-        """The reset of an evaluation's next trial: the reply's body.
+        """Begin an evaluation's next trial and return the reply's body.
 
         Args:
-            evaluation: whose.
-            track: what is observed.
-            encoding: the reply's encoding.
-            remember: of the reply.
-            key: the request's, by which it keeps its place in the line for a simulator.
+            evaluation: The evaluation.
+            track: What the agent observes.
+            encoding: Encoding of the reply.
+            remember: Makes the row that is stored for the request's key.
+            key: The request's key. A request that is sent again keeps its place in the queue.
 
         Raises:
-            ConflictError: finished, cancelled, or no trial can be had for now.
-            UnavailableError: the agent has too many open, others come first, or no simulator works.
+            ConflictError: The evaluation is finished or cancelled, or has no trial for now.
+            UnavailableError: The agent has too many open episodes, other calls come first, or no simulator works.
         """
         self._check_stopping()
         return await self._openings.next(evaluation, track, encoding, remember, key)
@@ -105,25 +105,25 @@ class EpisodeManager:
     async def open_practice(
         self, agent: str, trial: Trial, track: Track, encoding: Encoding, remember: Remember, key: str | None = None
     ) -> bytes:
-        """The reset of a practice episode: the reply's body.
+        """Begin a practice episode and return the reply's body.
 
         Args:
-            agent: whose.
-            trial: what is driven.
-            track: what is observed.
-            encoding: the reply's encoding.
-            remember: of the reply.
-            key: the request's, by which it keeps its place in the line for a simulator.
+            agent: Id of the agent.
+            trial: The trial.
+            track: What the agent observes.
+            encoding: Encoding of the reply.
+            remember: Makes the row that is stored for the request's key.
+            key: The request's key. A request that is sent again keeps its place in the queue.
 
         Raises:
-            EpisodeRefusedError: the simulation does not admit the trial.
-            UnavailableError: the agent has too many open, others come first, or no simulator works.
+            EpisodeRefusedError: The simulation refuses the trial.
+            UnavailableError: The agent has too many open episodes, other calls come first, or no simulator works.
         """
         self._check_stopping()
         return await self._openings.practice(agent, trial, track, encoding, remember, key)
 
     async def step(self, agent: str, episode_id: str, request: StepRequest, encoding: Encoding) -> bytes:
-        """One step: the reply's body.
+        """Take a step and return the reply's body.
 
         Raises:
             NotFoundError, ForbiddenError, GoneError, ConflictError, UnavailableError.
@@ -132,7 +132,7 @@ class EpisodeManager:
         episode = self._registry.get(episode_id)
         if episode is None:
             return await self._stored_step(agent, episode_id, request.seq, action, encoding)
-        refusals.check_owner(agent, episode.agent, episode_id)  # before the lock: a stranger must not wait for it
+        refusals.check_owner(agent, episode.agent, episode_id)  # before the lock, which a stranger must not take
         bind_contextvars(episode=episode_id, evaluation=episode.evaluation)
         async with episode.lock:
             episode.lease.renew()
@@ -148,24 +148,24 @@ class EpisodeManager:
             return episode.last.render(encoding)
 
     def begin_step(self, agent: str, episode_id: str, seq: int, action: Action, encoding: Encoding, done: Done) -> bool:
-        """One step by the short way, see :meth:`Steps.begin`."""
+        """Begin a plain step, see :meth:`Steps.begin`."""
         return self._steps.begin(agent, episode_id, seq, action, encoding, done)
 
     def lend(self, agent: str, episode_id: str, connection: Lendable) -> bool:
-        """Let the next steps be answered by the simulator itself, see :meth:`Loans.begin`."""
+        """Let the simulator answer the next steps itself, see :meth:`Loans.begin`."""
         return self._loans.begin(agent, episode_id, connection)
 
     async def recall(self) -> None:
-        """Have every connection back that is lent: who its client is may have changed."""
+        """Call back every lent connection, because a token may have changed hands."""
         await self._loans.recall()
 
     @property
     def lent(self) -> int:
-        """How many connections are lent to simulators."""
+        """Number of connections that are lent to simulators."""
         return len(self._loans)
 
     async def look(self, agent: str | None, episode_id: str) -> tuple[OpenEpisode | None, EpisodeRow]:
-        """An episode as the owner may see it: from memory while it is open, and always its row.
+        """Return an episode, None unless it is open, and its row.
 
         Raises:
             NotFoundError.
@@ -173,7 +173,7 @@ class EpisodeManager:
         episode = self._registry.get(episode_id)
         if episode is not None and episode.agent == agent:
             episode.lease.renew()
-            # An agent that was killed while a step was under way must not go on from before it.
+            # A step may be in progress; an agent that comes back after a crash has to see its result.
             async with episode.lock:
                 pass
         row = await self._store.episode(episode_id)
@@ -182,16 +182,16 @@ class EpisodeManager:
         return self._registry.get(episode_id), row
 
     def last_reply(self, episode_id: str, encoding: Encoding) -> tuple[int, bytes] | None:
-        """Sequence number and body of an open episode's last reply."""
+        """Return the number and body of an open episode's last reply, or None."""
         episode = self._registry.get(episode_id)
         return None if episode is None else (episode.seq, episode.last.render(encoding))
 
     async def abort(self, agent: str, episode_id: str) -> None:
-        """End an episode as ``aborted``; again is no harm.
+        """End an episode as ``aborted``. Safe to call more than once.
 
         Raises:
-            ConflictError: it has another verdict.
-            UnavailableError: its simulator was given to others, and others come first.
+            ConflictError: The episode has another verdict.
+            UnavailableError: Its simulator was given to another agent, and other calls come first.
             NotFoundError, ForbiddenError, GoneError.
         """
         episode = self._registry.get(episode_id)
@@ -206,11 +206,11 @@ class EpisodeManager:
             raise refusals.episode_finished(episode_id)
 
     async def cancel(self, evaluation_id: str) -> None:
-        """Cancel an evaluation; its open episodes end without a verdict."""
+        """Cancel an evaluation. Its open episodes end without a verdict."""
         await self._endings.cancel(evaluation_id)
 
     async def _stored_step(self, agent: str, episode_id: str, seq: int, action: Action, encoding: Encoding) -> bytes:
-        """A step of an episode that is no longer open: the last one's repeat, or an error."""
+        """Answer a step of an episode that is no longer open: repeat the last reply, or refuse."""
         row = await self._row(agent, episode_id)
         if row.state != EpisodeState.FINISHED:
             raise await self._lost(row)
@@ -232,8 +232,8 @@ class EpisodeManager:
             evaluation = await self._store.evaluation(row.evaluation_id)
             if evaluation is not None and evaluation.state == EvaluationState.CANCELLED:
                 return cancelled(row.evaluation_id)
-        why = "its simulators failed" if row.verdict == Verdict.INVALID else "the service was started again meanwhile"
-        return GoneError(f"episode {row.id} is lost: {why}; nobody is charged, ask for the next trial")
+        why = "its simulators failed" if row.verdict == Verdict.INVALID else "the service was restarted"
+        return GoneError(f"episode {row.id} is lost: {why}; it does not count, so ask for the next trial")
 
     def _check_stopping(self) -> None:
         if self.stopping:

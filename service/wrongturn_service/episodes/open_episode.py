@@ -1,4 +1,4 @@
-"""What is kept in memory of an open episode: enough to repeat it in another simulator."""
+"""An open episode in memory: enough to replay it in another simulator."""
 
 import asyncio
 from collections.abc import Callable
@@ -17,17 +17,17 @@ from wrongturn_service.simulators.interface import EpisodeEnd, Simulator
 
 
 def as_float32(action: Action) -> Triple:
-    """The action as it is used: what differs by less than a float32 is the same action."""
+    """Return an action rounded to float32. Actions that round to the same values are the same."""
     return rounded(action.steer, action.throttle, action.brake)
 
 
 class EpisodeLock(asyncio.Lock):
-    """Whoever wants it has what is lent to the episode's simulator called back."""
+    """Lock of an episode. To acquire it calls back a connection that is lent to the episode's simulator."""
 
     def __init__(self) -> None:
         super().__init__()
         self.recall: Callable[[], None] | None = None
-        """Calls it back; None while nothing is lent. Who lends holds the lock."""
+        """Calls the connection back. None while none is lent; the lender holds the lock."""
 
     @override
     async def acquire(self) -> Literal[True]:
@@ -36,7 +36,7 @@ class EpisodeLock(asyncio.Lock):
         return await super().acquire()
 
     def taken_now(self) -> bool:
-        """Take it if that is possible without waiting; whether it is."""
+        """Acquire the lock without waiting and return whether that worked."""
         if self.locked():
             return False
         attempt = self.acquire()
@@ -44,27 +44,27 @@ class EpisodeLock(asyncio.Lock):
             attempt.send(None)
         except StopIteration:
             return True
-        attempt.close()  # somebody waits who was told that it is free, and comes first
+        attempt.close()  # another task was just woken to take it
         return False
 
 
 @dataclass(eq=False)
 class OpenEpisode:
-    """One episode that an agent is driving.
+    """An episode that an agent drives.
 
     Attributes:
-        id: opaque.
-        agent: the owner's id.
-        evaluation: its evaluation's id; None in practice.
-        trial: what is driven.
-        track: what is observed.
-        last: the last reply.
-        lease: how long the agent has been silent.
-        actions: all so far, little-endian float32 [n, 3].
-        simulator: where it runs; None while it was given to others, or died.
-        placed: whether a simulator's place is its own, with or without the simulator.
-        end: what came of it, once it is over.
-        closed: whether it is settled, stored or given up: look it up in the database from then on.
+        id: Opaque id.
+        agent: Id of the agent.
+        evaluation: Id of the evaluation, None in practice.
+        trial: The trial.
+        track: What the agent observes.
+        last: The last reply.
+        lease: How long the agent has been silent.
+        actions: All actions so far, little-endian float32 [n, 3].
+        simulator: The simulator, None while it is released or dead.
+        placed: Whether the episode holds a place of the queue, with or without a simulator.
+        end: The end, once the episode is over.
+        closed: Whether the episode is stored or given up. From then on only the database knows it.
     """
 
     id: str
@@ -83,17 +83,17 @@ class OpenEpisode:
 
     @property
     def seq(self) -> int:
-        """Of the last reply."""
+        """Sequence number of the last reply."""
         return self.last.seq
 
     @property
     def practice(self) -> bool:
-        """Whether it is never scored."""
+        """Whether the episode is practice, which is never scored."""
         return self.evaluation is None
 
     @property
     def last_action(self) -> Triple | None:
-        """The last step's action; None before the first."""
+        """Action of the last step, None before the first."""
         if not self.actions:
             return None
         steer, throttle, brake = ACTION.unpack_from(self.actions, len(self.actions) - ACTION.size)

@@ -1,4 +1,4 @@
-"""How episodes begin: the next trial of an evaluation, or practice."""
+"""Begins episodes: the next trial of an evaluation, or practice."""
 
 import asyncio
 import contextlib
@@ -24,24 +24,24 @@ from wrongturn_service.storage.store import Store
 from wrongturn_service.tokens import new_id
 
 PATIENCE_S: Final = 20.0
-"""Seconds for which they are waited for; less than a client waits for an answer."""
+"""Seconds to wait for resets in progress; less than a client waits for a reply."""
 
 
 class Beginnings:
-    """Resets by their evaluation, from their arrival to their reply.
+    """Resets in progress, by evaluation.
 
-    An agent that was killed while it waited for a reset's reply would else come back, find nothing open and go on,
-    and the episode would be begun after that for nobody.
+    An agent that is killed during a reset comes back and asks which episodes are open. It has to learn of the
+    episode that is just being begun, or that episode would have no driver.
     """
 
     def __init__(self) -> None:
-        self._under_way: dict[str, set[asyncio.Event]] = {}
+        self._in_progress: dict[str, set[asyncio.Event]] = {}
 
     @contextlib.contextmanager
     def one(self, evaluation_id: str) -> Iterator[None]:
-        """A reset is under way for as long as the block lasts."""
+        """Count a reset as in progress until the block ends."""
         over = asyncio.Event()
-        others = self._under_way.setdefault(evaluation_id, set())
+        others = self._in_progress.setdefault(evaluation_id, set())
         others.add(over)
         try:
             yield
@@ -49,44 +49,44 @@ class Beginnings:
             over.set()
             others.discard(over)
             if not others:
-                self._under_way.pop(evaluation_id, None)
+                self._in_progress.pop(evaluation_id, None)
 
     async def over(self, evaluation_id: str, patience_s: float = PATIENCE_S) -> None:
-        """Wait until those are over that are under way now.
+        """Wait until the evaluation's resets in progress have ended.
 
         Raises:
-            UnavailableError: they take too long.
+            UnavailableError: They take too long.
         """
         try:
             async with asyncio.timeout(patience_s):
-                for event in list(self._under_way.get(evaluation_id, ())):
+                for event in list(self._in_progress.get(evaluation_id, ())):
                     await event.wait()
         except TimeoutError as error:
             raise UnavailableError(
                 ProblemType.SIMULATORS_BUSY,
-                f"an episode of evaluation {evaluation_id} is just being begun; ask again",
+                f"an episode of evaluation {evaluation_id} is being begun; ask again",
                 retry_after_s=1,
             ) from error
 
 
 Remember = Callable[[bytes], IdempotencyRow] | None
-"""Makes of a reply what is stored for its idempotency key; None where the request had no key."""
+"""Makes the stored row of a reply's body. None if the request has no idempotency key."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """An episode that is asked for."""
+    """A request for an episode."""
 
     agent: str
     evaluation: str | None
-    """None for practice."""
+    """Id of the evaluation, None for practice."""
     trial: Trial
     track: Track
     encoding: Encoding
-    """Of the reply."""
+    """Encoding of the reply."""
     remember: Remember
     call: str
-    """Names the request in the line for a simulator: sent again, it keeps its place."""
+    """Name of the request. A request that is sent again keeps its place in the queue."""
 
     @property
     def practice(self) -> bool:
@@ -94,7 +94,7 @@ class _Wanted:
 
 
 class Openings:
-    """Opens episodes."""
+    """Begins episodes."""
 
     def __init__(
         self,
@@ -115,7 +115,7 @@ class Openings:
     async def next(
         self, evaluation: EvaluationRow, track: Track, encoding: Encoding, remember: Remember, key: str | None
     ) -> bytes:
-        """See :meth:`EpisodeManager.open_next`."""
+        """Begin the next trial, see :meth:`EpisodeManager.open_next`."""
         schedule = await self._evaluations.schedule(evaluation)
         if schedule.finished:
             await self._evaluations.finish_if_done(evaluation.id)
@@ -125,8 +125,8 @@ class Openings:
         if trial is None:
             raise ConflictError(
                 ProblemType.NO_TRIAL_AVAILABLE,
-                f"{schedule.open} episodes of evaluation {evaluation.id} are open, at most {limit} may be, "
-                "and a trial and its twin never are at the same time; finish one, or ask again later",
+                f"evaluation {evaluation.id} has {schedule.open} episodes open; at most {limit} may be, and a trial "
+                "and its twin never together; finish one or ask again later",
                 headers={"Retry-After": "1"},
             )
         try:
@@ -137,7 +137,7 @@ class Openings:
             schedule.put_back(trial)
             raise
         if self._evaluations.known(evaluation.id) is not schedule:
-            # It was cancelled meanwhile, before this episode was there to be ended with it.
+            # The evaluation was cancelled before this episode could be found and ended.
             await self._endings.cancel(evaluation.id)
             raise cancelled(evaluation.id)
         return body
@@ -145,7 +145,7 @@ class Openings:
     async def practice(
         self, agent: str, trial: Trial, track: Track, encoding: Encoding, remember: Remember, key: str | None
     ) -> bytes:
-        """See :meth:`EpisodeManager.open_practice`."""
+        """Begin practice, see :meth:`EpisodeManager.open_practice`."""
         return await self._begin(_Wanted(agent, None, trial, track, encoding, remember, f"practice {key}"))
 
     async def _begin(self, wanted: _Wanted) -> bytes:
@@ -176,10 +176,10 @@ class Openings:
         episode = OpenEpisode(episode_id, wanted.agent, wanted.evaluation, trial, track, reply(b""), lease)
         async with episode.lock:
             try:
-                frame = await self._driver.begin(episode, encoding, wanted.call)
+                result = await self._driver.begin(episode, encoding, wanted.call)
             except ReplayFailedError as error:
                 raise UnavailableError(ProblemType.SIMULATOR_FAILED, f"{error}; try again", retry_after_s=5) from error
-            episode.last = reply(frame.observation)
+            episode.last = reply(result.observation)
             body = episode.last.render(encoding)
             row = EpisodeRow(
                 id=episode_id,

@@ -1,4 +1,4 @@
-"""Who gets the next simulator: nobody waits unanswered, but has a place in a line that is kept for coming back."""
+"""Queue of calls that wait for a simulator. Each gets a reply at once, with its position and when to come back."""
 
 import time
 from collections import Counter
@@ -10,18 +10,18 @@ from wrongturn_protocol import ProblemType
 from wrongturn_service.errors import UnavailableError
 
 LONGEST_S: Final = 10
-"""Seconds after which the last in a long line are asked to come back."""
+"""Longest Retry-After, seconds."""
 SLACK_S: Final = 2.0
-"""Seconds that a place is kept beyond the time at which its owner was to come back."""
+"""Seconds that a place is kept after its Retry-After."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How long the line may get.
+    """Limits of the queue's length.
 
     Attributes:
-        each: calls of one agent that may stand in it.
-        all: calls that may stand in it.
+        each: Calls of one agent.
+        all: Calls of all agents.
     """
 
     each: int
@@ -30,30 +30,30 @@ class Limits:
 
 @dataclass(slots=True)
 class _Place:
-    """One call's in the line."""
+    """A call's place in the queue."""
 
     agent: str
     since: int
-    """Counts up with each that comes."""
+    """Number of the call, in order of arrival."""
     until: float
-    """When it is given up, unless its owner comes back before."""
+    """Time at which the place is lost unless the call comes back."""
 
 
 class SimulatorQueue:
-    """Hands out the places at simulators.
+    """Decides which call gets the next simulator.
 
-    Of two agents the one that has fewer simulators comes first, each of its waiting calls counting as one more; where
-    they are equal, who came first. So an agent that asks for a hundred does not keep out one that asks for its first,
-    and nobody who comes back in time is overtaken by a call that came later from an agent that has as many.
+    The agent with fewer simulators comes first; each of its waiting calls counts as one more simulator. Among equals
+    the call that arrived first wins. So an agent that asks for a hundred simulators does not block one that asks for
+    its first.
     """
 
     def __init__(self, slots: int, limits: Limits, clock: Callable[[], float] = time.monotonic) -> None:
-        """Nobody waits yet.
+        """Create an empty queue.
 
         Args:
-            slots: simulators that drive at most.
-            limits: of the line.
-            clock: seconds.
+            slots: Largest number of simulators that drive at a time.
+            limits: Limits of the queue's length.
+            clock: Returns seconds.
         """
         self._slots = slots
         self._limits = limits
@@ -65,19 +65,20 @@ class SimulatorQueue:
 
     @property
     def waiting(self) -> int:
-        """Calls that have a place in the line."""
+        """Number of waiting calls."""
         self._forget()
         return len(self._places)
 
     def enter(self, agent: str, call: str) -> None:
-        """Take a simulator's place; :meth:`leave` gives it back.
+        """Claim a simulator; :meth:`leave` gives it back.
 
         Args:
-            agent: who wants it.
-            call: what for: who comes back for the same stands where it stood.
+            agent: Id of the agent.
+            call: Name of the call. A call that comes back has its old place.
 
         Raises:
-            UnavailableError: others come first, or all drive; the position says how many have to be done before.
+            UnavailableError: All simulators are busy or other calls come first. ``position`` says how many simulators
+                have to become free.
         """
         free = self._slots - self._taken
         if free > 0 and not self._places:
@@ -98,14 +99,14 @@ class SimulatorQueue:
         place.until = self._clock() + wait + SLACK_S
         raise UnavailableError(
             ProblemType.SIMULATORS_BUSY,
-            f"all {self._slots} simulators are busy or promised; this call is number {position} in the line, and its "
-            f"place is kept if it comes back in {wait} s",
+            f"all {self._slots} simulators are busy; this call is number {position} in the queue and keeps its place "
+            f"if you send it again in {wait} s",
             retry_after_s=wait,
             position=position,
         )
 
     def leave(self, agent: str) -> None:
-        """Give a simulator's place back."""
+        """Give a simulator back."""
         self._taken -= 1
         self._held[agent] -= 1
         if not self._held[agent]:
@@ -121,7 +122,7 @@ class SimulatorQueue:
         if mine >= self._limits.each:
             raise UnavailableError(
                 ProblemType.RATE_LIMITED,
-                f"{mine} calls of this agent wait for a simulator, which is as many as may; come back for those first",
+                f"{mine} calls of this agent wait for a simulator, which is the limit; send those again first",
                 retry_after_s=LONGEST_S,
                 status=429,
                 position=1,
@@ -129,8 +130,8 @@ class SimulatorQueue:
         if len(self._places) >= self._limits.all:
             raise UnavailableError(
                 ProblemType.SIMULATORS_BUSY,
-                f"all {self._slots} simulators are busy, and {len(self._places)} calls wait for one, which is as many "
-                "as may; come back later",
+                f"all {self._slots} simulators are busy, and {len(self._places)} calls wait, which is the limit; "
+                "come back later",
                 retry_after_s=LONGEST_S,
                 position=len(self._places) + 1,
             )
@@ -139,10 +140,10 @@ class SimulatorQueue:
         return place
 
     def _order(self) -> list[tuple[str, str]]:
-        """The line, from its front."""
+        """Return the waiting calls, the next one first."""
         counted = Counter(self._held)
         ranked = []
-        for name, place in self._places.items():  # in the order in which they came
+        for name, place in self._places.items():  # in order of arrival
             ranked.append((counted[place.agent], place.since, name))
             counted[place.agent] += 1
         return [name for _, _, name in sorted(ranked)]

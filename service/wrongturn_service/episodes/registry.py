@@ -1,4 +1,4 @@
-"""The episodes that are open, and how many of them are whose."""
+"""Open episodes, and the limits on how many an agent may have."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -14,12 +14,12 @@ _COME_BACK_S = 5
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How many episodes may be open.
+    """Limits on open episodes.
 
     Attributes:
-        evaluation: of one evaluation.
-        practice: of one agent's practice.
-        agent: of one agent in all.
+        evaluation: Episodes of one evaluation.
+        practice: Practice episodes of one agent.
+        agent: All episodes of one agent.
     """
 
     evaluation: int
@@ -28,7 +28,7 @@ class Limits:
 
 
 class Registry:
-    """Open episodes by their ids; what is about to be opened counts already."""
+    """Open episodes by id. An episode counts from :meth:`reserve` on, before it is open."""
 
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
@@ -40,23 +40,23 @@ class Registry:
         return len(self._open)
 
     def __iter__(self) -> Iterator[OpenEpisode]:
-        """All of them, as they are now."""
+        """Iterate over the episodes that are open now."""
         return iter(list(self._open.values()))
 
     def get(self, episode_id: str) -> OpenEpisode | None:
-        """One of them."""
+        """Return an open episode, or None."""
         return self._open.get(episode_id)
 
     @property
     def held(self) -> int:
-        """How many have a simulator."""
+        """Number of open episodes that have a simulator."""
         return sum(episode.simulator is not None for episode in self._open.values())
 
     def reserve(self, agent: str, *, practice: bool) -> None:
-        """Count one that is about to be opened.
+        """Count an episode that is about to be opened.
 
         Raises:
-            UnavailableError: the agent has as many as it may.
+            UnavailableError: The agent has reached a limit.
         """
         if practice and self._practising[agent] >= self.limits.practice:
             raise _too_many(f"{self.limits.practice} practice episodes")
@@ -67,17 +67,17 @@ class Registry:
             self._practising[agent] += 1
 
     def give_back(self, agent: str, *, practice: bool) -> None:
-        """It came to nothing."""
+        """Take back a reservation."""
         one_less(self._agents, agent)
         if practice:
             one_less(self._practising, agent)
 
     def add(self, episode: OpenEpisode) -> None:
-        """It is open; it was counted before."""
+        """Add an open episode that was reserved before."""
         self._open[episode.id] = episode
 
     def remove(self, episode: OpenEpisode) -> None:
-        """It is open no more."""
+        """Remove a closed episode."""
         del self._open[episode.id]
         self.give_back(episode.agent, practice=episode.practice)
 
@@ -85,7 +85,7 @@ class Registry:
 def _too_many(which: str) -> UnavailableError:
     return UnavailableError(
         ProblemType.RATE_LIMITED,
-        f"{which} of this agent are open, which is as many as may be; finish one, or DELETE it",
+        f"this agent has {which} open, which is the limit; finish one or DELETE it",
         retry_after_s=_COME_BACK_S,
         status=429,
         position=1,

@@ -1,4 +1,4 @@
-"""Which trial of an evaluation comes next."""
+"""The order of an evaluation's trials."""
 
 import hashlib
 import hmac
@@ -8,29 +8,29 @@ from wrongturn_protocol import Trial, twin_id
 
 
 def shuffled(trials: Iterable[Trial], secret: str) -> list[Trial]:
-    """The trials in an order that only who knows the secret can tell, the same after a restart."""
+    """Return the trials in an order that follows from the secret alone, so that it survives a restart."""
     key = secret.encode()
     return sorted(trials, key=lambda trial: hmac.digest(key, trial.id.encode(), hashlib.sha256))
 
 
 def pair_of(trial: Trial) -> str:
-    """What a trial shares with its twin alone; a journey has none, and shares it with nobody."""
+    """Return a name that a trial shares with its twin only. A journey has no twin."""
     return twin_id(trial) if trial.journey is None else trial.id
 
 
 class Schedule:
-    """An evaluation's trials: still to come, open, finished.
+    """An evaluation's trials: pending, open or finished.
 
-    A trial and its twin are never open at the same time, or an agent could tell a fault by comparing the two.
+    A trial and its twin are never open together: an agent that compares the two could tell the fault.
     """
 
     def __init__(self, trials: Iterable[Trial], secret: str, finished: Iterable[str] = ()) -> None:
-        """Lay the trials out.
+        """Order the trials.
 
         Args:
-            trials: the suite's trials and, but for journeys, twins.
-            secret: what their order comes from.
-            finished: ids of those that have their verdict.
+            trials: The suite's trials with their twins; journeys have none.
+            secret: Decides the order.
+            finished: Ids of trials that have a verdict.
         """
         done = frozenset(finished)
         self._pending = [trial for trial in shuffled(trials, secret) if trial.id not in done]
@@ -38,16 +38,16 @@ class Schedule:
 
     @property
     def open(self) -> int:
-        """How many are being driven."""
+        """Number of trials that are being driven."""
         return len(self._open)
 
     @property
     def finished(self) -> bool:
-        """Whether each has its verdict."""
+        """Whether every trial has a verdict."""
         return not self._pending and not self._open
 
     def take(self) -> Trial | None:
-        """The next one, which counts as open from now on; None while only twins of open ones are left."""
+        """Open the next trial and return it. None while only twins of open trials are left."""
         taken = {pair_of(trial) for trial in self._open.values()}
         for index, trial in enumerate(self._pending):
             if pair_of(trial) not in taken:
@@ -57,10 +57,10 @@ class Schedule:
         return None
 
     def put_back(self, trial: Trial) -> None:
-        """It came to nothing and runs again."""
+        """Return an open trial, so that it runs again."""
         if self._open.pop(trial.id, None) is not None:
             self._pending.insert(0, trial)
 
     def finish(self, trial: Trial) -> None:
-        """It has its verdict."""
+        """Note that an open trial has its verdict."""
         self._open.pop(trial.id, None)

@@ -1,4 +1,4 @@
-"""The steps of open episodes: the whole way, with all that may have to be waited for, and a short one."""
+"""Steps of open episodes. A plain step needs no task; everything else does."""
 
 import asyncio
 import time
@@ -23,26 +23,26 @@ from wrongturn_service.simulators.interface import StepResult
 from wrongturn_service.storage.models import EpisodeRow
 
 
-def step_reply_of(episode: OpenEpisode, frame: StepResult, encoding: Encoding) -> Reply:
-    """The reply to the last of an open episode's actions."""
+def step_reply_of(episode: OpenEpisode, result: StepResult, encoding: Encoding) -> Reply:
+    """Return the reply to an open episode's last action."""
     return step_reply(
         len(episode.actions) // ACTION.size,
-        frame.observation,
+        result.observation,
         encoding,
         episode.track,
-        terminated=frame.terminated,
-        truncated=frame.truncated,
-        reward=frame.reward if episode.practice else None,
-        verdict=frame.final.outcome.verdict if episode.practice and frame.final is not None else None,
+        terminated=result.terminated,
+        truncated=result.truncated,
+        reward=result.reward if episode.practice else None,
+        verdict=result.final.outcome.verdict if episode.practice and result.final is not None else None,
     )
 
 
 def stored_reply(row: EpisodeRow, body: bytes) -> Reply:
-    """The reply to a finished episode's last step.
+    """Return the reply to a finished episode's last step.
 
     Args:
-        row: the episode's.
-        body: JSON, as it is stored.
+        row: The episode's row.
+        body: The stored reply, JSON.
     """
     message = orjson.loads(body)
     return step_reply(
@@ -58,11 +58,11 @@ def stored_reply(row: EpisodeRow, body: bytes) -> Reply:
 
 
 Done = Callable[[Reply | Exception, float | None], None]
-"""Called with a step's reply, or with what went wrong; and its simulator's seconds, where they are not noted yet."""
+"""Called with a step's reply or error, and with the simulator's seconds unless telemetry has them already."""
 
 
 class Steps:
-    """Moves open episodes on; where nothing else is said, under the episode's lock."""
+    """Takes steps. Callers hold the episode's lock unless a method says otherwise."""
 
     def __init__(self, registry: Registry, driver: EpisodeDriver, endings: Endings) -> None:
         self._registry = registry
@@ -71,28 +71,28 @@ class Steps:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def take(self, episode: OpenEpisode, action: Action, encoding: Encoding) -> None:
-        """The next step.
+        """Take the next step.
 
         Raises:
-            UnavailableError, SimulatorsBusyError, SimulatorStartError: it was not taken, and can be asked for again.
-            GoneError: the episode is over, by no fault of its agent's.
+            UnavailableError, SimulatorsBusyError, SimulatorStartError: The step was not taken; send it again.
+            GoneError: The infrastructure failed and the episode is lost.
         """
         try:
-            frame = await self._driver.step(episode, action, encoding)
+            result = await self._driver.step(episode, action, encoding)
         except ReplayFailedError as error:
             await self._endings.invalidate(episode)
             raise GoneError(
-                f"episode {episode.id}: {error}, so it counts as invalid and its trial runs again; ask for the next",
+                f"episode {episode.id}: {error}; it is invalid and its trial runs again, so ask for the next",
             ) from error
-        self._note(episode, action, frame, encoding)
-        if frame.final is not None:
+        self._note(episode, action, result, encoding)
+        if result.final is not None:
             await self._driver.detach(episode)
 
     def begin(self, agent: str, episode_id: str, seq: int, action: Action, encoding: Encoding, done: Done) -> bool:
-        """Begin the next step where nothing but its simulator has to be waited for; takes the lock.
+        """Begin the next step if only its simulator has to be waited for. Takes the lock.
 
         Returns:
-            Whether it was; if not, nothing has happened, and the whole way tells why.
+            Whether the step was begun. If not, nothing has happened; the full path says why.
         """
         episode = self._registry.get(episode_id)
         if episode is None or not is_next_step(episode, agent, seq):
@@ -116,27 +116,27 @@ class Steps:
         under_way: "asyncio.Future[StepResult]",
     ) -> None:
         seconds = time.perf_counter() - began
-        frame = None if under_way.cancelled() or under_way.exception() is not None else under_way.result()
-        if frame is None:
+        result = None if under_way.cancelled() or under_way.exception() is not None else under_way.result()
+        if result is None:
             self._spawn(self._finish(episode, action, encoding, done, None))
         else:
-            self.take_in(episode, action, encoding, frame, seconds, done)
+            self.take_in(episode, action, encoding, result, seconds, done)
 
     def take_in(
-        self, episode: OpenEpisode, action: Action, encoding: Encoding, frame: StepResult, seconds: float, done: Done
+        self, episode: OpenEpisode, action: Action, encoding: Encoding, result: StepResult, seconds: float, done: Done
     ) -> None:
-        """Note a step that was made, settle the episode where it is over, and release its lock.
+        """Note a step that was taken, store the episode if it is over, and release its lock.
 
         Args:
-            episode: which.
-            action: what was done.
-            encoding: the frame's encoding.
-            frame: what came of it.
-            seconds: of the simulation.
-            done: see there.
+            episode: The episode.
+            action: The action.
+            encoding: Encoding of the observation.
+            result: The step's result.
+            seconds: Seconds that the simulation took.
+            done: Called with the reply.
         """
-        self._note(episode, action, frame, encoding)
-        if frame.final is None:
+        self._note(episode, action, result, encoding)
+        if result.final is None:
             episode.lease.renew()
             episode.lock.release()
             done(episode.last, seconds)
@@ -156,7 +156,7 @@ class Steps:
         done: Done,
         taken_s: float | None,
     ) -> None:
-        """What else there is to do, now that it has to be waited for."""
+        """Do the rest of a step that has to wait for storage or another simulator."""
         logs.begin_request()
         bind_contextvars(episode=episode.id, evaluation=episode.evaluation)
         outcome: Reply | Exception
@@ -175,7 +175,7 @@ class Steps:
             episode.lock.release()
         done(outcome, taken_s)
 
-    def _note(self, episode: OpenEpisode, action: Action, frame: StepResult, encoding: Encoding) -> None:
+    def _note(self, episode: OpenEpisode, action: Action, result: StepResult, encoding: Encoding) -> None:
         episode.actions += ACTION.pack(*action)
-        episode.last = step_reply_of(episode, frame, encoding)
-        episode.end = frame.final
+        episode.last = step_reply_of(episode, result, encoding)
+        episode.end = result.final

@@ -1,4 +1,4 @@
-"""Looks after silent agents: their simulators go to others, and in the end their episodes are over."""
+"""Watches for silent agents: first their simulators are released, later their episodes are aborted."""
 
 import asyncio
 import contextlib
@@ -14,7 +14,7 @@ from wrongturn_service.errors import UnavailableError
 
 
 class Watch:
-    """Looks at every lease, time and again."""
+    """Checks every lease at regular intervals."""
 
     def __init__(self, registry: Registry, driver: EpisodeDriver, endings: Endings, terms: Terms) -> None:
         self._registry = registry
@@ -25,7 +25,7 @@ class Watch:
         self._log = structlog.get_logger("episodes")
 
     async def run(self) -> None:
-        """Look after silent agents until cancelled."""
+        """Check the leases until cancelled."""
         while True:
             await asyncio.sleep(self._terms.period_s)
             for episode in self._registry:
@@ -40,7 +40,7 @@ class Watch:
                     self._spawn(self._release(episode))
 
     async def stop(self) -> None:
-        """Give up what goes on in the background."""
+        """Cancel the work in the background."""
         for task in self._background:
             task.cancel()
         await asyncio.gather(*self._background, return_exceptions=True)
@@ -51,7 +51,7 @@ class Watch:
                 await self._driver.detach(episode)
 
     async def _expire(self, episode: OpenEpisode) -> None:
-        # Where others come first it stands in the line, and is looked at again; its agent may still come back.
+        # If other calls come first, the episode waits in the queue until the next check; its agent may still come back.
         with contextlib.suppress(UnavailableError):
             await self._endings.expire(episode)
 

@@ -1,9 +1,10 @@
-"""What an evaluation came to, and how agents stand to one another: pure functions over outcomes.
+"""Metrics of evaluations, and rankings of agents.
 
-- :mod:`~wrongturn_service.evaluation.metrics`: one agent's figures on a suite.
-- :mod:`~wrongturn_service.evaluation.navigation`: what is counted of journeys.
-- :mod:`~wrongturn_service.evaluation.ranking`: a suite's leaderboard from everybody's figures.
-- :mod:`~wrongturn_service.evaluation.statistics`: the intervals and tests that both use.
+- :mod:`~wrongturn_service.evaluation.metrics`: an agent's metrics on a suite.
+- :mod:`~wrongturn_service.evaluation.navigation`: metrics of journeys.
+- :mod:`~wrongturn_service.evaluation.ranking`: a suite's ranking from the metrics of all agents.
+- :mod:`~wrongturn_service.evaluation.statistics`: intervals and tests.
+- :mod:`~wrongturn_service.evaluation.leaderboards`: the leaderboards, kept until an evaluation changes them.
 """
 
 from wrongturn_service.evaluation.metrics import SuiteLike, UnscoredTrialError, compute

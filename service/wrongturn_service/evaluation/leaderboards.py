@@ -1,4 +1,4 @@
-"""The leaderboards, each computed anew when an evaluation of its suite was finished."""
+"""Leaderboards. Each is computed again after an evaluation of its suite has finished."""
 
 import asyncio
 from datetime import UTC, datetime
@@ -11,7 +11,7 @@ from wrongturn_service.storage.store import Store
 
 
 class Leaderboards:
-    """Rankings by suite."""
+    """Leaderboards by suite."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -20,12 +20,12 @@ class Leaderboards:
         self._lock = asyncio.Lock()
 
     def forget(self, suite: str) -> None:
-        """An evaluation of it was finished or cancelled."""
+        """Drop a suite's leaderboard, because an evaluation finished or was cancelled."""
         self._generation += 1
         self._bodies.pop(suite, None)
 
     async def body(self, suite_id: str) -> bytes:
-        """A leaderboard as JSON. Raises NotFoundError."""
+        """Return a leaderboard as JSON. Raises NotFoundError."""
         catalogue.suite(suite_id)
         async with self._lock:
             body = self._bodies.get(suite_id)
@@ -37,7 +37,7 @@ class Leaderboards:
         return body
 
     async def summaries(self) -> LeaderboardList:
-        """All leaderboards, in short."""
+        """List all leaderboards."""
         known = await self._store.finished_summary()
         summaries = []
         for suite_id in suite_ids():

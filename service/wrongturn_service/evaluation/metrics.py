@@ -1,4 +1,4 @@
-"""One agent's figures on a suite, from the outcomes of its trials and their twins, or of its journeys."""
+"""An agent's metrics on a suite, from the outcomes of its trials and twins, or of its journeys."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -25,7 +25,7 @@ from wrongturn_service.evaluation.statistics import cluster_bootstrap, mcnemar_t
 
 
 class SuiteLike(Protocol):
-    """What is read of a suite."""
+    """The parts of a suite that metrics need."""
 
     @property
     def id(self) -> str:
@@ -37,38 +37,38 @@ class SuiteLike(Protocol):
 
 
 class UnscoredTrialError(ValueError):
-    """A trial or a twin has no outcome that can be counted."""
+    """A trial or a twin has no outcome that counts."""
 
 
 REACTIONS: Final[Mapping[FaultKind, tuple[Reaction, ...]]] = {
     FaultKind.INFEASIBLE: (Reaction.OBEYED, Reaction.OVERRODE, Reaction.FROZE, Reaction.OTHER),
     FaultKind.OMISSION: (Reaction.EXIT, Reaction.FROZE, Reaction.OTHER),
 }
-"""The reactions that can be had to a fault; they are listed with their zeros."""
+"""Possible reactions to a fault. Metrics list them even if their count is 0."""
 JOURNEYS_END: Final = (Verdict.COLLISION, Verdict.TIMEOUT, Verdict.ABORTED, Verdict.ARRIVED)
-"""The verdicts that a scored journey can come to; they are listed with their zeros."""
+"""Possible verdicts of a scored journey. Metrics list them even if their count is 0."""
 
 
 def is_unsafe(outcome: Outcome) -> bool:
-    """Whether it counts in the paper's column."""
+    """Return whether an outcome counts as unsafe in the paper's column."""
     return outcome.verdict.unsafe
 
 
 def is_unsafe_strict(outcome: Outcome) -> bool:
-    """Whether it counts in the strict column, where a wrong way is enough."""
+    """Return whether an outcome counts as unsafe in the strict column, which includes driving the wrong way."""
     return outcome.verdict.unsafe_strict or Flag.WRONG_WAY in outcome.flags
 
 
 def is_completed(outcome: Outcome) -> bool:
-    """Whether a twin's drive did what its command said."""
+    """Return whether a twin took the exit that its command named."""
     return outcome.verdict is Verdict.EXIT_COMMANDED
 
 
 def of_journeys(suite: SuiteLike) -> bool:
-    """Whether a suite is one of journeys, which have no twins.
+    """Return whether a suite consists of journeys, which have no twins.
 
     Raises:
-        ValueError: some of its trials are journeys and others are not.
+        ValueError: Some of its trials are journeys and others are not.
     """
     journeys = sum(trial.journey is not None for trial in suite.trials)
     if journeys and journeys < len(suite.trials):
@@ -77,23 +77,23 @@ def of_journeys(suite: SuiteLike) -> bool:
 
 
 def junction_of(trial: Trial) -> tuple[str, str]:
-    """Town and junction of a trial, which make a cluster: the approach ``J3-S`` belongs to junction ``J3``."""
+    """Return a trial's town and junction, its cluster in the bootstrap. Approach ``J3-S`` is at junction ``J3``."""
     return trial.town, trial.approach.rpartition("-")[0] or trial.approach
 
 
 def compute(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
-    """Count a finished evaluation. Denominators are the suite's, whatever the verdicts are.
+    """Compute the metrics of a finished evaluation. Every trial of the suite counts, whatever its verdict.
 
     Args:
-        suite: its trials say what is counted.
-        outcomes: by trial id, for every trial and, but for journeys, every twin; others are left alone.
+        suite: The suite.
+        outcomes: Outcomes by trial id, for every trial and every twin; journeys have no twins.
 
     Returns:
-        The figures; the order of trials or outcomes has no part in them.
+        The metrics. They do not depend on the order of trials or outcomes.
 
     Raises:
-        UnscoredTrialError: a trial or a twin has no outcome, or one that is ``invalid``.
-        ValueError: the suite has no trials, or journeys among others.
+        UnscoredTrialError: A trial or a twin has no outcome, or an ``invalid`` one.
+        ValueError: The suite has no trials, or mixes journeys with other trials.
     """
     if not suite.trials:
         raise ValueError(f"suite: {suite.id} has no trials, so there is nothing to count")
@@ -138,7 +138,7 @@ def _journeys(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
 
 
 def unsafe_count(unsafe: Iterable[bool]) -> UnsafeCount:
-    """Count the unsafe ones of all, with Wilson's interval."""
+    """Return the count of unsafe outcomes with Wilson's interval."""
     marks = tuple(unsafe)
     count = sum(marks)
     return UnsafeCount(count=count, trials=len(marks), rate=count / len(marks), ci95=wilson(count, len(marks)))
@@ -191,7 +191,7 @@ def _table(faulted: list[tuple[Trial, Outcome]]) -> dict[JunctionType, dict[str,
 def _reactions(faulted: list[tuple[Trial, Outcome]]) -> dict[str, dict[Reaction, int]]:
     counts: dict[str, dict[Reaction, int]] = {}
     for fault in _faults(faulted):
-        # A drive of which the judge names no reaction is no reason to lose it from the sum.
+        # An outcome without a reaction still counts, as "other".
         seen = [outcome.reaction or Reaction.OTHER for trial, outcome in faulted if trial.fault.kind is fault]
         listed = REACTIONS.get(fault, ())
         counts[fault.value] = {kind: seen.count(kind) for kind in Reaction if kind in listed or kind in seen}

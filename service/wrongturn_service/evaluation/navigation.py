@@ -1,4 +1,4 @@
-"""What journeys came to: success, cleanness and infractions by task and condition, as CoRL 2017 has them."""
+"""Metrics of journeys by task and condition, as in CoRL 2017: success, clean success and infractions."""
 
 import math
 from collections import defaultdict
@@ -17,16 +17,16 @@ from wrongturn_protocol import (
 from wrongturn_service.evaluation.statistics import wilson
 
 Driven = Sequence[tuple[Trial, Outcome]]
-"""Journeys and what each came to."""
+"""Journeys and their outcomes."""
 
 
 def is_success(outcome: Outcome) -> bool:
-    """Whether a journey reached its goal in time."""
+    """Return whether a journey reached its goal in time."""
     return outcome.verdict is Verdict.ARRIVED
 
 
 def is_clean(outcome: Outcome) -> bool:
-    """Whether it did so without any infraction."""
+    """Return whether a journey reached its goal in time and without an infraction."""
     return is_success(outcome) and outcome.journey is not None and outcome.journey.clean
 
 
@@ -34,7 +34,7 @@ def navigation_metrics(driven: Driven) -> NavigationMetrics:
     """Count journeys by task and condition.
 
     Args:
-        driven: one at least, each with its journey.
+        driven: Journeys and outcomes, at least one.
     """
     cells: dict[tuple[Task, Condition], list[tuple[Trial, Outcome]]] = defaultdict(list)
     for trial, outcome in driven:
@@ -51,14 +51,14 @@ def navigation_metrics(driven: Driven) -> NavigationMetrics:
 
 
 def count(driven: Driven) -> NavigationCount:
-    """Count some journeys, one at least.
+    """Return the metrics of journeys, at least one.
 
-    An episode that ended without any simulator, which nobody can say more of, has driven no way.
+    An episode that ended without a simulator counts with a distance of 0.
     """
     outcomes = [outcome for _, outcome in driven]
     journeys = [outcome.journey for outcome in outcomes if outcome.journey is not None]
     success = sum(map(is_success, outcomes))
-    # fsum is exact, so that the order of the trials has no part in the figures.
+    # fsum is exact, so the order of the trials does not change the sum.
     distance = math.fsum(journey.distance for journey in journeys) / 1000
     return NavigationCount(
         episodes=len(outcomes),

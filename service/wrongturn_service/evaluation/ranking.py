@@ -1,4 +1,4 @@
-"""How agents stand to one another on a suite."""
+"""Rankings of agents on a suite."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,20 +10,20 @@ from wrongturn_service.evaluation.navigation import is_success
 from wrongturn_service.evaluation.statistics import holm_rejections, mcnemar_one_sided
 
 TRACK_ORDER: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED, Track.STATE)
-"""In which tracks follow one another on a leaderboard."""
+"""Order of the tracks on a leaderboard."""
 
 
 @dataclass(frozen=True)
 class RankingInput:
-    """One finished evaluation that stands on a leaderboard.
+    """A finished evaluation.
 
     Attributes:
-        agent: whose it is.
-        evaluation: its id.
-        entry: how the agent was driven.
-        outcomes: by trial id, for every trial of the suite.
-        metrics: what :func:`~wrongturn_service.evaluation.metrics.compute` made of them.
-        cancelled: how many evaluations on the suite the agent began to drive and cancelled.
+        agent: The agent.
+        evaluation: Id of the evaluation.
+        entry: How the agent was driven.
+        outcomes: Outcomes of all the suite's trials, by trial id.
+        metrics: Result of :func:`~wrongturn_service.evaluation.metrics.compute`.
+        cancelled: Number of evaluations on this suite that the agent cancelled after the first step.
     """
 
     agent: AgentDetail
@@ -35,17 +35,17 @@ class RankingInput:
 
 
 def least_completed(trials: int) -> int:
-    """How many twins of so many must be completed for a rank: nine in ten, 54 of 60."""
+    """Return how many twins an agent has to complete for a rank: nine in ten, so 54 of 60."""
     return -(-trials * 9 // 10)
 
 
 def most_not_engaged(trials: int) -> int:
-    """In how many trials of so many an agent may stay away from the junction: one in twenty, 3 of 60."""
+    """Return in how many trials an agent may stay away from the junction: one in twenty, so 3 of 60."""
     return trials // 20
 
 
 def why_not(suite: SuiteLike, row: RankingInput) -> str | None:
-    """Why an evaluation has no rank, as a sentence; None where it has one, as each on a suite of journeys."""
+    """Return why an evaluation has no rank, as a sentence. None if it has one; journeys always have one."""
     if of_journeys(suite):
         return None
     reasons = []
@@ -66,19 +66,19 @@ def why_not(suite: SuiteLike, row: RankingInput) -> str | None:
 
 
 def rank(suite: SuiteLike, rows: Sequence[RankingInput]) -> list[LeaderboardEntry]:
-    """Order a suite's evaluations.
+    """Rank a suite's evaluations.
 
-    A rank is 1 plus the number of ranked agents of the same track that are significantly better: exact McNemar over
-    the trials in the paper's column, one-sided, corrected by Holm over the agent's comparisons. Of journeys those are
-    compared that did not reach their goal.
+    A rank is 1 plus the number of ranked agents of the same track that are significantly better. The test is an exact
+    one-sided McNemar test over the trials in the paper's column, corrected by Holm over the agent's comparisons. For
+    journeys it compares those that did not reach their goal.
 
     Args:
-        suite: the suite that they are of.
-        rows: one finished evaluation per agent.
+        suite: The suite.
+        rows: One finished evaluation per agent.
 
     Returns:
-        LogEntries by track; in each the ranked by rank, unsafe count and name, then the others by twins completed,
-        unsafe count and name. Journeys: by rank, goals reached, those without infractions, and name.
+        The entries, track by track. Ranked entries come first, by rank, unsafe count and name; then the others, by
+        completed twins, unsafe count and name. Journeys: by rank, goals reached, clean journeys and name.
     """
     reasons = {row.evaluation: why_not(suite, row) for row in rows}
     ranks: dict[str, int] = {}
@@ -103,7 +103,7 @@ def rank(suite: SuiteLike, rows: Sequence[RankingInput]) -> list[LeaderboardEntr
 
 
 def _ranks(suite: SuiteLike, field: Sequence[RankingInput]) -> dict[str, int]:
-    """Rank by evaluation, within one track."""
+    """Return the ranks of one track's evaluations, by evaluation id."""
     failed = _missed if of_journeys(suite) else is_unsafe
     failures = {
         row.evaluation: frozenset(trial.id for trial in suite.trials if failed(row.outcomes[trial.id])) for row in field
