@@ -123,7 +123,7 @@ def test_doctor_tries_the_server(postgres: PostgresServer, url: str, tmp_path: P
 
     async def story() -> None:
         database = await Database.open(url)
-        assert "in use by a service that runs" in await asyncio.to_thread(examine, url, tmp_path)
+        assert "in use by a running service" in await asyncio.to_thread(examine, url, tmp_path)
         await database.close()
 
     asyncio.run(story())

@@ -41,8 +41,8 @@ def url(file: Path) -> str:
 
 
 def test_a_database_that_is_not_there_yet(home: Path, tmp_path: Path) -> None:
-    assert finding() == (True, f"{home}/wrongturn.db can be made", "")
-    assert finding(url(tmp_path / "a.db")) == (True, f"{tmp_path}/a.db can be made", "")
+    assert finding() == (True, f"{home}/wrongturn.db can be created", "")
+    assert finding(url(tmp_path / "a.db")) == (True, f"{tmp_path}/a.db can be created", "")
     assert not list(home.iterdir())
 
 
@@ -53,7 +53,7 @@ def test_a_database_that_is_there_stays_as_it_is(tmp_path: Path) -> None:
         database = await Database.open(url(file))
         ok, detail, _ = await asyncio.to_thread(finding, url(file))
         assert ok
-        assert detail == f"{file} is in use by a service that runs"
+        assert detail == f"{file} is in use by a running service"
         await database.close()
 
     asyncio.run(story())

@@ -80,7 +80,7 @@ def test_what_cannot_be(tmp_path: Path) -> None:
     (tmp_path / "text").write_text("no database\n" * 100)
     with pytest.raises(StartupError, match="cannot be copied"):
         back_up(url, tmp_path / "b")
-    with pytest.raises(StartupError, match="is there already"):
+    with pytest.raises(StartupError, match="already exists"):
         back_up(url, tmp_path / "text")
     with pytest.raises(StartupError, match="there is no folder"):
         back_up(url, tmp_path / "none" / "b")

@@ -1,6 +1,6 @@
-"""Backups of the database: consistent, made while the service runs, and put back while none does.
+"""Backup and restore of the database. A backup is consistent and can be made while the service runs.
 
-SQLite's are made by its own online backup and are databases themselves, PostgreSQL's by ``pg_dump`` in its custom form.
+SQLite uses its online backup, whose file is a database itself. PostgreSQL uses ``pg_dump`` in its custom format.
 """
 
 import contextlib
@@ -18,22 +18,22 @@ from wrongturn_service.storage.check import examine
 
 
 class BackupError(StartupError):
-    """It could not be made or put back; the message says why and what to do."""
+    """A backup cannot be made or restored. The message says why and what to do."""
 
 
 def back_up(url: str, file: Path) -> None:
-    """Write a backup, whole or not at all; a service may run meanwhile.
+    """Write a backup, completely or not at all. A service may run meanwhile.
 
     Args:
-        url: SQLAlchemy's.
-        file: where to; must not be there yet.
+        url: SQLAlchemy URL.
+        file: New file.
 
     Raises:
-        StartupError: the database or the file cannot be used.
+        StartupError: The database or the file cannot be used.
     """
     parsed = location.parse(url)
     if file.exists():
-        raise BackupError(f"{file} is there already; name another file")
+        raise BackupError(f"{file} already exists; name another file")
     if not file.parent.is_dir():
         raise BackupError(f"there is no folder {file.parent}; make it, or name another file")
     part = file.with_name(file.name + ".part")
@@ -54,15 +54,15 @@ def back_up(url: str, file: Path) -> None:
 
 
 def restore(url: str, file: Path, home: Path) -> None:
-    """Put a backup in the database's place; all that is there now is gone.
+    """Replace the database by a backup.
 
     Args:
-        url: SQLAlchemy's.
-        file: the backup.
-        home: the one folder that may be made.
+        url: SQLAlchemy URL.
+        file: The backup.
+        home: The only folder that may be created.
 
     Raises:
-        StartupError: a service has the database, or the backup or the database cannot be used.
+        StartupError: A service uses the database, or the backup or the database cannot be used.
     """
     parsed = location.parse(url)
     if not file.is_file():
@@ -70,7 +70,7 @@ def restore(url: str, file: Path, home: Path) -> None:
     target = location.file_of(parsed)
     if target is None:
         if "is in use" in examine(url, home):
-            raise BackupError("a service has the database; stop it first")
+            raise BackupError("a service uses the database; stop it first")
         options = ("--clean", "--if-exists", "--no-owner", "--single-transaction", "--exit-on-error")
         _run_program(parsed, "pg_restore", *options, str(file), database_option=True)
         return
@@ -83,7 +83,7 @@ def restore(url: str, file: Path, home: Path) -> None:
             _copy(file, part)
             with part.open("rb") as written:
                 os.fsync(written.fileno())
-            # What the old file had not yet taken in must not be taken in by the new one.
+            # The old file's log must not be applied to the new file.
             for tail in ("-wal", "-shm"):
                 target.with_name(target.name + tail).unlink(missing_ok=True)
             part.replace(target)
@@ -96,7 +96,7 @@ def restore(url: str, file: Path, home: Path) -> None:
 
 
 def _make(part: Path, mode: int = location.OWNER_ALONE) -> None:
-    """Make an empty file of this mode, or empty what an earlier attempt left."""
+    """Create an empty file with this mode, or empty the one that an earlier attempt left."""
     handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, location.OWNER_ALONE)
     try:
         os.fchmod(handle, mode)
@@ -105,16 +105,16 @@ def _make(part: Path, mode: int = location.OWNER_ALONE) -> None:
 
 
 def _copy(source: Path, target: Path) -> None:
-    """SQLite's online backup, and a look at what came of it."""
+    """Copy a database by SQLite's online backup and check the copy."""
     try:
         with (
             contextlib.closing(sqlite3.connect(f"{source.absolute().as_uri()}?mode=ro", uri=True)) as old,
             contextlib.closing(sqlite3.connect(target)) as new,
         ):
             if not old.execute("SELECT name FROM sqlite_master WHERE name = 'alembic_version'").fetchall():
-                raise BackupError(f"{source} is not a database of Wrongturn's")
+                raise BackupError(f"{source} is not a Wrongturn database")
             old.backup(new)
-            # One file alone, without a log beside it.
+            # One file, without a log beside it.
             new.execute("PRAGMA journal_mode = DELETE")
             found = new.execute("PRAGMA integrity_check").fetchone()[0]
     except sqlite3.Error as error:
@@ -132,10 +132,10 @@ def _run_program(url: URL, name: str, *arguments: str, database_option: bool = F
     command = [*arguments, f"--dbname={shown}"] if database_option else [*arguments, shown]
     if program is None:
         raise BackupError(
-            f"there is no {name} here; install PostgreSQL's client programs, or run where they are: "
+            f"{name} is missing; install PostgreSQL's client programs, or run this where they are: "
             f"{' '.join([name, *command])}",
         )
-    # Not among the arguments, which everybody on the machine can read.
+    # Everybody on the machine can read a program's arguments, so the password is not among them.
     environment = {**os.environ, **({} if url.password is None else {"PGPASSWORD": str(url.password)})}
     done = subprocess.run(  # noqa: S603 - PostgreSQL's own program
         [program, *command], env=environment, capture_output=True, text=True, check=False

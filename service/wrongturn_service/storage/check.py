@@ -1,4 +1,4 @@
-"""Whether a service could use the database, found out without making or changing it."""
+"""Checks whether a service could use the database, without changing it."""
 
 import asyncio
 import contextlib
@@ -20,30 +20,30 @@ from wrongturn_service.storage.database import migrations
 
 
 def examine(url: str, home: Path) -> str:
-    """What is found of a database that can be used, in words.
+    """Return a sentence about a database that a service can use.
 
     Args:
-        url: SQLAlchemy's.
-        home: the one folder that may be made.
+        url: SQLAlchemy URL.
+        home: The only folder that may be created.
 
     Raises:
-        StartupError: a service could not use it; the message says why.
+        StartupError: A service could not use the database. The message says why.
     """
     parsed = location.parse(url)
     file = location.file_of(parsed)
     if parsed.get_backend_name() == "postgresql":
         return _examine_server(parsed)
     if file is None:
-        return f"{parsed.render_as_string(hide_password=True)} is of a kind that was not tried"
+        return f"{parsed.render_as_string(hide_password=True)} is a kind of database that this check does not know"
     location.ensure_folder(file, home)
     if location.in_use(file):
-        return f"{file} is in use by a service that runs"
+        return f"{file} is in use by a running service"
     try:
-        # SQLite and the lock need files of their own beside the database.
+        # SQLite and the lock need to create files beside the database.
         with tempfile.TemporaryFile(dir=file.parent):
             pass
         if not file.exists():
-            return f"{file} can be made"
+            return f"{file} can be created"
         os.close(os.open(file, os.O_RDWR | os.O_CLOEXEC))
     except OSError as error:
         raise location.unwritable(file, error) from error
@@ -57,7 +57,7 @@ def examine(url: str, home: Path) -> str:
 
 
 def _check_version(file: Path) -> None:
-    """Raise sqlite3's error where it is no database, alembic's where a later version made it."""
+    """Raise sqlite3's error if the file is no database, Alembic's if a later version made it."""
     with contextlib.closing(sqlite3.connect(f"{file.as_uri()}?mode=rw", uri=True)) as connection:
         tables = connection.execute("SELECT name FROM sqlite_master WHERE name = 'alembic_version'").fetchall()
         versions = connection.execute("SELECT version_num FROM alembic_version").fetchall() if tables else []
@@ -79,19 +79,19 @@ def _examine_server(url: URL) -> str:
         raise StartupError(f"the database {shown} cannot be used: {error}; name another") from error
     except CommandError as error:
         raise StartupError(f"the database {shown} was made by another version of Wrongturn ({error})") from error
-    return f"{shown} can be used" if free else f"{shown} is in use by a service that runs"
+    return f"{shown} can be used" if free else f"{shown} is in use by a running service"
 
 
 async def _ask(url: URL) -> tuple[list[str], bool]:
-    """The versions of the tables, if there are any, and whether no service has the database."""
+    """Return the versions of the tables, and whether the database is free."""
     engine = create_async_engine(url, connect_args=postgres.connect_args(url))
     try:
-        with postgres.told():
+        with postgres.one_error():
             async with engine.connect() as connection:
                 there = await connection.run_sync(lambda now: inspect(now).has_table("alembic_version"))
                 asked = "SELECT version_num FROM alembic_version"
                 versions = list(await connection.scalars(text(asked))) if there else []
-                # Of the transaction, so that it is gone at once.
+                # This lock ends with the transaction.
                 free = await connection.scalar(text("SELECT pg_try_advisory_xact_lock(:key)"), {"key": postgres.LOCK})
         return versions, bool(free)
     finally:

@@ -1,4 +1,4 @@
-"""The database: one service to each, migrated at start, every commit on the disk before it is told."""
+"""The database: one service each, migrated at the start, every commit on disk before anybody learns of it."""
 
 import asyncio
 import contextlib
@@ -24,11 +24,11 @@ _BUSY_MS = 30_000
 
 
 class DatabaseGoneError(SQLAlchemyError):
-    """The file was deleted, moved or replaced: what is written is lost with the service."""
+    """The database file was deleted, moved or replaced, so writes would be lost."""
 
 
 class Database:
-    """An engine with its lock; use :meth:`open`."""
+    """An engine and its lock. Create it with :meth:`open`."""
 
     def __init__(
         self,
@@ -46,21 +46,21 @@ class Database:
         self._reading = engine.execution_options(**options)
         self._lock = lock
         self._ownership = ownership
-        # SQLite has one writer, and waiting here costs less than its polling. PostgreSQL would take several, but then
-        # transactions could fail by each other; one service's results are few, and each takes a few milliseconds.
+        # One writer at a time. SQLite allows no more, and waiting here costs less than its polling. PostgreSQL would,
+        # but its transactions could then make each other fail; a service writes little, in milliseconds each.
         self._writer = asyncio.Lock()
 
     @classmethod
     async def open(cls, url: str, *, home: Path | None = None) -> Self:
-        """Connect, lock the file or the server's database, and bring the tables up to date.
+        """Connect, lock the file or the server's database, and migrate the tables.
 
         Args:
-            url: SQLAlchemy's.
-            home: the folder that is made where the file lies in it; no other is.
+            url: SQLAlchemy URL.
+            home: A missing folder of the file is made only if it is this one.
 
         Raises:
-            StartupError: the URL is no database's, its folder is not there, the file cannot be written, the server does
-                not answer, another service has it, or it is of a newer version.
+            StartupError: The URL is wrong, its folder is missing, the file cannot be written, the server does not
+                answer, another service uses the database, or a newer version made it.
         """
         parsed = location.parse(url)
         file = location.file_of(parsed)
@@ -76,7 +76,7 @@ class Database:
                 location.ensure_file(file)
                 _probe(parsed)
             engine = _engine(parsed)
-            with postgres.told():
+            with postgres.one_error():
                 if parsed.get_backend_name() == "postgresql":
                     ownership = postgres.Ownership(parsed)
                     await ownership.take()
@@ -84,7 +84,7 @@ class Database:
                     await connection.run_sync(_migrate)
                     if ownership is not None:
                         await ownership.sign(connection)
-                        await postgres.warn_of_a_careless_server(connection)
+                        await postgres.warn_of_unsafe_settings(connection)
         except StartupError:
             await _close(engine, lock, ownership)
             raise
@@ -92,7 +92,7 @@ class Database:
             await _close(engine, lock, ownership)
             reason = str(getattr(error, "orig", None) or error).splitlines()[0]
             raise StartupError(
-                f"the database {shown} cannot be used: {reason}; name one that can be written by {location.NAMED_BY}",
+                f"the database {shown} cannot be used: {reason}; name another by {location.NAMED_BY}",
             ) from error
         except CommandError as error:
             await _close(engine, lock, ownership)
@@ -103,38 +103,36 @@ class Database:
         return cls(engine, lock, ownership, file)
 
     def check(self) -> None:
-        """Whether it is still there, and this service's, as far as can be known without asking it.
+        """Check that the database is still there and ours, without a query.
 
         Raises:
-            DatabaseTakenError: another service has taken it.
-            DatabaseGoneError: its file is another one, or none.
+            DatabaseTakenError: Another service has taken it.
+            DatabaseGoneError: Its file is gone or replaced.
         """
         if self._file is not None and _identity(self._file) != self._identity:
-            raise DatabaseGoneError(
-                f"{self._file} was deleted, moved or replaced; put it back, or start the service anew"
-            )
+            raise DatabaseGoneError(f"{self._file} was deleted, moved or replaced; put it back or restart the service")
         if self._ownership is not None:
             self._ownership.check_known()
 
     @contextlib.asynccontextmanager
     async def read(self) -> AsyncIterator[AsyncSession]:
-        """A session that only reads, from one snapshot."""
-        with postgres.told():
+        """Open a read-only session on one snapshot."""
+        with postgres.one_error():
             async with AsyncSession(self._reading, expire_on_commit=False) as session:
                 yield session
 
     @contextlib.asynccontextmanager
     async def write(self) -> AsyncIterator[AsyncSession]:
-        """A session whose changes are on the disk once the block is left, or gone where it raised."""
+        """Open a session. Its changes are on disk when the block ends, or undone if it raises."""
         self.check()
-        with postgres.told():
+        with postgres.one_error():
             async with self._writer, AsyncSession(self._writing, expire_on_commit=False) as session, session.begin():
                 if self._ownership is not None:
                     await self._ownership.check(session)
                 yield session
 
     async def close(self) -> None:
-        """Close the connections and let go of the file, or of the server's database."""
+        """Close the connections and release the lock."""
         await _close(self._writing, self._lock, self._ownership)
         self._lock = None
 
@@ -157,9 +155,9 @@ async def _close(engine: AsyncEngine | None, lock: int | None, ownership: postgr
 
 
 def _probe(url: URL) -> None:
-    """Raise sqlite3's error where the file is no database of ours to open.
+    """Raise sqlite3's error if the file cannot be opened.
 
-    The asynchronous driver's thread outlives a first connection that fails, and with it the event loop.
+    The asynchronous driver must not find out itself: its thread would keep the process alive.
     """
     with contextlib.closing(sqlite3.connect(url.database or "")) as connection:
         connection.execute("PRAGMA schema_version")
@@ -169,7 +167,7 @@ def _engine(url: URL) -> AsyncEngine:
     try:
         engine = create_async_engine(
             url,
-            # A connection that the server closed meanwhile is replaced before it is used.
+            # Replaces a connection that the server has closed.
             pool_pre_ping=url.get_backend_name() == "postgresql",
             connect_args=postgres.connect_args(url),
         )
@@ -184,7 +182,7 @@ def _engine(url: URL) -> AsyncEngine:
 
 
 def _set_up_sqlite(connection: Any, _record: object) -> None:
-    # Python's driver would begin transactions by itself, and late; BEGIN is ours, below.
+    # Python's driver would begin transactions too late; _begin_sqlite does it.
     connection.isolation_level = None
     cursor = connection.cursor()
     cursor.execute(f"PRAGMA busy_timeout = {_BUSY_MS}")
@@ -195,13 +193,13 @@ def _set_up_sqlite(connection: Any, _record: object) -> None:
 
 
 def _begin_sqlite(connection: Connection) -> None:
-    # A writer takes its lock at once: a reader that turns writer later fails where another wrote in between.
+    # A writer locks at once. A reader that becomes a writer fails if somebody wrote in between.
     reads = connection.get_execution_options().get(_READ)
     connection.exec_driver_sql("BEGIN" if reads else "BEGIN IMMEDIATE")
 
 
 def migrations() -> Config:
-    """Alembic's configuration, with the scripts beside this file."""
+    """Return Alembic's configuration for the scripts beside this file."""
     config = Config()
     config.set_main_option("script_location", str(Path(__file__).with_name("migrations")).replace("%", "%%"))
     return config

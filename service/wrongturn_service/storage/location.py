@@ -1,4 +1,4 @@
-"""Where the database lies: its URL, and an SQLite file's folder and lock."""
+"""The database's URL, and the folder and lock of an SQLite file."""
 
 import contextlib
 import fcntl
@@ -12,26 +12,26 @@ from wrongturn_service.errors import StartupError
 
 NAMED_BY = "--database or WRONGTURN_DATABASE"
 OTHERWISE = "use that one (other commands take its URL by --url or WRONGTURN_URL), stop it,"
-"""What can be done about a service that has the database, beside naming another one."""
+"""Remedies if another service uses the database."""
 OWNER_ALONE = 0o600
-"""The mode of what holds the database: hashes of tokens and sealed tokens are in it."""
+"""Mode of the database file, which holds hashes of tokens and sealed tokens."""
 
 
 class DatabaseUrlError(StartupError):
-    """The URL is no database's that could be used anywhere: a mistake in what was asked for."""
+    """The URL is wrong."""
 
 
 def parse(url: str) -> URL:
-    """The URL's parts, the driver of SQLite or PostgreSQL filled in.
+    """Parse a URL and fill in the driver of SQLite or PostgreSQL.
 
     Raises:
-        DatabaseUrlError: it is none, or keeps SQLite in memory.
+        DatabaseUrlError: The URL is malformed, or names SQLite in memory.
     """
     try:
         parsed = make_url(url)
     except ArgumentError as error:
         raise DatabaseUrlError(
-            f"the database URL {url!r} is none; give one such as sqlite+aiosqlite:////path/wrongturn.db by {NAMED_BY}",
+            f"{url!r} is not a database URL; give one such as sqlite+aiosqlite:////path/wrongturn.db by {NAMED_BY}",
         ) from error
     if parsed.drivername == "sqlite":
         parsed = parsed.set(drivername="sqlite+aiosqlite")
@@ -45,15 +45,15 @@ def parse(url: str) -> URL:
 
 
 def file_of(url: URL) -> Path | None:
-    """An SQLite database's file; None for a database of another kind."""
+    """Return the file of an SQLite database, None for other databases."""
     return Path(url.database or "").absolute() if url.get_backend_name() == "sqlite" else None
 
 
 def ensure_folder(file: Path, home: Path | None) -> None:
-    """See that the file's folder is there. Only the home is made: any other may be a slip of the pen.
+    """Check that the file's folder exists. Only ``home`` is created; any other missing folder may be a typing error.
 
     Raises:
-        StartupError: it is not, or cannot be made.
+        StartupError: The folder is missing or cannot be created.
     """
     folder = file.parent
     try:
@@ -67,10 +67,10 @@ def ensure_folder(file: Path, home: Path | None) -> None:
 
 
 def ensure_file(file: Path) -> None:
-    """Make the file where it is not there, for its owner alone; SQLite gives what it keeps beside it the same mode.
+    """Create the file if it is missing, readable by its owner only. SQLite gives its other files the same mode.
 
     Raises:
-        StartupError: it cannot be made.
+        StartupError: The file cannot be created.
     """
     try:
         with contextlib.suppress(FileExistsError):
@@ -80,10 +80,10 @@ def ensure_file(file: Path) -> None:
 
 
 def lock(file: Path) -> int:
-    """Lock the file for this process; gives the handle that holds the lock until it is closed.
+    """Lock the file for this process and return the descriptor that holds the lock until it is closed.
 
     Raises:
-        StartupError: another service has it, or the lock cannot be written.
+        StartupError: Another service has the lock, or it cannot be written.
     """
     try:
         handle = os.open(_lock_of(file), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, OWNER_ALONE)
@@ -98,10 +98,10 @@ def lock(file: Path) -> int:
 
 
 def in_use(file: Path) -> bool:
-    """Whether a service has the file. Leaves nothing behind.
+    """Return whether a service uses the file.
 
     Raises:
-        StartupError: its lock cannot be written.
+        StartupError: The lock cannot be written.
     """
     try:
         handle = os.open(_lock_of(file), os.O_RDWR | os.O_CLOEXEC)
@@ -116,14 +116,14 @@ def in_use(file: Path) -> bool:
 
 
 def unwritable(file: Path, error: OSError) -> StartupError:
-    """What is told where the operating system refuses."""
+    """Return the error for a file that the operating system refuses to write."""
     return StartupError(
         f"the database file {file} cannot be written: {error.strerror or error}; name another by {NAMED_BY}",
     )
 
 
 def _lock_of(file: Path) -> Path:
-    # A file beside the database: SQLite's own locks on it would be lost when any handle of it is closed.
+    # A file of its own: closing any descriptor of the database would drop SQLite's locks on it.
     return file.with_name(file.name + ".lock")
 
 

@@ -1,4 +1,4 @@
-"""The tables. Types are those that SQLite and PostgreSQL share; times are seconds since 1970 in UTC."""
+"""The tables, with types that SQLite and PostgreSQL share. Times are seconds since 1970, UTC."""
 
 from sqlalchemy import BigInteger, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, String, Text, text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
@@ -9,7 +9,7 @@ _SHA = String(64)
 
 
 class Base(DeclarativeBase):
-    """The root of the tables; names of constraints are fixed, so that migrations can name them."""
+    """Base of the tables. It fixes the names of constraints for the migrations."""
 
     metadata = MetaData(
         naming_convention={
@@ -22,14 +22,14 @@ class Base(DeclarativeBase):
 
 
 class AgentRow(Base):
-    """An agent; without a token's hash it was revoked."""
+    """An agent. A revoked one has no token."""
 
     __tablename__ = "agents"
 
     id: Mapped[str] = mapped_column(_ID, primary_key=True)
     name: Mapped[str] = mapped_column(String(64))
     name_key: Mapped[str] = mapped_column(String(64), unique=True)
-    """The name in lower case: names that differ in case alone would be mistaken for each other."""
+    """The name in lower case: names may not differ in case alone."""
     track: Mapped[str] = mapped_column(_WORD)
     kind: Mapped[str] = mapped_column(_WORD)
     description: Mapped[str | None] = mapped_column(Text)
@@ -50,16 +50,16 @@ class EvaluationRow(Base):
     entry: Mapped[str] = mapped_column(_WORD)
     state: Mapped[str] = mapped_column(_WORD)
     secret: Mapped[str] = mapped_column(_SHA)
-    """What the order of its trials comes from."""
+    """Decides the order of the trials."""
     trials: Mapped[int] = mapped_column(Integer)
     created: Mapped[float] = mapped_column(Double)
     finished: Mapped[float | None] = mapped_column(Double)
     metrics: Mapped[str | None] = mapped_column(Text)
-    """JSON of Metrics, when finished."""
+    """JSON of Metrics, once finished."""
 
 
 class EpisodeRow(Base):
-    """One drive of one trial; practice where there is no evaluation."""
+    """One drive of one trial. Practice has no evaluation."""
 
     __tablename__ = "episodes"
 
@@ -78,7 +78,7 @@ class EpisodeRow(Base):
     """JSON of Outcome."""
     steps: Mapped[int] = mapped_column(Integer, default=0)
     last_action: Mapped[bytes | None] = mapped_column(LargeBinary)
-    """The last step's action, 3 little-endian float32, so that its repeat is known after a restart too."""
+    """The last step's action, 3 little-endian float32, to recognise its repeat after a restart."""
     last_reply: Mapped[bytes | None] = mapped_column(LargeBinary)
     """The last step's reply, compressed JSON."""
     actions_sha256: Mapped[str | None] = mapped_column(_SHA)
@@ -86,7 +86,7 @@ class EpisodeRow(Base):
 
     __table_args__ = (
         Index("ix_episodes_evaluation_id_state", "evaluation_id", "state"),
-        # A trial is driven once and counts once in an evaluation, whatever is repeated; lost ones run anew.
+        # A trial counts once in an evaluation. Lost episodes run again.
         Index(
             "uq_episodes_evaluation_id_trial_id",
             "evaluation_id",
@@ -105,11 +105,11 @@ class TrajectoryRow(Base):
 
     episode_id: Mapped[str] = mapped_column(_ID, ForeignKey("episodes.id"), primary_key=True)
     sha256: Mapped[str] = mapped_column(_SHA)
-    """Of the canonical JSON, uncompressed."""
+    """SHA-256 of the canonical JSON."""
     size: Mapped[int] = mapped_column(BigInteger)
-    """Bytes, uncompressed."""
+    """Bytes of the canonical JSON."""
     data: Mapped[bytes] = mapped_column(LargeBinary)
-    """zlib."""
+    """The canonical JSON, compressed by zlib."""
 
 
 class ResultsRow(Base):
@@ -124,24 +124,24 @@ class ResultsRow(Base):
 
 
 class IdempotencyRow(Base):
-    """The reply that a repeat of a request gets."""
+    """A stored reply for the repeat of a request."""
 
     __tablename__ = "idempotency"
 
     scope: Mapped[str] = mapped_column(String(80), primary_key=True)
-    """Whose key it is."""
+    """Whose key it is, for example an agent's id."""
     key_sha256: Mapped[str] = mapped_column(_SHA, primary_key=True)
     request_sha256: Mapped[str] = mapped_column(_SHA)
     status: Mapped[int] = mapped_column(Integer)
     content_type: Mapped[str] = mapped_column(String(80))
     body: Mapped[bytes] = mapped_column(LargeBinary)
     sealed_token: Mapped[bytes | None] = mapped_column(LargeBinary)
-    """What belongs in the reply and must not be readable here."""
+    """The reply's token, encrypted with the key."""
     created: Mapped[float] = mapped_column(Double, index=True)
 
 
 class OwnershipRow(Base):
-    """Which service has the database; one row, of use on a server, where a file's lock is none."""
+    """The service that uses the database: one row, needed on a server, where there is no file to lock."""
 
     __tablename__ = "ownership"
 

@@ -1,4 +1,4 @@
-"""What PostgreSQL needs beside SQLAlchemy: durable commits, one service to a database, errors of its driver told."""
+"""What PostgreSQL needs beside SQLAlchemy: durable commits, one service per database, and one kind of error."""
 
 import asyncio
 import contextlib
@@ -19,31 +19,31 @@ from wrongturn_service.storage import location
 from wrongturn_service.tokens import new_id
 
 LOCK: Final = 0x77726F6E67
-"""The advisory lock's number, in every database of a server the same: such locks belong to one database each."""
+"""Number of the advisory lock. Each database of a server has its own."""
 PATIENCE_S: Final = 5.0
-"""Seconds in which a service that has just ended must have let go: the server notices it a moment later."""
+"""Seconds to wait for the lock: the server notices a little late that a service has ended."""
 _CONNECT_S = 10
 _COMMAND_S = 60
 _AGAIN_S = 0.2
 
 
 class DatabaseUnreachableError(SQLAlchemyError):
-    """The server does not answer; what was asked can be asked again."""
+    """The server does not answer. Try again."""
 
 
 class DatabaseTakenError(SQLAlchemyError):
-    """Another service has had the database meanwhile: this one must not write to it again."""
+    """Another service has taken the database, so this one must not write any more."""
 
 
 def connect_args(url: URL) -> dict[str, Any]:
-    """What the driver is told; empty for another database than PostgreSQL."""
+    """Return the driver's arguments for PostgreSQL, none for other databases."""
     if url.get_backend_name() != "postgresql":
         return {}
     settings = {
         "application_name": "wrongturn",
-        # Only a commit that is on the disk is told, whatever the server's own configuration is.
+        # A commit returns once it is on disk, whatever the server's configuration says.
         "synchronous_commit": "on",
-        # A machine that vanished must not hold the lock for hours.
+        # A machine that has vanished must not hold the lock for hours.
         "tcp_keepalives_idle": "10",
         "tcp_keepalives_interval": "5",
         "tcp_keepalives_count": "3",
@@ -52,11 +52,11 @@ def connect_args(url: URL) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def told() -> Iterator[None]:
-    """Make one error of what the driver raises where SQLAlchemy does not look.
+def one_error() -> Iterator[None]:
+    """Turn errors of the driver that SQLAlchemy does not wrap into one.
 
     Raises:
-        DatabaseUnreachableError: see there.
+        DatabaseUnreachableError: The driver raised an error.
     """
     try:
         yield
@@ -66,11 +66,10 @@ def told() -> Iterator[None]:
 
 
 class Ownership:
-    """One service's hold on one database.
+    """One service's ownership of one database.
 
-    Two things make it safe. An advisory lock, held by a connection of its own, refuses a second service at its start.
-    A row names the owner, and every transaction that writes looks at it: where the lock's connection broke and another
-    service came in between, this one is refused from then on.
+    An advisory lock on a connection of its own refuses a second service at its start. If that connection breaks,
+    another service may take the lock; so a row names the owner, and every write checks it.
     """
 
     def __init__(self, url: URL) -> None:
@@ -89,8 +88,8 @@ class Ownership:
         """Lock the database.
 
         Raises:
-            StartupError: another service has it.
-            SQLAlchemyError: it does not answer.
+            StartupError: Another service has it.
+            SQLAlchemyError: The server does not answer.
         """
         deadline = time.monotonic() + patience_s
         while not await self._lock():
@@ -102,7 +101,7 @@ class Ownership:
             await asyncio.sleep(_AGAIN_S)
 
     async def sign(self, connection: AsyncConnection) -> None:
-        """Put this service's name down as the owner's; the tables have to be there."""
+        """Write this service's name into the row of the owner. The tables must exist."""
         await connection.execute(
             text(
                 "INSERT INTO ownership (id, holder, since) VALUES (1, :me, :now) "
@@ -112,25 +111,25 @@ class Ownership:
         )
 
     async def check(self, session: AsyncSession) -> None:
-        """See that the database is still this service's, until the session's transaction ends.
+        """Check that this service owns the database, and keep it so until the transaction ends.
 
         Raises:
-            DatabaseTakenError: it is not.
+            DatabaseTakenError: Another service owns it.
         """
         if not self._taken and await self._lost() and not await self._lock():
             self._refuse()
-        # A service that takes over has to wait for this row, and so for this transaction.
+        # A service that takes over waits for this row, and so for this transaction.
         mine = text("SELECT 1 FROM ownership WHERE id = 1 AND holder = :me FOR SHARE")
         if self._taken or await session.scalar(mine, {"me": self._me}) is None:
             self._refuse()
 
     def check_known(self) -> None:
-        """Raise DatabaseTakenError where a write found it so."""
+        """Raise DatabaseTakenError if a write found another owner."""
         if self._taken:
             self._refuse()
 
     async def close(self) -> None:
-        """Let go of the database."""
+        """Release the database."""
         connection, self._connection = self._connection, None
         if connection is not None:
             with contextlib.suppress(OSError, SQLAlchemyError, asyncpg.PostgresError, asyncpg.InterfaceError):
@@ -141,10 +140,10 @@ class Ownership:
         if not self._taken:
             structlog.get_logger("storage").error("database taken by another service", database=self._shown)
         self._taken = True
-        raise DatabaseTakenError("another Wrongturn service has taken the database; this one has to be ended")
+        raise DatabaseTakenError("another Wrongturn service has taken the database; stop this one")
 
     async def _lost(self) -> bool:
-        """Whether the lock's connection broke."""
+        """Return whether the lock's connection broke."""
         if self._connection is None or self._connection.closed:
             return True
         driver: Any = (await self._connection.get_raw_connection()).driver_connection
@@ -169,8 +168,8 @@ class Ownership:
         return True
 
 
-async def warn_of_a_careless_server(connection: AsyncConnection) -> None:
-    """Say so where the server's own settings let a commit be lost by a power failure."""
+async def warn_of_unsafe_settings(connection: AsyncConnection) -> None:
+    """Log a warning if the server's settings can lose a commit in a power failure."""
     for name in ("fsync", "full_page_writes"):
         if await connection.scalar(text(f"SELECT current_setting('{name}')")) != "on":
             structlog.get_logger("storage").warning("commits are not safe", setting=name, remedy=f"set {name} = on")

@@ -1,4 +1,4 @@
-"""Every query of the service, one method each. Rows come back detached: they are read, never changed in place."""
+"""All queries of the service, one method each. Rows are detached: read them, do not change them."""
 
 import asyncio
 import hashlib
@@ -24,24 +24,24 @@ from wrongturn_service.storage.models import (
 
 
 class NameTakenError(Exception):
-    """Another agent has the name."""
+    """Another agent has this name."""
 
 
 class DamagedTrajectoryError(SQLAlchemyError):
-    """What is stored is not what was written: the disk's fault, or somebody's hand."""
+    """A stored trajectory differs from what was written."""
 
 
 class Store:
-    """Reads and writes; each method is one transaction.
+    """Reads and writes the database. Each method is one transaction.
 
-    What creates something takes the reply to keep for its idempotency key, so that both are stored or neither is.
+    Methods that create something also take the reply for the idempotency key, so that both are stored or neither is.
     """
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     async def ping(self) -> None:
-        """Touch the database; raises SQLAlchemy's errors where it does not answer, or is another service's by now."""
+        """Query the database. Raises SQLAlchemy's errors if it does not answer or belongs to another service."""
         self._database.check()
         async with self._database.read() as session:
             await session.execute(select(1))
@@ -49,7 +49,7 @@ class Store:
     # Agents
 
     async def add_agent(self, agent: AgentRow, reply: IdempotencyRow | None) -> None:
-        """Raises NameTakenError."""
+        """Store a new agent. Raises NameTakenError."""
         try:
             async with self._database.write() as session:
                 _add(session, agent, reply)
@@ -57,22 +57,22 @@ class Store:
             raise NameTakenError(agent.name) from error
 
     async def agents(self) -> Sequence[AgentRow]:
-        """All, by name."""
+        """Return all agents by name."""
         async with self._database.read() as session:
             return (await session.scalars(select(AgentRow).order_by(AgentRow.name_key))).all()
 
     async def agent(self, agent_id: str) -> AgentRow | None:
-        """One agent, or None."""
+        """Return an agent, or None."""
         async with self._database.read() as session:
             return await session.get(AgentRow, agent_id)
 
     async def agent_by_token(self, token_sha256: str) -> AgentRow | None:
-        """Whose token it is, or None."""
+        """Return the agent with this token, or None."""
         async with self._database.read() as session:
             return await session.scalar(select(AgentRow).where(AgentRow.token_sha256 == token_sha256))
 
     async def set_token(self, agent_id: str, token_sha256: str | None, reply: IdempotencyRow | None = None) -> None:
-        """Replace an agent's token, or revoke it."""
+        """Replace an agent's token. None revokes it."""
         async with self._database.write() as session:
             await session.execute(update(AgentRow).where(AgentRow.id == agent_id).values(token_sha256=token_sha256))
             _add(session, reply)
@@ -80,23 +80,23 @@ class Store:
     # Evaluations
 
     async def add_evaluation(self, evaluation: EvaluationRow, reply: IdempotencyRow | None) -> None:
-        """A new evaluation."""
+        """Store a new evaluation."""
         async with self._database.write() as session:
             _add(session, evaluation, reply)
 
     async def evaluation(self, evaluation_id: str) -> EvaluationRow | None:
-        """One evaluation, or None."""
+        """Return an evaluation, or None."""
         async with self._database.read() as session:
             return await session.get(EvaluationRow, evaluation_id)
 
     async def running_evaluations(self) -> Sequence[EvaluationRow]:
-        """Those that are neither finished nor cancelled."""
+        """Return the evaluations that are neither finished nor cancelled."""
         async with self._database.read() as session:
             query = select(EvaluationRow).where(EvaluationRow.state == EvaluationState.RUNNING)
             return (await session.scalars(query)).all()
 
     async def running_count(self, agent_id: str) -> int:
-        """How many of an agent's evaluations are neither finished nor cancelled."""
+        """Return how many of an agent's evaluations are neither finished nor cancelled."""
         async with self._database.read() as session:
             query = select(func.count()).where(
                 EvaluationRow.agent_id == agent_id,
@@ -105,7 +105,7 @@ class Store:
             return await session.scalar(query) or 0
 
     async def finish_evaluation(self, evaluation_id: str, metrics: str) -> None:
-        """Store the metrics; a cancelled one stays cancelled."""
+        """Store an evaluation's metrics. A cancelled evaluation stays cancelled."""
         async with self._database.write() as session:
             query = update(EvaluationRow).where(
                 EvaluationRow.id == evaluation_id,
@@ -114,7 +114,7 @@ class Store:
             await session.execute(query.values(state=EvaluationState.FINISHED, finished=time.time(), metrics=metrics))
 
     async def cancel_evaluation(self, evaluation_id: str) -> None:
-        """Cancel it; its open episodes are lost."""
+        """Cancel an evaluation and mark its open episodes as lost."""
         async with self._database.write() as session:
             query = update(EvaluationRow).where(
                 EvaluationRow.id == evaluation_id,
@@ -128,7 +128,7 @@ class Store:
             await session.execute(lost.values(state=EpisodeState.LOST, finished=time.time()))
 
     async def finished_count(self, evaluation_id: str) -> int:
-        """How many of its episodes have their verdict."""
+        """Return how many of an evaluation's episodes have a verdict."""
         async with self._database.read() as session:
             query = select(func.count()).where(
                 EpisodeRow.evaluation_id == evaluation_id,
@@ -137,7 +137,7 @@ class Store:
             return await session.scalar(query) or 0
 
     async def outcomes(self, evaluation_id: str) -> dict[str, Outcome]:
-        """By trial id, of those that have their verdict."""
+        """Return the outcomes of an evaluation's finished episodes, by trial id."""
         async with self._database.read() as session:
             query = select(EpisodeRow.trial_id, EpisodeRow.outcome).where(
                 EpisodeRow.evaluation_id == evaluation_id,
@@ -147,12 +147,12 @@ class Store:
         return {trial: Outcome.model_validate_json(outcome) for trial, outcome in rows if outcome is not None}
 
     async def put_results(self, evaluation_id: str, body: str) -> None:
-        """Keep a worker's own record; a newer one takes its place."""
+        """Store a worker's own record. A newer one replaces it."""
         async with self._database.write() as session:
             await session.merge(ResultsRow(evaluation_id=evaluation_id, body=body, created=time.time()))
 
     async def cancelled_counts(self, suite: str) -> dict[str, int]:
-        """How many evaluations on a suite each agent began to drive and then cancelled."""
+        """Return how many evaluations of a suite each agent cancelled after it had begun to drive."""
         driven = select(EpisodeRow.evaluation_id).where(EpisodeRow.evaluation_id == EvaluationRow.id).exists()
         query = (
             select(EvaluationRow.agent_id, func.count())
@@ -163,7 +163,7 @@ class Store:
             return dict((await session.execute(query)).tuples().all())
 
     async def first_finished(self, suite: str) -> Sequence[tuple[EvaluationRow, AgentRow]]:
-        """Each agent's first finished evaluation on a suite, which is the one that counts."""
+        """Return each agent's first finished evaluation of a suite, which is the one that counts."""
         async with self._database.read() as session:
             query = (
                 select(EvaluationRow, AgentRow)
@@ -178,7 +178,7 @@ class Store:
         return list(first.values())
 
     async def finished_summary(self) -> dict[str, tuple[int, float]]:
-        """By suite: how many agents have finished it, and when the newest did."""
+        """Return for each suite how many agents have finished it, and when the last one did."""
         async with self._database.read() as session:
             query = (
                 select(
@@ -195,14 +195,14 @@ class Store:
     # Episodes
 
     async def add_episode(self, episode: EpisodeRow, reply: IdempotencyRow | None) -> None:
-        """An episode that was opened; one of the same trial that nobody got to know of is lost by it.
+        """Store an open episode. An older open episode of the same trial and evaluation is marked as lost.
 
         Raises:
-            IntegrityError: the trial has its verdict in this evaluation.
+            IntegrityError: The trial already has a verdict in this evaluation.
         """
         async with self._database.write() as session:
             if episode.evaluation_id is not None:
-                # A commit whose answer was lost with the connection: the service took it for undone, and it was not.
+                # The connection may have broken during an earlier commit that did succeed.
                 ghost = update(EpisodeRow).where(
                     EpisodeRow.evaluation_id == episode.evaluation_id,
                     EpisodeRow.trial_id == episode.trial_id,
@@ -212,12 +212,12 @@ class Store:
             _add(session, episode, reply)
 
     async def episode(self, episode_id: str) -> EpisodeRow | None:
-        """One episode, or None."""
+        """Return an episode, or None."""
         async with self._database.read() as session:
             return await session.get(EpisodeRow, episode_id)
 
     async def episodes(self, evaluation_id: str, state: EpisodeState | None = None) -> Sequence[EpisodeRow]:
-        """An evaluation's, by the time of their reset."""
+        """Return an evaluation's episodes in the order of their resets."""
         async with self._database.read() as session:
             query = select(EpisodeRow).where(EpisodeRow.evaluation_id == evaluation_id)
             if state is not None:
@@ -225,7 +225,7 @@ class Store:
             return (await session.scalars(query.order_by(EpisodeRow.created, EpisodeRow.id))).all()
 
     async def trials_by_state(self, evaluation_id: str) -> dict[EpisodeState, set[str]]:
-        """Which of an evaluation's trials are finished and which are open."""
+        """Return an evaluation's trial ids by the state of their episodes."""
         async with self._database.read() as session:
             query = select(EpisodeRow.state, EpisodeRow.trial_id).where(EpisodeRow.evaluation_id == evaluation_id)
             rows = (await session.execute(query)).all()
@@ -235,17 +235,18 @@ class Store:
         return found
 
     async def finish_episode(self, episode_id: str, values: dict[str, Any], trajectory: bytes, sha256: str) -> bool:
-        """Store a verdict with its trajectory; False where the episode was given up or has ended otherwise.
-
-        It can be called again where it is not known what came of it: the same end is stored once.
+        """Store an episode's end. Safe to call again with the same end.
 
         Args:
-            episode_id: which.
-            values: columns of the episode's row.
-            trajectory: canonical JSON, or nothing where there is none.
-            sha256: of the trajectory.
+            episode_id: Id of the episode.
+            values: Columns of the episode's row.
+            trajectory: Canonical JSON, empty if there is none.
+            sha256: SHA-256 of the trajectory.
+
+        Returns:
+            False if the episode was given up or has another end.
         """
-        # A journey's among other road users has megabytes; other agents' steps go on meanwhile.
+        # A journey with traffic has megabytes; in a thread its compression does not hold up other agents.
         compressed = await asyncio.to_thread(zlib.compress, trajectory, 6)
         async with self._database.write() as session:
             query = update(EpisodeRow).where(EpisodeRow.id == episode_id, EpisodeRow.state == EpisodeState.OPEN)
@@ -266,23 +267,23 @@ class Store:
         return True
 
     async def lose_episode(self, episode_id: str, verdict: Verdict | None = None) -> None:
-        """An open episode is gone; its trial runs anew."""
+        """Mark an open episode as lost, so that its trial runs again."""
         async with self._database.write() as session:
             query = update(EpisodeRow).where(EpisodeRow.id == episode_id, EpisodeRow.state == EpisodeState.OPEN)
             await session.execute(query.values(state=EpisodeState.LOST, finished=time.time(), verdict=verdict))
 
     async def lose_open_episodes(self) -> int:
-        """Those that were open when the service ended last; how many there were."""
+        """Mark the episodes that were open when the service last stopped as lost, and return their number."""
         async with self._database.write() as session:
             query = update(EpisodeRow).where(EpisodeRow.state == EpisodeState.OPEN)
             result = await session.execute(query.values(state=EpisodeState.LOST, finished=time.time()))
             return int(getattr(result, "rowcount", 0))
 
     async def trajectory(self, episode_id: str) -> tuple[bytes, str] | None:
-        """A trajectory's canonical JSON and its SHA-256, or None.
+        """Return a trajectory's canonical JSON and its SHA-256, or None.
 
         Raises:
-            DamagedTrajectoryError: it is not what was stored.
+            DamagedTrajectoryError: The stored bytes have changed.
         """
         async with self._database.read() as session:
             row = await session.get(TrajectoryRow, episode_id)
@@ -291,12 +292,12 @@ class Store:
     # Idempotency and housekeeping
 
     async def reply(self, scope: str, key_sha256: str) -> IdempotencyRow | None:
-        """What a repeat of a request gets, or None."""
+        """Return the stored reply to a request with this key, or None."""
         async with self._database.read() as session:
             return await session.get(IdempotencyRow, (scope, key_sha256))
 
     async def purge(self, *, practice_before: float, replies_before: float) -> None:
-        """Drop practice episodes and idempotent replies from before these times, seconds since 1970."""
+        """Delete practice episodes and stored replies from before these times, seconds since 1970."""
         async with self._database.write() as session:
             old = select(EpisodeRow.id).where(
                 EpisodeRow.evaluation_id.is_(None),
