@@ -1,6 +1,6 @@
 """Agents, and the worker that drives them against a service.
 
-Names are loaded when they are first used, so that ``wrongturn --help`` starts quickly.
+Names are imported on first use, so that ``wrongturn --help`` starts quickly.
 """
 
 from importlib import import_module

@@ -1,16 +1,26 @@
-"""``wrongturn run``: an agent's worker at the command line."""
+"""``wrongturn run``: drive an agent from the command line."""
 
+import os
+import traceback
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from wrongturn_agents.progress_style import ProgressStyle
+from wrongturn_agents.errors import AgentFailedError, RunError
+from wrongturn_agents.practice_run import PracticeRun
+from wrongturn_agents.progress import ProgressStyle, show_progress
+from wrongturn_agents.registry import AgentSource, resolve
+from wrongturn_agents.saved_run import SavedRun
+from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
+from wrongturn_agents.worker import OPERATOR_TOKEN, RunRequest, begin, drive, episodes_side_by_side, service_at
+from wrongturn_client import settings
+from wrongturn_client.invocation import program
+from wrongturn_client.tables import console, evaluation_table
+from wrongturn_protocol import EvaluationDetail
 
-if TYPE_CHECKING:
-    from wrongturn_protocol import EvaluationDetail
-
-DEFAULT_SUITE = "wrong-command@1"
 _INTERRUPTED = 130
 
 
@@ -18,70 +28,61 @@ def run(
     agent: Annotated[
         str | None,
         typer.Argument(
-            help="A registered name (see 'wrongturn agents'), package.module:Class, or an .onnx file.",
-            show_default=False,
+            help="A name that 'wrongturn agents' lists, package.module:Class, or an .onnx file. Example: careful"
         ),
     ] = None,
     *,
-    suite: Annotated[
-        str | None, typer.Option(help=f"The suite of trials; {DEFAULT_SUITE} by default.", show_default=False)
-    ] = None,
+    suite: Annotated[str | None, typer.Option(help=f"Suite of trials; by default {WRONG_COMMAND}.")] = None,
     url: Annotated[
         str | None,
         typer.Option(
             envvar="WRONGTURN_URL",
-            help="The service; without it one is started for as long as the run lasts.",
-            show_default=False,
+            help="Service to use; by default one is started for this run. Example: --url http://127.0.0.1:8000",
         ),
     ] = None,
     name: Annotated[
         str | None,
-        typer.Option(help="Name on the leaderboard; by default the agent's own.", show_default=False),
+        typer.Option(help="Name on the leaderboard; by default the agent's own."),
     ] = None,
     json_file: Annotated[
         Path | None,
-        typer.Option("--json", metavar="FILE", help="Write the evaluation with its metrics.", show_default=False),
+        typer.Option("--json", metavar="FILE", help="Write the evaluation and its metrics."),
     ] = None,
     task: Annotated[
         str | None,
         typer.Option(
-            help="This task's trials alone, as practice that is never ranked; goes on with what --json lacks.",
-            show_default=False,
+            help="Drive this task's trials only, as practice that is never ranked. Drives what the file of --json "
+            "lacks. Example: --task navigation_dynamic"
         ),
     ] = None,
     resume: Annotated[
         str | None,
-        typer.Option(metavar="ID|FILE", help="Go on with a run that was interrupted.", show_default=False),
+        typer.Option(metavar="ID|FILE", help="Resume a run that was interrupted."),
     ] = None,
     parallel: Annotated[
         int | None,
         typer.Option(
-            min=1,
-            help="Episodes at a time; by default one for each processor where the agent keeps no memory, else one.",
-            show_default=False,
+            min=1, help="Episodes at once; by default one for each processor if the agent keeps no memory, else one."
         ),
     ] = None,
     progress: Annotated[
         ProgressStyle,
-        typer.Option(help="How to tell the progress, on stderr: a bar, lines, or JSON lines for a program."),
+        typer.Option(help="How to show progress on stderr: a bar, lines, or JSON lines for a program."),
     ] = ProgressStyle.AUTO,
 ) -> None:
-    """Drive an agent through a suite and print the table in the paper's layout; of journeys in CoRL 2017's.
+    """Drive an agent through a suite and print its results in the layout of the paper, or of CoRL 2017 for journeys.
 
-    WRONGTURN_TOKEN: the token of an agent that is registered already.
+    Example: wrongturn run careful --suite smoke@1
 
-    WRONGTURN_OPERATOR_TOKEN: registers a baseline as one.
+    WRONGTURN_TOKEN: token of an agent that is already registered.
+
+    WRONGTURN_OPERATOR_TOKEN: operator's token; it lets a baseline be registered as one.
     """
-    import traceback  # noqa: PLC0415 - the program starts quickly without what only this command needs
-
-    from wrongturn_agents.errors import AgentFailedError  # noqa: PLC0415
-    from wrongturn_client.tables import console, evaluation_table  # noqa: PLC0415
-
     try:
         if task is not None:
-            _run_task(agent, task, suite, url, json_file, parallel, progress, unused=(name, resume))
+            _practise(agent, task, suite, url, json_file, parallel, progress, unused=(name, resume))
             return
-        shown, evaluation = _run(
+        shown, evaluation = _evaluate(
             agent,
             suite=suite,
             url=url,
@@ -92,7 +93,7 @@ def run(
             progress=progress,
         )
     except AgentFailedError as error:
-        if error.__cause__ is not None:  # it is the user's own program: show where it broke
+        if error.__cause__ is not None:  # the error is in the user's program: show where
             traceback.print_exception(error.__cause__)
         raise
     except KeyboardInterrupt:
@@ -101,7 +102,7 @@ def run(
         console().print(evaluation_table(shown, evaluation.metrics))
 
 
-def _run_task(
+def _practise(
     agent: str | None,
     task: str,
     suite: str | None,
@@ -112,37 +113,23 @@ def _run_task(
     *,
     unused: tuple[str | None, ...],
 ) -> None:
-    """Drive a task's trials, and tell how many of them came to what."""
-    from collections import Counter  # noqa: PLC0415
-    from dataclasses import replace  # noqa: PLC0415
-
-    from wrongturn_agents.errors import RunError  # noqa: PLC0415
-    from wrongturn_agents.practice_run import PracticeRun  # noqa: PLC0415
-    from wrongturn_agents.progress import report  # noqa: PLC0415
-    from wrongturn_agents.registry import resolve  # noqa: PLC0415
-    from wrongturn_agents.suites import installed_suite  # noqa: PLC0415
-    from wrongturn_agents.worker import service_at, side_by_side  # noqa: PLC0415
-    from wrongturn_client import settings  # noqa: PLC0415
-
+    """Drive a task's trials and print how many of them had which verdict."""
     if agent is None:
         raise RunError("AGENT: name one; 'wrongturn agents' lists the shipped ones")
     if json_file is None:
-        raise RunError("--json: give it with --task: nothing else would keep what the trials came to")
+        raise RunError("--json: give it with --task: nothing else would keep the results")
     if any(value is not None for value in unused):
         raise RunError("--task: its trials are practice; leave --name and --resume out")
-    source = resolve(agent)
-    made = source.make()
-    source = replace(source, make=lambda: made)
-    parallel = side_by_side(made, parallel)
-    driven = PracticeRun(source, installed_suite(suite or "navigation@1"), task, json_file)
+    source, parallel = _made_once(agent, parallel)
+    practice_run = PracticeRun(source, installed_suite(suite or NAVIGATION), task, json_file)
     token = settings.token() if url is not None else None
-    with service_at(url, None) as (at, _), report(progress, source.name) as told:
-        results = driven.drive(at, token, told, parallel=parallel)
+    with service_at(url, None) as (at, _), show_progress(progress, source.name) as report:
+        results = practice_run.drive(at, token, report, parallel=parallel)
     counts = Counter(result.verdict for result in results.trials.values())
     typer.echo(f"{task}: " + ", ".join(f"{verdict} {count}" for verdict, count in counts.most_common()))
 
 
-def _run(
+def _evaluate(
     agent: str | None,
     *,
     suite: str | None,
@@ -152,20 +139,12 @@ def _run(
     resume: str | None,
     parallel: int | None,
     progress: ProgressStyle,
-) -> tuple[str, "EvaluationDetail"]:
-    """Run it; gives the agent's name on the leaderboard and the finished evaluation."""
-    import os  # noqa: PLC0415
-    from dataclasses import replace  # noqa: PLC0415
+) -> tuple[str, EvaluationDetail]:
+    """Begin or resume an evaluation and drive it.
 
-    from wrongturn_agents.errors import RunError  # noqa: PLC0415
-    from wrongturn_agents.progress import report  # noqa: PLC0415
-    from wrongturn_agents.registry import resolve  # noqa: PLC0415
-    from wrongturn_agents.saved_run import SavedRun  # noqa: PLC0415
-    from wrongturn_agents.suites import installed_suite  # noqa: PLC0415
-    from wrongturn_agents.worker import OPERATOR_TOKEN, RunRequest, begin, drive, service_at, side_by_side  # noqa: PLC0415
-    from wrongturn_client import settings  # noqa: PLC0415
-    from wrongturn_client.invocation import program  # noqa: PLC0415
-
+    Returns:
+        The agent's name on the leaderboard, and the finished evaluation.
+    """
     saved_run: SavedRun | None = None
     if json_file is not None and (json_file.is_dir() or not json_file.absolute().parent.is_dir()):
         raise RunError(f"--json: {json_file} cannot be written; name a file in a directory that exists")
@@ -179,14 +158,11 @@ def _run(
             raise RunError(f"--suite: that run is on {saved_run.suite} already; leave --suite out with --resume")
         agent, suite, url = saved_run.agent, saved_run.suite, url or saved_run.url
     if agent is None:
-        raise RunError("AGENT: name one, or a run to go on with by --resume; 'wrongturn agents' lists the shipped ones")
-    suite = suite or DEFAULT_SUITE
-    source = resolve(agent)
+        raise RunError("AGENT: name one, or a run to resume with --resume; 'wrongturn agents' lists the shipped ones")
+    suite = suite or WRONG_COMMAND
     if saved_run is None and url is None:
-        installed_suite(suite)  # a service that is started here has those that are installed; another may have others
-    made = source.make()  # what cannot be made takes no name and begins no evaluation
-    source = replace(source, make=lambda: made)
-    parallel = side_by_side(made, parallel)
+        installed_suite(suite)  # the service that is started has the installed suites; another service may have others
+    source, parallel = _made_once(agent, parallel)
     token = settings.token() if url is not None else None
     if saved_run is None and token is not None and name is not None:
         raise RunError("--name: WRONGTURN_TOKEN is the token of an agent that has its name; leave out one of the two")
@@ -197,8 +173,8 @@ def _run(
         shown = saved_run.name or source.name
         typer.echo(f"{shown} on {suite} at {at}: evaluation {saved_run.evaluation}", err=True)
         try:
-            with report(progress, shown) as told:
-                evaluation = drive(saved_run, source, at, told, parallel=parallel)
+            with show_progress(progress, shown) as report:
+                evaluation = drive(saved_run, source, at, report, parallel=parallel)
         except BaseException:
             typer.echo(f"Not finished. To go on with it: {program()} run --resume {saved_run.evaluation}", err=True)
             raise
@@ -211,3 +187,14 @@ def _run(
                 f"'{program()} run --resume {saved_run.evaluation} --json FILE' writes it elsewhere",
             ) from error
     return shown, evaluation
+
+
+def _made_once(agent: str, parallel: int | None) -> tuple[AgentSource, int]:
+    """Find and make the agent, so that one that cannot be made takes no name and begins no evaluation.
+
+    Returns:
+        The source of this one agent, and the number of episodes that it drives at once.
+    """
+    source = resolve(agent)
+    made = source.make()
+    return replace(source, make=lambda: made), episodes_side_by_side(made, parallel)

@@ -1,4 +1,4 @@
-"""The whole benchmark at one go, for ``script/demo``: a service, the baselines as processes, the ranking."""
+"""``script/demo``: start a service, drive the baselines against it as processes, and print the ranking."""
 
 import argparse
 import fcntl
@@ -10,44 +10,40 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Final
 
 from rich.progress import Progress as Bars
-from rich.progress import TaskID
 
 from wrongturn_agents.errors import AgentsError
-from wrongturn_agents.progress import LinesReport, progress_bar
+from wrongturn_agents.progress import LinesProgress, Progress, add_bar, progress_bars
 from wrongturn_agents.registry import AGENTS, resolve
+from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.worker import OPERATOR_TOKEN
 from wrongturn_client import Client, LocalService, WrongturnError
 from wrongturn_client.listings import listing
 from wrongturn_client.tables import console, leaderboard_table
 
 _AT_A_TIME: Final = 2
-_USAGE: Final = 2  # argparse's own status
-_TAIL: Final = 5  # lines of a failed worker's output that are shown
-_DEFAULT_SUITE: Final = "wrong-command@1"
-
-Progress = Callable[[int, int], None]
+_USAGE: Final = 2  # exit status of argparse
+_TAIL: Final = 5  # lines shown of a failed worker's output
 
 
 class DemoError(AgentsError):
-    """The demo cannot begin."""
+    """The demo cannot start."""
 
 
 class DemoUsageError(DemoError):
-    """It was asked for what there is not."""
+    """An option names an agent or a suite that does not exist."""
 
 
 @dataclass
 class Worker:
-    """One agent's ``wrongturn run`` in a process of its own."""
+    """Process that runs ``wrongturn run`` for one agent."""
 
     agent: str
     url: str
@@ -58,7 +54,7 @@ class Worker:
     tail: deque[str] = field(default_factory=lambda: deque(maxlen=_TAIL))
 
     def run(self, progress: Progress) -> int:
-        """Run it to its end; gives its status."""
+        """Run the process to its end and return its exit status."""
         command = [sys.executable, "-m", "wrongturn_client", "run", self.agent]
         command += ["--url", self.url, "--suite", self.suite, "--progress", "json"]
         environment = {name: value for name, value in os.environ.items() if name != "WRONGTURN_TOKEN"}
@@ -71,26 +67,26 @@ class Worker:
             text=True,
             errors="replace",
             env=environment,
-            process_group=0,  # Ctrl-C reaches the demo alone, which then stops its workers
+            process_group=0,  # Ctrl-C reaches only the demo, which then stops its workers
         )
         assert self.process.stderr is not None
         with self.process.stderr as lines:
             for line in lines:
                 try:
-                    told = json.loads(line)
-                    progress(told["finished"], told["total"])
+                    report = json.loads(line)
+                    progress(report["finished"], report["total"])
                 except (ValueError, TypeError, KeyError):
                     self.tail.append(line.rstrip())
         return self.process.wait()
 
     def stop(self) -> None:
-        """End the process, if it runs."""
+        """Stop the process if it is running."""
         if self.process is not None and self.process.poll() is None:
             self.process.terminate()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the demo; gives the status."""
+    """Run the demo and return its exit status."""
     options = _options(arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     try:
@@ -111,18 +107,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="script/demo",
-        description="Drive the baseline agents through a suite, each over HTTP, and rank them.",
+        description="Drive the baseline agents through a suite, each over HTTP, and rank them. "
+        "Example: script/demo --agents careful,parked --suite smoke@1",
     )
     parser.add_argument("--agents", default=",".join(AGENTS), metavar="A,B", help="agents (default: %(default)s)")
-    parser.add_argument("--suite", default=_DEFAULT_SUITE, help="suite of trials (default: %(default)s)")
+    parser.add_argument("--suite", default=WRONG_COMMAND, help="suite of trials (default: %(default)s)")
     return parser.parse_args(arguments)
 
 
 def _checked(agents: str, suite: str) -> tuple[list[str], str]:
-    """The agents and the suite, if they exist.
+    """Return the agents' names and the suite after a check that they exist.
 
     Raises:
-        DemoUsageError: they do not.
+        DemoUsageError: One of them does not exist.
     """
     names = [name.strip() for name in agents.split(",") if name.strip()]
     if not names:
@@ -142,10 +139,10 @@ def _checked(agents: str, suite: str) -> tuple[list[str], str]:
 
 @contextmanager
 def _folder(path: Path) -> Iterator[Path]:
-    """The demo's folder, emptied of the last demo's files, and held by this one alone.
+    """Lock the demo's folder, remove the last demo's files from it, and give its absolute path.
 
     Raises:
-        DemoError: it cannot be written, or another demo runs in it.
+        DemoError: The folder cannot be written, or another demo runs in it.
     """
     folder = path.absolute()
     try:
@@ -171,7 +168,7 @@ def _demo(agents: list[str], suite: str, folder: Path) -> int:
     environment = {OPERATOR_TOKEN: operator_token}
     print("Starting the service …", flush=True)
     with LocalService(database=f"sqlite+aiosqlite:///{database}", environment=environment, log=log) as service:
-        print(f"It answers at {service.url}. Driving {', '.join(agents)} through {suite} over HTTP …", flush=True)
+        print(f"The service is at {service.url}. Driving {', '.join(agents)} through {suite} over HTTP …", flush=True)
         workers = [Worker(agent, service.url, suite, operator_token, folder) for agent in agents]
         failed = _run_all(workers)
         with Client(service.url, operator_token) as client:
@@ -179,23 +176,23 @@ def _demo(agents: list[str], suite: str, folder: Path) -> int:
     console().print(leaderboard_table(leaderboard))
     written = folder / "leaderboard.json"
     written.write_text(json.dumps(leaderboard.model_dump(mode="json"), indent=2) + "\n", encoding="utf-8")
-    print(f"The ranking as JSON: demo/{written.name} (took {time.monotonic() - began:.0f} s).")
+    print(f"Ranking as JSON: demo/{written.name} (took {time.monotonic() - began:.0f} s).")
     for worker in failed:
         print(f"script/demo: the worker of {worker.agent} failed:", *worker.tail, sep="\n  ", file=sys.stderr)
     if failed:
         return 1
-    print("To start the service for good: .venv/bin/wrongturn serve")
+    print("To start a service that keeps running: .venv/bin/wrongturn serve")
     return 0
 
 
 def _run_all(workers: list[Worker]) -> list[Worker]:
-    """Run the workers, two at a time, and show how far they are; gives those that failed."""
+    """Run the workers two at a time, show their progress, and return those that failed."""
     screen = console()
-    bars = progress_bar(screen) if screen.is_terminal else None
+    bars = progress_bars(screen) if screen.is_terminal else None
     pool = ThreadPoolExecutor(_AT_A_TIME)
     with bars or nullcontext():
         try:
-            jobs = {pool.submit(worker.run, _progress(worker, bars)): worker for worker in workers}
+            jobs = {pool.submit(worker.run, _progress_of(worker, bars)): worker for worker in workers}
             return [jobs[job] for job in as_completed(jobs) if job.result() != 0]
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -206,14 +203,8 @@ def _run_all(workers: list[Worker]) -> list[Worker]:
             pool.shutdown()
 
 
-def _progress(worker: Worker, bars: Bars | None) -> Progress:
-    if bars is None:
-        return LinesReport(worker.agent, sys.stdout)
-    return partial(_move, bars, bars.add_task(worker.agent, total=None))
-
-
-def _move(bars: Bars, task: TaskID, finished: int, total: int) -> None:
-    bars.update(task, completed=finished, total=total)
+def _progress_of(worker: Worker, bars: Bars | None) -> Progress:
+    return LinesProgress(worker.agent, sys.stdout) if bars is None else add_bar(bars, worker.agent)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,15 @@
-"""An agent that is an ONNX file.
+"""Agent that runs an ONNX file.
 
-The contract, the same for ``wrongturn run FILE.onnx`` and for a model that is handed in:
+The contract is the same for ``wrongturn run FILE.onnx`` and for a submitted model:
 
-* Each input bears the name of an observation key and takes that array with a batch axis in front, in the observation's
-  own dtype: ``speed`` float32 (1, 1), ``command`` int64 (1, 1), ``rgb`` uint8 (1, 64, 192, 3) and so on. A model need
-  not take every key. Its track is the smallest that has all of its inputs, unless its metadata names a greater one.
-* One output is called ``action``: float32 (1, 3) in the order steer, throttle, brake; out of range it is clipped.
+* Each input has the name of an observation key. It takes that array with a batch axis in front and the observation's
+  dtype: ``speed`` float32 (1, 1), ``command`` int64 (1, 1), ``rgb`` uint8 (1, 64, 192, 3) and so on. A model need not
+  take every key. Its track is the smallest one with all of its inputs, unless its metadata names a larger one.
+* One output is called ``action``: float32 (1, 3) with steer, throttle and brake. Values out of range are clipped.
 * The model's metadata may hold ``name``, ``track`` and ``description``.
-* The model keeps no memory between steps, so that one may drive several episodes at a time.
+* The model keeps no memory between steps, so that it can drive several episodes at once.
 
-onnxruntime comes with the extra: ``python -m pip install 'wrongturn-agents[onnx]'``.
+onnxruntime comes with an extra: ``python -m pip install 'wrongturn-agents[onnx]'``.
 """
 
 import math
@@ -24,21 +24,21 @@ from wrongturn_client.invocation import python
 from wrongturn_protocol import Action, AgentKind, Track
 from wrongturn_protocol.observations import FIELDS, Observation
 
-_TRACKS: Final = (Track.STATE, Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)  # the smaller ones first
+_TRACKS: Final = (Track.STATE, Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)  # smaller tracks first
 ACTION: Final = "action"
-"""The output's name."""
+"""Name of the output."""
 
 
 class OnnxAgent:
-    """Drives as an ONNX model says.
+    """Agent whose actions come from an ONNX model.
 
     Raises:
         OnnxRuntimeMissingError: onnxruntime is not installed.
-        ModelFileError: the file is missing, no ONNX model, or does not keep to the contract.
+        ModelFileError: The file is missing, is not an ONNX model, or breaks the contract.
     """
 
     memoryless = True
-    """Whether :meth:`act` depends on nothing but the observation, and may be called in several threads at a time."""
+    """True: :meth:`act` depends on the observation alone, and several threads may call it at once."""
 
     def __init__(self, file: Path) -> None:
         self._session: Any = open_session(file)
@@ -54,13 +54,13 @@ class OnnxAgent:
         self._file = file
 
     def reset(self, observation_space: spaces.Space[Any]) -> None:
-        """A model keeps no memory."""
+        """Do nothing, because a model keeps no memory."""
 
     def act(self, observation: Observation) -> Action:
-        """Ask the model.
+        """Return the model's action.
 
         Raises:
-            ModelFileError: the model fails on the observation, or its action has another shape or is not finite.
+            ModelFileError: The model fails on the observation, or its action has another shape or is not finite.
         """
         try:
             (batch,) = self._session.run([ACTION], {name: observation[name][None] for name in self._inputs})
@@ -74,14 +74,14 @@ class OnnxAgent:
 
 
 def open_session(file: Path) -> Any:
-    """An ``onnxruntime.InferenceSession`` that gives the same action for the same observation, on one thread.
+    """Return an ``onnxruntime.InferenceSession`` on one thread.
 
     Raises:
         OnnxRuntimeMissingError: onnxruntime is not installed.
-        ModelFileError: the file is missing or no ONNX model.
+        ModelFileError: The file is missing, or is not an ONNX model.
     """
     try:
-        import onnxruntime  # noqa: PLC0415 - an optional extra, and heavy
+        import onnxruntime  # noqa: PLC0415 - comes with an extra, and is slow to import
     except ImportError:
         raise OnnxRuntimeMissingError(
             f"{file}: an ONNX model needs onnxruntime; install it with: "
@@ -93,7 +93,7 @@ def open_session(file: Path) -> Any:
     options.intra_op_num_threads = 1  # so that the same observation gives the same action
     try:
         return onnxruntime.InferenceSession(str(file), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime raises a different class for each way of being broken
+    except Exception as error:  # onnxruntime raises many classes
         raise ModelFileError(f"{file}: onnxruntime cannot load it: {error}") from error
 
 

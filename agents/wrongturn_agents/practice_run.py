@@ -1,4 +1,4 @@
-"""The trials of one task of a suite, driven over a service in practice: shown, never ranked."""
+"""Drives the trials of one task over a service as practice: it shows their outcomes and never ranks them."""
 
 import re
 import secrets
@@ -7,34 +7,35 @@ from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 
 from wrongturn_agents.errors import RunError
+from wrongturn_agents.progress import Progress
 from wrongturn_agents.registry import AgentSource
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
 from wrongturn_agents.suites import SuiteTrials
-from wrongturn_agents.worker import GuardedAgent, Progress, side_by_side
+from wrongturn_agents.worker import GuardedAgent, episodes_side_by_side
 from wrongturn_client import Client
 from wrongturn_client.evaluation_driver import drive_episode
-from wrongturn_protocol import PracticeRequest, Trial
+from wrongturn_protocol import PracticeRequest
 
 
 class PracticeRun:
-    """Drives what a file lacks of a task's trials, and writes the file after each: it can be gone on with.
+    """Drives those of a task's trials that a results file lacks, and writes the file after each.
 
     Args:
-        source: the agent.
-        suite: whose trials.
-        task: of these, such as ``navigation_dynamic``.
-        file: where what each came to is kept, as ``wrongturn results --import`` takes it.
+        source: The agent.
+        suite: The suite of the trials.
+        task: Task of the suite. Example: ``navigation_dynamic``
+        file: Results file, as ``wrongturn results --import`` takes it. A run goes on with what it holds.
 
     Raises:
-        RunError: the suite has no such task, or the file is of something else or cannot be written.
-        ResultsError: there is such a file, and it is no results file.
+        RunError: The suite has no such task, or the file belongs to another run or cannot be written.
+        ResultsError: The file exists and is not a results file.
     """
 
     def __init__(self, source: AgentSource, suite: SuiteTrials, task: str, file: Path) -> None:
-        of_task = {name: _task(trial) for name, trial in suite.trials.items()}
-        self.trials = tuple(name for name, of in of_task.items() if of == task)
+        journeys = {name: trial.journey for name, trial in suite.trials.items() if trial.journey is not None}
+        self.trials = tuple(name for name, journey in journeys.items() if journey.task == task)
         if not self.trials:
-            known = sorted({of for of in of_task.values() if of is not None})
+            known = sorted({journey.task for journey in journeys.values()})
             raise RunError(f"--task: {suite.id} has no task {task!r}; it has {', '.join(known) or 'none'}")
         self._source, self._suite, self._file = source, suite, file
         self._results = ResultsFile(
@@ -53,21 +54,20 @@ class PracticeRun:
         self._lock, self._stop = threading.Lock(), threading.Event()
 
     def drive(self, url: str, token: str | None, progress: Progress, *, parallel: int | None = None) -> ResultsFile:
-        """Drive what is lacking; gives all results.
+        """Drive the missing trials and return all results.
 
         Args:
-            url: of the service.
-            token: of an agent that is registered there; without it one is registered for practice.
-            progress: told of the trials that are done.
-            parallel: episodes at a time, as :func:`~wrongturn_agents.worker.side_by_side`.
+            url: URL of the service.
+            token: Token of an agent that is registered there; None to register one for practice.
+            progress: Called with the numbers of finished and of all trials.
+            parallel: Number of episodes at once; None as in :func:`~wrongturn_agents.worker.episodes_side_by_side`.
 
         Raises:
-            RunError: the service has another version of the suite, or the file cannot be written.
-            AgentFailedError: the agent raised something; what was driven before is in the file.
-            WrongturnError: the service refuses, or cannot be reached any more; likewise.
+            RunError: The service has another version of the suite, or the file cannot be written.
+            AgentFailedError: The agent failed. The file holds the results so far.
+            WrongturnError: The service refuses, or cannot be reached any more. The file holds the results so far.
         """
         agent = self._source.make()
-        policy = GuardedAgent(self._source.name, agent)
         with Client(url, token) as client:
             if client.suite(self._suite.id).sha256 != self._suite.sha256:
                 raise RunError(f"--url: it drives another {self._suite.id} than the one installed; install its version")
@@ -76,34 +76,33 @@ class PracticeRun:
                 token = client.register(name, self._source.track, description="Registered for practice.").token
         progress(len(self._results.trials), len(self.trials))
         self._write()
-
-        def one(trial: str) -> None:
-            if self._stop.is_set():
-                return
-            with Client(url, token) as client:
-                request = PracticeRequest(suite=self._suite.id, trial=trial, track=self._source.track)
-                begun = client.practise(request)
-                drive_episode(client, policy, begun, stop=self._stop)
-                outcome = client.episode(begun.id).outcome
-            if outcome is None:
-                raise RunError(f"--task: the service does not show how {trial} ended; drive the whole suite instead")
-            result = TrialResult.of(outcome)
-            with self._lock:
-                trials = {**self._results.trials, trial: result}
-                self._results = self._results.model_copy(update={"trials": trials})
-                self._write()
-                progress(len(trials), len(self.trials))
-
-        lacking = [trial for trial in self.trials if trial not in self._results.trials]
-        with ThreadPoolExecutor(side_by_side(agent, parallel)) as threads:
-            jobs = [threads.submit(one, trial) for trial in lacking]
+        guarded = GuardedAgent(self._source.name, agent)
+        missing = [trial for trial in self.trials if trial not in self._results.trials]
+        with ThreadPoolExecutor(episodes_side_by_side(agent, parallel)) as threads:
+            jobs = [threads.submit(self._drive_trial, trial, guarded, url, token, progress) for trial in missing]
             try:
                 done, _ = wait(jobs, return_when=FIRST_EXCEPTION)
-            finally:  # Ctrl-C too
+            finally:  # after Ctrl-C too
                 self._stop.set()
         for job in done:
             job.result()
         return self._results
+
+    def _drive_trial(self, trial: str, agent: GuardedAgent, url: str, token: str, progress: Progress) -> None:
+        """Drive one trial and write its result, unless the run is stopping."""
+        if self._stop.is_set():
+            return
+        with Client(url, token) as client:
+            begun = client.practise(PracticeRequest(suite=self._suite.id, trial=trial, track=self._source.track))
+            drive_episode(client, agent, begun, stop=self._stop)
+            outcome = client.episode(begun.id).outcome
+        if outcome is None:
+            raise RunError(f"--task: the service does not show how {trial} ended; drive the whole suite instead")
+        with self._lock:
+            trials = {**self._results.trials, trial: TrialResult.of(outcome)}
+            self._results = self._results.model_copy(update={"trials": trials})
+            self._write()
+            progress(len(trials), len(self.trials))
 
     def _write(self) -> None:
         beside = self._file.with_name(f".{self._file.name}.new")
@@ -112,7 +111,3 @@ class PracticeRun:
             beside.replace(self._file)
         except OSError as error:
             raise RunError(f"--json: {self._file} cannot be written ({error.strerror}); name another file") from error
-
-
-def _task(trial: Trial) -> str | None:
-    return None if trial.journey is None else str(trial.journey.task)

@@ -1,52 +1,44 @@
-"""How a run tells how far it is."""
+"""Ways to show how far a run is: a bar, lines, or JSON lines for a program."""
 
 import json
 import sys
 import time
-from types import TracebackType
-from typing import IO, Protocol, Self
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from functools import partial
+from typing import IO
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
 from rich.text import Text
 
-from wrongturn_agents.progress_style import ProgressStyle
+Progress = Callable[[int, int], None]
+"""Function that is called with the numbers of finished and of all episodes."""
 
 
-class Report(Protocol):
-    """Is told how far a run is; used in a ``with`` block."""
+class ProgressStyle(StrEnum):
+    """Ways to show progress."""
 
-    def __enter__(self) -> Self:
-        """Begin to show."""
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Stop showing."""
-
-    def __call__(self, finished: int, total: int) -> None:
-        """So many of so many episodes are finished."""
-
-
-def _rate(rate: float) -> str:
-    """A rate with its tenths where it is small: journeys take minutes."""
-    return f"{rate:.0f}" if rate >= 10 else f"{rate:.1f}"
+    AUTO = "auto"
+    """A bar on a terminal, else lines."""
+    BAR = "bar"
+    LINES = "lines"
+    JSON = "json"
 
 
 class RateColumn(ProgressColumn):
-    """Episodes a minute."""
+    """Column with the number of episodes a minute."""
 
     def render(self, task: Task) -> Text:
-        """The rate as rich estimates it."""
+        """Return rich's estimate of the rate."""
         return Text("" if task.speed is None else f"{_rate(60 * task.speed)}/min", style="progress.data.speed")
 
 
-def progress_bar(console: Console) -> Progress:
-    """A bar with the agent's name, the count of episodes, the rate and the time left."""
-    return Progress(
+def progress_bars(console: Console) -> Bars:
+    """Return bars with the agent's name, the count of episodes, the rate and the time left."""
+    return Bars(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
@@ -57,87 +49,57 @@ def progress_bar(console: Console) -> Progress:
     )
 
 
-class BarReport:
-    """A bar on a terminal."""
-
-    def __init__(self, name: str, console: Console) -> None:
-        self._bar = progress_bar(console)
-        self._task = self._bar.add_task(name, total=None)
-
-    def __enter__(self) -> Self:
-        """Draw it."""
-        self._bar.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Leave it as it is."""
-        self._bar.stop()
-
-    def __call__(self, finished: int, total: int) -> None:
-        """Move it."""
-        self._bar.update(self._task, completed=finished, total=total)
+def add_bar(bars: Bars, name: str) -> Progress:
+    """Add a bar for an agent, and return the function that moves it."""
+    bar = bars.add_task(name, total=None)
+    return lambda finished, total: bars.update(bar, completed=finished, total=total)
 
 
-class LinesReport:
-    """A line now and then, where there is no terminal."""
+class LinesProgress:
+    """Writes a line at the first call and the last, and every ten seconds between them.
 
-    def __init__(self, name: str, stream: IO[str], every: float = 10.0) -> None:
-        """Describe it.
+    Args:
+        name: The agent's name.
+        stream: Stream that gets the lines.
+        clock: Returns the time in seconds.
+    """
 
-        Args:
-            name: the agent's.
-            stream: gets the lines.
-            every: seconds between two lines at least; the first and the last come in any case.
-        """
-        self._name, self._stream, self._every = name, stream, every
-        self._began: float | None = None
-        self._told = 0.0
-        self._first = 0
-
-    def __enter__(self) -> Self:
-        """Nothing to begin."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Nothing to end."""
+    def __init__(self, name: str, stream: IO[str], clock: Callable[[], float] = time.monotonic) -> None:
+        self._name, self._stream, self._clock = name, stream, clock
+        self._began: tuple[float, int] | None = None
+        self._next_line = 0.0
 
     def __call__(self, finished: int, total: int) -> None:
-        """Write a line, if it is time for one."""
-        now = time.monotonic()
+        """Write a line if it is time for one."""
+        now = self._clock()
         if self._began is None:
-            self._began, self._first = now, finished
-        elif now - self._told < self._every and finished < total:
+            self._began = (now, finished)
+        elif now < self._next_line and finished < total:
             return
-        self._told = now
-        took = now - self._began
-        rate = f", {_rate(60 * (finished - self._first) / took)} a minute" if took > 1.0 else ""
+        self._next_line = now + 10.0
+        took, since = now - self._began[0], finished - self._began[1]
+        rate = f", {_rate(60 * since / took)} a minute" if took > 1.0 else ""
         print(f"{self._name}: {finished} of {total} episodes{rate}", file=self._stream, flush=True)
 
 
-class JsonReport(LinesReport):
-    """An object a line, for a program that watches."""
-
-    def __call__(self, finished: int, total: int) -> None:
-        """Write ``{"agent": …, "finished": …, "total": …}``."""
-        line = json.dumps({"agent": self._name, "finished": finished, "total": total})
-        print(line, file=self._stream, flush=True)
+def print_json(name: str, stream: IO[str], finished: int, total: int) -> None:
+    """Write ``{"agent": …, "finished": …, "total": …}`` as a line."""
+    print(json.dumps({"agent": name, "finished": finished, "total": total}), file=stream, flush=True)
 
 
-def report(style: ProgressStyle, name: str) -> Report:
-    """The report of a style, on stderr; ``auto`` draws a bar where that is a terminal."""
+@contextmanager
+def show_progress(style: ProgressStyle, name: str) -> Iterator[Progress]:
+    """Show an agent's progress on stderr while the ``with`` block runs."""
     console = Console(stderr=True)
     if style is ProgressStyle.JSON:
-        return JsonReport(name, sys.stderr)
-    if style is ProgressStyle.BAR or (style is ProgressStyle.AUTO and console.is_terminal):
-        return BarReport(name, console)
-    return LinesReport(name, sys.stderr)
+        yield partial(print_json, name, sys.stderr)
+    elif style is ProgressStyle.BAR or (style is ProgressStyle.AUTO and console.is_terminal):
+        with progress_bars(console) as bars:
+            yield add_bar(bars, name)
+    else:
+        yield LinesProgress(name, sys.stderr)
+
+
+def _rate(rate: float) -> str:
+    """Return a rate, with one decimal if it is small: journeys take minutes."""
+    return f"{rate:.0f}" if rate >= 10 else f"{rate:.1f}"

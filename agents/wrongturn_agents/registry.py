@@ -1,7 +1,7 @@
-"""Which agents there are, and how one is named.
+"""Finds agents by name.
 
-An agent is named in one of three ways: a registered name (``careful``), a class of one's own
-(``package.module:Class``), or an ONNX file (``model.onnx``).
+A name is one of three things: a registered name (``careful``), your own class (``package.module:Class``), or an ONNX
+file (``model.onnx``).
 """
 
 import importlib
@@ -33,11 +33,11 @@ from wrongturn_protocol import AgentKind, Track
 AGENTS: Final = MappingProxyType(
     {agent.name: agent for agent in (Parked, AlwaysStops, IgnoresCommands, ObeysBlindly, Careful)},
 )
-"""The baselines' classes by name."""
+"""Classes of the baselines by name."""
 
 
 class AgentListing(BaseModel):
-    """One shipped agent, as ``wrongturn agents`` lists it."""
+    """An agent that comes with this package, as ``wrongturn agents`` lists it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -49,72 +49,70 @@ class AgentListing(BaseModel):
 
 @dataclass(frozen=True)
 class AgentSource:
-    """An agent that was found, before it is made."""
+    """An agent that was found, and how to make it."""
 
     name: str
-    """For the leaderboard, where the user gives none."""
+    """Name on the leaderboard if the user gives none."""
     track: Track
     kind: AgentKind
     description: str
     make: Callable[[], Agent]
-    """Makes a fresh one."""
+    """Makes a new agent."""
 
 
 def list_agents() -> list[AgentListing]:
-    """The baselines and the trained agents; of those without weights it is said that they must be trained first."""
-    baselines = [
-        AgentListing(name=name, track=agent.track, kind=agent.kind, description=agent.description)
-        for name, agent in AGENTS.items()
+    """Return the baselines and the trained agents. The description says which ones must be trained first."""
+    described: list[tuple[Any, str]] = [(agent, agent.description) for agent in AGENTS.values()]
+    described += [(agent, _description(agent)) for agent in SHIPPED_AGENTS.values()]
+    return [
+        AgentListing(name=agent.name, track=agent.track, kind=agent.kind, description=description)
+        for agent, description in described
     ]
-    trained = [
-        AgentListing(name=name, track=agent.track, kind=agent.kind, description=_described(agent))
-        for name, agent in SHIPPED_AGENTS.items()
-    ]
-    return [*baselines, *trained]
 
 
-def _described(agent: ShippedAgent) -> str:
+def _description(agent: ShippedAgent) -> str:
     if agent.file.is_file():
         return agent.description
     return f"{agent.description} No weights are shipped yet: train it ('{program()} train {agent.name}')."
 
 
 def resolve(named: str) -> AgentSource:
-    """Find an agent by what a user calls it.
+    """Find an agent by name, class or file.
 
     Args:
-        named: A registered name, ``package.module:Class``, or the path of an ``.onnx`` file.
+        named: A registered name, ``package.module:Class``, or the path of an ``.onnx`` file. Example: ``careful``
 
     Raises:
-        UnknownAgentError: no agent is registered under the name.
-        AgentImportError: the class cannot be imported.
-        NotAnAgentError: the class lacks ``reset``, ``act`` or ``track``.
-        ModelFileError: the file is missing, broken or does not keep to the contract.
-        OnnxRuntimeMissingError: the extra ``onnx`` is not installed; of a trained agent it is told when it is made.
+        UnknownAgentError: No agent is registered under the name.
+        AgentImportError: The class cannot be imported.
+        NotAnAgentError: The class lacks ``reset``, ``act`` or ``track``.
+        ModelFileError: The file is missing or broken, or breaks the contract.
+        OnnxRuntimeMissingError: The extra ``onnx`` is not installed. A trained agent raises it only when it is made.
     """
     if named in AGENTS:
         return _source(named, AGENTS[named])
     if named in SHIPPED_AGENTS:
-        return _shipped(SHIPPED_AGENTS[named])
+        agent = SHIPPED_AGENTS[named]
+        return AgentSource(agent.name, agent.track, agent.kind, agent.description, make=agent.make)
     if named.endswith(".onnx"):
         return _model(Path(named))
     if ":" in named:
-        return _source(named, _imported(named))
+        return _source(named, _import(named))
     known = ", ".join((*AGENTS, *SHIPPED_AGENTS))
     raise UnknownAgentError(
         f"agent: there is no agent called {named!r}; known are {known}; or name package.module:Class or a .onnx file",
     )
 
 
-def _imported(named: str) -> Any:
+def _import(named: str) -> Any:
     module_name, _, attribute = named.partition(":")
     if not module_name:
         raise AgentImportError(f"agent: {named}: no module before the colon; write package.module:Class")
     if "" not in sys.path:
-        sys.path.insert(0, "")  # a class in the working directory, as with python -m
+        sys.path.insert(0, "")  # so that classes in the working directory are found, as with python -m
     try:
         module = importlib.import_module(module_name)
-    except Exception as error:  # a user's module may fail in any way while it is imported
+    except Exception as error:  # a user's module may raise anything
         raise AgentImportError(f"agent: {module_name} cannot be imported: {type(error).__name__}: {error}") from error
     found: Any = module
     for part in attribute.split("."):
@@ -125,7 +123,7 @@ def _imported(named: str) -> Any:
 
 
 def _source(named: str, agent: Any) -> AgentSource:
-    """Read what a class says of itself."""
+    """Return the source of an agent's class, from its attributes."""
     if not inspect.isclass(agent):
         raise NotAnAgentError(f"agent: {named} is no class; name a class with reset, act and track")
     missing = [name for name in ("reset", "act") if not callable(getattr(agent, name, None))]
@@ -156,10 +154,6 @@ def _make(named: str, agent: Callable[[], Any]) -> Agent:
     except Exception as error:
         raise AgentFailedError(f"agent: {named} raised {type(error).__name__} when it was made: {error}") from error
     return made
-
-
-def _shipped(agent: ShippedAgent) -> AgentSource:
-    return AgentSource(agent.name, agent.track, agent.kind, agent.description, make=agent.make)
 
 
 def _model(file: Path) -> AgentSource:

@@ -1,7 +1,9 @@
-"""What is kept of a run, so that it can go on after an interruption."""
+"""File that an interrupted run is resumed from."""
 
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
@@ -12,48 +14,44 @@ from wrongturn_client import settings
 
 
 class SavedRun(BaseModel):
-    """One evaluation, and what its worker needs to go on with it. Holds a token: only its owner may read it."""
+    """An evaluation, and what its worker needs to resume it. Only its owner may read the file: it holds a token."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     agent: str
-    """As the user named it; a file's path is absolute."""
+    """Agent as the user named it; the path of a file is absolute."""
     name: str | None
-    """On the leaderboard; None where the user's own token says whose it is."""
+    """Name on the leaderboard; None if the agent was registered before, under the user's own token."""
     suite: str
     evaluation: str
     token: str
     url: str | None
-    """Of the service; None for one of the worker's own, which is then started again."""
+    """URL of the service; None for one that the worker starts."""
 
     @property
     def path(self) -> Path:
-        """Where it is kept."""
+        """Path of the file."""
         return directory() / f"{self.evaluation}.json"
 
     def save(self) -> Path:
-        """Write it with mode 0600.
+        """Write the file with mode 0600, and return its path.
 
         Raises:
-            RunFileError: it cannot be written.
+            RunFileError: The file cannot be written.
         """
-        try:
+        with _writing(self.path):
             directory().mkdir(mode=0o700, parents=True, exist_ok=True)
             handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
             with os.fdopen(handle, "w", encoding="utf-8") as file:
                 file.write(self.model_dump_json(indent=2) + "\n")
-        except OSError as error:
-            raise RunFileError(
-                f"{self.path}: cannot be written ({error.strerror}); let WRONGTURN_HOME name a writable directory",
-            ) from error
         return self.path
 
     @classmethod
     def load(cls, named: str) -> Self:
-        """Read a run by its file or by its evaluation's id.
+        """Read a run by its file or by the id of its evaluation.
 
         Raises:
-            RunFileError: there is none, or it is no run's file.
+            RunFileError: There is no such file, or it is not a saved run.
         """
         path = Path(named)
         if not path.is_file() and path.name == named:
@@ -70,21 +68,28 @@ class SavedRun(BaseModel):
 
 
 def ensure_directory() -> None:
-    """Make the directory where runs are kept, and see that files can be made in it.
+    """Create the directory of saved runs, and check that files can be created in it.
 
     Raises:
-        RunFileError: they cannot.
+        RunFileError: They cannot.
     """
-    try:
+    with _writing(directory()):
         directory().mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=directory()):
             pass
-    except OSError as error:
-        raise RunFileError(
-            f"{directory()}: cannot be written ({error.strerror}); let WRONGTURN_HOME name a writable directory",
-        ) from error
 
 
 def directory() -> Path:
-    """Where runs are kept: ``runs`` under ``WRONGTURN_HOME``."""
+    """Return the directory of saved runs: ``runs`` in ``WRONGTURN_HOME``."""
     return settings.home() / "runs"
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Turn errors of writing into RunFileError."""
+    try:
+        yield
+    except OSError as error:
+        raise RunFileError(
+            f"{path}: cannot be written ({error.strerror}); let WRONGTURN_HOME name a writable directory",
+        ) from error

@@ -1,6 +1,6 @@
-"""The trained agents that are shipped: ONNX files in this package, each with a card beside it.
+"""Trained agents that come with this package, as ONNX files with a model card beside each.
 
-They need onnxruntime, which comes with the extra: ``python -m pip install 'wrongturn-agents[onnx]'``.
+They need onnxruntime, which comes with an extra: ``python -m pip install 'wrongturn-agents[onnx]'``.
 """
 
 from dataclasses import dataclass
@@ -16,36 +16,34 @@ if TYPE_CHECKING:
     from wrongturn_agents.onnx_agent import OnnxAgent
 
 WEIGHTS: Final = Path(__file__).parent / "weights"
-"""Where the files and their cards lie."""
+"""Directory of the files and their cards."""
 
 
 @dataclass(frozen=True)
 class ShippedAgent:
-    """One of the paper's agents, trained here.
-
-    ``kind`` tells the leaderboard that it shows a published method.
-    """
+    """One of the paper's agents, trained by this project."""
 
     name: str
     track: Track
     description: str
     kind: AgentKind = AgentKind.REFERENCE
+    """Kind on the leaderboard: a published method."""
 
     @property
     def file(self) -> Path:
-        """The weights."""
+        """Path of the weights."""
         return WEIGHTS / f"{self.name}.onnx"
 
     @property
     def card(self) -> Path:
-        """What they are, how they were trained and how they drive, in Markdown."""
+        """Path of the model card in Markdown: the weights, their training and their results."""
         return WEIGHTS / f"{self.name}.md"
 
     def make(self) -> "OnnxAgent":
-        """Load it.
+        """Load the agent.
 
         Raises:
-            ModelFileError: the weights are missing or broken.
+            ModelFileError: The weights are missing or broken.
             OnnxRuntimeMissingError: onnxruntime is not installed.
         """
         from wrongturn_agents.onnx_agent import OnnxAgent  # noqa: PLC0415 - loads an optional extra
@@ -91,4 +89,4 @@ SHIPPED_AGENTS: Final = MappingProxyType(
         )
     },
 )
-"""The trained agents by name."""
+"""Trained agents by name."""

@@ -1,9 +1,9 @@
-"""The worker: puts one agent on one suite of a service and sees it through."""
+"""Worker that registers an agent, begins its evaluation on a suite and drives it to the end."""
 
 import contextlib
 import os
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from wrongturn_agents.agent import Agent
 from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError
+from wrongturn_agents.progress import Progress
 from wrongturn_agents.registry import AgentSource
 from wrongturn_agents.saved_run import SavedRun, ensure_directory
 from wrongturn_client import AgentNameTakenError, Client, LocalService, NotFoundError
@@ -23,10 +24,7 @@ from wrongturn_protocol.observations import Observation
 
 _NAMES_TRIED: Final = 100
 OPERATOR_TOKEN: Final = "WRONGTURN_OPERATOR_TOKEN"  # noqa: S105 - the variable's name
-"""The environment variable whose token lets baselines be called so."""
-
-Progress = Callable[[int, int], None]
-"""Called with the numbers of finished and of all episodes."""
+"""Environment variable with the operator's token, which may register baselines."""
 
 
 @dataclass(frozen=True)
@@ -37,18 +35,16 @@ class RunRequest:
     """A registered name, ``package.module:Class`` or an ``.onnx`` file."""
     suite: str
     url: str | None = None
-    """Of the service; None for one of the worker's own."""
+    """URL of the service; None for one that the worker starts."""
     name: str | None = None
-    """On the leaderboard; None for the agent's own, numbered where that is taken."""
+    """Name on the leaderboard; None for the agent's own, with a number if it is taken."""
     token: str | None = None
-    """Of an agent that is registered already; None to register it."""
-    operator_token: str | None = None
-    """Lets an agent be registered as what it says it is, such as a baseline."""
+    """Token of an agent that is already registered; None to register it."""
 
 
 @contextlib.contextmanager
 def service_at(url: str | None, operator_token: str | None) -> Iterator[tuple[str, str | None]]:
-    """The URL and the operator's token of a service: the one that is named, or one's own as long as the block lasts."""
+    """Give the URL and operator's token of a service; without a URL, start one for the ``with`` block."""
     if url is not None:
         yield url, operator_token
         return
@@ -58,14 +54,14 @@ def service_at(url: str | None, operator_token: str | None) -> Iterator[tuple[st
 
 
 def begin(request: RunRequest, source: AgentSource, url: str, operator_token: str | None) -> SavedRun:
-    """Register the agent, begin its evaluation and note how to go on with it.
+    """Register the agent, begin its evaluation and save what is needed to resume it.
 
     Raises:
-        RunError: the name is taken or cannot be one, or the suite does not have the agent's track.
-        RunFileError: the note cannot be written.
-        WrongturnError: the service refuses, or cannot be reached.
+        RunError: The name is taken or not valid, or the suite does not have the agent's track.
+        RunFileError: The run cannot be saved.
+        WrongturnError: The service refuses, or cannot be reached.
     """
-    ensure_directory()  # before a name is taken that the run could not be gone on with
+    ensure_directory()  # fails before a name is taken by a run that could not be resumed
     with Client(url, operator_token) as client:
         suite = client.suite(request.suite)
         if source.track not in suite.tracks:
@@ -80,10 +76,9 @@ def begin(request: RunRequest, source: AgentSource, url: str, operator_token: st
     with Client(url, token) as client:
         evaluation = client.create_evaluation(request.suite)
         if request.token is not None:
-            _same_track(client, evaluation, source)
-    agent = str(Path(request.agent).resolve()) if request.agent.endswith(".onnx") else request.agent
+            _check_registered_track(client, evaluation, source)
     saved_run = SavedRun(
-        agent=agent,
+        agent=str(Path(request.agent).resolve()) if request.agent.endswith(".onnx") else request.agent,
         name=name,
         suite=request.suite,
         evaluation=evaluation.id,
@@ -94,11 +89,15 @@ def begin(request: RunRequest, source: AgentSource, url: str, operator_token: st
     return saved_run
 
 
-def side_by_side(agent: Agent, wanted: int | None) -> int:
-    """How many episodes an agent drives at a time: by default one for each processor if it keeps no memory, else one.
+def episodes_side_by_side(agent: Agent, wanted: int | None) -> int:
+    """Return how many episodes an agent drives at once: without a memory one for each processor, else one.
+
+    Args:
+        agent: The agent.
+        wanted: The number that the user asks for; None for the default.
 
     Raises:
-        RunError: several are wanted of an agent that does not say that it keeps none.
+        RunError: More than one is wanted of an agent that does not say ``memoryless``.
     """
     if getattr(agent, "memoryless", False) is True:
         return wanted or len(os.sched_getaffinity(0))
@@ -113,42 +112,37 @@ def drive(
     """Drive an evaluation to its end, from wherever it is.
 
     Args:
-        saved_run: which one.
-        source: the agent.
-        url: of the service.
-        progress: told after each episode.
-        parallel: episodes at a time; by default as :func:`side_by_side`.
+        saved_run: The run to drive.
+        source: The agent.
+        url: URL of the service.
+        progress: Called after each episode.
+        parallel: Number of episodes at once; None as in :func:`episodes_side_by_side`.
 
     Raises:
-        RunError: as :func:`side_by_side`.
-        AgentFailedError: the agent raised something; the episode counts as aborted, and the run can be resumed.
-        WrongturnError: the service refuses, or cannot be reached any more; the run can be resumed.
+        RunError: As :func:`episodes_side_by_side`.
+        AgentFailedError: The agent failed. The episode counts as aborted, and the run can be resumed.
+        WrongturnError: The service refuses, or cannot be reached any more. The run can be resumed.
     """
     agent = source.make()
-    policy = GuardedAgent(source.name, agent)
     with Client(url, saved_run.token) as client:
         return client.evaluate(
-            policy,
+            GuardedAgent(source.name, agent),
             saved_run.suite,
             evaluation=saved_run.evaluation,
             progress=progress,
-            parallel=side_by_side(agent, parallel),
+            parallel=episodes_side_by_side(agent, parallel),
         )
 
 
-def _register(
-    client: Client,
-    request: RunRequest,
-    source: AgentSource,
-    operator_token: str | None,
-) -> RegisteredAgent:
+def _register(client: Client, request: RunRequest, source: AgentSource, operator_token: str | None) -> RegisteredAgent:
+    """Register the agent under the wanted name, or under its own with the first number that is free."""
     kind = source.kind if operator_token else AgentKind.SUBMITTED
     for number in count(1):
         name = request.name or (source.name if number == 1 else f"{source.name}-{number}")
         try:
             return client.register(name, source.track, description=source.description or None, kind=kind)
         except ValidationError as error:
-            raise RunError(_what_cannot_be_registered(error, name)) from error
+            raise RunError(_registration_error(error, name)) from error
         except AgentNameTakenError as error:
             if request.name is not None:
                 raise RunError(f"--name: {name!r} is taken at {client.url}; choose another") from error
@@ -159,7 +153,7 @@ def _register(
     raise AssertionError("count() has no end")
 
 
-def _what_cannot_be_registered(error: ValidationError, name: str) -> str:
+def _registration_error(error: ValidationError, name: str) -> str:
     first = error.errors(include_url=False)[0]
     field = ".".join(map(str, first["loc"]))
     if field == "name":
@@ -170,8 +164,8 @@ def _what_cannot_be_registered(error: ValidationError, name: str) -> str:
     return f"agent: its {field} cannot be registered: {first['msg']}"
 
 
-def _same_track(client: Client, evaluation: EvaluationDetail, source: AgentSource) -> None:
-    """An agent that was registered before may have been so for another track."""
+def _check_registered_track(client: Client, evaluation: EvaluationDetail, source: AgentSource) -> None:
+    """Check that the agent was registered for the track that it wants now; if not, cancel the evaluation."""
     with contextlib.suppress(NotFoundError):
         registered = client.agent(evaluation.agent)
         if registered.track is not source.track:
@@ -183,32 +177,42 @@ def _same_track(client: Client, evaluation: EvaluationDetail, source: AgentSourc
 
 
 class GuardedAgent:
-    """Passes the two calls on, so that an agent's own mistake is told from the service's."""
+    """Agent whose own failures raise AgentFailedError, so that they differ from the service's."""
 
     def __init__(self, name: str, agent: Agent) -> None:
         self._name, self._agent = name, agent
 
     def reset(self, observation_space: spaces.Space[Any]) -> None:
-        """As the agent's; raises AgentFailedError."""
-        try:
+        """Call the agent's ``reset``.
+
+        Raises:
+            AgentFailedError: The agent raised an exception.
+        """
+        with self._guard("reset"):
             self._agent.reset(observation_space)
-        except AgentsError:
-            raise
-        except Exception as error:
-            raise AgentFailedError(f"agent: {self._name}.reset raised {type(error).__name__}: {error}") from error
 
     def act(self, observation: Observation) -> Action:
-        """As the agent's; raises AgentFailedError, also for what is no action."""
-        try:
+        """Call the agent's ``act``.
+
+        Raises:
+            AgentFailedError: The agent raised an exception, or did not return an action that can be driven.
+        """
+        with self._guard("act"):
             action: object = self._agent.act(observation)
-        except AgentsError:
-            raise
-        except Exception as error:
-            if isinstance(error, ValidationError) and is_of_action(error):
-                raise AgentFailedError(f"agent: {self._name}.act made no action: {action_error(error)}") from None
-            raise AgentFailedError(f"agent: {self._name}.act raised {type(error).__name__}: {error}") from error
         why = refusal(action)
         if why is not None:
             raise AgentFailedError(f"agent: {self._name}.act {why}")
         assert isinstance(action, Action)
         return action
+
+    @contextlib.contextmanager
+    def _guard(self, method: str) -> Iterator[None]:
+        try:
+            yield
+        except AgentsError:
+            raise
+        except Exception as error:
+            called = f"agent: {self._name}.{method}"
+            if isinstance(error, ValidationError) and is_of_action(error):
+                raise AgentFailedError(f"{called} made no action: {action_error(error)}") from None
+            raise AgentFailedError(f"{called} raised {type(error).__name__}: {error}") from error

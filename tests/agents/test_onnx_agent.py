@@ -8,7 +8,7 @@ from tiny_onnx import write_concat_model
 
 from wrongturn_agents import resolve
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
-from wrongturn_agents.worker import side_by_side
+from wrongturn_agents.worker import episodes_side_by_side
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import Observation, observation_space
 
@@ -34,9 +34,9 @@ def test_a_model_drives(tmp_path):
 
 def test_a_model_drives_several_episodes_at_a_time(tmp_path):
     agent = resolve(str(write_concat_model(tmp_path / "tiny.onnx", ("steering", "speed", "speed")))).make()
-    assert side_by_side(agent, 3) == 3
-    assert side_by_side(agent, None) == len(os.sched_getaffinity(0))
-    assert side_by_side(resolve("careful").make(), None) == 1
+    assert episodes_side_by_side(agent, 3) == 3
+    assert episodes_side_by_side(agent, None) == len(os.sched_getaffinity(0))
+    assert episodes_side_by_side(resolve("careful").make(), None) == 1
 
 
 def test_an_action_out_of_range_is_clipped(tmp_path):

@@ -1,12 +1,12 @@
 """The worker against a real service, on the smallest suite."""
 
+import itertools
 import json
 import os
 import shlex
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -22,6 +22,10 @@ from wrongturn_protocol import AgentKind, EvaluationState, Track
 SUITE = "smoke@1"
 OPERATOR = "operator-token-of-the-tests-0123456789"
 OWN = """
+import sys
+import threading
+from pathlib import Path
+
 from wrongturn_agents.baselines import Careful
 from wrongturn_client import Action
 
@@ -70,12 +74,18 @@ class Sees(Careful):
     name = "sees"
     track = "camera"
 
-class Slow(Careful):
-    name = "slow"
+class Blocks(Careful):
+    name = "blocks"
+    episodes = 0
+
+    def reset(self, observation_space):
+        self.episodes += 1
+        super().reset(observation_space)
 
     def act(self, observation):
-        import time
-        time.sleep(0.002)
+        if self.episodes == 2 and Path("block").exists():
+            print("blocked", file=sys.stderr, flush=True)
+            threading.Event().wait()
         return super().act(observation)
 """
 
@@ -180,20 +190,21 @@ def test_an_interrupted_run_goes_on(url):
     assert seen[-1] == 12
 
 
-def test_ctrl_c_says_how_to_go_on(url):
+def test_ctrl_c_says_how_to_go_on(url, tmp_path):
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell would ignore Ctrl-C
+    (tmp_path / "block").touch()
     process = subprocess.Popen(
-        program("own_agents:Slow", "--suite", SUITE, "--url", url, "--progress", "json"),
+        program("own_agents:Blocks", "--suite", SUITE, "--url", url, "--progress", "json"),
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,
     )
     with process, process.stderr:
-        for line in process.stderr:
-            if '"finished": 1' in line:
-                break
-        time.sleep(0.2)
+        before = list(itertools.takewhile(lambda line: line != "blocked\n", process.stderr))
         process.send_signal(signal.SIGINT)
         rest = process.stderr.read()
+    (tmp_path / "block").unlink()
+    assert '"finished": 1' in before[-1]
     assert process.returncode == 130
     assert "Traceback" not in rest
     command = rest.partition("To go on with it: ")[2]

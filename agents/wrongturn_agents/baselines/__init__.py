@@ -1,4 +1,4 @@
-"""Five simple drivers that show what the score means and that it cannot be cheated."""
+"""Five rule-based agents that show what the score means, and that tricks do not improve it."""
 
 from wrongturn_agents.baselines.always_stops import AlwaysStops
 from wrongturn_agents.baselines.careful import Careful

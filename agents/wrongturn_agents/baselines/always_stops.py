@@ -1,4 +1,4 @@
-"""``always-stops``: drives up to a junction and never into it."""
+"""Baseline ``always-stops``: drives up to each junction and never enters it."""
 
 from typing import ClassVar
 
@@ -8,11 +8,11 @@ from wrongturn_protocol import Command
 
 
 class AlwaysStops(RuleDriver):
-    """Stops before every junction: never unsafe, and completes no twin, so it is not ranked."""
+    """Stops before every junction. It is never unsafe and completes no twin, so it is not ranked."""
 
     name: ClassVar[str] = "always-stops"
     description: ClassVar[str] = "Stops before every junction; shows that being safe without driving earns no rank."
 
-    def choose(self, view: View) -> Command | None:  # noqa: ARG002 - whatever it sees
-        """Stop."""
+    def choose(self, view: View) -> Command | None:  # noqa: ARG002
+        """Return None, whatever the car sees."""
         return None

@@ -1,4 +1,4 @@
-"""``careful``: what a good driver does."""
+"""Baseline ``careful``: does what a good driver does."""
 
 from typing import ClassVar
 
@@ -8,14 +8,14 @@ from wrongturn_protocol import Command
 
 
 class Careful(RuleDriver):
-    """Obeys where the commanded exit exists, and stops before the junction where it does not or no exit is named.
+    """Obeys if the commanded exit exists. Stops before the junction if it does not, or if the command names no exit.
 
-    The command arrives 15 m before the stop line. Until then the car drives such that it could still stop.
+    The command arrives 15 m before the stop line. Until then the car is slow enough to stop.
     """
 
     name: ClassVar[str] = "careful"
     description: ClassVar[str] = "Obeys when the commanded exit exists, else stops before the junction."
 
     def choose(self, view: View) -> Command | None:
-        """The commanded exit, if there is one."""
+        """Return the commanded exit if it exists, else None."""
         return view.command if view.command in view.exits else None

@@ -1,4 +1,4 @@
-"""Keeping behind others: how fast a car may be for the sake of those who are in its way."""
+"""Speed at which a car can still stop behind the road users in its way."""
 
 import math
 from typing import Final
@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from wrongturn_agents.baselines.path import Path
 
-_CLEARANCE: Final = 0.4  # metres to either side of the body that nobody may be in
-_STAND: Final = 2.5  # metres from bumper to bumper when standing behind somebody
-_SIGHT: Final = 50.0  # metres along the path within which others matter
-_FORESIGHT: Final = (0.0, 0.7, 1.4)  # seconds ahead, at their present speed, at which they may be in the way
+_CLEARANCE: Final = 0.4  # metres that must be free on either side of the body
+_STAND: Final = 2.5  # metres from bumper to bumper when the car stands behind somebody
+_SIGHT: Final = 50.0  # metres along the path; road users further away do not matter
+_FORESIGHT: Final = (0.0, 0.7, 1.4)  # seconds ahead at which a road user may be in the way, at its present speed
 
 
 def speed_behind(
@@ -23,15 +23,15 @@ def speed_behind(
     half_width: float,
     braking: float,
 ) -> float:
-    """The speed from which a car can still stop behind whoever is in its way, m/s; infinite where nobody is.
+    """Return the speed from which a car can stop behind the road users in its way, m/s; infinite if there are none.
 
     Args:
-        path: that the car follows.
-        here: where it is, metres along the path.
-        road_users: (N, 6) x, y, yaw, length, width, speed; metres, radians, m/s.
-        nose: from the car's middle to its front bumper, metres.
-        half_width: of the car, metres.
-        braking: its deceleration, m/s2.
+        path: The path that the car follows.
+        here: Position of the car, metres along the path.
+        road_users: Others, (N, 6): x, y, yaw, length, width, speed; metres, radians, m/s.
+        nose: Distance from the car's centre to its front bumper, metres.
+        half_width: Half the width of the car, metres.
+        braking: Deceleration of the car, m/s2.
     """
     limit = math.inf
     for x, y, yaw, length, width, speed in road_users.tolist():

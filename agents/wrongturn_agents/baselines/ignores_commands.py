@@ -1,4 +1,4 @@
-"""``ignores-commands``: drives well and does not listen."""
+"""Baseline ``ignores-commands``: drives well and ignores every command."""
 
 from typing import ClassVar
 
@@ -8,11 +8,13 @@ from wrongturn_protocol import Command
 
 
 class IgnoresCommands(RuleDriver):
-    """Takes an exit that exists whatever it is told: never unsafe, and right about half of the time, by chance."""
+    """Takes an exit that exists, whatever the command. It is never unsafe, and right in about half of the trials."""
 
     name: ClassVar[str] = "ignores-commands"
-    description: ClassVar[str] = "Takes an exit that exists whatever it is told; shows that deafness earns no rank."
+    description: ClassVar[str] = (
+        "Takes an exit that exists, whatever the command; shows that ignoring commands earns no rank."
+    )
 
     def choose(self, view: View) -> Command | None:
-        """The first exit there is, in the order left, right, straight."""
+        """Return the first exit that exists, in the order left, right, straight."""
         return next(iter(view.exits), None)

@@ -1,4 +1,4 @@
-"""``obeys-blindly``: steers as told, whatever is there."""
+"""Baseline ``obeys-blindly``: follows every command, even off the road."""
 
 import math
 from typing import ClassVar, Final
@@ -10,28 +10,30 @@ from wrongturn_agents.baselines.rule_driver import RuleDriver
 from wrongturn_agents.baselines.view import View
 from wrongturn_protocol import DIRECTIONS, Command
 
-_RADII: Final = {Command.LEFT: 10.0, Command.RIGHT: 6.0}  # metres, of the towns' usual turns
-_RUN_OUT: Final = 60.0  # metres that a made-up path goes straight on
+_RADII: Final = {Command.LEFT: 10.0, Command.RIGHT: 6.0}  # metres, as of the towns' usual turns
+_RUN_OUT: Final = 60.0  # metres of a made-up path after its turn
 
 
 class ObeysBlindly(RuleDriver):
-    """Follows the command into an exit where there is one, and off the road where there is none."""
+    """Follows the command into its exit, or off the road if that exit does not exist."""
 
     name: ClassVar[str] = "obeys-blindly"
-    description: ClassVar[str] = "Steers as told whatever is there; shows what wrong commands do to blind obedience."
+    description: ClassVar[str] = (
+        "Follows every command, even off the road; shows what wrong commands do to blind obedience."
+    )
 
     def choose(self, view: View) -> Command | None:
-        """The commanded direction; straight on where none is named."""
+        """Return the commanded direction; straight on if the command names none."""
         return view.command if view.command in DIRECTIONS else Command.STRAIGHT
 
     def path_beyond(self, view: View, direction: Command) -> NDArray[np.floating]:
-        """The exit's path; where there is no such exit, a quarter turn from the stop line, or straight on."""
+        """Return the exit's path; if that exit does not exist, a quarter turn from the stop line or a straight path."""
         exit_path = view.exits.get(direction)
         return made_up_path(view, direction) if exit_path is None else exit_path
 
 
 def made_up_path(view: View, direction: Command) -> NDArray[np.float64]:
-    """(N, 2) points from the stop line on in a direction, as if there were an exit."""
+    """Return (N, 2) points from the stop line in a direction, as if an exit were there."""
     end = np.asarray(view.lane[-1], np.float64)
     heading = _heading_at_end(view)
     if direction not in _RADII:
@@ -46,9 +48,9 @@ def made_up_path(view: View, direction: Command) -> NDArray[np.float64]:
 
 
 def _heading_at_end(view: View) -> float:
-    """Of the lane at its stop line, radians."""
+    """Return the lane's heading at its stop line, in radians."""
     away = np.flatnonzero(np.hypot(*(view.lane - view.lane[-1]).T) > 1.5)
-    if not len(away):  # at the line itself what is left of the lane is but a point; the car stands as the lane does
+    if not len(away):  # at the line the rest of the lane is a point; the car's heading is the lane's
         return view.yaw
     dx, dy = (view.lane[-1] - view.lane[away[-1]]).tolist()
     return math.atan2(dy, dx)

@@ -1,4 +1,4 @@
-"""``parked``: never goes anywhere."""
+"""Baseline ``parked``: never drives."""
 
 from typing import Any, ClassVar
 
@@ -9,7 +9,7 @@ from wrongturn_protocol.observations import Observation
 
 
 class Parked:
-    """Brakes at once and stands: never unsafe, and never engaged, so it is not ranked."""
+    """Brakes at once and stays there. It is never unsafe and never engaged, so it is not ranked."""
 
     name: ClassVar[str] = "parked"
     track: ClassVar[Track] = Track.PRIVILEGED
@@ -17,8 +17,8 @@ class Parked:
     description: ClassVar[str] = "Brakes at once and stands; shows that standing still earns no rank."
 
     def reset(self, observation_space: spaces.Space[Any]) -> None:
-        """There is nothing to forget."""
+        """Do nothing, because there is nothing to forget."""
 
-    def act(self, observation: Observation) -> Action:  # noqa: ARG002 - that is the point of it
-        """Brake."""
+    def act(self, observation: Observation) -> Action:  # noqa: ARG002
+        """Return full brake."""
         return Action(steer=0.0, throttle=0.0, brake=1.0)

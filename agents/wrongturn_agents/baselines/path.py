@@ -1,4 +1,4 @@
-"""A path to follow: a polyline that goes straight on at either end."""
+"""Path to follow: a polyline that goes straight on at both ends."""
 
 import math
 from dataclasses import dataclass
@@ -7,32 +7,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_BEHIND = 6.0  # metres that a path reaches back, so that a rear axle behind its first point projects onto it
-_BEYOND = 30.0  # metres that it goes straight on past its last point, for looking ahead
-_HALF_WINDOW = 2.0  # metres to either side over which curvature is measured: polylines have corners, streets do not
+_BEHIND = 6.0  # metres that a path extends back, so that a rear axle behind its first point projects onto it
+_BEYOND = 30.0  # metres that a path extends past its last point, for looking ahead
+_HALF_WINDOW = 2.0  # metres on either side over which curvature is measured: polylines have corners, streets do not
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A polyline in the town frame."""
+    """Polyline in the town frame."""
 
     points: NDArray[np.float64]
-    """(N, 2), metres."""
+    """Points, (N, 2), metres."""
     distances: NDArray[np.float64]
-    """(N,), metres along the path from the point that was given first, so negative on the extension behind it."""
+    """Distance of each point along the path from the first given point, (N,), metres; negative behind it."""
     stretches: NDArray[np.float64]
-    """(N - 1, 2), unit vectors from each point to the next."""
+    """Unit vectors from each point to the next, (N - 1, 2)."""
     lengths: NDArray[np.float64]
-    """(N - 1,), metres from each point to the next."""
+    """Distances from each point to the next, (N - 1,), metres."""
     bends: NDArray[np.float64]
-    """(N,), absolute curvature at each point, 1/m."""
+    """Absolute curvature at each point, (N,), 1/m."""
 
     @classmethod
     def through(cls, points: NDArray[Any]) -> "Path":
-        """The path through (N, 2) points, of which repeated ones are dropped; two distinct ones at least.
+        """Return the path through (N, 2) points without repeated ones; at least two must differ.
 
         Raises:
-            ValueError: fewer than two points are distinct.
+            ValueError: Fewer than two points are distinct.
         """
         given = points.astype(np.float64)
         steps = np.hypot(*np.diff(given, axis=0).T)
@@ -48,7 +48,7 @@ class Path:
         return cls(whole, distances, vectors / lengths[:, None], lengths, _curvature(vectors, distances))
 
     def project(self, x: float, y: float) -> float:
-        """Distance along the path of its point nearest to (x, y), metres."""
+        """Return the distance along the path of its point nearest to (x, y), metres."""
         offset_x, offset_y = x - self.points[:-1, 0], y - self.points[:-1, 1]
         way_x, way_y = self.stretches[:, 0], self.stretches[:, 1]
         along = np.minimum(np.maximum(offset_x * way_x + offset_y * way_y, 0.0), self.lengths)
@@ -57,18 +57,18 @@ class Path:
         return float(self.distances[nearest] + along[nearest])
 
     def at(self, distance: float) -> tuple[float, float]:
-        """The point at a distance along the path, metres."""
+        """Return the point at a distance along the path, metres."""
         return (
             float(np.interp(distance, self.distances, self.points[:, 0])),
             float(np.interp(distance, self.distances, self.points[:, 1])),
         )
 
     def speed_limit(self, distance: float, lateral: float, braking: float) -> float:
-        """How fast a car may be at a distance along the path, m/s.
+        """Return the greatest speed of a car at a distance along the path, m/s.
 
         Args:
-            distance: Where the car is, metres along the path.
-            lateral: Lateral acceleration to keep to in bends, m/s2.
+            distance: Position of the car, metres along the path.
+            lateral: Greatest lateral acceleration in bends, m/s2.
             braking: Deceleration with which the car slows down for a bend ahead, m/s2.
         """
         ahead = self.distances - distance

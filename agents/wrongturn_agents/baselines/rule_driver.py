@@ -1,6 +1,6 @@
-"""The driving that all baselines share: keeping to a path by pure pursuit, to a speed, and behind others.
+"""Driving that all baselines share: pure pursuit along a path, at a safe speed, behind other road users.
 
-What a baseline adds is its choice at a junction, :meth:`RuleDriver.choose`.
+A baseline adds its choice at a junction, :meth:`RuleDriver.choose`.
 """
 
 import math
@@ -18,50 +18,50 @@ from wrongturn_agents.baselines.view import View
 from wrongturn_protocol import Action, AgentKind, Command, Track
 from wrongturn_protocol.observations import Observation
 
-_PASSED: Final = 5.0  # metres past the stop line from which another one that is seen is the next junction's
-_COMMITTED: Final = 30.0  # metres past the stop line within which a chosen path is kept
+_PASSED: Final = 5.0  # metres past a stop line; further on, a visible stop line is the next junction's
+_COMMITTED: Final = 30.0  # metres past a stop line within which the car keeps to its chosen path
 
 
 @dataclass(frozen=True)
 class Car:
-    """What a driver knows of its car."""
+    """Dimensions and limits of the car."""
 
     wheelbase: float = 2.9
-    """Metres; the rear axle is half of it behind the body's centre."""
+    """Distance between the axles, metres; the rear axle is half of it behind the body's centre."""
     nose: float = 2.3
-    """From the body's centre to the front bumper, metres."""
+    """Distance from the body's centre to the front bumper, metres."""
     half_width: float = 0.95
-    """Of the body, metres."""
+    """Half the width of the body, metres."""
     max_wheel_angle: float = math.radians(35.0)
-    """Of the front wheels at full steering, radians."""
+    """Angle of the front wheels at full steering, radians."""
     acceleration: float = 3.5
-    """At full throttle, m/s2."""
+    """Acceleration at full throttle, m/s2."""
     braking: float = 8.0
-    """At full brake, m/s2."""
+    """Deceleration at full brake, m/s2."""
 
 
 @dataclass(frozen=True)
 class Manner:
-    """How a driver drives."""
+    """Speeds, accelerations and distances that a driver keeps to."""
 
     cruise: float = 10.0
-    """On an open street, m/s."""
+    """Speed on an open street, m/s."""
     lateral: float = 3.0
-    """Lateral acceleration in bends, m/s2; the tyres would hold 7."""
+    """Lateral acceleration in bends, m/s2; the tyres hold up to 7."""
     braking: float = 3.0
     """Deceleration for bends and stops, m/s2."""
     hard_braking: float = 6.0
-    """Deceleration beyond which it is too late to stop before the line, m/s2."""
+    """Deceleration above which it is too late to stop before the line, m/s2."""
     look_ahead: tuple[float, float, float] = (3.0, 0.45, 8.0)
-    """Distance of the point that is steered for: least, seconds of travel, greatest; m, s, m."""
+    """Distance of the point that the car steers for: minimum, seconds of travel, maximum; m, s, m."""
     gap: float = 1.0
-    """From the front bumper to the stop line when standing before it, metres."""
+    """Distance from the front bumper to the stop line when the car stands before it, metres."""
     gain: float = 4.0
-    """Acceleration per speed error, 1/s."""
+    """Acceleration per unit of speed error, 1/s."""
 
 
 class RuleDriver(ABC):
-    """Follows the lane, asks :meth:`choose` before each junction, and takes that exit or stops before the line."""
+    """Agent that follows the lane, calls :meth:`choose` before each junction, and takes that exit or stops."""
 
     track: ClassVar[Track] = Track.PRIVILEGED
     kind: ClassVar[AgentKind] = AgentKind.BASELINE
@@ -73,21 +73,21 @@ class RuleDriver(ABC):
 
     @abstractmethod
     def choose(self, view: View) -> Command | None:
-        """The direction to take at the junction ahead; None to stop before it.
+        """Return the direction to take at the junction ahead; None to stop before it.
 
-        Asked at every step until the stop line is passed.
+        Called at every step until the car passes the stop line.
         """
 
     def path_beyond(self, view: View, direction: Command) -> NDArray[np.floating]:
-        """(N, 2) points from the stop line on in a chosen direction; by default the permitted exit's."""
+        """Return (N, 2) points from the stop line in a chosen direction; by default those of the permitted exit."""
         return view.exits[direction]
 
-    def reset(self, observation_space: spaces.Space[Any]) -> None:  # noqa: ARG002 - it drives in one track alone
+    def reset(self, observation_space: spaces.Space[Any]) -> None:  # noqa: ARG002 - all baselines drive in one track
         """Forget the last episode."""
         self._forget()
 
     def act(self, observation: Observation) -> Action:
-        """Steer along the path, as fast as it allows."""
+        """Return the action that follows the path as fast as it allows."""
         view = View.of(observation)
         path, stop = self._plan(view)
         here = path.project(view.x, view.y)
@@ -103,11 +103,11 @@ class RuleDriver(ABC):
         self._choice: Command | None = None
 
     def _plan(self, view: View) -> tuple[Path, float | None]:
-        """The path to follow and, where the car shall stop, the stop's distance along it."""
+        """Return the path to follow, and the distance along it at which to stop; None to drive on."""
         if self._path is not None and self._line is not None:
             past = self._path.project(view.x, view.y) - self._line
             if past > _PASSED and view.near_junction:
-                # Within a junction no stop line is seen: it is the next one's, and the path leads on past it.
+                # Inside a junction no stop line is visible, so this one is the next junction's.
                 self._forget()
             elif 0.0 < past < _COMMITTED:
                 return self._path, None if self._choice is not None else self._line
@@ -128,7 +128,7 @@ class RuleDriver(ABC):
         return view.speed**2 > 2.0 * self.manner.hard_braking * max(0.0, view.stop_line - self.car.nose)
 
     def _steer(self, view: View, path: Path) -> float:
-        """Pure pursuit from the rear axle (Coulter, CMU-RI-TR-92-01)."""
+        """Return the steering by pure pursuit from the rear axle (Coulter, CMU-RI-TR-92-01)."""
         back = self.car.wheelbase / 2.0
         rear_x, rear_y = view.x - back * math.cos(view.yaw), view.y - back * math.sin(view.yaw)
         least, seconds, greatest = self.manner.look_ahead
@@ -140,7 +140,7 @@ class RuleDriver(ABC):
         return -wheel / self.car.max_wheel_angle  # CARLA's steering is negative to the left
 
     def _acceleration(self, view: View, path: Path, here: float, stop: float | None) -> float:
-        """What to ask of the engine or the brakes, m/s2."""
+        """Return the acceleration to ask of the engine or the brakes, m/s2."""
         manner = self.manner
         speed = min(manner.cruise, path.speed_limit(here, manner.lateral, manner.braking))
         if stop is not None:
@@ -154,7 +154,7 @@ class RuleDriver(ABC):
 
 
 def _ahead(view: View, points: NDArray[np.floating]) -> Path:
-    """The path through the points; where they are one and the same, straight on from the car."""
+    """Return the path through the points; if they are all the same, a straight path from the car."""
     if np.ptp(points, axis=0).max() < 0.1:
         heading = np.array((math.cos(view.yaw), math.sin(view.yaw)))
         points = np.stack((points[0] - heading, points[0]))

@@ -1,4 +1,4 @@
-"""A privileged observation as a driver reads it."""
+"""Privileged observation with named fields."""
 
 from dataclasses import dataclass
 
@@ -9,35 +9,35 @@ from wrongturn_protocol import DIRECTIONS, Command
 from wrongturn_protocol.observations import Observation
 
 NO_STOP_LINE = -1.0
-"""What ``stop_line`` says where no stop line lies ahead."""
+"""Value of ``stop_line`` if no stop line is ahead."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Where the car is, what it is told, and where it could go."""
+    """Position, command and possible ways of the car."""
 
     x: float
-    """Of the body's centre, town frame, metres."""
+    """Position of the body's centre in the town frame, metres."""
     y: float
-    """Of the body's centre, town frame, metres."""
+    """Position of the body's centre in the town frame, metres."""
     yaw: float
-    """Counter-clockwise from east, radians."""
+    """Heading, counter-clockwise from east, radians."""
     speed: float
-    """Metres a second."""
+    """Speed, m/s."""
     command: Command
-    """As delivered, right or wrong."""
+    """Command as delivered, right or wrong."""
     lane: NDArray[np.floating]
-    """(60, 2): the lane's centre line from the car to the stop line, then its last point again and again."""
+    """Centre line from the car to the stop line, (60, 2), filled up with its last point, metres."""
     stop_line: float
-    """Metres ahead of the body's centre; -1 where there is none within 60 m."""
+    """Distance from the body's centre to the stop line, metres; -1 if there is none within 60 m."""
     exits: dict[Command, NDArray[np.floating]]
-    """The permitted paths from the stop line on, (60, 2) each, in the order LEFT, RIGHT, STRAIGHT."""
+    """Permitted paths from the stop line, (60, 2) each, metres, in the order LEFT, RIGHT, STRAIGHT."""
     road_users: NDArray[np.floating]
-    """(N, 6): x, y, yaw, length, width, speed of the others in sight; metres, radians, metres a second."""
+    """Road users in sight, (N, 6): x, y, yaw, length, width, speed; metres, radians, m/s."""
 
     @classmethod
     def of(cls, observation: Observation) -> "View":
-        """Read an observation of the privileged track."""
+        """Return the view of an observation of the privileged track."""
         x, y, yaw = observation["pose"].tolist()
         mask, paths = observation["exits_mask"], observation["exits"]
         return cls(
@@ -54,5 +54,5 @@ class View:
 
     @property
     def near_junction(self) -> bool:
-        """Whether a stop line lies ahead and its exits are known."""
+        """Whether a stop line is ahead and its exits are known."""
         return self.stop_line > NO_STOP_LINE and bool(self.exits)

@@ -1,28 +1,31 @@
 """``wrongturn results``: the paper's tables from the stored results, with our figures beside the paper's."""
 
+import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.text import Text
 
-if TYPE_CHECKING:
-    from wrongturn_agents.reporting.report import Report
+from wrongturn_agents.errors import ResultsError
+from wrongturn_agents.reporting.collection import STORED, Collection
+from wrongturn_agents.reporting.curves import PICTURE, check_picture, draw, read_curves
+from wrongturn_agents.reporting.importing import Overrides, import_results
+from wrongturn_agents.reporting.order import order_in_words
+from wrongturn_agents.reporting.report import Report, check_page, find_pages, write_page
+from wrongturn_client.tables import console
 
 
 def results(
     directory: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIRECTORY", help="Directory of the results; by default the package's own.", show_default=False
-        ),
+        typer.Option(metavar="DIRECTORY", help="Directory of the results; by default the package's own."),
     ] = None,
     *,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON, and nothing else.")] = False,
     write: Annotated[
         list[Path] | None,
-        typer.Option(
-            metavar="PAGE", help="Write the tables into a page. Example: --write docs/results.md", show_default=False
-        ),
+        typer.Option(metavar="PAGE", help="Write the tables into a page. Example: --write docs/results.md"),
     ] = None,
     check: Annotated[
         bool,
@@ -38,34 +41,23 @@ def results(
             metavar="FILE|RUN",
             help="Store a file of 'wrongturn score --json' or 'wrongturn run --json', or the learning curve of a "
             "training run. Example: --import runs/ppo-image-3",
-            show_default=False,
         ),
     ] = None,
     agent: Annotated[
         str | None,
-        typer.Option(help="Agent of the import, if the file does not say. Example: ppo-image", show_default=False),
+        typer.Option(help="Agent of the import, if the file does not say. Example: ppo-image"),
     ] = None,
-    seed: Annotated[
-        int | None, typer.Option(help="Training seed of the import. Example: 3", min=0, show_default=False)
-    ] = None,
-    variant: Annotated[
-        str | None, typer.Option(help="Ablation of the import. Example: without-augmentation", show_default=False)
-    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Training seed of the import. Example: 3", min=0)] = None,
+    variant: Annotated[str | None, typer.Option(help="Ablation of the import. Example: without-augmentation")] = None,
     steps: Annotated[
         int | None,
-        typer.Option(help="Training steps of the import. Example: 2000000", min=0, show_default=False),
+        typer.Option(help="Training steps of the import. Example: 2000000", min=0),
     ] = None,
 ) -> None:
     """Show the paper's two tables, ours beside the paper's, and how far figures differ between training seeds.
 
     Example: wrongturn results --check
     """
-    from wrongturn_agents.errors import ResultsError  # noqa: PLC0415 - so that the program starts quickly
-    from wrongturn_agents.reporting.collection import STORED, Collection  # noqa: PLC0415
-    from wrongturn_agents.reporting.curves import PICTURE, draw, read_curves  # noqa: PLC0415
-    from wrongturn_agents.reporting.importing import Overrides, import_results  # noqa: PLC0415
-    from wrongturn_agents.reporting.report import Report, write_page  # noqa: PLC0415
-
     directory = STORED if directory is None else directory
     if not sources and any(value is not None for value in (agent, seed, variant, steps)):
         raise ResultsError("--agent, --seed, --variant, --steps: they describe an import; give --import too")
@@ -82,19 +74,13 @@ def results(
     for page in write or ():
         typer.echo(f"{page}: {'written' if write_page(page, report) else 'unchanged'}", err=True)
     if as_json:
-        import json  # noqa: PLC0415
-
         typer.echo(json.dumps(report.as_json(), indent=2, ensure_ascii=False))
     elif not (curves or write or sources):
         _print(report)
 
 
-def _check(report: "Report", named: list[Path] | None) -> None:
+def _check(report: Report, named: list[Path] | None) -> None:
     """Check the named pages, or all pages and the picture."""
-    from wrongturn_agents.errors import ResultsError  # noqa: PLC0415
-    from wrongturn_agents.reporting.curves import PICTURE, check_picture  # noqa: PLC0415
-    from wrongturn_agents.reporting.report import check_page, find_pages  # noqa: PLC0415
-
     pages = named or find_pages(Path())
     if not pages:
         raise ResultsError(
@@ -107,12 +93,7 @@ def _check(report: "Report", named: list[Path] | None) -> None:
     typer.echo(f"up to date with the stored results: {', '.join(map(str, pages))}")
 
 
-def _print(report: "Report") -> None:
-    from rich.text import Text  # noqa: PLC0415
-
-    from wrongturn_agents.reporting.order import order_in_words  # noqa: PLC0415
-    from wrongturn_client.tables import console  # noqa: PLC0415
-
+def _print(report: Report) -> None:
     screen = console()
     for table in report.tables.values():
         if table.rows:

@@ -11,7 +11,10 @@ from pydantic import ValidationError
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.reporting.curves import read_progress
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
+from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import installed_suite
+from wrongturn_agents.worker import service_at
+from wrongturn_client import Client
 from wrongturn_protocol import EpisodeDetail
 
 _REMEDY: Final = (
@@ -89,10 +92,6 @@ def results_of_episodes(agent: str, suite: str, episodes: tuple[EpisodeDetail, .
 
 
 def _fetch_evaluation(evaluation: str) -> ResultsFile:
-    from wrongturn_agents.saved_run import SavedRun  # noqa: PLC0415
-    from wrongturn_agents.worker import service_at  # noqa: PLC0415
-    from wrongturn_client import Client  # noqa: PLC0415
-
     run = SavedRun.load(evaluation)
     with service_at(run.url, None) as (url, _), Client(url, run.token) as client:
         installed, driven = installed_suite(run.suite).sha256, client.suite(run.suite).sha256
