@@ -1,5 +1,6 @@
 """What README and its sisters say is there, is there."""
 
+import importlib.util
 import re
 import subprocess
 import sys
@@ -80,3 +81,22 @@ def test_its_figures_are_those_of_the_stored_results() -> None:
     )
     assert checked.returncode == 0, checked.stderr
     assert "README.md, docs/results.md, docs/training.md" in checked.stdout
+
+
+MAP = re.findall(r"^\| .* \| `([\w/.]+)`.* \| `(\w+)` \|$", (ROOT / "ARCHITECTURE.md").read_text("utf-8"), re.MULTILINE)
+
+
+@pytest.mark.parametrize(("path", "name"), MAP, ids=[path for path, _ in MAP])
+def test_the_map_leads_to_what_it_names(path: str, name: str) -> None:
+    assert re.search(rf"\b{name}\b", (ROOT / path).read_text("utf-8"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_paths_and_modules_in_the_text_exist(page: Path) -> None:
+    text = page.read_text("utf-8")
+    paths = re.findall(r"`((?:agents|benchmarks|clients|docker|docs|networks|script|service|tests)/[\w./-]*)", text)
+    made_by_commands = {"docker/secrets", "docker/secrets/"}
+    missing = [path for path in {*paths} - made_by_commands if not (ROOT / path).exists()]
+    modules = re.findall(r"python -m (wrongturn_[\w.]+)", text)
+    unknown = [module for module in modules if importlib.util.find_spec(module) is None]
+    assert missing + unknown == []
