@@ -1,6 +1,6 @@
-"""What a car's camera sees: pictures of a town in RGB and as classes.
+"""Pictures of what a car's camera sees, in RGB and as classes.
 
-Numba's kernels are compiled, or read from their cache, with the first picture.
+The first picture takes longer: numba compiles the kernels, or reads them from its cache.
 """
 
 from wrongturn_sim.camera.errors import CameraError, UnknownWeatherError

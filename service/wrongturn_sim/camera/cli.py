@@ -1,4 +1,4 @@
-"""``wrongturn picture``: what the camera sees, as a file."""
+"""``wrongturn picture``: save what the camera sees."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,15 +7,18 @@ import typer
 
 
 def picture(
-    town: Annotated[str, typer.Argument(help="Name of a town: see 'wrongturn towns'.")],
-    approach: Annotated[str, typer.Argument(help="An approach of it, as J1-S.")],
-    weather: Annotated[str, typer.Option(help="One of CARLA's presets that the benchmark has.")] = "ClearNoon",
-    distance: Annotated[float, typer.Option(help="Metres before the stop line.")] = 20.0,
-    seed: Annotated[int, typer.Option(help="Of the rain.")] = 0,
-    scale: Annotated[int, typer.Option(help="Each pixel becomes a square of so many.", min=1, max=16)] = 4,
-    file: Annotated[Path, typer.Option(help="Where to; the ending tells the format.")] = Path("picture.png"),
+    town: Annotated[str, typer.Argument(help="Name of the town. Example: Town01. 'wrongturn towns' lists them.")],
+    approach: Annotated[str, typer.Argument(help="Approach in that town, by junction and side. Example: J1-N.")],
+    weather: Annotated[str, typer.Option(help="Weather, as CARLA names it. Example: HardRainNoon")] = "ClearNoon",
+    distance: Annotated[float, typer.Option(help="Metres from the car to the stop line.")] = 20.0,
+    seed: Annotated[int, typer.Option(help="Seed of the rain. Example: --seed 7")] = 0,
+    scale: Annotated[int, typer.Option(help="Pixels of the file for each pixel, both ways.", min=1, max=16)] = 4,
+    file: Annotated[Path, typer.Option(help="File to write: .png, .jpg or .webp.")] = Path("picture.png"),
 ) -> None:
-    """Take a picture: what the camera sees before a junction, in colours above, in classes below."""
+    """Save what the camera sees before a junction: colours above, classes below.
+
+    Example: wrongturn picture Town01 J1-N --weather WetNoon --distance 12
+    """
     import cv2  # noqa: PLC0415
     import numpy as np  # noqa: PLC0415
 
@@ -25,7 +28,7 @@ def picture(
 
     try:
         built = load_town(town)
-        # Not so for NaN either.
+        # NaN fails this check too.
         if not abs(distance) <= 1000:
             raise ValueError(f"distance: is {distance:g}; give metres, -1000 to 1000")
         pose = pose_before(built.approach(approach), distance)

@@ -1,4 +1,4 @@
-"""Pictures of many egos at once, made on a GPU and left there."""
+"""Pictures of many egos at once, made on a GPU and kept there."""
 
 import warnings
 from typing import Any, Final
@@ -18,18 +18,18 @@ from wrongturn_sim.camera.world import World
 device: Any = kernels.cuda
 
 THREADS: Final = 64
-"""Of a block: neighbouring columns, which mostly do the same."""
+"""Threads of a block. They paint neighbouring columns, whose work is much alike."""
 
 _MANY: Final = 128
-"""Blocks of a grid of which Numba does not warn."""
+"""Blocks of the smallest grid that numba does not warn about."""
 
 
 class DeviceImages:
     """An array of bytes on the GPU.
 
-    What knows ``__cuda_array_interface__`` shares its memory, without a copy: ``torch.as_tensor(images,
-    device="cuda")``, ``cupy.asarray(images)``. All is done on the default stream, which is PyTorch's too.
-    ``numpy.asarray(images)`` copies it to the host.
+    Libraries that know ``__cuda_array_interface__`` share its memory without a copy: ``torch.as_tensor(images,
+    device="cuda")``, ``cupy.asarray(images)``. All work is done on the default stream, which PyTorch uses too.
+    ``numpy.asarray(images)`` copies the array to the host.
     """
 
     def __init__(self, array: Any, index: int | slice | None = None) -> None:
@@ -38,7 +38,7 @@ class DeviceImages:
 
     @property
     def _array(self) -> Any:
-        # Not before it is asked for: to make a view takes Numba longer than a GPU a picture.
+        # Only on demand: numba needs longer to make a view than the GPU needs for a picture.
         return self._whole if self._index is None else self._whole[self._index]
 
     @property
@@ -48,7 +48,7 @@ class DeviceImages:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the array."""
+        """Shape of the array."""
         return tuple(self._array.shape)
 
     @property
@@ -58,14 +58,14 @@ class DeviceImages:
 
     @property
     def dtype(self) -> np.dtype[np.uint8]:
-        """Always uint8."""
+        """Type of the elements: always uint8."""
         return np.dtype(np.uint8)
 
     def __len__(self) -> int:
         return self.shape[0]
 
     def __getitem__(self, index: int | slice) -> "DeviceImages":
-        """One or some, sharing the memory."""
+        """Return one or some of the pictures, which share the memory."""
         return DeviceImages(self._array, index)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
@@ -75,17 +75,17 @@ class DeviceImages:
         return host if dtype is None else host.astype(dtype)
 
     def copy(self) -> "DeviceImages":
-        """Another on the GPU."""
+        """Return a copy on the GPU."""
         fresh = device.device_array(self.shape, np.uint8)
         fresh.copy_to_device(self._array)
         return DeviceImages(fresh)
 
 
 def require_gpu() -> None:
-    """See to it that there is one.
+    """Check that there is a GPU.
 
     Raises:
-        CameraError: there is none, or none that numba can use; names the remedy.
+        CameraError: there is no GPU that numba can use; the message names the remedy.
     """
     if not device.is_available():
         raise CameraError(
@@ -95,18 +95,18 @@ def require_gpu() -> None:
 
 
 class CudaRenderer:
-    """A camera in a world, for so many cars that do not see each other.
+    """A camera in a world, for many cars that do not see each other.
 
-    Segmentations are those of :func:`~wrongturn_sim.camera.render_batch`; colours may differ by 1, where a GPU rounds
-    otherwise. Everything is allocated here, once.
+    Segmentations equal those of :func:`~wrongturn_sim.camera.render_batch`. Colours may differ by 1, because a GPU
+    rounds differently. The constructor allocates all memory.
 
     Args:
-        world: of all of them.
-        camera: of all of them.
-        number: of pictures at once, at most.
+        world: the world of all cars.
+        camera: the camera of all cars.
+        number: most pictures that one call makes.
 
     Raises:
-        CameraError: there is no GPU; no number of pictures.
+        CameraError: there is no GPU, or the number is not a whole number above 0.
     """
 
     def __init__(self, world: World, camera: Camera, number: int) -> None:
@@ -122,10 +122,10 @@ class CudaRenderer:
         self._packed = device.to_device(camera.packed())
         height, width = camera.height, camera.width
         self._items = len(world.scenery)
-        # There are no arrays of nothing.
+        # A GPU has no empty arrays.
         items = max(self._items, 1)
         scenery = world.scenery if self._items else np.zeros((1, COLUMNS))
-        # Copied: of an array that may not be written, numba would compile another kernel.
+        # Copies, because numba compiles another kernel for an array that is read-only.
         scene = (world.ground, world.frame, scenery, shop_colours(), clouds())
         self._scene = tuple(device.to_device(array.copy()) for array in scene)
         self._rows = device.device_array((number, ROWS, height), np.float64)
@@ -145,9 +145,9 @@ class CudaRenderer:
             device.device_array((number, height, width), np.uint8),
         )
         self.rgb = DeviceImages(self._images[0])
-        """(number, height, width, 3); the next pictures overwrite it."""
+        """(number, height, width, 3); the next call of :meth:`render` overwrites it."""
         self.segmentation = DeviceImages(self._images[1])
-        """(number, height, width); likewise."""
+        """(number, height, width); the next call of :meth:`render` overwrites it."""
         self._kept: tuple[Any, Any] | None = None
 
     def render(
@@ -160,16 +160,18 @@ class CudaRenderer:
         kinds: NDArray[np.integer[Any]] | None = None,
         targets: NDArray[np.integer[Any]] | None = None,
     ) -> None:
-        """Write the pictures of N cars; it returns before they are there, and what asks for them waits.
+        """Paint the pictures of N cars.
+
+        The call returns before the GPU has finished. Code that reads the pictures waits for them.
 
         Args:
-            looks: (N, SIZE) rows of :func:`~wrongturn_sim.camera.look_of`; with ``kinds``, a table of them that is
-                sent to the GPU when it is another object than the last time.
-            seeds: (N,) whole numbers.
+            looks: (N, SIZE) rows of :func:`~wrongturn_sim.camera.look_of`. With ``kinds``, a table of such rows, which
+                is sent to the GPU only if it is another object than at the last call.
+            seeds: (N,) seeds of the rain, whole numbers.
             poses: (N, 3): x, y, yaw.
-            ticks: (N,) whole numbers.
-            kinds: (N,): which row of ``looks`` is whose.
-            targets: (N,): where to write each, all different; the first N by default.
+            ticks: (N,) numbers of the decisions.
+            kinds: (N,): the row of ``looks`` for each car; by default, row i is for car i.
+            targets: (N,): the place of each picture, all different; the first N by default.
 
         Raises:
             CameraError: an array has another shape, or a number is not finite or out of its range.
@@ -204,7 +206,7 @@ class CudaRenderer:
             self._launch(count, rain=rain)
             return
         with warnings.catch_warnings():
-            # Numba warns of a grid that leaves most of a GPU idle, as the few egos that begin anew do.
+            # Numba warns about small grids, which a few egos that start a new trial need.
             warnings.filterwarnings("ignore", "Grid size")
             self._launch(count, rain=rain)
 
@@ -225,10 +227,13 @@ class CudaRenderer:
             kernels.rain_down[columns, THREADS](sent, self._looks_there, self._images[0])
 
     def keep(self, which: NDArray[np.integer[Any]]) -> tuple[DeviceImages, DeviceImages]:
-        """Copy some pictures; RGB and segmentation, each at its own place, until it is kept anew.
+        """Copy some pictures to a second set of arrays, where they stay until the same places are copied again.
 
         Args:
             which: (K,) numbers of pictures, all different.
+
+        Returns:
+            RGB and segmentation of all places; those of ``which`` are up to date.
         """
         if self._kept is None:
             rgb, segmentation = (device.device_array(image.shape, np.uint8) for image in self._images)

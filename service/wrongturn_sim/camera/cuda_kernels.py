@@ -1,7 +1,7 @@
 """The ray caster on a GPU: the functions of :mod:`~wrongturn_sim.camera.raycast`, compiled by ``numba.cuda``.
 
-A block of threads sets what the pixels of a picture's rows have in common and in which columns each solid may be seen;
-then a thread paints each column; then, where it rains, a thread each lets the drops fall in a column, in their order.
+First, a block of threads for each picture finds what the pixels of each row have in common, and in which columns each
+solid may be seen. Then a thread paints each column. Last, where it rains, a thread for each column paints its drops.
 Numba's simulator runs the same kernels without a GPU: ``NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1``.
 """
 
@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 if not hasattr(np, "row_stack"):
-    # Gone from NumPy 2.5, and yet numba-cuda asks for it.
+    # NumPy 2.5 removed it, but numba-cuda still uses it.
     setattr(np, "row_stack", np.vstack)  # noqa: B010
 
 import numba.cuda
@@ -20,18 +20,18 @@ from wrongturn_sim.camera.kernels import WORK, Scene, Scratch, eye_of, kernel
 from wrongturn_sim.camera.raycast import column_into, rain, show
 from wrongturn_sim.camera.sight import span_of
 
-# It warns of each launch for a few pictures, such as of those whose drives begin anew; there is nothing to be done.
-setattr(numba.config, "CUDA_LOW_OCCUPANCY_WARNINGS", 0)  # noqa: B010 - numba makes its settings as it is loaded
+# Numba would warn about each launch for a few pictures, which egos that start a new trial need.
+setattr(numba.config, "CUDA_LOW_OCCUPANCY_WARNINGS", 0)  # noqa: B010 - numba creates its settings when it is imported
 
 LOW: Final = 64
-"""Rows of the pictures whose columns fit a thread's own memory, which is the faster one."""
+"""Most rows of a picture whose column fits a thread's own memory, which is faster."""
 
-# Columns of the numbers of a picture: the pose, what rain is drawn from, which look, and where the picture goes.
+# Columns of a picture's numbers: the pose, what decides the rain, the row of the look, and the picture's place.
 PX, PY, YAW, SEED, TICK, LOOK, TARGET = range(7)
 NUMBERS: Final = 7
 
 cuda: Any = numba.cuda
-"""As numba's simulator wants it: under this name, in this module."""
+"""Numba's simulator needs this name in this module."""
 
 _LOCAL: Final = (WORK, LOW)
 
@@ -49,9 +49,10 @@ def look_around(
     place: Any,
     spans: Any,
 ) -> None:
-    """Sets rows and spans; a block for each picture.
+    """Set ``rows``, ``place`` and ``spans``, with a block for each picture.
 
-    ``rows`` (N, ROWS, height); ``place`` (N, items, 2); ``spans`` (N, items, 2): each solid's columns, from and to.
+    Shapes: ``rows`` (N, ROWS, height), ``place`` (N, items, 2), ``spans`` (N, items, 2). A span is the first column in
+    which a solid may be seen, and the one after the last.
     """
     i = cuda.blockIdx.x
     eye = eye_of(numbers[i, PX], numbers[i, PY], numbers[i, YAW], camera)
@@ -83,7 +84,7 @@ def paint_column(
     rgb: Any,
     segmentation: Any,
 ) -> None:
-    """Paints column u of picture i; ``work`` is that column's own, the other arrays are of all pictures."""
+    """Paint column u of picture i; ``work`` is for this column alone, the other arrays are for all pictures."""
     count = 0
     for item in range(spans.shape[1]):
         if spans[i, item, 0] <= u < spans[i, item, 1]:
@@ -119,7 +120,7 @@ def paint_low(
     rgb: Any,
     segmentation: Any,
 ) -> None:
-    """Paints pictures of no more than LOW rows, a thread for each column."""
+    """Paint pictures of at most LOW rows, with a thread for each column."""
     i, u = cuda.blockIdx.x, cuda.blockIdx.y * cuda.blockDim.x + cuda.threadIdx.x
     work = cuda.local.array(_LOCAL, np.float64)
     if u < segmentation.shape[2]:
@@ -151,7 +152,7 @@ def paint_tall(
     rgb: Any,
     segmentation: Any,
 ) -> None:
-    """Paints pictures of any height, a thread for each column; ``work`` (N, WORK, rows, columns)."""
+    """Paint pictures of any height, with a thread for each column; ``work`` is (N, WORK, rows, columns)."""
     i, u = cuda.blockIdx.x, cuda.blockIdx.y * cuda.blockDim.x + cuda.threadIdx.x
     if u < segmentation.shape[2]:
         scene = Scene(ground, frame, scenery, shops, cover)
@@ -164,7 +165,7 @@ def paint_tall(
 
 @cuda.jit(fastmath=True)
 def rain_down(numbers: Any, looks: Any, rgb: Any) -> None:
-    """Rain over the pictures, a thread for each column."""
+    """Paint the rain, with a thread for each column."""
     i, u = cuda.blockIdx.x, cuda.blockIdx.y * cuda.blockDim.x + cuda.threadIdx.x
     if u < rgb.shape[2]:
         look = looks[int(numbers[i, LOOK])]
@@ -173,7 +174,7 @@ def rain_down(numbers: Any, looks: Any, rgb: Any) -> None:
 
 @cuda.jit
 def keep(which: Any, rgb: Any, segmentation: Any, kept_rgb: Any, kept_segmentation: Any) -> None:
-    """Copies some pictures, a row of blocks for each."""
+    """Copy some pictures, with a row of blocks for each."""
     i = int(which[cuda.blockIdx.x])
     width = segmentation.shape[2]
     first, step = cuda.blockIdx.y * cuda.blockDim.x + cuda.threadIdx.x, cuda.gridDim.y * cuda.blockDim.x

@@ -1,18 +1,18 @@
-"""What can go wrong with the camera.
+"""Errors of the camera.
 
 ::
 
     SimError
-    └── CameraError (ValueError)         a parameter is not what a camera can have; names it and the remedy
-        └── UnknownWeatherError          no such weather; names those that there are
+    └── CameraError (ValueError)         a parameter or an array is invalid; names it and the remedy
+        └── UnknownWeatherError          the weather does not exist; lists the known ones
 """
 
 from wrongturn_sim.errors import SimError
 
 
 class CameraError(SimError, ValueError):
-    """A parameter of the camera, or an array given to it, is not what it can be; the message names the remedy."""
+    """A parameter of the camera, or an array given to it, is invalid. The message names the remedy."""
 
 
 class UnknownWeatherError(CameraError):
-    """There is no weather of this name; the message names those that there are."""
+    """No weather has this name. The message lists the known ones."""

@@ -1,7 +1,8 @@
-"""The ground of a town as a raster: what it is, its tone, and where it lies in the shade.
+"""The ground of a town as a raster: its kinds, its tones and its shadows.
 
-One byte a cell: tone in bits 0 to 3, kind in bits 4 and 5 (vegetation, road, marking, sidewalk), and one bit for each
-of the suns of :mod:`~wrongturn_sim.camera.weathers`, set in the shade.
+Each cell is one byte, its code. Bits 0 to 3 are the tone, bits 4 and 5 the kind (vegetation, road, marking, sidewalk).
+Bits 6 and 7 are set where the ground lies in the shade of the first and the second sun of
+:mod:`~wrongturn_sim.camera.weathers`.
 """
 
 import math
@@ -22,18 +23,19 @@ from wrongturn_sim.camera.solids import crown_of
 from wrongturn_sim.camera.weathers import SUNS
 
 CELL: Final = 0.125
-"""Metres."""
+"""Side of a cell, metres."""
 MARGIN: Final = 24.0
-"""Metres of raster around road and sidewalks; beyond it all is grass."""
+"""Metres of raster around road and sidewalks. Beyond it there is grass."""
 VEGETATION, ROAD, MARKING, SIDEWALK = range(4)
 
 LINE_WIDTH: Final = 0.2
+"""Metres; the next two as well."""
 DASH: Final = 3.0
 GAP: Final = 3.0
 SOLID_NEAR_JUNCTION: Final = 20.0
-"""Metres before and after a junction in which the centre line is not to be crossed."""
+"""Metres before and after a junction where the centre line is solid."""
 EDGE_OFFSET: Final = 0.3
-"""Of the middle of the edge line from the kerb, metres."""
+"""Metres from the kerb to the middle of the edge line."""
 
 _SHIFT: Final = 8
 
@@ -41,7 +43,7 @@ Raster = NDArray[np.uint8]
 
 
 def _grown(mask: Raster, cells: int) -> Raster:
-    """A mask widened by so many cells to every side; narrowed where the number is below 0."""
+    """Return a mask widened by this many cells on every side, or narrowed if the number is below 0."""
     size = 2 * abs(cells) + 1
     change: Any = cv2.dilate if cells > 0 else cv2.erode
     grown: Raster = change(mask, np.ones((size, size), np.uint8))
@@ -49,8 +51,8 @@ def _grown(mask: Raster, cells: int) -> Raster:
 
 
 @dataclass(frozen=True)
-class Frame:
-    """Where a raster lies: its first cell's corner and its shape."""
+class Grid:
+    """The cells of a raster: the corner of the first one, metres, and their number."""
 
     x: float
     y: float
@@ -58,24 +60,25 @@ class Frame:
     columns: int
 
     @classmethod
-    def around(cls, bounds: tuple[float, float, float, float]) -> "Frame":
-        """Covers the bounds and the margin."""
+    def around(cls, bounds: tuple[float, float, float, float]) -> "Grid":
+        """Return the grid that covers the bounds and the margin."""
         x, y = (math.floor(bounds[0] - MARGIN), math.floor(bounds[1] - MARGIN))
         columns, rows = (math.ceil((bounds[2 + i] + MARGIN - (x, y)[i]) / CELL) for i in (0, 1))
         return cls(float(x), float(y), rows, columns)
 
     def fixed(self, points: Any) -> NDArray[np.int32]:
-        """(N, 2) metres as OpenCV's fixed point coordinates of cells."""
+        """Return points (N, 2), metres, as cells in OpenCV's fixed-point coordinates."""
         cells = (np.asarray(points, np.float64)[:, :2] - (self.x, self.y)) / CELL - 0.5
         return np.rint(cells * (1 << _SHIFT)).astype(np.int32)
 
     def mask(self) -> Raster:
-        """Nothing yet."""
+        """Return an empty mask."""
         return np.zeros((self.rows, self.columns), np.uint8)
 
     def fill(self, into: Raster, geometry: BaseGeometry) -> None:
-        """Sets the cells of polygons to 1. OpenCV fills a polygon's outline too: half a cell is taken off before."""
-        # A collapsing corner is no error, though it divides by zero.
+        """Set the cells of polygons to 1."""
+        # OpenCV fills a polygon's outline too, so take half a cell off. A corner that collapses divides by zero, which
+        # does no harm.
         with np.errstate(all="ignore"):
             narrowed = geometry.buffer(-CELL / 2, join_style="mitre")
         for part in _polygons(narrowed):
@@ -94,7 +97,7 @@ def _strip(line: BaseGeometry, width: float = LINE_WIDTH) -> BaseGeometry:
 
 
 def centre_lines(lanes: Any) -> Iterator[BaseGeometry]:
-    """The line between two directions: dashed, and solid near junctions."""
+    """Yield the lines between two directions: dashed, and solid near junctions."""
     for lane in lanes:
         if lane.opposite is None or lane.id > lane.opposite:
             continue
@@ -113,75 +116,75 @@ def centre_lines(lanes: Any) -> Iterator[BaseGeometry]:
 
 
 def edge_line(lane: Lane) -> BaseGeometry:
-    """The line along the kerb."""
+    """Return the line along the kerb."""
     return _strip(LineString(lane.centreline).offset_curve(EDGE_OFFSET - lane.width / 2))
 
 
-def _shadow(frame: Frame, into: Raster, item: SceneryObject, sun: tuple[float, float]) -> None:
+def _shadow(grid: Grid, into: Raster, item: SceneryObject, sun: tuple[float, float]) -> None:
     elevation, bearing = sun
     reach = 1.0 / math.tan(elevation)
     away = np.array([-math.cos(bearing), -math.sin(bearing)]) * reach
     if item.kind is SceneryKind.TREE:
         radius, middle, half = crown_of(item)
         centre = np.array([item.x, item.y]) + away * middle
-        # An ellipsoid's shadow: as wide as it is, longer along the light.
+        # The shadow of an ellipsoid is as wide as the ellipsoid, and longer along the light.
         long = math.sqrt(radius**2 + (half * reach) ** 2)
         turn = np.linspace(0.0, 2 * math.pi, 20, endpoint=False)
         ragged = 1.0 + 0.12 * np.sin(turn * 5 + item.seed % 7)
         along, aside = long * ragged * np.cos(turn), radius * ragged * np.sin(turn)
         unit = away / reach
         points = centre + along[:, None] * unit + aside[:, None] * np.array([-unit[1], unit[0]])
-        cv2.fillPoly(into, [frame.fixed(points)], 1, shift=_SHIFT)
+        cv2.fillPoly(into, [grid.fixed(points)], 1, shift=_SHIFT)
         root = np.array([[item.x, item.y], *(np.array([[item.x, item.y]]) + away * middle)])
-        cv2.polylines(into, [frame.fixed(root)], False, 1, 3, shift=_SHIFT)
+        cv2.polylines(into, [grid.fixed(root)], False, 1, 3, shift=_SHIFT)
         return
     foot = np.array(item.footprint().exterior.coords)[:4]
     if item.kind is SceneryKind.FENCE:
         for share in (0.35, 0.7, 0.95):
             rail = foot + away * item.height * share
-            cv2.polylines(into, [frame.fixed(rail)], True, 1, 1, shift=_SHIFT)
+            cv2.polylines(into, [grid.fixed(rail)], True, 1, 1, shift=_SHIFT)
         return
     points = np.concatenate([foot, foot + away * item.height])
-    hull = cv2.convexHull(frame.fixed(points))
+    hull = cv2.convexHull(grid.fixed(points))
     cv2.fillConvexPoly(into, hull, 1, shift=_SHIFT)
 
 
-def bake(town: Town) -> tuple[Frame, Raster]:
-    """A town's ground."""
-    frame = Frame.around(town.bounds)
-    road, walk, marking, crossing = (frame.mask() for _ in range(4))
-    frame.fill(road, town.road)
-    frame.fill(walk, town.sidewalks)
+def bake(town: Town) -> tuple[Grid, Raster]:
+    """Return the ground of a town, (rows, columns), and its grid."""
+    grid = Grid.around(town.bounds)
+    road, walk, marking, crossing = (grid.mask() for _ in range(4))
+    grid.fill(road, town.road)
+    grid.fill(walk, town.sidewalks)
     cars = list(town.lanes.values())
     for strip in (*centre_lines(cars), *(edge_line(lane) for lane in cars)):
-        frame.fill(marking, strip)
+        grid.fill(marking, strip)
     for junction in town.junctions.values():
-        frame.fill(crossing, junction.area.buffer(CELL))
+        grid.fill(crossing, junction.area.buffer(CELL))
     walk &= 1 - road
     marking &= road & (1 - crossing)
-    # Seams narrower than a cell between road and sidewalk would let grass through.
+    # Close seams between road and sidewalk that are narrower than a cell, or grass would show in them.
     both = road | walk
     closed = _grown(_grown(both, 1), -1)
     walk |= closed & (1 - both)
 
-    kind = frame.mask()
+    kind = grid.mask()
     kind[walk > 0] = SIDEWALK
     kind[road > 0] = ROAD
     kind[marking > 0] = MARKING
-    code: Raster = _tones(town, frame, kind, road, walk) | (kind << 4).astype(np.uint8)
+    code: Raster = _tones(town, grid, kind, road, walk) | (kind << 4).astype(np.uint8)
     for bit, sun in enumerate(SUNS):
-        shade = frame.mask()
+        shade = grid.mask()
         for item in town.scenery:
-            _shadow(frame, shade, item, sun)
+            _shadow(grid, shade, item, sun)
         code |= (shade << (6 + bit)).astype(np.uint8)
-    return frame, code
+    return grid, code
 
 
-def _tones(town: Town, frame: Frame, kind: Raster, road: Raster, walk: Raster) -> Raster:
-    """Texture: grain, worn asphalt and markings, slabs, kerbs, tufts; darker at the foot of what stands there."""
-    grain = _spread(tile(512, (1,), 11), frame).astype(np.int16)
-    patch = _spread(tile(512, (32, 16, 8), 12), frame).astype(np.int16)
-    blotch = _spread(tile(512, (128, 64), 13), frame).astype(np.int16)
+def _tones(town: Town, grid: Grid, kind: Raster, road: Raster, walk: Raster) -> Raster:
+    """Return the tones: worn asphalt and markings, slabs, kerbs, tufts; darker at the foot of scenery."""
+    grain = _spread(tile(512, (1,), 11), grid).astype(np.int16)
+    patch = _spread(tile(512, (32, 16, 8), 12), grid).astype(np.int16)
+    blotch = _spread(tile(512, (128, 64), 13), grid).astype(np.int16)
     tones = (grain * 3 + patch * 6 + blotch * 6) >> 8  # vegetation, 0 to 14
 
     asphalt = 2 + ((grain * 2 + patch * 3 + blotch * 4) >> 8)
@@ -189,20 +192,20 @@ def _tones(town: Town, frame: Frame, kind: Raster, road: Raster, walk: Raster) -
     asphalt[gutter > 0] -= 2
     cracks = (np.abs(patch - 128) < 2) & (blotch > 150)
     asphalt[cracks] -= 3
-    for cell, size, bright in _mends(town, frame):
+    for cell, size, bright in _mends(town, grid):
         asphalt[cell[1] : cell[1] + size[1], cell[0] : cell[0] + size[0]] += bright
     np.copyto(tones, asphalt, where=kind == ROAD)
 
     worn = 4 + ((patch * 4 - grain) >> 8)
     np.clip(worn, 0, 7, out=worn)
-    # The line between two directions is yellow: it lies far from every kerb.
+    # Lines far from every kerb lie between two directions: they are yellow.
     inner = _grown(road, -8)
     worn += 8 * (inner > 0)
     np.copyto(tones, worn, where=kind == MARKING)
 
     slabs = 5 + ((grain * 3 + patch * 3 + blotch * 2) >> 8)
     period = round(1.5 / CELL)
-    rows, columns = np.arange(frame.rows) % period == 0, np.arange(frame.columns) % period == 0
+    rows, columns = np.arange(grid.rows) % period == 0, np.arange(grid.columns) % period == 0
     slabs[rows, :] -= 3
     slabs[:, columns] -= 3
     kerb = _grown(road, 2) & walk
@@ -211,18 +214,18 @@ def _tones(town: Town, frame: Frame, kind: Raster, road: Raster, walk: Raster) -
     slabs[back > 0] -= 3
     np.copyto(tones, slabs, where=kind == SIDEWALK)
 
-    feet = frame.mask()
+    feet = grid.mask()
     for item in town.scenery:
         widened = item.footprint().buffer(0.25 if item.kind is SceneryKind.FENCE else 0.6, join_style="mitre")
-        frame.fill(feet, widened)
+        grid.fill(feet, widened)
     tones[feet > 0] -= 3
     lowest = np.where(kind == MARKING, 8 * (tones >= 8), 0) if feet.any() else 0
     clipped: Raster = np.clip(tones, lowest, 15).astype(np.uint8)
     return clipped
 
 
-def _mends(town: Town, frame: Frame) -> Iterator[tuple[tuple[int, int], tuple[int, int], int]]:
-    """Mended places in the asphalt: rectangles of cells, darker or brighter."""
+def _mends(town: Town, grid: Grid) -> Iterator[tuple[tuple[int, int], tuple[int, int], int]]:
+    """Yield mended places of the asphalt: first cell, size, and how much brighter they are."""
     draw = np.random.default_rng(int(town.sha256[:8], 16))
     for lane in town.lanes.values():
         line = LineString(lane.centreline)
@@ -230,12 +233,12 @@ def _mends(town: Town, frame: Frame) -> Iterator[tuple[tuple[int, int], tuple[in
             point = line.interpolate(float(draw.random()), normalized=True)
             size = draw.integers(6, 22, 2)
             cell = (
-                int((point.x + draw.uniform(-1.2, 1.2) - frame.x) / CELL),
-                int((point.y + draw.uniform(-1.2, 1.2) - frame.y) / CELL),
+                int((point.x + draw.uniform(-1.2, 1.2) - grid.x) / CELL),
+                int((point.y + draw.uniform(-1.2, 1.2) - grid.y) / CELL),
             )
             yield cell, (int(size[0]), int(size[1])), -2 if draw.random() < 0.7 else 2
 
 
-def _spread(pattern: Raster, frame: Frame) -> Raster:
+def _spread(pattern: Raster, grid: Grid) -> Raster:
     size = pattern.shape[0]
-    return np.tile(pattern, (-(-frame.rows // size), -(-frame.columns // size)))[: frame.rows, : frame.columns]
+    return np.tile(pattern, (-(-grid.rows // size), -(-grid.columns // size)))[: grid.rows, : grid.columns]

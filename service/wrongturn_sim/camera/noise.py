@@ -1,4 +1,4 @@
-"""Noise that is the same everywhere: whole-number hashes, no generator's state."""
+"""Noise that is the same on every machine: hashes of whole numbers, without a generator's state."""
 
 import functools
 
@@ -16,9 +16,15 @@ def _hash(x: NDArray[np.uint64], y: NDArray[np.uint64], seed: int) -> NDArray[np
 
 @functools.lru_cache(maxsize=16)
 def tile(size: int, grains: tuple[int, ...], seed: int) -> NDArray[np.uint8]:
-    """(size, size) of 0 to 255 that repeats without a seam: value noise of lattices this many cells wide, summed.
+    """Return a square of noise, 0 to 255, that repeats without a seam.
 
-    Coarser lattices weigh more. Whole numbers only, so that it is the same on every machine. Read-only.
+    Args:
+        size: cells of each side.
+        grains: width of each lattice, in cells. The noise is their sum; those named first weigh more.
+        seed: equal seeds give equal noise.
+
+    Returns:
+        (size, size), read-only.
     """
     total = np.zeros((size, size), np.int64)
     weights = 0
@@ -37,7 +43,7 @@ def tile(size: int, grains: tuple[int, ...], seed: int) -> NDArray[np.uint8]:
 
 
 def _wider(lattice: NDArray[np.int64], grain: int) -> NDArray[np.int64]:
-    """Linear between the columns, with a smooth step, cyclic."""
+    """Widen each column to ``grain`` columns, with a smooth step between neighbours; the last is next to the first."""
     size = lattice.shape[1] * grain
     position = np.arange(size)
     step = (position % grain) * 256 // grain
@@ -50,7 +56,7 @@ def _wider(lattice: NDArray[np.int64], grain: int) -> NDArray[np.int64]:
 
 @functools.cache
 def clouds() -> NDArray[np.uint8]:
-    """(512, 512): cover of the sky, spread to the whole range; so fine that the nearest cell will do."""
+    """Return the cover of the sky by clouds: (512, 512), 0 to 255, read-only; fine enough to read the nearest cell."""
     made = tile(512, (128, 64, 32, 16), 3).astype(np.int64)
     low, high = int(made.min()), int(made.max())
     spread = ((made - low) * 255 // (high - low)).astype(np.uint8)

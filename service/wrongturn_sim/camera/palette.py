@@ -1,4 +1,4 @@
-"""Colours that tell the classes of a segmentation apart."""
+"""Colours for the classes of a segmentation, and what pictures for people need."""
 
 import math
 from typing import Final
@@ -24,20 +24,20 @@ PALETTE: Final[NDArray[np.uint8]] = np.array(
     ],
     np.uint8,
 )
-"""(11, 3), red, green, blue, by the number of the class."""
+"""(11, 3): red, green and blue of each class, by its number."""
 
 
 def coloured(segmentation: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A segmentation (h, w) as a picture (h, w, 3)."""
+    """Return a segmentation (h, w) as a picture (h, w, 3)."""
     return PALETTE[segmentation]
 
 
 def larger(image: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
-    """Each pixel as a square of so many."""
+    """Return an image whose pixels are squares with sides of this many pixels."""
     return image.repeat(times, axis=0).repeat(times, axis=1)
 
 
 def pose_before(approach: Approach, distance: float) -> tuple[float, float, float]:
-    """The pose so many metres before an approach's stop line, were its lane straight."""
+    """Return the pose (x, y, yaw) this many metres before an approach's stop line, as if its lane were straight."""
     x, y = approach.stop_line
     return x - distance * math.cos(approach.heading), y - distance * math.sin(approach.heading), approach.heading

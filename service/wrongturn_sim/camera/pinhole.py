@@ -1,4 +1,4 @@
-"""The camera's place and optics."""
+"""The camera's mounting and optics."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wrongturn_sim.camera.errors import CameraError
 
 LARGEST_SIDE = 2048
-"""Pixels."""
+"""Most columns or rows of a picture."""
 
 # Positions in the array that `Camera.packed` returns and the kernels read. Plain integers, so that numba freezes them.
 FOCAL, CX, CY, FORWARD, LEFT, UP, PITCH_COS, PITCH_SIN, CAMERA_YAW = range(9)
@@ -20,14 +20,14 @@ LEVEL = 9
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera on the car, by OpenCV's conventions; the defaults are the benchmark's.
+    """A pinhole camera on the car, by OpenCV's conventions. The defaults are the benchmark's.
 
-    Pixel (column u, row v) looks along the ray through its middle: ``(u - cx) / focal`` to the right and
-    ``(v - cy) / focal`` downwards for each metre ahead. Columns count from the left, rows from above, both from 0.
-    There is no roll and no distortion.
+    The pixel in column u and row v looks along the ray through its middle: for each metre ahead, this goes
+    ``(u - cx) / focal`` metres to the right and ``(v - cy) / focal`` metres down. Columns count from the left and rows
+    from the top, both from 0. There is no roll and no distortion.
 
     Raises:
-        CameraError: a parameter is not finite or out of its range; names it and the range.
+        CameraError: a parameter is not finite or out of its range; the message names it and the range.
     """
 
     width: int = 192
@@ -35,21 +35,21 @@ class Camera:
     height: int = 64
     """Rows, pixels."""
     focal: float = 107.4
-    """Focal length, pixels, of both directions."""
+    """Focal length in both directions, pixels."""
     cx: float = 96.0
     """Column of the optical axis."""
     cy: float = 26.0
-    """Row of the optical axis: of the horizon, where pitch is 0."""
+    """Row of the optical axis. With pitch 0 this is the horizon's row."""
     forward: float = 0.7
-    """Metres ahead of the middle of the car's body."""
+    """Metres in front of the middle of the car's body."""
     left: float = 0.0
-    """Metres to the left of it."""
+    """Metres to the left of the middle of the car's body."""
     up: float = 1.6
     """Metres above the ground."""
     pitch: float = 0.0
-    """Radians; positive looks down."""
+    """Radians; a positive pitch looks down."""
     yaw: float = 0.0
-    """Radians; positive looks to the left."""
+    """Radians; a positive yaw looks to the left."""
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -85,16 +85,26 @@ class Camera:
         pitch: float = 0.0,
         yaw: float = 0.0,
     ) -> Self:
-        """A camera with this horizontal field of view, its axis through the middle of the picture.
+        """Return a camera with this horizontal field of view, whose axis goes through the middle of the picture.
+
+        Args:
+            fov_degrees: 1 to 170.
+            width: columns, pixels.
+            height: rows, pixels.
+            forward: as the field of this name; the others likewise.
+            left: metres.
+            up: metres.
+            pitch: radians.
+            yaw: radians.
 
         Raises:
-            CameraError: a parameter is out of its range, of ``fov_degrees`` 1 to 170.
+            CameraError: a parameter is out of its range.
         """
         if isinstance(fov_degrees, bool) or not isinstance(fov_degrees, int | float | np.floating):
             raise CameraError(f"camera: fov_degrees is {fov_degrees!r}; give a number from 1 to 170")
         if not 1.0 <= fov_degrees <= 170.0:
             raise CameraError(f"camera: fov_degrees is {fov_degrees!r}; give a number from 1 to 170")
-        # The sides are checked before they are computed with.
+        # Check the sides before the focal length is computed from them.
         cls(width=width, height=height)
         return cls(
             width=width,
@@ -110,16 +120,19 @@ class Camera:
         )
 
     def project(self, points: NDArray[np.float64], x: float, y: float, yaw: float) -> NDArray[np.float64]:
-        """Where points of the town are seen from a car at (x, y, yaw).
+        """Return the pixels at which a car at (x, y, yaw) sees points of the town.
 
         Args:
-            points: (N, 3), metres, town frame, z upwards from the ground.
-            x: of the middle of the car's body, metres.
-            y: likewise.
-            yaw: of the car, radians.
+            points: (N, 3), metres, town frame; z is the height above the ground.
+            x: the middle of the car's body, metres.
+            y: the middle of the car's body, metres.
+            yaw: the car's heading, radians.
 
         Returns:
             (N, 2): column and row; NaN for points that are not in front of the camera.
+
+        Raises:
+            CameraError: the points have another shape.
         """
         points = np.asarray(points, np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
@@ -135,7 +148,7 @@ class Camera:
         return np.stack([self.cx + self.focal * u / depth, self.cy + self.focal * v / depth], axis=1)
 
     def packed(self) -> NDArray[np.float64]:
-        """What the renderer takes."""
+        """Return the parameters as the array that the kernels read."""
         tilt = self.pitch
         packed = np.zeros(LEVEL + 1)
         packed[[FOCAL, CX, CY]] = self.focal, self.cx, self.cy

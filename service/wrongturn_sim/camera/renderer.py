@@ -1,4 +1,4 @@
-"""Pictures of a world, one or many at a time."""
+"""Pictures of a world, one or many at a time, made on the CPU."""
 
 import itertools
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +14,7 @@ from wrongturn_sim.camera.kernels import HITS, ROWS, WORK, Scene, Scratch
 from wrongturn_sim.camera.noise import clouds
 from wrongturn_sim.camera.pinhole import Camera
 from wrongturn_sim.camera.raycast import pictures_into
+from wrongturn_sim.camera.road_users import USER_COLOUR
 from wrongturn_sim.camera.solids import COLUMNS, shop_colours
 from wrongturn_sim.camera.weathers import SIZE, look_of
 from wrongturn_sim.camera.world import World
@@ -21,7 +22,7 @@ from wrongturn_sim.camera.world import World
 Image = NDArray[np.uint8]
 Numbers = NDArray[np.float64]
 
-OTHER = 8
+OTHER = USER_COLOUR + 1
 """Columns of a road user: x, y, yaw, length, width, height, kind (0 vehicle, 1 pedestrian), colour."""
 
 _NOBODY = np.zeros((0, OTHER))
@@ -32,14 +33,14 @@ def _scene(world: World) -> Scene:
 
 
 def _scratch(world: World, camera: Camera, others: int) -> Scratch:
-    """For each thread its own."""
+    """Return the arrays that one thread paints with."""
     items = max(len(world.scenery) + others, 1)
     return Scratch(
         rows=np.zeros((ROWS, camera.height)),
         work=np.zeros((WORK, max(camera.height, HITS))),
         place=np.zeros((items, 2)),
         counts=np.zeros(camera.width, np.int64),
-        # An odd number of cache lines apart, or all columns' lists would share a few places in the cache.
+        # An odd number of cache lines for each column; else the lists of all columns would share a few cache lines.
         lists=np.zeros((camera.width, items // 32 * 32 + 48), np.int32),
         users=np.zeros((others, COLUMNS)),
         canvas=np.zeros((camera.height, camera.width), np.uint32),
@@ -52,17 +53,19 @@ def _shops() -> Numbers:
 
 
 class Renderer:
-    """A camera in a world under one weather. Not for several threads at once: it keeps what it paints with.
+    """A camera in a world under one weather.
+
+    Use one renderer for each thread: it reuses the arrays that it paints with.
 
     Args:
         world: see :meth:`World.of`.
-        camera: its place and optics.
-        weather: by CARLA's preset names.
-        seed: of what is drawn anew for each picture (rain); the trial's.
+        camera: mounting and optics; the benchmark's by default.
+        weather: name of the weather, one of CARLA's presets. Example: ``"WetNoon"``.
+        seed: seed of the rain; an episode takes its trial's.
 
     Raises:
-        UnknownWeatherError: no such weather.
-        CameraError: the seed is no whole number.
+        UnknownWeatherError: the weather does not exist.
+        CameraError: the seed is not a whole number.
     """
 
     def __init__(
@@ -74,7 +77,7 @@ class Renderer:
     ) -> None:
         self.world = world
         self.camera = camera or Camera()
-        # Copied, as below: of an array that may not be written, numba would compile another kernel.
+        # A copy, because numba compiles another kernel for an array that is read-only.
         self._look = look_of(weather)[None].copy()
         self._packed = self.camera.packed()
         self._seeds = np.array([_folded(seed)], np.int64)
@@ -87,14 +90,17 @@ class Renderer:
     def render(
         self, x: float, y: float, yaw: float, tick: int = 0, others: Numbers | None = None
     ) -> tuple[Image, Image]:
-        """What is seen from a car at (x, y, yaw): RGB (height, width, 3) and segmentation (height, width), fresh.
+        """Return what a car at (x, y, yaw) sees, as new arrays.
 
         Args:
-            x: of the middle of the car's body, metres, town frame.
-            y: likewise.
-            yaw: radians, counter-clockwise from east.
-            tick: number of the decision; rain falls anew with it.
+            x: the middle of the car's body, metres, town frame.
+            y: the middle of the car's body, metres, town frame.
+            yaw: heading in radians, counter-clockwise from east.
+            tick: number of the decision; each has other raindrops.
             others: (N, 8) other road users: x, y, yaw, length, width, height, kind (0 vehicle, 1 pedestrian), colour.
+
+        Returns:
+            RGB, (height, width, 3) uint8, and segmentation, (height, width) uint8.
 
         Raises:
             CameraError: a number is not finite or an array has another shape.
@@ -107,7 +113,7 @@ class Renderer:
     def render_into(
         self, x: float, y: float, yaw: float, tick: int, others: Numbers | None, rgb: Image, segmentation: Image
     ) -> None:
-        """As :meth:`render`, into given arrays."""
+        """Paint what :meth:`render` returns into given arrays."""
         if others is None or len(others) == 0:
             others = _NOBODY
         else:
@@ -145,18 +151,20 @@ def render_batch(
     segmentation: Image,
     threads: int = 1,
 ) -> None:
-    """Pictures of many cars that do not see each other, byte for byte as :meth:`Renderer.render` makes them.
+    """Paint what each of many cars sees; the cars do not see each other.
+
+    The bytes equal those of :meth:`Renderer.render`, with any number of threads.
 
     Args:
-        world: of all of them.
-        camera: of all of them.
+        world: the world of all cars.
+        camera: the camera of all cars.
         looks: (N, k) rows of :func:`look_of`.
-        seeds: (N,) whole numbers.
+        seeds: (N,) seeds of the rain, whole numbers.
         poses: (N, 3): x, y, yaw.
-        ticks: (N,) whole numbers.
-        rgb: (N, height, width, 3) uint8, written.
-        segmentation: (N, height, width) uint8, written.
-        threads: how many share the work; the bytes do not hang on it.
+        ticks: (N,) numbers of the decisions.
+        rgb: (N, height, width, 3) uint8, written to.
+        segmentation: (N, height, width) uint8, written to.
+        threads: number of threads that share the work.
 
     Raises:
         CameraError: an array has another shape or type, or a number is not finite.
@@ -199,21 +207,21 @@ def render_batch(
     if threads == 1 or number < 2:
         paint(slice(0, number))
         return
-    # The same compiled function in every thread: a second one, compiled for threads, might round otherwise.
+    # Every thread runs the same compiled function. Another one, compiled for threads, might round differently.
     edges = np.linspace(0, number, min(threads, number) + 1).astype(int)
     with ThreadPoolExecutor(min(threads, number)) as pool:
         list(pool.map(paint, (slice(int(a), int(b)) for a, b in itertools.pairwise(edges))))
 
 
 def _folded(seed: int) -> int:
-    """A seed of any size as one that the kernels can add to."""
+    """Return a seed of any size as one that the kernels can add to without overflow."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
         raise CameraError(f"seed is {seed!r}; give a whole number")
     return int(seed) & 0x3FFFFFFF
 
 
 def _finite(name: str, numbers: Numbers) -> None:
-    # Farther than this, whole numbers of cells no longer fit.
+    # Beyond this, the number of a cell would not fit its type.
     if not (np.abs(numbers) < 1e7).all():
         raise CameraError(f"{name}: {numbers.tolist()}; give finite numbers, below 1e7 in size")
 

@@ -1,4 +1,4 @@
-"""Makes the pictures of the docs: a sheet of junction types and weathers, and a film of an episode.
+"""Make the pictures of the documentation: a sheet of junction types and weathers, and a film of an episode.
 
 ::
 
@@ -24,17 +24,17 @@ from wrongturn_sim.episode import Episode
 
 TOWN: Final = "Town01"
 FILM_SEED: Final = 4
-"""Of the film's trial: its start and its traffic."""
+"""Seed of the film's trial, which decides its start and its traffic."""
 SPEED: Final = 6.0
-"""Of the film's car, m/s."""
+"""Speed of the film's car, m/s."""
 LOOK_AHEAD: Final = 5.0
-"""Of the film's driver, metres."""
+"""Distance of the point that the film's driver steers to, metres."""
 
 Image = NDArray[np.uint8]
 
 
 def approaches_by_type(town: Town) -> dict[JunctionType, Approach]:
-    """The first approach of each T type."""
+    """Return the first approach of each type of T junction."""
     found: dict[JunctionType, list[Approach]] = {}
     for approach in town.approaches.values():
         if approach.type.missing is not None:
@@ -43,7 +43,7 @@ def approaches_by_type(town: Town) -> dict[JunctionType, Approach]:
 
 
 def sheet(town: Town, scale: int = 2, distance: float = 20.0) -> Image:
-    """Types by columns; for each weather a row in colours; the classes, which no weather changes, below."""
+    """Return a sheet: a column for each junction type; for each weather, a row of colours and one of classes."""
     world = World.of(town)
     columns = []
     for approach in approaches_by_type(town).values():
@@ -57,7 +57,7 @@ def sheet(town: Town, scale: int = 2, distance: float = 20.0) -> Image:
 
 
 def film(town: Town, approach: Approach, scale: int = 2) -> list[Image]:
-    """Pictures of one episode among other road users, colours above classes, to its verdict."""
+    """Return the pictures of one episode among other road users, to its verdict, colours above classes."""
     way = next(iter(approach.exits.values()))
     traffic = Traffic(vehicles=30, pedestrians=40)
     trial = draw_trial(town, approach.id, FaultKind.NONE, FILM_SEED, route=way.direction, traffic=traffic)
@@ -78,7 +78,7 @@ def film(town: Town, approach: Approach, scale: int = 2) -> list[Image]:
 
 
 def _towards(route: NDArray[np.float64], x: float, y: float, yaw: float) -> float:
-    """Pure pursuit of a point of the route some metres ahead: steer, right positive."""
+    """Return the steering, right positive, towards a point of the route some metres ahead (pure pursuit)."""
     here = int(np.argmin((route[:, 0] - x) ** 2 + (route[:, 1] - y) ** 2))
     far = np.sqrt((route[here:, 0] - x) ** 2 + (route[here:, 1] - y) ** 2) >= LOOK_AHEAD
     goal_x, goal_y = route[here + int(np.argmax(far))]
@@ -88,7 +88,7 @@ def _towards(route: NDArray[np.float64], x: float, y: float, yaw: float) -> floa
 
 
 def main(directory: Path) -> None:
-    """Writes ``sheet.png`` and ``film.webp``."""
+    """Write ``sheet.png`` and ``film.webp``."""
     directory.mkdir(parents=True, exist_ok=True)
     town = load_town(TOWN)
     cv2.imwrite(str(directory / "sheet.png"), sheet(town)[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])

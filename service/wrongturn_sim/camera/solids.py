@@ -1,4 +1,4 @@
-"""Scenery as rows of numbers, with the looks that each object's seed gives it."""
+"""Scenery as rows of numbers. Each object's seed decides what it looks like."""
 
 import math
 import random
@@ -19,8 +19,7 @@ KINDS: Final = {
     SceneryKind.FENCE: FENCE,
 }
 
-# Columns of a row.
-# The first eight, one line of a processor's cache, are what is asked of every solid in every picture.
+# Columns of a row. Every picture reads the first eight of every solid: they fill one line of the processor's cache.
 X, Y, BOUND, KIND, COS, SIN, HALF_X, HALF_Y = range(8)
 HEIGHT, RISE, R, G, B, R2, G2, B2, SEED, STOREY, BAY_X, BAY_Y, STYLE, RADIUS, MIDDLE, HALF_Z = range(8, 24)
 WIDE, TALL, SHOP = range(24, 27)
@@ -48,14 +47,14 @@ BRICK_STYLE: Final = 1.0
 
 
 def crown_of(item: SceneryObject) -> tuple[float, float, float]:
-    """A tree's crown: its radius, the height of its middle, half its height; metres."""
+    """Return the radius of a tree's crown, the height of its middle and half its height, metres."""
     half = max(min(item.height * 0.36, item.crown_radius * 1.35), item.crown_radius * 0.6)
     return item.crown_radius, item.height - half, half
 
 
 def _row(item: SceneryObject) -> NDArray[np.float64]:
     row = np.zeros(COLUMNS)
-    # Not numpy's generator: a thousand of these are made where one is.
+    # Python's generator: in the time that numpy needs to make one of its own, this makes a thousand.
     draw = random.Random(item.seed)
     row[[X, Y, COS, SIN]] = item.x, item.y, math.cos(item.yaw), math.sin(item.yaw)
     row[[HALF_X, HALF_Y, HEIGHT, KIND]] = item.length / 2, item.width / 2, item.height, KINDS[item.kind]
@@ -95,11 +94,11 @@ def _row(item: SceneryObject) -> NDArray[np.float64]:
 
 
 def rows_of(scenery: Iterable[SceneryObject]) -> NDArray[np.float64]:
-    """(N, COLUMNS) for the renderer."""
+    """Return scenery as the renderer takes it, (N, COLUMNS)."""
     rows = [_row(item) for item in scenery]
     return np.array(rows) if rows else np.zeros((0, COLUMNS))
 
 
 def shop_colours() -> NDArray[np.float64]:
-    """(N, 3), 0 to 255."""
+    """Return the colours of shop signs, (N, 3), 0 to 255."""
     return np.array(_SHOPS, np.float64)

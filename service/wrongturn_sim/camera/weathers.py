@@ -1,4 +1,4 @@
-"""How each weather looks: sun, sky, haze, wetness and rain."""
+"""The look of each weather: sun, sky, haze, wetness and rain."""
 
 import functools
 import math
@@ -16,39 +16,43 @@ from wrongturn_sim.camera.errors import UnknownWeatherError
 Colour = tuple[float, float, float]
 
 NOON: Final = (math.radians(58.0), math.radians(-118.0))
-"""The sun's elevation and bearing (counter-clockwise from east), radians."""
+"""Elevation and bearing of the sun, radians; the bearing counts counter-clockwise from east."""
 SUNSET: Final = (math.radians(13.0), math.radians(158.0))
+"""The same at sunset."""
 SUNS: Final = (NOON, SUNSET)
-"""Each has its shadows in the ground's raster."""
+"""All suns. The ground's raster holds the shadows of each."""
 
 
 @dataclass(frozen=True)
 class WeatherLook:
-    """What the light and the air do. Colours are shares of full white for red, green, blue."""
+    """Light and air of a weather. Colours are red, green and blue, each as a share of full white."""
 
     sun: tuple[float, float]
-    """One of ``SUNS``."""
+    """Where the sun is: one of ``SUNS``."""
     sunlight: Colour
-    """Of the sun itself, on a surface that faces it."""
+    """Light of the sun on a surface that faces it."""
     skylight: Colour
-    """From everywhere, in the shade too."""
+    """Light that comes from everywhere, also in the shade."""
     zenith: Colour
+    """The sky straight above."""
     horizon: Colour
+    """The sky at the horizon."""
     haze: Colour
-    """What far things fade to."""
+    """Colour that distant things fade to."""
     view: float
-    """Metres at which a thing has half its contrast."""
+    """Distance at which a thing has half its contrast, metres."""
     wetness: float = 0.0
-    """How much the ground mirrors, 0 to 1."""
+    """How strongly the ground mirrors, 0 to 1."""
     clouds: float = 0.3
     """Cover of the sky, 0 to 1."""
     cloud: Colour = (1.0, 1.0, 1.0)
+    """Colour of the clouds."""
     rain: float = 0.0
-    """Streaks for each column of the picture."""
+    """Number of drops for each column of a picture with 64 rows."""
     streak: float = 5.0
-    """Their length, pixels."""
+    """Length of a drop's streak, pixels."""
     glow: float = 0.0
-    """Of the sky around the sun."""
+    """How strongly the sky glows around the sun, 0 to 1."""
     lamps: float = 0.0
     """Share of windows that are lit."""
 
@@ -156,7 +160,7 @@ _TONES = np.arange(16) / 15.0
 
 
 def ground_albedo() -> NDArray[np.float64]:
-    """(4, 16, 3): colour of each kind of ground (vegetation, road, marking, sidewalk) in each tone, 0 to 255."""
+    """Return the colours of vegetation, road, marking and sidewalk in each tone: (4, 16, 3), 0 to 255."""
     albedo = np.empty((4, 16, 3))
     albedo[0] = np.array([50.0, 78.0, 28.0]) + _TONES[:, None] * np.array([98.0, 78.0, 44.0])
     albedo[1] = np.array([46.0, 47.0, 50.0]) + _TONES[:, None] * np.array([84.0, 83.0, 80.0])
@@ -168,7 +172,7 @@ def ground_albedo() -> NDArray[np.float64]:
 
 
 def _ground(look: WeatherLook) -> NDArray[np.float64]:
-    """(256, 3): what each code of the ground's raster looks like under this light."""
+    """Return the colour of each code of the ground's raster under this light: (256, 3), 0 to 255."""
     albedo = ground_albedo()
     wet = 1.0 - look.wetness * np.array([0.10, 0.42, 0.22, 0.34])
     shadow = 6 + SUNS.index(look.sun)
@@ -208,10 +212,10 @@ def _packed(weather: Weather) -> NDArray[np.float64]:
 
 
 def look_of(weather: Weather | str) -> NDArray[np.float64]:
-    """A weather as the renderer takes it: (SIZE,), read-only.
+    """Return a weather as the renderer takes it: (SIZE,), read-only.
 
     Raises:
-        UnknownWeatherError: there is none of this name; names those that there are.
+        UnknownWeatherError: no weather has this name; the message lists the known ones.
     """
     try:
         return _packed(Weather(weather))

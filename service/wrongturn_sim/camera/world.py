@@ -1,4 +1,4 @@
-"""A town as the renderer needs it, made once and kept on disk."""
+"""A town as the renderer needs it, made once and kept on the disk."""
 
 import contextlib
 import os
@@ -17,21 +17,21 @@ from wrongturn_sim.camera.solids import rows_of
 from wrongturn_sim.home import home
 
 FORMAT: Final = 1
-"""Part of the cached file's name: a change of how the ground is made counts it up."""
+"""Version of the cached file, part of its name. Increase it when :func:`~wrongturn_sim.camera.ground.bake` changes."""
 
 _KNOWN: dict[str, "World"] = {}
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Ground and scenery of a town; its arrays are read-only."""
+    """Ground and scenery of a town. The arrays are read-only."""
 
     name: str
     sha256: str
     ground: NDArray[np.uint8]
-    """(rows, columns), south to north and west to east; see :mod:`~wrongturn_sim.camera.ground`."""
+    """(rows, columns), from south to north and from west to east; see :mod:`~wrongturn_sim.camera.ground`."""
     frame: NDArray[np.float64]
-    """(3,): x and y of the first cell's corner, metres, and cells for each metre."""
+    """(3,): x and y of the corner of the ground's first cell, metres, and the number of cells in a metre."""
     scenery: NDArray[np.float64]
     """(N, COLUMNS); see :mod:`~wrongturn_sim.camera.solids`."""
 
@@ -41,7 +41,7 @@ class World:
 
     @classmethod
     def of(cls, town: Town) -> "World":
-        """A town's world: from this process, from the disk, or made."""
+        """Return the world of a town: from this process or from the disk if it was made before."""
         known = _KNOWN.get(town.sha256)
         if known is None:
             known = _KNOWN[town.sha256] = cls._loaded(town)
@@ -61,9 +61,9 @@ class World:
 
 
 def _read(file: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
-    """What was kept; None where there is nothing of use."""
+    """Return the ground's frame and raster from a file; None if the file is missing or broken."""
     try:
-        # Opened here: where the archive is broken, numpy would leave it open.
+        # Opened here, because numpy leaves a broken archive open.
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as kept:
             frame, ground, checksum = kept["frame"], kept["ground"], int(kept["checksum"])
     except (OSError, ValueError, KeyError, EOFError, BadZipFile):
@@ -77,7 +77,7 @@ def _checksum(ground: NDArray[np.uint8]) -> int:
 
 
 def _write(file: Path, frame: NDArray[np.float64], ground: NDArray[np.uint8]) -> None:
-    """Keeps it; a disk that does not take it is no failure, for it can be made again."""
+    """Keep the ground in a file. A full or read-only disk is no error: the ground can be made again."""
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=file.parent, suffix=".npz")
