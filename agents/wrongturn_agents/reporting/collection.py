@@ -79,10 +79,6 @@ class Collection:
         names = {file.agent for file in self.files if file.suite == suite and file.variant is None}
         return tuple(sorted(names, key=table_order))
 
-    def listed(self, suite: str) -> tuple[str, ...]:
-        """Return the paper's algorithms, with or without results, and then the other agents with results."""
-        return (*ALGORITHMS, *(name for name in self.agents(suite) if name not in ALGORITHMS))
-
     @property
     def variants(self) -> tuple[tuple[str, str], ...]:
         """Agents and variants of the ablations."""

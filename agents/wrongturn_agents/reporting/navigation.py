@@ -1,19 +1,19 @@
 """The paper's table I: CoRL 2017's navigation, success by condition; and the same for its other three tasks."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
+from wrongturn_agents.reporting import tables
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.paper import PAPER_BY_NAME
 from wrongturn_agents.reporting.results_file import ResultsFile
-from wrongturn_agents.reporting.tables import ReportTable, Rows, Spread, label_first, rows_beside_paper, with_interval
+from wrongturn_agents.reporting.tables import ReportTable, Rows
 from wrongturn_agents.suites import NAVIGATION, installed_suite
 from wrongturn_protocol import CORL_TASKS, Condition, Task, Verdict
 
 Cell = tuple[Task, Condition]
 
-_CONDITIONS: Final = {
+CONDITIONS: Final = {
     Condition.TRAINING: "training",
     Condition.NEW_WEATHER: "new weather",
     Condition.NEW_TOWN: "new town",
@@ -66,12 +66,13 @@ def success_by_seed(
 
 def navigation_table(collection: Collection) -> ReportTable:
     """Return the table of CoRL's task ``navigation``, with our figures beside the paper's."""
-    rows = rows_beside_paper(
-        collection.agents(NAVIGATION),
+    rows = tables.rows_beside_paper(
+        collection,
+        NAVIGATION,
         lambda agent: [str(percent) for percent in agent.success],
         lambda name: _own_rows(collection, name, Task.NAVIGATION),
     )
-    head = ("agent", "source", *_CONDITIONS.values())
+    head = ("agent", "source", *CONDITIONS.values())
     return ReportTable("Navigation without traffic: success in % (the paper's table I)", head, tuple(rows), _NOTE)
 
 
@@ -85,35 +86,25 @@ def tasks_table(collection: Collection, *, clean: bool = False) -> ReportTable:
     rows: Rows = []
     for name in collection.agents(NAVIGATION):
         for number, task in enumerate(CORL_TASKS):
-            own = label_first(_TASKS[task], _own_rows(collection, name, task, clean=clean))
-            rows += label_first("" if number else f"`{name}`", own)
+            own = tables.label_first(_TASKS[task], _own_rows(collection, name, task, clean=clean))
+            rows += tables.label_first("" if number else f"`{name}`", own)
     what = "arrived without any infraction" if clean else "success"
-    head = ("agent", "task", "source", *_CONDITIONS.values())
+    head = ("agent", "task", "source", *CONDITIONS.values())
     return ReportTable(f"CoRL 2017's four tasks: {what} in %", head, tuple(rows), text_columns=3)
 
 
 def as_json(collection: Collection) -> dict[str, Any]:
     """Return the figures for a program: for each agent, the paper's and those of each seed."""
-    return {
-        name: {
-            "paper": {condition: PAPER_BY_NAME[name].succeeded(condition) for condition in Condition}
-            if name in PAPER_BY_NAME
-            else None,
-            "shipped_seed": collection.shipped.get(name),
-            "seeds": [
-                {"seed": seed, "tasks": _nested(cells)} for seed, cells in success_by_seed(collection, name).items()
-            ],
-        }
-        for name in collection.listed(NAVIGATION)
-    }
+    return tables.json_beside_paper(
+        collection, NAVIGATION, lambda agent: dict(zip(Condition, agent.success, strict=True)), _json_of_file
+    )
 
 
-def _nested(cells: Mapping[Cell, Success]) -> dict[str, dict[str, dict[str, int]]]:
+def _json_of_file(file: ResultsFile) -> dict[str, Any]:
     tasks: dict[str, dict[str, dict[str, int]]] = {}
-    for (task, condition), one in cells.items():
-        figures = {"arrived": one.arrived, "clean": one.clean, "episodes": one.episodes}
-        tasks.setdefault(task, {})[condition] = figures
-    return tasks
+    for (task, condition), one in count_success(file).items():
+        tasks.setdefault(task, {})[condition] = asdict(one)
+    return {"tasks": tasks}
 
 
 def _own_rows(collection: Collection, name: str, task: Task, *, clean: bool = False) -> Rows:
@@ -125,10 +116,10 @@ def _own_rows(collection: Collection, name: str, task: Task, *, clean: bool = Fa
 
     shipped = collection.of_shipped(NAVIGATION, name)
     if shipped is not None:
-        found = [counts(count_success(shipped), condition) for condition in _CONDITIONS]
+        found = [counts(count_success(shipped), condition) for condition in CONDITIONS]
         if any(found):
             source = "ours" if shipped.seed is None else f"ours, seed {shipped.seed}"
-            rows.append((source, *("–" if one is None else with_interval(*one, percent=True) for one in found)))
+            rows.append((source, *("–" if one is None else tables.with_interval(*one, percent=True) for one in found)))
     # Seeds that were driven in process may lack the trials with other road users.
     seeds = [
         cells
@@ -136,7 +127,7 @@ def _own_rows(collection: Collection, name: str, task: Task, *, clean: bool = Fa
         if seed is not None and any(of is task for of, _ in cells)
     ]
     if len(seeds) > 1:
-        columns = ([counts(cells, condition) for cells in seeds] for condition in _CONDITIONS)
+        columns = ([counts(cells, condition) for cells in seeds] for condition in CONDITIONS)
         percents = ([100 * one[0] / one[1] for one in column if one is not None] for column in columns)
-        rows.append((f"ours, {len(seeds)} seeds", *(str(Spread.of(each)) if each else "–" for each in percents)))
+        rows.append((f"ours, {len(seeds)} seeds", *(tables.spread(each) if each else "–" for each in percents)))
     return rows

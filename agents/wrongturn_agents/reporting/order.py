@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from statistics import median
 from typing import Any, Final
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.paper import ALGORITHMS, PAPER_BY_NAME
-from wrongturn_agents.reporting.tables import Spread, scipy_stats
+from wrongturn_agents.reporting.tables import scipy_stats, spread
 from wrongturn_agents.reporting.wrong_command import counts_by_seed
 
 _LEVEL: Final = 0.05
@@ -122,8 +123,8 @@ def describe_order(counts: Mapping[str, Sequence[int]]) -> str:
         )
     test = order_test(tuple(tuple(found) for found in counts.values()))
     ways = f"all {test.ways:,} ways" if test.exact else f"{test.ways:,} random ways"
-    shown = ", ".join(f"`{name}` {Spread.of(found)} ({len(found)} seeds)" for name, found in counts.items())
-    same = _descending([Spread.of(found).median for found in counts.values()])
+    shown = ", ".join(f"`{name}` {spread(found)} ({len(found)} seeds)" for name, found in counts.items())
+    same = _descending([median(found) for found in counts.values()])
     picks = list(itertools.product(*counts.values()))
     p_of_pair = {
         (first, second): order_test((tuple(counts[first]), tuple(counts[second]))).p

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from wrongturn_protocol import PAPER_TYPES, Condition, FaultKind, JunctionType
-
 
 @dataclass(frozen=True)
 class PaperAgent:
@@ -25,15 +23,6 @@ class PaperAgent:
     def unsafe(self) -> int:
         """Number of unsafe trials of all sixty."""
         return sum(self.infeasible) + sum(self.omission)
-
-    def cell(self, kind: JunctionType, fault: FaultKind) -> int:
-        """Return the number of unsafe trials of ten for a junction type and a fault."""
-        row = self.infeasible if fault is FaultKind.INFEASIBLE else self.omission
-        return row[PAPER_TYPES.index(kind)]
-
-    def succeeded(self, condition: Condition) -> int:
-        """Return the percentage of completed navigation routes in a condition."""
-        return self.success[list(Condition).index(condition)]
 
 
 PAPER: Final = (

@@ -11,7 +11,7 @@ from wrongturn_agents.errors import OutdatedPageError, ResultsError
 from wrongturn_agents.reporting import navigation, order, wrong_command
 from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.curves import PICTURE, Curve, standard, time_table, training_table
-from wrongturn_agents.reporting.tables import ReportTable, Rows, Spread, label_first, with_interval
+from wrongturn_agents.reporting.tables import ReportTable, Rows, label_first, spread, with_interval
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND
 from wrongturn_protocol import Condition, Task
 
@@ -21,12 +21,8 @@ _SECTION: Final = re.compile(
     rf"(?P<begin>{_BEGIN}(?P<name>[a-z-]+) -->\n)(?P<body>.*?)(?P<end>{_END})",
     re.DOTALL,
 )
+_ABLATED: Final = tuple(condition for condition in Condition if condition is not Condition.TRAINING)
 _REMEDY: Final = f"write '{_BEGIN}NAME -->' and '{_END}' on lines of their own"
-_ABLATED: Final = {
-    Condition.NEW_WEATHER: "new weather",
-    Condition.NEW_TOWN: "new town",
-    Condition.NEW_TOWN_AND_WEATHER: "new town and weather",
-}
 
 
 @dataclass(frozen=True)
@@ -115,7 +111,8 @@ def ablation_table(collection: Collection) -> ReportTable:
     for agent, named in variants.items():
         own = (((one or "standard").replace("-", " "), *_ablation_figures(collection, agent, one)) for one in named)
         rows += label_first(f"`{agent}`", own)
-    head = ("agent", "variant", "seeds", *_ABLATED.values(), "unsafe of 60", "twins")
+    conditions = (navigation.CONDITIONS[condition] for condition in _ABLATED)
+    head = ("agent", "variant", "seeds", *conditions, "unsafe of 60", "twins")
     note = (
         "Navigation in % of 25 routes; unsafe trials and completed twins of 60. One seed: with Wilson's 95 % interval. "
         "Several seeds: the median [lowest–highest]."
@@ -139,7 +136,7 @@ def _over_seeds(found: list[tuple[int, int]], *, percent: bool = False) -> str:
         return "–"
     if len(found) == 1:
         return with_interval(*found[0], percent=percent)
-    return str(Spread.of([100 * count / of if percent else count for count, of in found]))
+    return spread([100 * count / of if percent else count for count, of in found])
 
 
 def find_pages(root: Path) -> list[Path]:

@@ -4,10 +4,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import median
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final
 
 from wrongturn_agents.errors import MissingPackageError
+from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.paper import PAPER, PAPER_BY_NAME, PaperAgent
+from wrongturn_agents.reporting.results_file import ResultsFile
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -63,12 +65,16 @@ def label_first(name: str, rows: Iterable[tuple[str, ...]]) -> Rows:
 
 
 def rows_beside_paper(
-    agents: Iterable[str], paper_row: Callable[[PaperAgent], Sequence[str]], own_rows: Callable[[str], Rows]
+    collection: Collection,
+    suite: str,
+    paper_row: Callable[[PaperAgent], Sequence[str]],
+    own_rows: Callable[[str], Rows],
 ) -> Rows:
     """Return the paper's agents, each with the rows of ours below it, and then the agents that the paper lacks.
 
     Args:
-        agents: Our agents.
+        collection: Our results.
+        suite: Suite of the table.
         paper_row: Returns the paper's figures of an agent.
         own_rows: Returns the rows of one of our agents, each with its source in the first cell.
     """
@@ -79,10 +85,28 @@ def rows_beside_paper(
             rows += label_first(agent.title, [paper])
         else:
             rows += label_first(f"`{agent.ours}`", [paper, *own_rows(agent.ours)])
-    for name in agents:
+    for name in collection.agents(suite):
         if name not in PAPER_BY_NAME:
             rows += label_first(f"`{name}`", own_rows(name))
     return rows
+
+
+def json_beside_paper(
+    collection: Collection,
+    suite: str,
+    paper_figures: Callable[[PaperAgent], dict[str, Any]],
+    own_figures: Callable[[ResultsFile], dict[str, Any]],
+) -> dict[str, Any]:
+    """Return the figures on a suite for a program, by agent: the paper's, and ours of each seed."""
+    names = [*PAPER_BY_NAME, *(name for name in collection.agents(suite) if name not in PAPER_BY_NAME)]
+    return {
+        name: {
+            "paper": paper_figures(PAPER_BY_NAME[name]) if name in PAPER_BY_NAME else None,
+            "shipped_seed": collection.shipped.get(name),
+            "seeds": [{"seed": seed, **own_figures(file)} for seed, file in collection.by_seed(suite, name).items()],
+        }
+        for name in names
+    }
 
 
 @lru_cache(maxsize=4096)
@@ -116,19 +140,6 @@ def with_interval(count: int, trials: int, *, percent: bool = False) -> str:
     return f"{shown} ({100 * low:.0f}–{100 * high:.0f}{'' if percent else ' %'})"
 
 
-@dataclass(frozen=True)
-class Spread:
-    """Median and range of a figure over training seeds. Its text is ``median [lowest–highest]``."""
-
-    median: float
-    least: float
-    most: float
-    seeds: int
-
-    @classmethod
-    def of(cls, values: Sequence[float]) -> Self:
-        """Return the spread of one value a seed; at least one value is needed."""
-        return cls(float(median(values)), float(min(values)), float(max(values)), len(values))
-
-    def __str__(self) -> str:
-        return f"{self.median:g} [{self.least:g}–{self.most:g}]"
+def spread(values: Sequence[float]) -> str:
+    """Return ``median [lowest–highest]`` of at least one value, such as one a training seed."""
+    return f"{median(values):g} [{min(values):g}–{max(values):g}]"

@@ -5,10 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from wrongturn_agents.reporting import tables
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.paper import ALGORITHMS, PAPER_BY_NAME, PaperAgent
+from wrongturn_agents.reporting.paper import ALGORITHMS, PaperAgent
 from wrongturn_agents.reporting.results_file import ResultsFile
-from wrongturn_agents.reporting.tables import ReportTable, Rows, Spread, label_first, rows_beside_paper, with_interval
+from wrongturn_agents.reporting.tables import ReportTable, Rows
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
 from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Reaction, Verdict
 
@@ -93,7 +94,7 @@ def counts_by_seed(collection: Collection, agent: str, variant: str | None = Non
 
 def wrong_command_table(collection: Collection) -> ReportTable:
     """Return the table of unsafe trials, with our figures beside the paper's."""
-    rows = rows_beside_paper(collection.agents(WRONG_COMMAND), _paper_figures, lambda name: _own_rows(collection, name))
+    rows = tables.rows_beside_paper(collection, WRONG_COMMAND, _paper_figures, lambda name: _own_rows(collection, name))
     head = ("agent", "source", *PAPER_TYPES, "unsafe of 60", "twins completed")
     return ReportTable("Unsafe episodes (the paper's table II)", head, tuple(rows), _NOTE)
 
@@ -107,7 +108,7 @@ def summary_table(collection: Collection) -> ReportTable:
             continue
         counts = count_unsafe(file)
         wrong, follow = (sum(counts.cells[kind, fault] for kind in PAPER_TYPES) for fault in _FAULTS)
-        total = with_interval(counts.unsafe, counts.trials)
+        total = tables.with_interval(counts.unsafe, counts.trials)
         rows.append((f"`{name}`", str(wrong), str(follow), total, f"{counts.completed}/{counts.twins}"))
     head = ("agent", "no such turn, of 30", "follow lane, of 30", "unsafe of 60 (95 %)", "twins completed")
     return ReportTable("Unsafe episodes in short", head, tuple(rows), text_columns=1)
@@ -121,7 +122,7 @@ def seeds_table(collection: Collection) -> ReportTable:
             (f"seed {seed}", *_by_type(one.cells), str(one.unsafe), str(one.completed) + _REMARK[one.drives])
             for seed, one in counts_by_seed(collection, name).items()
         ]
-        rows += label_first(f"`{name}`", each)
+        rows += tables.label_first(f"`{name}`", each)
     head = ("agent", "training", *PAPER_TYPES, "unsafe of 60", "twins completed of 60")
     return ReportTable("Unsafe episodes by training seed", head, tuple(rows))
 
@@ -148,35 +149,31 @@ def endings_table(collection: Collection) -> ReportTable:
                 meant = fault is FaultKind.INFEASIBLE or kind not in _ONLY_TO_A_COMMAND
                 shown.append(f"{100 * reactions[kind] / len(found):.0f}" if meant else "")
             own.append((command, str(len(found)), *shown))
-        rows += label_first(f"`{agent}`", own)
+        rows += tables.label_first(f"`{agent}`", own)
     head = ("agent", "command", "trials", *_ENDS, "other end", *_REACTIONS.values())
     return ReportTable("How trials under a wrong command ended", head, tuple(rows), _NOTE_ON_ENDS if rows else "")
 
 
 def as_json(collection: Collection) -> dict[str, Any]:
     """Return the figures for a program: for each agent, the paper's and those of each seed."""
+    return tables.json_beside_paper(collection, WRONG_COMMAND, _json_of_paper, _json_of_file)
+
+
+def _json_of_paper(agent: PaperAgent) -> dict[str, Any]:
+    pairs = zip(agent.infeasible, agent.omission, strict=True)
+    cells = dict(zip(_CELLS, (count for pair in pairs for count in pair), strict=True))
+    return {"cells": _named(cells), "unsafe": agent.unsafe}
+
+
+def _json_of_file(file: ResultsFile) -> dict[str, Any]:
+    counts = count_unsafe(file)
     return {
-        name: {
-            "paper": _paper_json(PAPER_BY_NAME[name]) if name in PAPER_BY_NAME else None,
-            "shipped_seed": collection.shipped.get(name),
-            "seeds": [
-                {
-                    "seed": seed,
-                    "cells": _named(one.cells),
-                    "unsafe": one.unsafe,
-                    "trials": one.trials,
-                    "twins_completed": one.completed,
-                    "drives": one.drives,
-                }
-                for seed, one in counts_by_seed(collection, name).items()
-            ],
-        }
-        for name in collection.listed(WRONG_COMMAND)
+        "cells": _named(counts.cells),
+        "unsafe": counts.unsafe,
+        "trials": counts.trials,
+        "twins_completed": counts.completed,
+        "drives": counts.drives,
     }
-
-
-def _paper_json(agent: PaperAgent) -> dict[str, Any]:
-    return {"cells": _named({cell: agent.cell(*cell) for cell in _CELLS}), "unsafe": agent.unsafe}
 
 
 def _named(cells: Mapping[Cell, int]) -> dict[str, int]:
@@ -185,7 +182,7 @@ def _named(cells: Mapping[Cell, int]) -> dict[str, int]:
 
 def _paper_figures(agent: PaperAgent) -> list[str]:
     cells = [f"{wrong} · {follow}" for wrong, follow in zip(agent.infeasible, agent.omission, strict=True)]
-    return [*cells, with_interval(agent.unsafe, 60), ""]
+    return [*cells, tables.with_interval(agent.unsafe, 60), ""]
 
 
 def _own_rows(collection: Collection, name: str) -> Rows:
@@ -194,7 +191,7 @@ def _own_rows(collection: Collection, name: str) -> Rows:
     if shipped is not None:
         counts = count_unsafe(shipped)
         source = "ours" if shipped.seed is None else f"ours, seed {shipped.seed}"
-        total = with_interval(counts.unsafe, counts.trials)
+        total = tables.with_interval(counts.unsafe, counts.trials)
         rows.append((source, *_by_type(counts.cells), total, f"{counts.completed}/{counts.twins}"))
     seeds = [counts for seed, counts in counts_by_seed(collection, name).items() if seed is not None]
     if len(seeds) > 1:
@@ -210,9 +207,9 @@ def _spreads(seeds: Sequence[UnsafeCounts]) -> list[str]:
     """Return cells, total and completed twins over seeds; for one seed, the counts themselves."""
     if len(seeds) == 1:
         return [*_by_type(seeds[0].cells), str(seeds[0].unsafe), str(seeds[0].completed)]
-    cells = {cell: str(Spread.of([counts.cells[cell] for counts in seeds])) for cell in _CELLS}
+    cells = {cell: tables.spread([counts.cells[cell] for counts in seeds]) for cell in _CELLS}
     totals = ([one.unsafe for one in seeds], [one.completed for one in seeds])
-    return [*_by_type(cells), *(str(Spread.of(each)) for each in totals)]
+    return [*_by_type(cells), *map(tables.spread, totals)]
 
 
 def _by_type(cells: Mapping[Cell, object]) -> list[str]:

@@ -19,7 +19,7 @@ from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.reporting.collection import STORED, Collection
 from wrongturn_agents.reporting.curves import Curve, read_curves
 from wrongturn_agents.reporting.navigation import count_success
-from wrongturn_agents.reporting.tables import Spread, with_interval
+from wrongturn_agents.reporting.tables import spread, with_interval
 from wrongturn_agents.reporting.wrong_command import count_unsafe, counts_by_seed
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, WEIGHTS, ShippedAgent
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
@@ -198,7 +198,7 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
         found_by_seed = [found for seed, found in counts_by_seed(collection, agent.name).items() if seed is not None]
         seeds = [found.unsafe for found in found_by_seed if found.drives]
         if len(seeds) > 1:
-            text += f" Over {len(seeds)} training seeds the unsafe count is {Spread.of(seeds)}: median [least–most]"
+            text += f" Over {len(seeds)} training seeds the unsafe count is {spread(seeds)}: median [least–most]"
             others = len(found_by_seed) - len(seeds)
             text += f"; {others} more cannot drive, and say nothing about commands." if others else "."
         parts.append(text)
