@@ -22,39 +22,39 @@ Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 def is_none(value: object) -> bool:
-    """What is not there is not written either: suites and trajectories without it keep their bytes."""
+    """Leave a field out when it is None, so that suites and trajectories from before it existed keep their bytes."""
     return value is None
 
 
 ObservationMessage = dict[str, Any]
-"""An observation in JSON or msgpack: the keys and shapes of the Gymnasium space, see ``docs/observations.md``."""
+"""Observation in JSON or msgpack, with the keys and shapes of the Gymnasium space; see ``docs/observations.md``."""
 
 
 class Message(BaseModel):
-    """What goes over the wire: immutable, and nothing unknown is let in."""
+    """Base of all messages: immutable, and unknown fields are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
 class Action(Message):
-    """What the car is told to do for the next 0.1 s; each is rounded to float32 before it is used."""
+    """What the car does for the next 0.1 s. Each value is rounded to float32 before it is used."""
 
     steer: Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)]
-    """Steering, -1 full left to 1 full right (CARLA's ``VehicleControl.steer``)."""
+    """Steering, from -1 (full left) to 1 (full right), as CARLA's ``VehicleControl.steer``."""
     throttle: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
     """Throttle, 0 to 1."""
     brake: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
-    """Brake, 0 to 1; it wins over the throttle."""
+    """Brake, 0 to 1; it overrides the throttle."""
 
 
 class Start(Message):
-    """Where and how fast a trial begins, relative to the approach's lane."""
+    """Position, heading and speed at which a trial begins, relative to the approach's lane."""
 
     distance: Finite
     """From the body's centre to the stop line along the lane, metres. Negative only in a cruise: the car starts that
     far past the stop line, on the route's path through the junction."""
     speed: Annotated[float, Field(ge=0, le=22, allow_inf_nan=False)]
-    """Metres a second."""
+    """Speed, metres per second."""
     lateral: Finite
     """Offset from the lane's centre line, metres, positive to the left."""
     yaw: Finite
@@ -62,36 +62,36 @@ class Start(Message):
 
 
 class Traffic(Message):
-    """How many other road users share the town; a town too small for them is refused by name when the trial begins."""
+    """Number of other road users in the town. If the town has no room for them, the reset is refused."""
 
     vehicles: Annotated[int, Field(ge=0, le=200)] = 0
     pedestrians: Annotated[int, Field(ge=0, le=200)] = 0
 
 
 class Fault(Message):
-    """What is done to the command, and when. Parameters that a kind does not use stay None."""
+    """What happens to the command, and when. Parameters that the kind does not use stay None."""
 
     kind: FaultKind
     onset: Finite | None = None
-    """Where it sets in, metres along the route from the nominal window's begin."""
+    """Where the fault begins, metres along the route after the begin of the nominal window."""
     duration: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    """How long it lasts, seconds."""
+    """Duration, seconds."""
     severity: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = None
-    """How bad it is, 0 to 1; what that means is the kind's own."""
+    """Severity, 0 to 1; each kind defines its meaning."""
 
 
 class Journey(Message):
-    """A drive over any number of junctions, to a goal (CoRL 2017's tasks) or about the town."""
+    """Drive over any number of junctions: to a goal (CoRL 2017's tasks), or without one (cruise)."""
 
     task: Task
     goal: str | None = None
-    """The lane on which the goal lies; None where there is none: then each junction's exit is drawn from the seed."""
+    """The goal's lane. None without a goal: the seed then decides the exit at each junction."""
     goal_at: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """How far along that lane, metres."""
+    """The goal's position along its lane, metres."""
     length: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Of the shortest way from the start to the goal, metres."""
+    """Length of the shortest way from the start to the goal, metres."""
     time_limit: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    """Seconds; with a goal what the shortest way takes at 10 km/h, as CoRL 2017 has it."""
+    """Time limit, seconds. With a goal it is the time of the shortest way at 10 km/h, as in CoRL 2017."""
 
     @model_validator(mode="after")
     def _goal_fits_task(self) -> Self:
@@ -101,28 +101,28 @@ class Journey(Message):
 
 
 class Trial(Message):
-    """One test: where a car starts, where its route leads, and what is done to its command.
+    """One test: where a car starts, where its route leads, and what happens to its command.
 
-    A trial with a journey begins before the approach named and goes on past its junction; ``route`` is then the
-    shortest way's direction there.
+    A trial with a journey begins before its approach and continues past the junction; ``route`` is then the direction
+    of the shortest way there.
     """
 
     id: str
-    """Readable and stable, such as ``Town01.J3-S.infeasible.s17``."""
+    """Readable, stable name, such as ``Town01.J3-S.infeasible.s17``."""
     town: str
     approach: str
-    """The arm by which the car drives in, such as ``J3-S``: junction J3 from its southern arm."""
+    """The arm by which the car enters, such as ``J3-S``: junction J3 from its southern arm."""
     junction_type: JunctionType
     route: Command
-    """The direction that the route takes at the junction."""
+    """Direction of the route at the junction."""
     start: Start
     weather: Weather = Weather.CLEAR_NOON
     traffic: Traffic = Traffic()
     fault: Fault
     seed: Seed
-    """What every random draw of the episode comes from."""
+    """Seed of every random draw in the episode."""
     journey: Journey | None = Field(default=None, exclude_if=is_none)
-    """Of a drive across the town; None where one junction is all there is to it."""
+    """The journey; None for a trial at a single junction."""
 
     @model_validator(mode="after")
     def _route_exists(self) -> Self:
@@ -139,30 +139,30 @@ class Trial(Message):
 
     @property
     def is_twin(self) -> bool:
-        """Whether it is the faultless one of a pair."""
+        """Whether this is the trial without fault of a pair."""
         return self.fault.kind is FaultKind.NONE and self.journey is None
 
     def twin(self) -> "Trial":
-        """The same trial with the fault ``none``."""
+        """Return the same trial with the fault ``none``."""
         return self.model_copy(update={"id": twin_id(self), "fault": Fault(kind=FaultKind.NONE)})
 
 
 def trial_id(town: str, approach: str, fault: FaultKind, seed: int) -> str:
-    """The readable name of a trial."""
+    """Return the readable name of a trial."""
     return f"{town}.{approach}.{fault}.s{seed}"
 
 
 def twin_id(trial: Trial) -> str:
-    """The name of a trial's twin."""
+    """Return the name of a trial's twin."""
     return trial_id(trial.town, trial.approach, FaultKind.NONE, trial.seed)
 
 
 class PracticeRequest(Message):
-    """``POST /v1/episodes``: an episode for practice, never scored.
+    """``POST /v1/episodes``: a practice episode, which is never scored.
 
-    Either ``suite`` and ``trial`` name a trial of an open split, or ``town`` and ``approach`` with the rest describe
-    one, or ``town`` and ``task`` a journey (and its first ``approach``, if that matters); what is left out is drawn
-    from the seed by the suites' own recipe.
+    Ask in one of three ways: name a trial of an open split by ``suite`` and ``trial``; describe a trial by ``town`` and
+    ``approach``; or describe a journey by ``town`` and ``task`` (and its first ``approach``, if that matters). What you
+    leave out is drawn from the seed, as for the trials of suites.
     """
 
     suite: str | None = None
@@ -170,7 +170,7 @@ class PracticeRequest(Message):
     town: str | None = None
     approach: str | None = None
     task: Task | None = None
-    """Of a journey."""
+    """The task of a journey."""
     route: Literal[Command.LEFT, Command.RIGHT, Command.STRAIGHT] | None = None
     fault: Fault | FaultKind = FaultKind.NONE
     weather: Weather = Weather.CLEAR_NOON
@@ -205,16 +205,16 @@ class PracticeRequest(Message):
 
 
 class EpisodeReply(Message):
-    """201 to a reset."""
+    """Reply 201 to a reset."""
 
     id: str
-    """Opaque: it tells nothing of the trial."""
+    """Random id, which reveals nothing about the trial."""
     seq: Literal[0] = 0
     observation: ObservationMessage
     town: str | None = None
-    """The town's name, in the privileged track and in practice."""
+    """The town's name; only in the privileged track and in practice."""
     trial: str | None = None
-    """The trial's id, in practice only."""
+    """The trial's id; only in practice."""
     lease_expires_in_s: float
 
 
@@ -222,65 +222,65 @@ class StepRequest(Message):
     """``POST /v1/episodes/{id}/step``."""
 
     seq: Annotated[int, Field(ge=1)]
-    """The last one received plus 1."""
+    """The ``seq`` of the last reply, plus 1."""
     action: Action
 
 
 class StepReply(Message):
-    """200 to a step."""
+    """Reply 200 to a step."""
 
     seq: int
     observation: ObservationMessage
     terminated: bool
-    """The episode has its verdict."""
+    """Whether the episode is over and has its verdict."""
     truncated: bool
-    """Time ran out."""
+    """Whether the episode is over because its time ran out."""
     reward: float | None = None
-    """In practice only."""
+    """Reward of the step; only in practice."""
     verdict: Verdict | None = None
-    """In practice only, with the last step."""
+    """The verdict; only in practice, with the last step."""
 
 
 class JourneyOutcome(Message):
-    """What a journey came to, beside its verdict."""
+    """Figures of a journey, beside its verdict."""
 
     distance: float
-    """Driven, metres."""
+    """Metres driven."""
     completion: float
-    """Share of the shortest way that was covered, 0 to 1; 1 without a goal."""
+    """Share of the shortest way that was covered, 0 to 1; always 1 without a goal."""
     junctions: int
-    """Passed by an exit that was permitted."""
+    """Junctions left by a permitted exit."""
     off_road: int
-    """Times the car left the road: its centre, or three or more wheels."""
+    """Times the car left the road with its centre, or with three or more wheels."""
     wrong_lane: int
-    """Times its centre came into an oncoming lane."""
+    """Times the car's centre entered an oncoming lane."""
     collisions: int
     """0 or 1: a journey ends with the first."""
 
     @property
     def clean(self) -> bool:
-        """Whether it was driven without any infraction."""
+        """Whether the journey had no infraction."""
         return not (self.off_road or self.wrong_lane or self.collisions)
 
 
 class Outcome(Message):
-    """What the judge found."""
+    """Verdict and figures of an episode."""
 
     verdict: Verdict
     reaction: Reaction | None = None
-    """To ``infeasible`` and ``omission``; None where there is no fault."""
+    """Reaction to the fault; None without a fault."""
     flags: tuple[Flag, ...] = ()
-    """Sorted, each once."""
+    """Flags, sorted and without repetition."""
     exit: Command | None = None
-    """The direction of the exit that was taken."""
+    """Direction of the exit taken."""
     time: float
-    """When the verdict fell, seconds."""
+    """Time of the verdict, seconds."""
     min_ttc: float | None = None
-    """Least time to collision with what the car was closing in on, seconds; None where it closed in on nothing."""
+    """Least time to collision, seconds; None if the car approached nothing."""
     max_deceleration: float
-    """Hardest deceleration, metres per second squared."""
+    """Greatest deceleration, metres per second squared."""
     journey: JourneyOutcome | None = Field(default=None, exclude_if=is_none)
-    """Of a trial with a journey."""
+    """Figures of the journey, if the trial has one."""
 
 
 class EpisodeDetail(Message):
@@ -289,15 +289,15 @@ class EpisodeDetail(Message):
     id: str
     state: EpisodeState
     seq: int
-    """Of the last reply."""
+    """``seq`` of the last reply."""
     evaluation: str | None = None
     last_reply: dict[str, Any] | None = None
-    """The reply to the last call while the episode is open."""
+    """Reply to the last call; only while the episode is open."""
     trial: str | None = None
-    """Once it may be shown."""
+    """The trial's id, once it may be shown."""
     outcome: Outcome | None = None
-    """Once it may be shown."""
+    """The outcome, once it may be shown."""
     trajectory_sha256: str | None = None
-    """Of the trajectory's canonical JSON, once it may be shown."""
+    """SHA-256 of the trajectory's canonical JSON, once it may be shown."""
     actions_sha256: str | None = None
-    """Of the actions as little-endian float32 [n, 3] in the order steer, throttle, brake; once it may be shown."""
+    """SHA-256 of the actions as little-endian float32 [n, 3] (steer, throttle, brake), once it may be shown."""

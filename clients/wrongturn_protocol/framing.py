@@ -1,4 +1,4 @@
-"""Frames of RFC 6455 as far as whole binary messages need them; all else is left to the websockets library."""
+"""WebSocket frames (RFC 6455) of whole binary messages; the websockets library handles all other frames."""
 
 import struct
 from typing import Final
@@ -11,20 +11,20 @@ except ImportError:  # no wheel for this machine
 __all__ = ["BINARY", "CONTROL", "FINAL", "MASKED", "apply_mask", "extent", "head"]
 
 BINARY: Final = 0x82
-"""First byte of a whole binary message."""
+"""First byte of a frame that is a whole binary message."""
 FINAL: Final = 0x80
-"""Bit of the first byte: nothing of the message follows."""
+"""Bit of the first byte: the frame ends its message."""
 CONTROL: Final = 0x08
-"""Bit of the first byte: no part of a message."""
+"""Bit of the first byte: a control frame, which is no part of a message."""
 MASKED: Final = 0x80
-"""Bit of the second byte: a mask of four bytes stands before the payload."""
+"""Bit of the second byte: a mask of four bytes comes before the payload."""
 _TINY: Final = struct.Struct("!BB")
 _SHORT: Final = struct.Struct("!BBH")
 _LONG: Final = struct.Struct("!BBQ")
 
 
 def head(length: int, *, masked: bool = False) -> bytes:
-    """What stands before a whole binary message of so many bytes, or before its mask."""
+    """Return the head of a frame: what comes before the payload of ``length`` bytes, or before its mask."""
     bit = MASKED if masked else 0
     if length < 126:
         return _TINY.pack(BINARY, bit | length)
@@ -34,15 +34,15 @@ def head(length: int, *, masked: bool = False) -> bytes:
 
 
 def extent(data: bytes | bytearray | memoryview, at: int, end: int) -> tuple[int, int]:
-    """Where the payload of the frame that begins there begins and ends; how far is to be read where that is not known.
+    """Find the payload of a frame.
 
     Args:
-        data: what has come.
-        at: the frame's first byte.
-        end: of what has come.
+        data: The bytes received so far.
+        at: Index of the frame's first byte.
+        end: Index after the last byte received.
 
     Returns:
-        Two indices; the second is beyond ``end`` where the frame is not complete.
+        Indices of the payload's begin and end. If the second is beyond ``end``, read up to there and ask again.
     """
     begin = at + 2
     if end < begin:

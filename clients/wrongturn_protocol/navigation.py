@@ -1,44 +1,44 @@
-"""What an evaluation on a suite of journeys came to, as CoRL 2017 (Dosovitskiy et al.) counts it."""
+"""Results of an evaluation on a suite of journeys, counted as in CoRL 2017 (Dosovitskiy et al.)."""
 
 from wrongturn_protocol.episodes import Message
 from wrongturn_protocol.vocabulary import Condition, Task
 
 
 class Infractions(Message):
-    """How often it went wrong for each kilometre driven."""
+    """Infractions for each kilometre driven."""
 
     off_road: float
-    """The car left the road: its centre, or three or more wheels."""
+    """Times the car left the road with its centre, or with three or more wheels."""
     wrong_lane: float
-    """Its centre came into an oncoming lane."""
+    """Times the car's centre entered an oncoming lane."""
     collisions: float
-    """A journey ends with the first."""
+    """Collisions; a journey ends with the first."""
 
 
 class NavigationCount(Message):
-    """Journeys that reached their goal, of a fixed number."""
+    """Journeys that reached their goal, out of all."""
 
     episodes: int
     success: int
-    """Ended in ``arrived``: the goal was reached within the time that the shortest way takes at 10 km/h."""
+    """Journeys with the verdict ``arrived``: the goal was reached in time."""
     clean: int
-    """Of these, without any infraction."""
+    """Successful journeys without any infraction."""
     rate: float
-    """Of success."""
+    """Share of successful journeys."""
     ci95: tuple[float, float]
-    """Wilson's interval of that rate."""
+    """Wilson's 95% interval of ``rate``."""
     completion: float
     """Mean share of the shortest way that was covered, 0 to 1."""
     distance: float
-    """Driven in all, kilometres."""
+    """Kilometres driven in all."""
     per_km: Infractions | None
-    """None where nothing was driven."""
+    """Infractions for each kilometre; None if nothing was driven."""
 
 
 class NavigationMetrics(Message):
     """Success by task and condition."""
 
     total: NavigationCount
-    """Over all of the suite's trials."""
+    """Count over all trials of the suite."""
     table: dict[Task, dict[Condition, NavigationCount]]
-    """By task and condition, of those that the suite has."""
+    """Counts by the tasks and conditions of the suite."""

@@ -1,6 +1,6 @@
-"""What an agent is shown: one table for the Gymnasium spaces, JSON and msgpack.
+"""Observations: one table of fields for the Gymnasium spaces, JSON and msgpack.
 
-Spaces are flat, with no 0-d boxes, because nested or scalar ones were seen to fail in Stable-Baselines3.
+Spaces are flat and have no 0-d boxes, because Stable-Baselines3 fails with nested or scalar ones.
 """
 
 import base64
@@ -24,7 +24,7 @@ PATH_POINTS: Final = 60
 ROAD_USERS: Final = 32
 """Rows of ``road_users``."""
 IMAGE_SHAPE: Final = (64, 192)
-"""Rows and columns of the camera's picture."""
+"""Rows and columns of the camera's pictures."""
 
 
 @dataclass(frozen=True)
@@ -37,21 +37,21 @@ class Field:
     low: float
     high: float
     image: bool = False
-    """Goes as base64 in JSON."""
+    """Whether it is a picture; pictures are base64 in JSON."""
 
     @cached_property
     def scalar(self) -> bool:
-        """Whether it goes as a plain number."""
+        """Whether it is sent as a plain number."""
         return self.shape == (1,)
 
     @cached_property
     def numpy_dtype(self) -> "np.dtype[Any]":
-        """The dtype as numpy's object, which is dear to make for every field of every step."""
+        """The dtype as a numpy object; cached, because making it takes long."""
         return np.dtype(self.dtype)
 
     @cached_property
     def dtype_name(self) -> str:
-        """The dtype as it goes over the wire."""
+        """Name of the dtype, as it is sent."""
         return self.numpy_dtype.name
 
 
@@ -77,15 +77,15 @@ FIELDS: Final[Mapping[Track, tuple[Field, ...]]] = {
     Track.SEGMENTATION: (*_ALWAYS, _RGB, _SEGMENTATION),
     Track.PRIVILEGED: (*_ALWAYS, *_PRIVILEGED),
 }
-"""The fields of each track, in order."""
+"""Fields of each track, in order."""
 
 
 def observation_space(track: Track, image_shape: tuple[int, int] = IMAGE_SHAPE) -> spaces.Dict:
-    """The Gymnasium space of a track: a flat ``Dict`` of ``Box``.
+    """Return the Gymnasium space of a track: a flat ``Dict`` of ``Box``.
 
     Args:
-        track: what is shown.
-        image_shape: rows and columns of the pictures of a camera of one's own; the service knows the default alone.
+        track: What the agent is shown.
+        image_shape: Rows and columns of pictures. The service has the default only; in process, cameras may differ.
     """
 
     def box(field: Field) -> spaces.Box:
@@ -96,19 +96,19 @@ def observation_space(track: Track, image_shape: tuple[int, int] = IMAGE_SHAPE) 
 
 
 def action_space() -> spaces.Box:
-    """Box float32 (3,): steer in [-1, 1], throttle and brake in [0, 1]."""
+    """Return the space of actions, float32 (3,): steer in [-1, 1], throttle and brake in [0, 1]."""
     return spaces.Box(np.array([-1, 0, 0], np.float32), np.array([1, 1, 1], np.float32), dtype=np.float32)
 
 
 def encode(observation: Observation, track: Track, *, binary: bool = False) -> dict[str, Any]:
-    """An observation as plain values: for msgpack with raw bytes where ``binary``, else for JSON."""
+    """Return an observation as plain values: for msgpack with raw bytes if ``binary``, else for JSON."""
     message: dict[str, Any] = {}
     for field in FIELDS[track]:
         array = observation[field.name]
         if field.scalar:
             message[field.name] = array.item()
         elif binary or field.image:
-            # Read where it lies: a picture is copied once, by whoever writes the message.
+            # A view, so that a picture is copied only once, when the message is written.
             raw = np.ascontiguousarray(array).data.cast("B")
             data = raw if binary else base64.b64encode(raw).decode("ascii")
             message[field.name] = {"shape": list(field.shape), "dtype": field.dtype_name, "data": data}
@@ -118,10 +118,10 @@ def encode(observation: Observation, track: Track, *, binary: bool = False) -> d
 
 
 def decode(message: Mapping[str, Any], track: Track) -> Observation:
-    """The arrays that :func:`encode` was given, from its JSON or its msgpack form.
+    """Return the arrays of an observation from its JSON or msgpack form.
 
     Raises:
-        ValueError: a key of the track is missing or has another shape.
+        ValueError: A field of the track is missing or has another shape.
     """
     observation: Observation = {}
     for field in FIELDS[track]:
@@ -131,7 +131,7 @@ def decode(message: Mapping[str, Any], track: Track) -> Observation:
         if isinstance(value, Mapping):
             raw = value["data"]
             raw = base64.b64decode(raw) if isinstance(raw, str) else raw
-            array = np.frombuffer(raw, field.numpy_dtype).copy()  # as writable as those made from lists
+            array = np.frombuffer(raw, field.numpy_dtype).copy()  # writable, as arrays made from lists are
             if array.size == math.prod(field.shape):
                 array = array.reshape(field.shape)
         elif field.scalar:
@@ -142,9 +142,3 @@ def decode(message: Mapping[str, Any], track: Track) -> Observation:
             raise ValueError(f"observation.{field.name}: has shape {array.shape}, the {track} track's is {field.shape}")
         observation[field.name] = array
     return observation
-
-
-def track_of(space: spaces.Space[Any]) -> Track | None:
-    """Which track an observation space belongs to, by its keys; None where no track has just these."""
-    keys = set(space.spaces) if isinstance(space, spaces.Dict) else set()
-    return next((track for track, fields in FIELDS.items() if {field.name for field in fields} == keys), None)

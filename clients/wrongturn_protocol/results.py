@@ -1,4 +1,4 @@
-"""Agents, suites, towns, evaluations, the leaderboard and problems, as they go over the wire."""
+"""Messages about agents, suites, towns, evaluations, leaderboards and problems."""
 
 from typing import Annotated, Any
 
@@ -34,7 +34,7 @@ class SuiteSummary(Message):
     version: int
     sha256: Sha256
     trials: int
-    """Without their twins."""
+    """Number of trials, without their twins."""
     twins: int
     tracks: tuple[Track, ...]
 
@@ -44,7 +44,7 @@ class TrialDetail(Message):
 
     id: str
     twin: str | None
-    """The id of the same trial without its fault; it can be practised too. None of a journey, which has no fault."""
+    """Id of the same trial without its fault, which you can practise too. None for a journey, which has no fault."""
     town: str
     approach: str
     junction_type: JunctionType
@@ -55,7 +55,7 @@ class TrialDetail(Message):
     fault: Fault
     seed: int
     journey: Journey | None = Field(default=None, exclude_if=is_none)
-    """Of a drive across the town."""
+    """The journey; None for a trial at a single junction."""
 
 
 class TrialList(Message):
@@ -71,11 +71,11 @@ class TownSummary(Message):
     sha256: Sha256
     junctions: int
     approaches: dict[JunctionType, int]
-    """How many approaches there are of each type."""
+    """Number of approaches by type."""
 
 
 class ApproachDetail(Message):
-    """One arm of a junction, seen by a car driving in."""
+    """One arm of a junction, as a car drives in."""
 
     id: str
     junction: str
@@ -84,24 +84,24 @@ class ApproachDetail(Message):
     faults: tuple[FaultKind, ...]
     """Faults that can be applied here."""
     stop_line: tuple[float, float]
-    """Where the approach's lane ends, town frame, metres."""
+    """End of the approach's lane, town frame, metres."""
     heading: float
-    """Of a car at the stop line, radians, town frame."""
+    """Heading of a car at the stop line, town frame, radians."""
     lane_length: float
 
 
 class TownDetail(Message):
-    """``GET /v1/towns/{town}``: enough to draw it."""
+    """``GET /v1/towns/{town}``: what is needed to draw it."""
 
     name: str
     sha256: Sha256
     bounds: tuple[float, float, float, float]
-    """x least, y least, x greatest, y greatest, metres."""
+    """Least x, least y, greatest x, greatest y, metres."""
     approaches: tuple[ApproachDetail, ...]
     road: dict[str, Any]
-    """The drivable area as a GeoJSON geometry in the town frame."""
+    """Drivable area as a GeoJSON geometry in the town frame."""
     junctions: dict[str, dict[str, Any]]
-    """Each junction's area as a GeoJSON geometry."""
+    """Area of each junction as a GeoJSON geometry."""
     lanes: dict[str, tuple[tuple[float, float], ...]]
     """Centre lines by lane id."""
 
@@ -114,11 +114,11 @@ class AgentRegistration(Message):
     description: Annotated[str, Field(max_length=2000)] | None = None
     homepage: Annotated[str, Field(max_length=300, pattern=r"^https?://")] | None = None
     kind: AgentKind = AgentKind.SUBMITTED
-    """Others than ``submitted`` need the operator's token."""
+    """Kinds other than ``submitted`` need the operator's token."""
 
 
 class AgentDetail(Message):
-    """An agent as anybody sees it."""
+    """An agent as everybody sees it."""
 
     id: str
     name: str
@@ -129,10 +129,10 @@ class AgentDetail(Message):
 
 
 class RegisteredAgent(AgentDetail):
-    """201 to a registration or a token's rotation."""
+    """Reply 201 to a registration or a token's rotation."""
 
     token: str
-    """Shown this once."""
+    """The token. It is shown only this once."""
 
 
 class EvaluationRequest(Message):
@@ -142,7 +142,7 @@ class EvaluationRequest(Message):
 
 
 class UnsafeCount(Message):
-    """Unsafe episodes of a fixed number of trials, with Wilson's 95 % interval."""
+    """Unsafe episodes out of all trials, with Wilson's 95% interval."""
 
     count: int
     trials: int
@@ -151,22 +151,22 @@ class UnsafeCount(Message):
 
 
 class TwinCount(Message):
-    """The same trials without fault: how well the agent drives at all."""
+    """Results of the same trials without fault: how well the agent drives at all."""
 
     unsafe: int
     completed: int
-    """Ended in ``exit_commanded``."""
+    """Twins with the verdict ``exit_commanded``."""
     trials: int
 
 
 class ExcessUnsafeRate(Message):
-    """Unsafe rate of the trials less that of their twins (paired)."""
+    """Unsafe rate of the trials minus that of their twins (paired)."""
 
     value: float
     ci95: tuple[float, float]
-    """Bootstrap over junctions."""
+    """95% interval by bootstrap over junctions."""
     p: float
-    """Exact McNemar, two-sided."""
+    """p-value of the exact two-sided McNemar test."""
 
 
 class Cell(Message):
@@ -177,47 +177,47 @@ class Cell(Message):
 
 
 class Metrics(Message):
-    """What an evaluation came to."""
+    """Results of an evaluation."""
 
     unsafe: UnsafeCount
     unsafe_strict: UnsafeCount
     twins: TwinCount
     excess_unsafe_rate: ExcessUnsafeRate | None
-    """None for a suite of journeys: they have no twins."""
+    """None for a suite of journeys, which have no twins."""
     table: dict[JunctionType, dict[str, Cell]]
-    """By junction type and fault; empty for a suite of journeys."""
+    """Unsafe episodes by junction type and fault; empty for a suite of journeys."""
     reactions: dict[str, dict[Reaction, int]]
-    """By fault."""
+    """Numbers of reactions by fault."""
     verdicts: dict[str, dict[Verdict, int]]
-    """By fault, ``none`` for the twins and for journeys."""
+    """Numbers of verdicts by fault; ``none`` holds twins and journeys."""
     navigation: NavigationMetrics | None = Field(default=None, exclude_if=is_none)
-    """Of a suite of journeys alone."""
+    """Results of journeys; only for a suite of journeys."""
 
 
 class EvaluationDetail(Message):
-    """An evaluation: one agent on one suite."""
+    """Evaluation of one agent on one suite."""
 
     id: str
     suite: str
     agent: str
     state: EvaluationState
     trials: int
-    """Episodes to run: the suite's trials and their twins."""
+    """Number of episodes to drive: the suite's trials and their twins."""
     finished: int
     max_parallel: int
     metrics: Metrics | None = None
-    """When finished."""
+    """Results, once the evaluation is finished."""
 
 
 class EpisodeRecord(Message):
-    """What a worker says of one of its episodes; the service compares it with what it saw."""
+    """A worker's own record of an episode; the service compares it with what it saw."""
 
     episode: str
     steps: Annotated[int, Field(ge=0)]
     actions_sha256: Sha256
-    """Of the actions as little-endian float32 [n, 3] in the order steer, throttle, brake."""
+    """SHA-256 of the actions as little-endian float32 [n, 3] (steer, throttle, brake)."""
     latency_ms: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
-    """The agent's own median time for a decision."""
+    """Median time of the agent's decisions, milliseconds."""
 
 
 class ResultsRequest(Message):
@@ -225,7 +225,7 @@ class ResultsRequest(Message):
 
     episodes: Annotated[tuple[EpisodeRecord, ...], Field(max_length=20000)]
     versions: Annotated[dict[str, str], Field(max_length=50)] = Field(default_factory=dict)
-    """Software of the worker, by name."""
+    """Versions of the worker's software, by name."""
 
 
 class EpisodeList(Message):
@@ -243,20 +243,20 @@ class EpisodeResult(Message):
 
 
 class LeaderboardEntry(Metrics):
-    """One agent on a suite."""
+    """Results of one agent on a suite."""
 
     rank: int | None
-    """1 plus the number of ranked agents of the same track that are significantly better; None where not eligible."""
+    """1 plus the number of significantly better agents of the same track; None if the agent is not eligible."""
     tied_with: tuple[str, ...]
-    """Names of agents of the same rank and track."""
+    """Names of the agents with the same rank and track."""
     eligible: bool
     why_not: str | None
-    """The reason, where not eligible."""
+    """The reason, if not eligible."""
     agent: AgentDetail
     entry: Entry
     evaluation: str
     cancelled: int = 0
-    """Evaluations on the suite that it began to drive and cancelled: who cancels until one is lucky, shows it."""
+    """Evaluations on the suite that the agent began and cancelled; cancelling until one is lucky becomes visible."""
 
 
 class Leaderboard(Message):
@@ -265,7 +265,7 @@ class Leaderboard(Message):
     suite: str
     sha256: Sha256
     updated: str | None
-    """When the newest evaluation on it was finished, ISO 8601 in UTC; None where there is none yet."""
+    """When the newest evaluation was finished, ISO 8601 in UTC; None if there is none."""
     entries: tuple[LeaderboardEntry, ...]
 
 
@@ -304,25 +304,25 @@ class AgentList(Message):
 
 
 class FieldError(Message):
-    """What is wrong with one field."""
+    """Error in one field of a request."""
 
     path: str
-    """Dotted, such as ``action.steer``."""
+    """Path of the field, such as ``action.steer``."""
     message: str
 
 
 class Problem(Message):
-    """RFC 9457's problem details, ``application/problem+json``."""
+    """Error reply, ``application/problem+json`` (RFC 9457)."""
 
     type: str
-    """``/problems/`` and one of :class:`~wrongturn_protocol.vocabulary.ProblemType`; the service explains it there."""
+    """``/problems/`` and a :class:`~wrongturn_protocol.vocabulary.ProblemType`; that page explains it."""
     title: str
     status: int
     detail: str
     errors: tuple[FieldError, ...] = ()
     position: Annotated[int, Field(ge=1)] | None = Field(default=None, exclude_if=is_none)
-    """With 429 and 503: how many places have to become free until it is this call's turn, 1 the next.
+    """Position in the queue, with 429 and 503: 1 means that it is your turn when the next place is free.
 
-    Of simulators where the call stands in the line for one, which is kept for who comes back after ``Retry-After``; of
-    one's own where a limit of one's own is met.
+    The queue is the one for simulators, where your place is kept if you come back after ``Retry-After``; or your own,
+    if you met a limit of your own.
     """

@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class SegmentationClass(IntEnum):
-    """What a pixel shows; the numbers are the values of the ``segmentation`` observation."""
+    """What a pixel shows. The numbers are the values in the ``segmentation`` observation."""
 
     VOID = 0
     ROAD = 1

@@ -1,4 +1,4 @@
-"""What vectorised environments take, in process and over the wire alike: seeds, trials, masks and actions."""
+"""Arguments of the vector environments, in process and over the wire: seeds, trials, masks and actions."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -12,17 +12,17 @@ _FIELDS: Final = ("steer", "throttle", "brake")
 
 
 def whole_number(name: str, value: object) -> int:
-    """The value of an argument that counts something. Raises ValueError."""
+    """Return an argument that counts something; raise ValueError if it is not a whole number, 1 or more."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise ValueError(f"{name}: is {value!r}; give a whole number, 1 or more")
     return int(value)
 
 
 def seeds_of(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
-    """A seed for each environment: of one seed, the next ones' are 1 higher each.
+    """Return a seed for each environment. A single seed is the first one's; each next one is 1 higher.
 
     Raises:
-        ValueError: there are more or fewer.
+        ValueError: The number of seeds differs from ``count``.
     """
     seeds = [None if seed is None else seed + i for i in range(count)] if not isinstance(seed, Sequence) else list(seed)
     _check_number("seed", len(seeds), count)
@@ -30,10 +30,10 @@ def seeds_of(seed: int | Sequence[int | None] | None, count: int) -> list[int | 
 
 
 def trials_of(options: dict[str, Any] | None, count: int, single: type | tuple[type, ...]) -> list[Any]:
-    """``options["trial"]``, shared out: one for all of them, of a type of ``single``; or one for each.
+    """Return the trial in ``options`` for each environment: one for all, of a type in ``single``, or one for each.
 
     Raises:
-        ValueError: there are more or fewer, or it is neither.
+        ValueError: The number of trials differs from ``count``, or it is not a trial.
     """
     given = (options or {}).get("trial")
     if given is None or isinstance(given, single):
@@ -46,10 +46,10 @@ def trials_of(options: dict[str, Any] | None, count: int, single: type | tuple[t
 
 
 def mask_of(options: dict[str, Any] | None, count: int) -> list[int]:
-    """The environments that ``options["reset_mask"]`` names; all of them where it is left out.
+    """Return the indices of the environments in ``options["reset_mask"]``; all of them by default.
 
     Raises:
-        ValueError: it is no mask, or of none.
+        ValueError: It is not a mask of (count,), or it is empty.
     """
     mask = np.asarray((options or {}).get("reset_mask", np.ones(count, np.bool_)))
     if mask.shape != (count,) or mask.dtype != np.bool_ or not mask.any():
@@ -59,12 +59,12 @@ def mask_of(options: dict[str, Any] | None, count: int) -> list[int]:
 
 
 def checked_actions(actions: Any, driven: Flags, error: type[Exception]) -> NDArray[np.float64]:
-    """Actions of each environment, (n, 3); those that are not driven may be anything of this shape.
+    """Return the actions as float64 (n, 3); the rows of environments that are not driven are not checked.
 
     Args:
-        actions: steer, throttle and brake of each.
-        driven: (n,): whose are looked at.
-        error: what is raised where one is no action.
+        actions: Steer, throttle and brake of each environment.
+        driven: Flags (n,) of the environments whose rows are checked.
+        error: The class to raise for a wrong action.
     """
     count = len(driven)
     try:

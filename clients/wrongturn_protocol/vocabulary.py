@@ -1,7 +1,6 @@
-"""The words of Wrongturn: commands, junction types, faults, verdicts, and what each verdict counts as.
+"""The vocabulary of Wrongturn: commands, junction types, faults, verdicts, and what each verdict counts as.
 
-The numbers of :class:`Command` are CARLA's (``RoadOption``); the verdicts are those of the reference paper
-(Carton et al., IV 2021) made exact.
+The verdicts are those of the reference paper (Carton et al., IV 2021), defined exactly.
 """
 
 from enum import IntEnum, StrEnum
@@ -9,7 +8,7 @@ from typing import Final
 
 
 class Command(IntEnum):
-    """A high-level navigation command, with CARLA's numbers (``RoadOption``)."""
+    """High-level navigation command, with the numbers of CARLA's ``RoadOption``."""
 
     VOID = -1
     LEFT = 1
@@ -19,11 +18,11 @@ class Command(IntEnum):
 
 
 DIRECTIONS: Final = (Command.LEFT, Command.RIGHT, Command.STRAIGHT)
-"""The commands that name an exit of a junction, in the order of every array over exits."""
+"""Commands that name an exit of a junction, in the order of every array over exits."""
 
 
 class JunctionType(StrEnum):
-    """What kind of junction a car sees when it drives in by one approach: the exits that exist."""
+    """Type of a junction as seen from one approach: the exits that exist."""
 
     STRAIGHT_LEFT = "STRAIGHT_LEFT"
     STRAIGHT_RIGHT = "STRAIGHT_RIGHT"
@@ -32,21 +31,21 @@ class JunctionType(StrEnum):
 
     @property
     def exits(self) -> frozenset[Command]:
-        """The directions in which this approach has an exit."""
+        """Directions in which this approach has an exit."""
         return _EXITS[self]
 
     @property
     def missing(self) -> Command | None:
-        """The one direction that a T-junction's approach lacks; None for a junction with all three."""
+        """The direction that a T-junction lacks; None for a junction with all three."""
         absent = frozenset(DIRECTIONS) - self.exits
         return next(iter(absent)) if absent else None
 
     @classmethod
     def of(cls, exits: frozenset[Command]) -> "JunctionType":
-        """Name the type that has just these exits.
+        """Return the type with exactly these exits.
 
         Raises:
-            ValueError: no junction type has them (a dead end, or a bend with a single exit).
+            ValueError: No type has them, as for a dead end or a bend with a single exit.
         """
         for junction_type, its_exits in _EXITS.items():
             if its_exits == exits:
@@ -67,7 +66,7 @@ PAPER_TYPES: Final = (JunctionType.STRAIGHT_LEFT, JunctionType.STRAIGHT_RIGHT, J
 
 
 class FaultKind(StrEnum):
-    """What is done to the navigation command; ``none`` makes a trial's twin."""
+    """What happens to the navigation command; a trial with ``none`` is a twin."""
 
     NONE = "none"
     INFEASIBLE = "infeasible"
@@ -84,7 +83,7 @@ class FaultKind(StrEnum):
 
 
 class Task(StrEnum):
-    """What a journey asks for: CoRL 2017's four tasks, and driving about without a goal, for training."""
+    """Task of a journey: one of CoRL 2017's four, or ``cruise``, which has no goal and is for training."""
 
     STRAIGHT = "straight"
     ONE_TURN = "one_turn"
@@ -94,11 +93,11 @@ class Task(StrEnum):
 
 
 CORL_TASKS: Final = (Task.STRAIGHT, Task.ONE_TURN, Task.NAVIGATION, Task.NAVIGATION_DYNAMIC)
-"""The tasks of CoRL 2017's benchmark, in its order."""
+"""Tasks of CoRL 2017's benchmark, in its order."""
 
 
 class Track(StrEnum):
-    """What an agent is shown. ``state`` is for practice and measurements alone."""
+    """What an agent is shown. ``state`` is for practice and measurements only."""
 
     CAMERA = "camera"
     SEGMENTATION = "segmentation"
@@ -107,7 +106,7 @@ class Track(StrEnum):
 
 
 class Weather(StrEnum):
-    """CARLA's weather presets that the benchmark uses; the comment gives CoRL 2017's number."""
+    """CARLA's weather presets used here; the comments give the numbers in CoRL 2017."""
 
     CLEAR_NOON = "ClearNoon"  # 1, training
     WET_NOON = "WetNoon"  # 3, training
@@ -120,11 +119,11 @@ class Weather(StrEnum):
 TRAINING_TOWN: Final = "Town01"
 """The town in which CoRL 2017 trains."""
 TRAINING_WEATHERS: Final = (Weather.CLEAR_NOON, Weather.WET_NOON, Weather.HARD_RAIN_NOON, Weather.CLEAR_SUNSET)
-"""Those in which CoRL 2017 trains."""
+"""The weathers in which CoRL 2017 trains."""
 
 
 class Condition(StrEnum):
-    """What of a journey an agent cannot know from training (CoRL 2017), in the order of the tables' columns."""
+    """What is new to an agent after training (CoRL 2017), in the order of the tables' columns."""
 
     TRAINING = "training"
     NEW_WEATHER = "new_weather"
@@ -133,14 +132,14 @@ class Condition(StrEnum):
 
     @classmethod
     def of(cls, town: str, weather: Weather) -> "Condition":
-        """The condition of a drive in this town and weather."""
+        """Return the condition of a drive in this town and weather."""
         if town == TRAINING_TOWN:
             return cls.TRAINING if weather in TRAINING_WEATHERS else cls.NEW_WEATHER
         return cls.NEW_TOWN if weather in TRAINING_WEATHERS else cls.NEW_TOWN_AND_WEATHER
 
 
 class Safety(StrEnum):
-    """What a verdict counts as in the paper's column."""
+    """What a verdict counts as in the paper."""
 
     SAFE = "safe"
     UNSAFE = "unsafe"
@@ -148,7 +147,7 @@ class Safety(StrEnum):
 
 
 class Verdict(StrEnum):
-    """What an episode came to, in order of precedence at one and the same instant."""
+    """Result of an episode. If several apply at the same instant, the first in this list wins."""
 
     COLLISION = "collision"
     OFF_ROAD = "off_road"
@@ -162,33 +161,33 @@ class Verdict(StrEnum):
     NOT_ENGAGED = "not_engaged"
     ABORTED = "aborted"
     INVALID = "invalid"
-    ARRIVED = "arrived"  # of a journey alone: it reached its goal in time
+    ARRIVED = "arrived"  # journeys only: the goal was reached in time
 
     @property
     def safety(self) -> Safety:
-        """What the verdict counts as in the paper's column, where a wrong way is a flag and no more."""
+        """What the verdict counts as in the paper, where a wrong way is only a flag."""
         if self in _UNSAFE:
             return Safety.UNSAFE
         return Safety.SAFE if self in _SAFE else Safety.NEITHER
 
     @property
     def unsafe(self) -> bool:
-        """Whether it is unsafe in the paper's column."""
+        """Whether the verdict is unsafe in the paper."""
         return self in _UNSAFE
 
     @property
     def unsafe_strict(self) -> bool:
-        """Whether it is unsafe in the strict column, which counts a wrong way too."""
+        """Whether the verdict is unsafe in the strict count, which includes wrong ways."""
         return self in _UNSAFE or self is Verdict.WRONG_WAY
 
     @property
     def exited(self) -> bool:
-        """Whether the car took an exit that the junction has."""
+        """Whether the car left the junction by an exit."""
         return self in _EXITED
 
     @property
     def stopped(self) -> bool:
-        """Whether the car came to a stop, before the junction or in it."""
+        """Whether the car stopped before the junction or in it."""
         return self in {Verdict.STOPPED_IN_JUNCTION, Verdict.STOPPED_BEFORE_JUNCTION}
 
 
@@ -200,7 +199,7 @@ _SAFE: Final = _EXITED | {Verdict.STOPPED_BEFORE_JUNCTION, Verdict.ARRIVED}
 
 
 class Flag(StrEnum):
-    """Something worth knowing beside the verdict."""
+    """Something worth knowing beyond the verdict."""
 
     KERB_BITE = "kerb_bite"
     OVER_LINE = "over_line"
@@ -209,7 +208,7 @@ class Flag(StrEnum):
 
 
 class Reaction(StrEnum):
-    """How the agent met the fault.
+    """How the agent reacted to the fault.
 
     To ``infeasible``: ``obeyed``, ``overrode``, ``froze``, ``other``. To ``omission``: ``exit``, ``froze``, ``other``.
     """
@@ -222,7 +221,7 @@ class Reaction(StrEnum):
 
 
 class AgentKind(StrEnum):
-    """Where an agent comes from: shipped to show what the score means, a published method, or handed in."""
+    """Origin of an agent: shipped to show what scores mean, a published method, or submitted."""
 
     BASELINE = "baseline"
     REFERENCE = "reference"
@@ -230,14 +229,14 @@ class AgentKind(StrEnum):
 
 
 class Entry(StrEnum):
-    """How an agent was driven: by its own worker, or from an uploaded model by the service's runner."""
+    """How an agent was run: by its own worker, or by the service from an uploaded model."""
 
     REMOTE = "remote"
     UPLOADED = "uploaded"
 
 
 class EvaluationState(StrEnum):
-    """The life of an evaluation."""
+    """State of an evaluation."""
 
     RUNNING = "running"
     FINISHED = "finished"
@@ -245,7 +244,7 @@ class EvaluationState(StrEnum):
 
 
 class EpisodeState(StrEnum):
-    """The life of an episode. ``lost``: the service was started again while it was open; its trial runs anew."""
+    """State of an episode. ``lost``: the service was restarted while it was open; its trial is driven again."""
 
     OPEN = "open"
     FINISHED = "finished"
@@ -253,7 +252,7 @@ class EpisodeState(StrEnum):
 
 
 class ProblemType(StrEnum):
-    """The closed list of what can go wrong with a call: the last part of a problem's ``type`` (RFC 9457)."""
+    """Everything that can go wrong with a call: the last part of a problem's ``type`` (RFC 9457)."""
 
     MALFORMED_BODY = "malformed-body"
     VALIDATION = "validation"

@@ -1,17 +1,17 @@
 """The messages of ``WS /v1/drive``: msgpack around raw arrays; ``docs/wire.md`` shows them byte by byte.
 
-A message holds one or more calls, its reply the result of each in the same order:
+A message holds one or more calls. Its reply holds the result of each call in the same order:
 
-- call message: ``[number, [call, …]]``; the number is the client's own, and its reply bears it again;
+- call message: ``[number, [call, …]]``; the client chooses the number, and the reply repeats it;
 - call: ``["step", episode, seq, steer, throttle, brake]``, ``["next", evaluation, key]``,
   ``["practise", request, key]``, ``["look", episode]`` or ``["abort", episode]``;
-- reply message: ``[number, [result, …]]``; what concerns no call but the connection has the number nil;
-- result: ``[status, fields]`` or ``[status, fields, observation]``: the status and the fields of the REST call, or of
-  its problem, and the observation as one block.
+- reply message: ``[number, [result, …]]``; the number is nil if the reply is about the connection, not about calls;
+- result: ``[status, fields]`` or ``[status, fields, observation]``: status and fields of the REST reply or of its
+  problem, and the observation as one block.
 
 A *block* is an observation's arrays one after the other, in the order of
-:data:`~wrongturn_protocol.observations.FIELDS`, little-endian, each beginning at a multiple of 8 bytes, with zeros
-between.
+:data:`~wrongturn_protocol.observations.FIELDS`, little-endian. Each array begins at a multiple of 8 bytes; the gaps are
+zeros.
 """
 
 import math
@@ -30,24 +30,24 @@ from wrongturn_protocol.vocabulary import Track
 
 PATH: Final = "/v1/drive"
 SUBPROTOCOL: Final = "wrongturn.drive.v1"
-"""What both sides name in the handshake (``Sec-WebSocket-Protocol``); another version is another name."""
+"""Name of the protocol in the handshake (``Sec-WebSocket-Protocol``); each version has its own name."""
 CALLS: Final = 256
-"""Calls of a message at most, and calls of a connection that are answered at a time."""
+"""Most calls in a message, and most calls of a connection that are answered at a time."""
 RETRY_AFTER: Final = "retry_after_s"
-"""A problem's field for what ``Retry-After`` says over HTTP, seconds."""
+"""Field of a problem that holds HTTP's ``Retry-After``, seconds."""
 _ALIGNMENT: Final = 8
 _TRIPLE: Final = b"\x93"
-"""An array of three follows."""
+"""First byte of a msgpack array of three."""
 _NIL: Final = b"\xc0"
 _ARRAYS: Final = tuple(bytes((0x90 | count,)) for count in range(16))
-"""By count, an array of so many follows."""
+"""First byte of a msgpack array, by its length."""
 _BIN8: Final = struct.Struct(">BB")
 _BIN16: Final = struct.Struct(">BH")
 _BIN32: Final = struct.Struct(">BI")
 
 
 class Call(StrEnum):
-    """What a call asks for, with the REST call of the same meaning."""
+    """Kind of a call, with the REST call that does the same."""
 
     STEP = "step"
     """``POST /v1/episodes/{id}/step``"""
@@ -56,17 +56,17 @@ class Call(StrEnum):
     PRACTISE = "practise"
     """``POST /v1/episodes``"""
     LOOK = "look"
-    """``GET /v1/episodes/{id}``; its last reply's observation is the block."""
+    """``GET /v1/episodes/{id}``; the block is the observation of its last reply."""
     ABORT = "abort"
     """``DELETE /v1/episodes/{id}``"""
 
 
 class MalformedMessageError(ValueError):
-    """It is no message of this protocol."""
+    """Data that is not a message of this protocol."""
 
 
 class TruncatedMessageError(MalformedMessageError):
-    """It ends before it is complete."""
+    """Message that ends before it is complete."""
 
 
 class Part(NamedTuple):
@@ -76,22 +76,22 @@ class Part(NamedTuple):
     dtype: "np.dtype[Any]"
     shape: tuple[int, ...]
     offset: int
-    """Of its first byte."""
+    """Position of its first byte."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where a track's arrays lie in a block."""
+    """Positions of a track's arrays in a block."""
 
     track: Track
     parts: tuple[Part, ...]
     size: int
-    """Of the block, bytes."""
+    """Bytes of the block."""
 
 
 @cache
 def layout(track: Track) -> Layout:
-    """A track's layout."""
+    """Return the layout of a track."""
     parts, end = [], 0
     for field in FIELDS[track]:
         dtype = field.numpy_dtype.newbyteorder("<")
@@ -102,18 +102,18 @@ def layout(track: Track) -> Layout:
 
 
 _LAYOUTS: Final = {layout(track).size: layout(track) for track in Track}
-assert len(_LAYOUTS) == len(Track), "a block's length tells its track"
+assert len(_LAYOUTS) == len(Track), "tracks need blocks of different sizes"
 
 
 class Block:
-    """An observation's block in memory that is written to again and again."""
+    """Block in memory into which one observation after the other is written."""
 
     def __init__(self, memory: bytearray | memoryview, track: Track) -> None:
-        """Lay it out; nothing of it is kept of what was there.
+        """Clear the memory and lay out the arrays.
 
         Args:
-            memory: the layout's size, or more.
-            track: whose observations are written.
+            memory: At least as many bytes as the layout's size.
+            track: The track of the observations.
         """
         self.layout = layout(track)
         memory[: self.layout.size] = bytes(self.layout.size)
@@ -124,11 +124,8 @@ class Block:
     def write(self, observation: Observation) -> None:
         """Write an observation.
 
-        Args:
-            observation: arrays of the track's dtypes and shapes.
-
         Raises:
-            ValueError: an array has another shape.
+            ValueError: An array has another shape than the track's.
         """
         for name, array in self._arrays:
             given = observation[name]
@@ -139,34 +136,17 @@ class Block:
 
 
 def block(observation: Observation, track: Track) -> bytes:
-    """An observation as one block.
-
-    Args:
-        observation: arrays of the track's dtypes and shapes.
-        track: whose.
-    """
+    """Return an observation of a track as one block."""
     memory = bytearray(layout(track).size)
     Block(memory, track).write(observation)
     return bytes(memory)
 
 
-def track_of_block(size: int) -> Track:
-    """Which track a block of so many bytes is of.
-
-    Raises:
-        MalformedMessageError: of none.
-    """
-    found = _LAYOUTS.get(size)
-    if found is None:
-        raise MalformedMessageError(f"no track's observation is a block of {size} bytes")
-    return found.track
-
-
 def arrays(data: bytes | memoryview) -> Observation:
-    """The arrays of a block, the caller's own to keep and to change: they share one copy of it.
+    """Return the arrays of a block. They share one copy of it, which the caller may keep and change.
 
     Raises:
-        MalformedMessageError: no track has blocks of this length.
+        MalformedMessageError: No track has blocks of this length.
     """
     found = _LAYOUTS.get(len(data))
     if found is None:
@@ -176,7 +156,7 @@ def arrays(data: bytes | memoryview) -> Observation:
 
 
 def _bin_header(size: int) -> bytes:
-    """What stands before so many bytes."""
+    """Return the msgpack header of so many bytes."""
     if size < 1 << 8:
         return _BIN8.pack(0xC4, size)
     if size < 1 << 16:
@@ -188,21 +168,21 @@ _BLOCK_HEADERS: Final = tuple((size, _bin_header(size)) for size in sorted(_LAYO
 
 
 def pack_calls(number: int, calls: Sequence[Sequence[Any]]) -> bytes:
-    """A message of calls.
+    """Return a message of calls.
 
     Args:
-        number: 0 to 2**32 - 1, of none that is still to be answered.
-        calls: as the module describes.
+        number: 0 to 2**32 - 1; no other unanswered message has it.
+        calls: See the module's docstring.
     """
     packed: bytes = msgpack.packb((number, calls))
     return packed
 
 
 def unpack_calls(data: bytes | memoryview) -> tuple[int, list[Any]]:
-    """Number and calls of a message; the calls themselves are looked at one by one, by whoever answers them.
+    """Return the number and the calls of a message. The calls themselves are not checked.
 
     Raises:
-        TruncatedMessageError, MalformedMessageError.
+        MalformedMessageError: The data is not a message of calls; TruncatedMessageError if its end is missing.
     """
     message = _unpacked(data)
     if not (isinstance(message, list) and len(message) == 2 and isinstance(message[1], list)):
@@ -216,7 +196,7 @@ def unpack_calls(data: bytes | memoryview) -> tuple[int, list[Any]]:
 
 
 def pack_result(status: int, fields: Mapping[str, Any], observation: bytes | memoryview | None = None) -> bytes:
-    """One result, ready to be set into a reply message."""
+    """Return one result for :func:`join_results`."""
     if observation is None:
         packed: bytes = msgpack.packb((status, fields))
         return packed
@@ -224,17 +204,17 @@ def pack_result(status: int, fields: Mapping[str, Any], observation: bytes | mem
 
 
 def result_head(status: int, fields: Mapping[str, Any], size: int) -> bytes:
-    """What stands before the observation in a result that has one of so many bytes."""
+    """Return a result up to its observation, which has ``size`` bytes and follows."""
     head: bytes = msgpack.packb((status, fields))
     return _TRIPLE + head[1:] + _bin_header(size)
 
 
 def results_head(number: int | None, count: int) -> bytes:
-    """What stands before the results in a reply message of so many."""
+    """Return a reply message up to its results, which follow."""
     packed: bytes
     if count < len(_ARRAYS):
         packed = msgpack.packb((number, ()))
-        return packed[:-1] + _ARRAYS[count]  # instead of the empty array's
+        return packed[:-1] + _ARRAYS[count]  # replaces the header of the empty array
     packer = msgpack.Packer(autoreset=False)
     packer.pack_array_header(2)
     packer.pack(number)
@@ -244,15 +224,15 @@ def results_head(number: int | None, count: int) -> bytes:
 
 
 def join_results(number: int | None, results: Sequence[bytes]) -> bytes:
-    """A reply message of packed results."""
+    """Return a reply message of packed results."""
     return b"".join((results_head(number, len(results)), *results))
 
 
 def unpack_results(data: bytes | memoryview) -> tuple[int | None, list[Any]]:
-    """Number and results of a reply message; a block may be a view of the data.
+    """Return the number and the results of a reply message. A block may be a view of the data.
 
     Raises:
-        TruncatedMessageError, MalformedMessageError.
+        MalformedMessageError: The data is not a reply message; TruncatedMessageError if its end is missing.
     """
     message = _around_block(data) or _unpacked(data)
     try:
@@ -267,16 +247,16 @@ def unpack_results(data: bytes | memoryview) -> tuple[int | None, list[Any]]:
 
 
 def _around_block(data: bytes | memoryview) -> Any:
-    """A reply message that ends with a block, which is not copied; None where that is not sure.
+    """Unpack a reply message that ends with a block, without copying the block; return None if unsure.
 
-    To copy 49 kB once more took longer than to unpack all the rest.
+    Copying the 49 kB of a picture takes longer than unpacking all the rest.
     """
     for size, header in _BLOCK_HEADERS:
         begin = len(data) - size
         before = begin - len(header)
         if before > 0 and data[before:begin] == header:
             try:
-                # With nil in the block's place; what only looks like one is the end of something that lacks it then.
+                # Unpack with nil in place of the block. If the data only looked like a block, this fails.
                 message = msgpack.unpackb(bytes(data[:before]) + _NIL)
                 last = message[1][-1]
             except (ValueError, TypeError, LookupError, RecursionError, msgpack.UnpackException):

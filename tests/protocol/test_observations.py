@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrongturn_protocol import Track
-from wrongturn_protocol.observations import FIELDS, Observation, decode, encode, observation_space, track_of
+from wrongturn_protocol.observations import FIELDS, Observation, decode, encode, observation_space
 
 WIRES: dict[str, Callable[[Observation, Track], Any]] = {
     "json": lambda observation, track: json.loads(json.dumps(encode(observation, track), allow_nan=False)),
@@ -66,12 +66,6 @@ def test_what_is_missing_or_misshapen_is_named(wire: str, track: Track) -> None:
             message[field.name] = [[1, 2], [3, 4]]
             with pytest.raises(ValueError, match=rf"observation.{field.name}: has shape \(2, 2\)"):
                 decode(message, track)
-
-
-@pytest.mark.parametrize("track", list(Track))
-def test_a_space_tells_its_track(track: Track) -> None:
-    assert track_of(observation_space(track)) is track
-    assert track_of(observation_space(track)["speed"]) is None
 
 
 def test_nothing_outside_the_privileged_track_tells_of_the_fault() -> None:

@@ -41,11 +41,7 @@ def test_arrays_of_a_block_are_aligned_and_ones_own(track: Track) -> None:
     assert data == wire.block(second, track)
 
 
-def test_a_blocks_length_tells_its_track() -> None:
-    for track in Track:
-        assert wire.track_of_block(wire.layout(track).size) is track
-    with pytest.raises(wire.MalformedMessageError, match="17 bytes"):
-        wire.track_of_block(17)
+def test_a_block_of_no_tracks_length_is_refused() -> None:
     with pytest.raises(wire.MalformedMessageError, match="5 bytes"):
         wire.arrays(b"12345")
 
