@@ -1,7 +1,7 @@
 """The light client of Wrongturn: ``Client(url, token).evaluate(policy, suite)``.
 
-Names are loaded when they are first used, so that the program ``wrongturn`` starts quickly. Importing this package
-registers the Gymnasium environment ``Wrongturn-v0``, single and vectorised.
+Each name is loaded on first use, so that the program ``wrongturn`` starts quickly. Importing this package registers the
+Gymnasium environment ``Wrongturn-v0``, single and vectorised.
 """
 
 import sys
@@ -98,7 +98,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _register() -> None:
-    from gymnasium import register, registry  # noqa: PLC0415 - the program does without
+    from gymnasium import register, registry  # noqa: PLC0415 - slow to import, and the program needs it not
 
     if "Wrongturn-v0" not in registry:
         register(

@@ -1,4 +1,4 @@
-"""What is wrong with an action, in one line for whoever wrote the agent."""
+"""Errors in actions, in one line for the agent's author."""
 
 from typing import Final
 
@@ -10,7 +10,7 @@ _RANGES: Final = {"steer": "-1 to 1", "throttle": "0 to 1", "brake": "0 to 1"}
 
 
 def action_error(error: ValidationError) -> str:
-    """What pydantic found first in the values of an :class:`wrongturn_protocol.Action`."""
+    """Return the first error in the values of an :class:`wrongturn_protocol.Action`, in one line."""
     first = error.errors(include_url=False)[0]
     field = str(first["loc"][0])
     if field not in _RANGES:
@@ -20,16 +20,16 @@ def action_error(error: ValidationError) -> str:
 
 
 def is_of_action(error: ValidationError) -> bool:
-    """Whether it was raised where an :class:`wrongturn_protocol.Action` was made."""
+    """Tell whether an error comes from making an :class:`wrongturn_protocol.Action`."""
     return error.title == Action.__name__
 
 
 def refusal(action: object) -> str | None:
-    """Why an agent's ``act`` may not return this, in words that follow "act"; None where it may."""
+    """Return why ``act`` may not return this value, in words that follow "act"; None if it may."""
     if not isinstance(action, Action):
         return f"returned {type(action).__name__}; return a wrongturn_client.Action"
     try:
-        # Again, since model_construct and model_copy check nothing.
+        # Checked again, because model_construct and model_copy check nothing.
         Action(steer=action.steer, throttle=action.throttle, brake=action.brake)
     except ValidationError as error:
         return f"returned no action that can be driven: {action_error(error)}"

@@ -1,48 +1,48 @@
-"""Whether anybody answers at a URL, and a line in the log while a service is waited for."""
+"""Whether a service answers, and a line in the log while the client waits for it."""
 
 import logging
 from typing import Final
 
 _LOG: Final = logging.getLogger("wrongturn_client")
 _FIRST_CONTACT: Final = 5.0
-"""Seconds of patience with a URL at which nobody has answered yet: it may well be mistyped."""
+"""Seconds of patience with a URL at which nobody has answered yet, because it may be mistyped."""
 
 
 class Availability:
-    """What is known of the service at a URL; a client and its connections for driving share it."""
+    """What a client and its driving connections know of the service at a URL."""
 
     def __init__(self, url: str) -> None:
-        """Nothing is known yet.
-
-        Args:
-            url: of the service.
-        """
+        """Begin with a service that has not answered yet."""
         self.url = url
         self.offers_socket = False
-        """Whether the WebSocket for driving has been there."""
+        """Whether the WebSocket for driving was there once."""
         self._has_answered = False
         self._waiting = False
 
     def patience(self, wanted: float) -> float:
-        """Seconds for which is tried again: as many as wanted where somebody has answered before, else a few."""
+        """Return the seconds for which to try again: ``wanted`` if the service has answered before, else a few."""
         return wanted if self._has_answered else min(wanted, _FIRST_CONTACT)
 
     def answered(self) -> None:
-        """Somebody answered."""
+        """Note that the service answered."""
         self._has_answered = True
         if self._waiting:
             self._waiting = False
             _LOG.info("%s answers again", self.url)
 
     def unanswered(self, why: str, seconds: float) -> None:
-        """Nobody answers, and is waited for; logged once until somebody does or it is given up.
+        """Note that the service does not answer and the client waits; log it once.
 
-        A first contact is not logged: its error comes soon enough.
+        Nothing is logged before the first answer, because the error then comes soon.
+
+        Args:
+            why: The reason.
+            seconds: How long the client tries again.
         """
         if self._has_answered and not self._waiting:
             self._waiting = True
             _LOG.warning("%s does not answer (%s); trying again for up to %.0f s", self.url, why, seconds)
 
     def given_up(self) -> None:
-        """Nobody answered in time, which the caller is told by an error."""
+        """Note that the client stops waiting; its caller gets an error."""
         self._waiting = False

@@ -1,4 +1,4 @@
-"""What is closed at the end of a ``with`` block."""
+"""Base class of what a ``with`` block closes."""
 
 from abc import ABC, abstractmethod
 from types import TracebackType
@@ -6,10 +6,10 @@ from typing import Self
 
 
 class Closing(ABC):
-    """Base of what has a ``close``."""
+    """Base of classes with a ``close``."""
 
     def __enter__(self) -> Self:
-        """Itself."""
+        """Return the object itself."""
         return self
 
     def __exit__(
@@ -18,9 +18,9 @@ class Closing(ABC):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close."""
+        """Close it."""
         self.close()
 
     @abstractmethod
     def close(self) -> None:
-        """Give back what is held; again is no harm."""
+        """Close it. Safe to call more than once."""

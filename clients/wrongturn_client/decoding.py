@@ -1,4 +1,4 @@
-"""What comes over the wire, turned into messages and arrays."""
+"""Replies of the service as messages and arrays."""
 
 from collections.abc import Mapping
 from typing import Any, Final, TypeVar
@@ -14,10 +14,10 @@ _TRACKS: Final = {frozenset(field.name for field in fields): track for track, fi
 
 
 def track_of_message(observation: Mapping[str, Any]) -> Track:
-    """Which track an observation is of, by its keys.
+    """Return the track of an observation, by its keys.
 
     Raises:
-        ProtocolError: no track has just these keys.
+        ProtocolError: No track has exactly these keys.
     """
     track = _TRACKS.get(frozenset(observation))
     if track is None:
@@ -29,10 +29,10 @@ def track_of_message(observation: Mapping[str, Any]) -> Track:
 
 
 def decode_observation(message: Any) -> Observation:
-    """The arrays of an observation in JSON or msgpack.
+    """Return the arrays of an observation in JSON or msgpack.
 
     Raises:
-        ProtocolError: it is none.
+        ProtocolError: The message is not an observation.
     """
     if not isinstance(message, Mapping):
         raise ProtocolError(f"an observation must be an object, not {type(message).__name__}")
@@ -43,10 +43,10 @@ def decode_observation(message: Any) -> Observation:
 
 
 def decode_reply(message: Any) -> dict[str, Any]:
-    """The reply to a reset or a step with its observation turned into arrays.
+    """Return the reply to a reset or a step, with its observation as arrays.
 
     Raises:
-        ProtocolError: it is no such reply.
+        ProtocolError: The message is not such a reply.
     """
     if not isinstance(message, dict) or "observation" not in message:
         raise ProtocolError("the answer has no observation; are the service and this client of the same version?")
@@ -55,13 +55,13 @@ def decode_reply(message: Any) -> dict[str, Any]:
 
 
 def validated(kind: type[M], message: Any) -> M:
-    """Plain values as a message.
+    """Return plain values as a message of this kind.
 
     Raises:
-        ProtocolError: they are none.
+        ProtocolError: They are not such a message.
     """
     try:
-        # What model_validate calls, after it has looked at options that nobody gives here.
+        # model_validate does the same, but first looks at options that are not given here.
         found: M = kind.__pydantic_validator__.validate_python(message)
         return found
     except ValidationError as error:

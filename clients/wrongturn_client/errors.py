@@ -1,41 +1,41 @@
-"""What can go wrong for a user of the client.
+"""The exceptions of the client.
 
 ::
 
     WrongturnError
     ├── ServiceUnreachableError      nobody answers at the URL
-    ├── ProtocolError                the answer is none that this client understands
-    ├── NotOfferedError              there is no WebSocket at the URL; HTTP does the same
-    ├── LocalServiceError            ``wrongturn serve`` did not come up
+    ├── ProtocolError                this client does not understand the answer
+    ├── NotOfferedError              there is no WebSocket for driving at the URL; HTTP does the same
+    ├── LocalServiceError            ``wrongturn serve`` did not start
     ├── EvaluationStalledError       no trial was handed out for too long
-    ├── PolicyError                  the policy gave something that is no action
-    ├── InvalidActionError           an action of the Gymnasium environment is none (also a ValueError)
-    ├── ServiceFullError             more environments were asked for than the service has simulators free
-    ├── PluginError                  another part's command, list or check cannot be loaded
-    └── ApiError                     the service says no, by a problem of RFC 9457
+    ├── PolicyError                  the policy returned something that is not an action
+    ├── InvalidActionError           a Gymnasium environment got an invalid action (also a ValueError)
+    ├── ServiceFullError             the service has fewer free simulators than environments were asked for
+    ├── PluginError                  a command, list or check of another package cannot be loaded
+    └── ApiError                     the service refused the call (RFC 9457)
         ├── AuthenticationError      no token, another's token, registration closed
         ├── InvalidRequestError      a field is wrong or does not apply
         ├── NotFoundError            unknown suite, town, approach, trial, agent, evaluation or episode
-        ├── ConflictError            the call does not fit what was said before
+        ├── ConflictError            the call does not fit earlier calls
         │   ├── AgentNameTakenError
         │   ├── EvaluationFinishedError
         │   ├── EvaluationCancelledError
         │   ├── NoTrialAvailableError
         │   ├── EpisodeFinishedError
         │   └── ResultsMismatchError
-        ├── EpisodeLostError         the service was started again while the episode was open
-        ├── ServiceBusyError         come back later: rate limit, simulators busy, shutting down, a gateway's 502 to 504
-        └── ServiceFailedError       the service broke: 5xx
+        ├── EpisodeLostError         the service was restarted while the episode was open
+        ├── ServiceBusyError         call again later: rate limit, simulators busy, shutting down, a gateway's 502 to 504
+        └── ServiceFailedError       the service failed: 5xx
 """
 
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # the program wants its errors before it wants pydantic
+if TYPE_CHECKING:  # pydantic is slow to import, and the program needs its errors first
     from wrongturn_protocol import Problem
 
 
 class WrongturnError(Exception):
-    """The root of all that the client raises on purpose."""
+    """Base of all exceptions of the client."""
 
 
 class ServiceUnreachableError(WrongturnError):
@@ -51,35 +51,35 @@ class ServiceUnreachableError(WrongturnError):
 
 
 class ProtocolError(WrongturnError):
-    """The answer is none that this client understands: another program, or another version, is at the URL."""
+    """This client does not understand the answer: another program or version is at the URL."""
 
 
 class NotOfferedError(WrongturnError):
-    """The service, or what lies before it, has no WebSocket for driving, or speaks another version of its protocol."""
+    """The service, or a proxy before it, has no WebSocket for driving, or it speaks another version."""
 
 
 class LocalServiceError(WrongturnError):
-    """A service of one's own did not come up."""
+    """A service of your own did not start."""
 
 
 class EvaluationStalledError(WrongturnError):
-    """The service handed out no trial for too long, though the evaluation is not finished."""
+    """The service handed out no trial for too long, although the evaluation is not finished."""
 
 
 class PolicyError(WrongturnError):
-    """The policy gave something that is no action."""
+    """The policy returned something that is not an action."""
 
 
 class InvalidActionError(WrongturnError, ValueError):
-    """An action given to the Gymnasium environment is none, or out of range."""
+    """A Gymnasium environment got an invalid action."""
 
 
 class ServiceFullError(WrongturnError):
-    """More environments were asked for than the service has simulators free."""
+    """The service has fewer free simulators than environments were asked for."""
 
 
 class PluginError(WrongturnError):
-    """A command, list or check that another part adds cannot be loaded."""
+    """A command, list or check of another package cannot be loaded."""
 
 
 class ApiError(WrongturnError):
@@ -90,13 +90,13 @@ class ApiError(WrongturnError):
         fields = "; ".join(f"{error.path}: {error.message}" for error in problem.errors if error.message not in said)
         super().__init__(f"{said} ({fields})" if fields else said)
         self.problem = problem
-        """What the service sent."""
+        """The service's error reply."""
         self.retry_after = retry_after
-        """Seconds after which the service asks to be called again; None where it said nothing."""
+        """Seconds after which the service asks to be called again; None if it does not say."""
 
     @property
     def type(self) -> str:
-        """The problem's kind, one of :class:`wrongturn_protocol.ProblemType`; ``blank`` from another program."""
+        """One of :class:`wrongturn_protocol.ProblemType`; ``blank`` if another program answered."""
         return self.problem.type.rsplit("/", 1)[-1].removeprefix("about:")
 
     @property
@@ -106,11 +106,11 @@ class ApiError(WrongturnError):
 
 
 class AuthenticationError(ApiError):
-    """No token, another's token, or registration is closed."""
+    """No token, somebody else's token, or registration is closed."""
 
 
 class InvalidRequestError(ApiError):
-    """A field is wrong, or does not apply here."""
+    """A field is wrong, or does not apply."""
 
 
 class NotFoundError(ApiError):
@@ -118,7 +118,7 @@ class NotFoundError(ApiError):
 
 
 class ConflictError(ApiError):
-    """The call does not fit what was said before."""
+    """The call does not fit earlier calls."""
 
 
 class AgentNameTakenError(ConflictError):
@@ -134,11 +134,11 @@ class EvaluationCancelledError(ConflictError):
 
 
 class NoTrialAvailableError(ConflictError):
-    """For now only the twin of an open trial is left, or as many are open as may be."""
+    """No trial is free now: only the twin of an open trial is left, or the limit of open episodes is reached."""
 
 
 class EpisodeFinishedError(ConflictError):
-    """The episode has had its last step."""
+    """The episode is over."""
 
 
 class ResultsMismatchError(ConflictError):
@@ -146,12 +146,12 @@ class ResultsMismatchError(ConflictError):
 
 
 class EpisodeLostError(ApiError):
-    """The service was started again while the episode was open; its trial runs anew and nobody is charged."""
+    """The service was restarted while the episode was open; its trial is driven again, and nothing is counted."""
 
 
 class ServiceBusyError(ApiError):
-    """The service asks to be called again later; the client does so by itself for a while."""
+    """The service asks to be called again later; the client does so for a while before it raises this."""
 
 
 class ServiceFailedError(ApiError):
-    """The service broke."""
+    """The service failed."""

@@ -1,4 +1,4 @@
-"""How this program was called, so that a command it prints can be pasted."""
+"""The program's name in printed commands, so that they can be pasted into the same shell."""
 
 import shlex
 import shutil
@@ -9,7 +9,7 @@ _NAME = "wrongturn"
 
 
 def program() -> str:
-    """``wrongturn`` as the user called it, or in a way that works where it was no program of that name."""
+    """Return ``wrongturn`` as the user called it, or as a module of this interpreter."""
     called = sys.argv[0] if sys.argv else ""
     if PurePath(called).name != _NAME:
         return f"{python()} -m wrongturn_client"
@@ -17,5 +17,5 @@ def program() -> str:
 
 
 def python() -> str:
-    """This interpreter."""
+    """Return this interpreter's path, quoted for a shell."""
     return shlex.quote(sys.executable)

@@ -1,4 +1,4 @@
-"""What is wrong with an option's value, in one line as the program's own errors are."""
+"""Errors in the values of command-line options, in one line."""
 
 from typing import Any, Final
 
@@ -11,12 +11,12 @@ _NUMBERS: Final = {
     "float_parsing": "a number",
     "finite_number": "a finite number",
 }
-"""By the kinds of pydantic's errors, which typer reads values with."""
+"""What to give instead, by the type of pydantic's error; typer reads values with pydantic."""
 _SHOWN: Final = 40
 
 
 def describe_option_error(error: typer.BadParameter) -> str:
-    """Names the option, what was given, and what can be."""
+    """Return one line with the option, the value that was given, and what to give instead."""
     option: Any = error.param
     name = max(option.opts, key=len) if option is not None else "option"
     message = error.message.removeprefix("Value error, ").rstrip(".").replace("\n", " ")

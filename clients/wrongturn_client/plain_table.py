@@ -1,4 +1,4 @@
-"""The look that all tables of results share."""
+"""The look of all tables of results."""
 
 from rich import box
 from rich.table import Table
@@ -6,7 +6,7 @@ from rich.text import Text
 
 
 def plain_table(title: str) -> Table:
-    """A table without a frame, its title and what is said below it at the left."""
+    """Return a table without a frame, with its title and caption at the left."""
     return Table(
         box=box.SIMPLE_HEAD,
         show_edge=False,

@@ -1,4 +1,4 @@
-"""The agent's side of the contract: two calls, and nothing of ours to inherit from."""
+"""What an agent has to offer: two methods, and no base class."""
 
 from typing import Any, Protocol, runtime_checkable
 
@@ -13,7 +13,7 @@ class Policy(Protocol):
     """Any object with these two methods can be evaluated."""
 
     def reset(self, observation_space: spaces.Space[Any], /) -> None:
-        """Forget the last episode; the next observations come from this space."""
+        """Begin an episode, whose observations come from this space; forget the last one."""
 
     def act(self, observation: Observation, /) -> Action:
-        """Decide on the next 0.1 s. The arrays of ``observation`` are not to be written to."""
+        """Return the action for the next 0.1 s. Do not write to the arrays of ``observation``."""

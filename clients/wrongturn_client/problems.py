@@ -1,4 +1,4 @@
-"""Which error a problem of the service stands for."""
+"""The errors of this client for the problems that the service reports."""
 
 from typing import Final
 
@@ -52,7 +52,7 @@ _BY_STATUS: Final[dict[int, type[ApiError]]] = {
 
 
 def api_error(problem: Problem, retry_after: float | None = None) -> ApiError:
-    """The error that a problem stands for, by its type and else by its status."""
+    """Return the error for a problem, by its type or else by its status."""
     kind = _BY_TYPE.get(problem.type.rsplit("/", 1)[-1]) or _BY_STATUS.get(problem.status)
     if kind is None:
         kind = ServiceFailedError if problem.status >= 500 else InvalidRequestError
@@ -60,7 +60,7 @@ def api_error(problem: Problem, retry_after: float | None = None) -> ApiError:
 
 
 def own_problem(body: bytes) -> bool:
-    """Whether an answer's body is a problem of a Wrongturn service, and of nothing that stands before it."""
+    """Tell whether a body is a problem of a Wrongturn service, rather than of a proxy before it."""
     try:
         return Problem.model_validate_json(body).type.rsplit("/", 1)[-1] in set(ProblemType)
     except ValidationError:

@@ -1,4 +1,4 @@
-"""What the environment tells the client."""
+"""Settings from environment variables."""
 
 import os
 from pathlib import Path
@@ -6,19 +6,19 @@ from pathlib import Path
 import platformdirs
 
 DEFAULT_URL = "http://127.0.0.1:8000"
-"""Where ``wrongturn serve`` listens when nobody asks for anything else."""
+"""Where ``wrongturn serve`` listens by default."""
 
 
 def service_url() -> str | None:
-    """``WRONGTURN_URL``, or None where it is not set."""
+    """Return ``WRONGTURN_URL``, or None if it is not set."""
     return os.environ.get("WRONGTURN_URL") or None
 
 
 def token() -> str | None:
-    """``WRONGTURN_TOKEN``, or None where it is not set."""
+    """Return ``WRONGTURN_TOKEN``, or None if it is not set."""
     return os.environ.get("WRONGTURN_TOKEN") or None
 
 
 def home() -> Path:
-    """``WRONGTURN_HOME``: data, models, own towns and caches; the platform's place for them by default."""
+    """Return ``WRONGTURN_HOME``, the folder of data, models, own towns and caches, or the platform's default."""
     return Path(os.environ.get("WRONGTURN_HOME") or platformdirs.user_data_dir("wrongturn"))
