@@ -1,7 +1,6 @@
 """Wrongturn's simulation: towns on SUMO, a car, command faults and episodes, judged by their trajectories.
 
-What it offers is loaded when it is first asked for, so that a look at the package (a command's help, the doctor)
-needs neither SUMO nor a compiler.
+Names are imported when they are first used, so a command's help and the doctor need neither SUMO nor a compiler.
 """
 
 import importlib

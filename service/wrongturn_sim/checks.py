@@ -1,11 +1,11 @@
-"""What ``wrongturn doctor`` asks of the simulation."""
+"""Checks of the simulation for ``wrongturn doctor``."""
 
 from collections.abc import Callable, Iterator
 
 from wrongturn_sim.home import CACHE_VARIABLE, set_cache, writable
 
 Check = tuple[str, bool, str, str]
-"""Name, whether it is well, what was found, what to do where it is not."""
+"""Name, whether it passed, what was found, and the remedy where it failed."""
 
 
 def _libsumo() -> str:
@@ -52,7 +52,7 @@ _CHECKS: tuple[tuple[str, Callable[[], str], str], ...] = (
 
 
 def checks() -> Iterator[Check]:
-    """Each check in turn: name, whether it is well, what was found, what to do where it is not."""
+    """Yield the result of each check."""
     for name, check, remedy in _CHECKS:
         try:
             yield name, True, check(), ""

@@ -1,7 +1,7 @@
-"""Compiled functions that call those of other files.
+"""Cached compilation of functions that call functions of other files.
 
-Numba's cache looks at a function's own file alone: after a change to what it calls it would go on with the old code.
-So the cached name of such a function carries a checksum of the files that it takes anything from.
+Numba's cache only notices changes to a function's own file. After a change to a function that it calls, the old code
+would run on. So the cached name of a function carries a checksum of the files that it depends on.
 """
 
 import hashlib
@@ -16,9 +16,12 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def compiled_with(*modules: ModuleType, **options: Any) -> Callable[[_Function], _Function]:
-    """As ``njit(cache=True, **options)``, for a function that takes from these modules, or through them of one another.
+    """Return a decorator like ``njit(cache=True, **options)`` for a function that depends on other modules.
 
-    What is taken may be another compiled function or a constant: both are frozen into the code that is kept.
+    Args:
+        modules: those whose compiled functions or constants the function uses, itself or through another one. Numba
+            freezes both into the cached code.
+        options: for ``njit``.
     """
     digest = hashlib.sha256()
     for module in modules:

@@ -1,4 +1,4 @@
-"""One drive of one trial."""
+"""Episodes: one drive of one trial, in SUMO."""
 
 import hashlib
 import struct
@@ -29,29 +29,29 @@ if TYPE_CHECKING:
     from wrongturn_sim.camera import Camera, Renderer
     from wrongturn_sim.camera.renderer import Image
 
-_row: Final = tuple.__new__  # a Row without the arguments' detour, which takes longer than the car's dynamics
+_row: Final = tuple.__new__  # makes a Row without parsing arguments, which takes longer than the car's dynamics
 _FLOAT32: Final = struct.Struct("<3f")
 _PER_SECOND: Final = round(1 / SUB_STEP)
 _RANGES: Final = {"steer": (-1.0, 1.0), "throttle": (0.0, 1.0), "brake": (0.0, 1.0)}
 
 
 class Step(NamedTuple):
-    """What came of a step."""
+    """Result of a step."""
 
     observation: Observation
     reward: float
-    """Of practice; nothing that scores looks at it."""
+    """Reward of practice and training; it does not count for scores."""
     terminated: bool
-    """A verdict fell."""
+    """Whether a verdict other than running out of time was reached."""
     truncated: bool
-    """Time ran out."""
+    """Whether the time ran out."""
 
 
 def _check(steer: SupportsFloat, throttle: SupportsFloat, brake: SupportsFloat) -> None:
-    """Say what is wrong with an action.
+    """Check the fields of an action.
 
     Raises:
-        InvalidActionError: always; it names the field.
+        InvalidActionError: a field is not a number or out of range; the message names it.
     """
     for (name, (low, high)), value in zip(_RANGES.items(), (steer, throttle, brake), strict=True):
         try:
@@ -60,7 +60,7 @@ def _check(steer: SupportsFloat, throttle: SupportsFloat, brake: SupportsFloat) 
             right = low <= float(value) <= high
         except (TypeError, ValueError):
             raise InvalidActionError(
-                f"action.{name}: {value!r} is no number; give one from {low:g} to {high:g}",
+                f"action.{name}: {value!r} is not a number; give one from {low:g} to {high:g}",
             ) from None
         if not right:
             raise InvalidActionError(f"action.{name}: is {float(value)}; give a number from {low:g} to {high:g}")
@@ -69,20 +69,20 @@ def _check(steer: SupportsFloat, throttle: SupportsFloat, brake: SupportsFloat) 
 class Episode:
     """One drive of one trial: ``reset``, then ``step`` until it says terminated or truncated.
 
-    The same trial and actions give the same bytes of observations, trajectory and outcome, whatever was driven
-    before in this process.
+    The same trial and actions give the same bytes of observations, trajectory and outcome, whatever this process drove
+    before.
 
     Args:
-        trial: what to drive.
-        track: what to show.
-        simulator: the process's simulator, where the caller keeps one.
-        camera: its place and optics, in the tracks that have one; the benchmark's own by default.
-        strict: for training: a journey ends where the car leaves its road or lane, or stands.
+        trial: the trial to drive.
+        track: decides what observations show.
+        simulator: the process's simulator, if the caller keeps one.
+        camera: place and optics of the camera, in the tracks that have one; the benchmark's by default.
+        strict: for training: a journey ends when the car leaves its road or lane, or stands.
 
     Raises:
-        InvalidTrialError: one of the trial's fields cannot be.
-        FaultNotApplicableError: this version or the approach does not admit the fault.
-        TrafficTooDenseError: the town has no room for so many other road users.
+        InvalidTrialError: a field of the trial is invalid.
+        FaultNotApplicableError: the fault is not built yet, or cannot be applied to the trial.
+        TrafficTooDenseError: the town has no room for so many road users.
     """
 
     def __init__(
@@ -110,14 +110,14 @@ class Episode:
         self.trajectory = Trajectory(trial, self.town.sha256)
         self.outcome: Outcome | None = None
         self.steps = 0
-        """Decisions so far."""
+        """Number of decisions so far."""
 
     def reset(self) -> Observation:
-        """Begin the trial, or begin it anew.
+        """Begin the trial, or begin it again, and return the first observation.
 
         Raises:
             SimulatorUnavailableError: libsumo cannot be loaded.
-            SimulatorFailedError: SUMO refused.
+            SimulatorFailedError: SUMO reported an error.
         """
         trial = self.trial
         pose = start_pose(self.town, trial)
@@ -132,9 +132,9 @@ class Episode:
         self._actions: list[bytes] = []
         self.trajectory = Trajectory(trial, self.town.sha256)
         self.steps = self._sub_steps = 0
-        # The edges by which others expect the car, as far as a journey leads: the one that it is on comes first.
+        # On a journey: the edges that others expect the car to take, from the one that it is on.
         self._expected = self._traffic.ego if self._traffic is not None and trial.journey is not None else ()
-        self._misled = False
+        self._outdated = False
         self._guide()
         users = self._simulation.road_users()
         row = Row(0.0, *self._state, int(self._command), int(self._guidance.command), 0.0, 0.0, 0.0, users)
@@ -143,19 +143,19 @@ class Episode:
         return self._observe()
 
     def step(self, steer: float, throttle: float, brake: float) -> Step:
-        """Drive on for 0.1 s, or until a verdict falls.
+        """Drive for 0.1 s, or until there is a verdict.
 
         Args:
             steer: -1 full left to 1 full right.
             throttle: 0 to 1.
-            brake: 0 to 1; it wins over the throttle.
+            brake: 0 to 1; it overrides the throttle.
 
         Raises:
-            InvalidActionError: a field is no number, not finite or out of its range.
+            InvalidActionError: a field is not a finite number in its range.
             EpisodeNotStartedError: call ``reset`` first.
-            EpisodeAlreadyFinishedError: it has its outcome.
+            EpisodeAlreadyFinishedError: the episode has its outcome.
             SimulatorInUseError: another environment of this process took the simulator.
-            SimulatorFailedError: SUMO refused.
+            SimulatorFailedError: SUMO reported an error.
         """
         self._advance(steer, throttle, brake)
         truncated = self._judge.ran_out
@@ -167,10 +167,12 @@ class Episode:
         )
 
     def repeat(self, actions: Sequence[tuple[float, float, float]]) -> Step | None:
-        """Take many steps of which the last alone is looked at; None where there is none.
+        """Take many steps and return the last one's result; None if there are no actions.
+
+        Only the last observation is made, so this is faster than calling :meth:`step`.
 
         Args:
-            actions: steer, throttle, brake of each.
+            actions: steer, throttle, brake of each step.
 
         Raises:
             As :meth:`step`.
@@ -216,10 +218,10 @@ class Episode:
         self._guide()
 
     def abort(self) -> Outcome:
-        """End it here, as the agent's own doing; an episode that has ended keeps its outcome.
+        """End the episode as ``aborted`` and return its outcome; an episode that has ended keeps its own.
 
         Raises:
-            EpisodeNotStartedError: nothing was begun.
+            EpisodeNotStartedError: call ``reset`` first.
         """
         if self._simulation is None:
             raise EpisodeNotStartedError("abort before the first reset; call reset")
@@ -229,30 +231,30 @@ class Episode:
 
     @property
     def actions_sha256(self) -> str:
-        """Of the actions as little-endian float32 [n, 3] in the order steer, throttle, brake; hexadecimal."""
+        """SHA-256 of the actions as little-endian float32 (n, 3), steer, throttle, brake; hexadecimal."""
         if self._simulation is None:
             return hashlib.sha256(b"").hexdigest()
         return hashlib.sha256(b"".join(self._actions)).hexdigest()
 
     def _guide(self) -> None:
-        """Ask the route, and the fault, for the command of the coming 0.1 s."""
+        """Ask the route and the fault for the command of the next 0.1 s."""
         self._guidance: Guidance = self._navigator.update(self._state[0], self._state[1])
         self._command: Command = self._fault.deliver(self._sub_steps / _PER_SECOND, self._guidance)
         if self._expected:
-            self._show_the_way()
+            self._update_expected_route()
 
-    def _show_the_way(self) -> None:
-        """Let others expect the car where it goes now, after a turn that was not the route's."""
+    def _update_expected_route(self) -> None:
+        """Tell SUMO's drivers where the car goes now, if it left its route."""
         edge = self.town.lanes[self._navigator.lane].edge
         if edge != self._expected[0]:
             self._expected = self._expected[1:]
             if not self._expected or edge != self._expected[0]:
                 lanes = self._navigator.lanes_ahead(EGO_LENGTH)
                 self._expected = tuple(self.town.lanes[lane].edge for lane in lanes)
-                self._misled = True
-        if self._misled:
+                self._outdated = True
+        if self._outdated:
             assert self._simulation is not None
-            self._misled = not self._simulation.set_route(self._expected)
+            self._outdated = not self._simulation.set_route(self._expected)
 
     def _observe(self) -> Observation:
         if self._privileged:
@@ -267,7 +269,7 @@ class Episode:
         return observation
 
     def picture(self, camera: "Camera | None" = None) -> "Image":
-        """What is seen now, uint8 (height, width, 3), whatever the track shows.
+        """Return what the camera sees now, uint8 (height, width, 3), on any track.
 
         Raises:
             EpisodeNotStartedError: call ``reset`` first.
@@ -277,7 +279,7 @@ class Episode:
         return self._seen_by(self._renderer_of(camera))[0]
 
     def _renderer_of(self, camera: "Camera | None") -> "Renderer":
-        from wrongturn_sim.camera import Renderer, World  # noqa: PLC0415 - who shows no pictures need not wait for it
+        from wrongturn_sim.camera import Renderer, World  # noqa: PLC0415 - slow, and only pictures need it
 
         return Renderer(World.of(self.town), camera, self.trial.weather, self.trial.seed)
 

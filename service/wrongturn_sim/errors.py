@@ -1,30 +1,30 @@
-"""What can go wrong in the simulation.
+"""Errors of the simulation.
 
 ::
 
     SimError
-    ├── InvalidActionError (ValueError)      an action's field is missing, not finite or out of its range
+    ├── InvalidActionError (ValueError)      a field of the action is missing, not finite or out of range
     ├── EpisodeNotStartedError               a step before the first reset
     ├── EpisodeAlreadyFinishedError          a step after the end
     ├── TrafficTooDenseError (ValueError)    the trial has more road users than its town has room for
-    ├── InvalidTrialError (ValueError)       a trial's field cannot be
-    ├── TrialNotAloneError (ValueError)      egos of one batch drive alone, in one town
-    ├── TrajectoryError (ValueError)         bytes that are no trajectory
+    ├── InvalidTrialError (ValueError)       a field of the trial is invalid
+    ├── TrialNotAloneError (ValueError)      the cars of one batch drive alone, in one town
+    ├── TrajectoryError (ValueError)         the bytes are not a trajectory
     └── SimulatorError
         ├── SimulatorUnavailableError        libsumo cannot be loaded
         ├── SimulatorInUseError              another environment of this process took the simulator
         └── SimulatorFailedError             SUMO refused or died
 
-``FaultNotApplicableError`` belongs to ``wrongturn_networks``, which checks trials when they are drawn.
+``FaultNotApplicableError`` belongs to ``wrongturn_networks``.
 """
 
 
 class SimError(Exception):
-    """Anything that the simulation refuses."""
+    """Base class of the simulation's errors."""
 
 
 class InvalidActionError(SimError, ValueError):
-    """An action's field is missing, not finite or out of its range; the message names the field and the range."""
+    """A field of the action is missing, not finite or out of range; the message names the field and the range."""
 
 
 class EpisodeNotStartedError(SimError):
@@ -36,23 +36,23 @@ class EpisodeAlreadyFinishedError(SimError):
 
 
 class TrafficTooDenseError(SimError, ValueError):
-    """The trial has more road users than its town has room for; the message names the field and the room."""
+    """The trial has more road users than its town has room for; the message names the field and the limit."""
 
 
 class InvalidTrialError(SimError, ValueError):
-    """A trial's field cannot be; the message names it."""
+    """A field of the trial is invalid; the message names it."""
 
 
 class TrialNotAloneError(SimError, ValueError):
-    """The trial has other road users, or is of another town; egos of one batch drive alone in one town."""
+    """The trial has other road users or another town; the cars of one batch drive alone in one town."""
 
 
 class TrajectoryError(SimError, ValueError):
-    """Bytes that are no trajectory."""
+    """The bytes are not a trajectory."""
 
 
 class SimulatorError(SimError):
-    """Anything that concerns SUMO."""
+    """Base class of the errors that come from SUMO."""
 
 
 class SimulatorUnavailableError(SimulatorError):
@@ -60,7 +60,7 @@ class SimulatorUnavailableError(SimulatorError):
 
 
 class SimulatorInUseError(SimulatorError):
-    """Another environment of this process took the simulator: there is one to a process."""
+    """Another environment of this process took the simulator; each process has only one."""
 
 
 class SimulatorFailedError(SimulatorError):

@@ -1,8 +1,9 @@
-"""The navigator's progress, compiled: what one place of the car makes of its way along the route.
+"""The compiled part of the route planner: it follows a car along its route.
 
-A way tells for each leg which exit to take: that of the shortest way to a goal, or one that is drawn.
-A town's lanes and exits are runs of numbers (:class:`~wrongturn_sim.roads.Roads`), and so is an ego's progress;
-:class:`~wrongturn_sim.route.Navigator` keeps one, an environment of many egos keeps a row of them for each.
+A town's lanes and exits are arrays (:class:`~wrongturn_sim.roads.Roads`). A *leg* is a lane together with the junction
+at its end, a *gate* is one of its exits. A *way* gives the exit to take at the end of each leg: the one on the shortest
+way to a goal, or DRAWN. A car's progress is an array too: :class:`~wrongturn_sim.route.Navigator` keeps one, and a
+fleet keeps one row for each car.
 """
 
 import math
@@ -18,52 +19,53 @@ from wrongturn_sim.polyline import fill, project
 Array = np.ndarray[Any, Any]
 
 WINDOW_BEFORE = 15.0
-"""The command is named from so far before the stop line on, metres along the lane."""
+"""The window begins this far before the stop line, metres along the lane."""
 WINDOW_AFTER = 5.0
-"""And until so far past the exit line."""
+"""The window ends this far past the exit line, metres."""
 VISIBLE_RANGE = 60.0
-"""Stop lines and exits are shown within this distance, metres."""
+"""Observations show stop lines and exits within this distance, metres."""
 GATE_DEPTH = 30.0
-"""An exit was taken by a car that is in its lane within so far of the exit line, metres."""
+"""A car in an exit's lane, at most this far past the exit line, has taken the exit, metres."""
 LANE_FOLLOW = 4
-"""The command outside windows."""
+"""Number of the command outside windows."""
 BACK = 5.0
-"""A car that turned round is so far along its own street's other lane at least, metres."""
+"""A car that is this far along its own street's opposite lane has turned round, metres."""
 _AT_END = 1e-6
-_ASTRAY = 3.0  # so far beside the route's path a journey's car is looked for on the other lanes, metres
+_ASTRAY = 3.0  # a journey's car this far from the route's path may be on another lane, metres
 
-# A leg's ints: where its lane's points are, its approach (1: the lane leads into a junction), the direction that the
-# approach lacks (0: none), the leg of its street's other lane (-1: none), and its exits; for each exit direction, leg,
-# and where its path's points are.
+# Integers of a leg: first and end index of its lane's points; whether the lane leads into a junction; the direction
+# that the approach lacks (0: none); the leg of the street's opposite lane (-1: none); the number of exits. Then for
+# each exit: its direction, its leg, first and end index of its path's points.
 L_FIRST, L_END, L_APPROACH, L_MISSING, L_BACK, L_GATES, L_GATE = 0, 1, 2, 3, 4, 5, 6
 GATE_INTS = 4
 G_DIRECTION, G_LEG, G_FIRST, G_END = 0, 1, 2, 3
 LEG_INTS = L_GATE + 3 * GATE_INTS
-# And its floats: the lane's length; for each exit where its lane begins, the unit vector along it there, half its
-# width, and the length of the path to the exit line.
+# Floats of a leg: the lane's length. Then for each exit: the point where its lane begins, the lane's unit vector there,
+# half its width, and the length of the path to the exit line.
 F_LENGTH, F_GATE = 0, 1
 GATE_FLOATS = 6
 G_X, G_Y, G_UX, G_UY, G_HALF_WIDTH, G_INNER = 0, 1, 2, 3, 4, 5
 LEG_FLOATS = F_GATE + 3 * GATE_FLOATS
 
-# An ego's progress: the leg; which of its exits the route takes (-1: there is none); whether the car is in the
-# junction; the leg whose window still holds past its exit line (-1: none) and that window's command; draws made;
-# whether it is a journey, which is planned anew from wherever the car comes back to a lane.
+# Integers of a car's progress: the leg; the exit that the route takes (-1: none); whether the car is in the junction;
+# the leg whose window still holds past its exit line (-1: none), and that window's command; the number of draws used;
+# whether it is a journey, which is planned anew wherever the car returns to a lane.
 P_LEG, P_GATE, P_INSIDE, P_AFTER, P_AFTER_COMMAND, P_DRAWN, P_JOURNEY = 0, 1, 2, 3, 4, 5, 6
 PROGRESS_INTS = 7
-# Metres along the lane, or along the route's path in the junction; metres travelled in that window at its exit line.
+# Floats of a car's progress: metres along the lane, or along the route's path within the junction; metres travelled in
+# the window that still holds, at its exit line.
 P_S, P_AFTER_TRAVELLED = 0, 1
 PROGRESS_FLOATS = 2
 
 DRAWN, NONE = -2, -1
-"""In a way: the leg's exit is drawn; there is none to take."""
+"""Entries of a way: the leg's exit is drawn; there is no exit."""
 DRAWS = 64
-"""Random draws of an ego's route; an exit takes two or fewer on average, and they go round."""
+"""Number of random draws of a route. An exit uses two or fewer on average; after the last, the first comes again."""
 
 
 @njit(cache=True)
 def taken(floats: Array, leg: int, k: int, x: float, y: float) -> bool:
-    """Whether a point lies in the lane of a leg's exit, shortly past the exit line."""
+    """Return whether a point lies in the lane of a leg's exit ``k``, shortly past the exit line."""
     gate = F_GATE + GATE_FLOATS * k
     dx = x - floats[leg, gate + G_X]
     dy = y - floats[leg, gate + G_Y]
@@ -76,7 +78,10 @@ def taken(floats: Array, leg: int, k: int, x: float, y: float) -> bool:
 
 @njit(cache=True)
 def choose(draws: Array, progress: Array, count: int) -> Any:
-    """One of so many exits, at most three, as ``random.choice`` draws: a word's highest bits, until they are one."""
+    """Return one of ``count`` exits, at most three, drawn as ``random.choice`` does.
+
+    It reads the highest bits of one 32-bit draw after the other until they are the number of an exit.
+    """
     shift = 31 if count == 1 else 30
     for _ in range(DRAWS):
         pick = draws[progress[P_DRAWN] % DRAWS] >> shift
@@ -88,7 +93,7 @@ def choose(draws: Array, progress: Array, count: int) -> Any:
 
 @njit(cache=True)
 def enter(ints: Array, draws: Array, way: Array, progress: Array, leg: int) -> None:
-    """Plan anew from a lane."""
+    """Plan the route anew from a lane."""
     progress[P_LEG] = leg
     progress[P_INSIDE] = 0
     if way[leg] != DRAWN:
@@ -99,7 +104,7 @@ def enter(ints: Array, draws: Array, way: Array, progress: Array, leg: int) -> N
 
 @njit(cache=True)
 def leave(ints: Array, floats: Array, draws: Array, way: Array, progress: Array, places: Array, k: int) -> None:
-    """Plan anew from the lane of an exit that was taken, the route's or not."""
+    """Plan the route anew from the lane of exit ``k``, which the car took, whether it was the route's or not."""
     leg = progress[P_LEG]
     progress[P_AFTER] = leg
     progress[P_AFTER_COMMAND] = ints[leg, L_GATE + GATE_INTS * progress[P_GATE] + G_DIRECTION]
@@ -109,10 +114,7 @@ def leave(ints: Array, floats: Array, draws: Array, way: Array, progress: Array,
 
 @compiled_with(polyline)
 def found_again(points: Array, along: Array, ints: Array, floats: Array, progress: Array, x: float, y: float) -> int:
-    """The leg on which a car is that left the junction otherwise than by an exit's first metres; -1 for none.
-
-    It may have come into an exit's lane late, or have turned round.
-    """
+    """Return the leg of a car that entered an exit's lane late, or turned round in the junction; -1 for none."""
     leg = progress[P_LEG]
     back = ints[leg, L_BACK]
     for k in range(ints[leg, L_GATES] + 1):
@@ -135,23 +137,23 @@ def update(
     points: Array, along: Array, ints: Array, floats: Array, draws: Array, way: Array, progress: Array,
     places: Array, x: float, y: float,
 ) -> tuple[int, int, float, float, float]:  # fmt: skip
-    """Take in where the body's centre is now.
+    """Update a car's progress for the current place of the body's centre.
 
     Args:
-        points: (N, 2) of all lines of the town.
-        along: (N,), their distances.
+        points: (N, 2), of all lines of the town.
+        along: (N,), distances along each line.
         ints: (legs, LEG_INTS).
         floats: (legs, LEG_FLOATS).
-        draws: (DRAWS,) uint32 of the ego's route.
-        way: (legs,), which of its exits each leg's is: DRAWN, or NONE.
+        draws: (DRAWS,) uint32, the random draws of the route.
+        way: (legs,), the number of each leg's exit, DRAWN or NONE.
         progress: (PROGRESS_INTS,), changed.
         places: (PROGRESS_FLOATS,), changed.
         x: metres.
         y: metres.
 
     Returns:
-        The route's command; the leg whose approach the window belongs to or, outside a window, is ahead (-1: none);
-        metres travelled from the window's begin on; beside the path, metres; heading of the path, radians.
+        The route's command; the leg of the window's approach or, outside a window, of the approach ahead (-1: none);
+        metres travelled since the window began; distance from the path, metres; heading of the path, radians.
     """
     leg = progress[P_LEG]
     if progress[P_INSIDE]:
@@ -195,7 +197,7 @@ def update(
 
 @njit(cache=True)
 def stop_line(ints: Array, floats: Array, progress: Array, places: Array) -> float:
-    """Metres along the lane to the stop line ahead; -1 within the junction and where none lies within 60 m."""
+    """Return metres along the lane to the stop line; -1 within a junction and where none lies within 60 m."""
     leg = progress[P_LEG]
     left = floats[leg, F_LENGTH] - places[P_S]
     return -1.0 if progress[P_INSIDE] or not ints[leg, L_APPROACH] or left > VISIBLE_RANGE else left
@@ -205,12 +207,12 @@ def stop_line(ints: Array, floats: Array, progress: Array, places: Array) -> flo
 def lane_ahead(
     points: Array, along: Array, ints: Array, floats: Array, progress: Array, places: Array, out: Array
 ) -> None:
-    """The lane's centre line ahead into ``out`` (n, 2), 1 m apart: from the car on, or the end within the junction."""
+    """Fill ``out`` (n, 2) with the lane's centre line ahead, 1 m apart; within a junction, with the lane's end."""
     leg = progress[P_LEG]
     begin = floats[leg, F_LENGTH] if progress[P_INSIDE] else places[P_S]
     fill(points, along, ints[leg, L_FIRST], ints[leg, L_END], begin, out)
 
 
 def route_draws(random: Any) -> Array:
-    """The draws of an ego's route, of a ``random.Random`` of its own."""
+    """Return the random draws of a route, taken from a ``random.Random`` of its own."""
     return np.frombuffer(random.getrandbits(32 * DRAWS).to_bytes(4 * DRAWS, "little"), "<u4").copy()

@@ -18,22 +18,22 @@ if TYPE_CHECKING:
 
 
 class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """Drive trials in this process; there is one simulation to a process.
+    """Drive trials in this process, which can hold only one simulation.
 
-    Each reset draws a new trial from the environment's own generator (``reset(seed=...)`` sets it), unless one is
-    given: for good by ``trial``, or for this reset by ``options={"trial": ...}``. ``info`` names the trial, and at the
-    end holds ``verdict`` and ``outcome``.
+    Each reset draws a new trial from the environment's random generator; ``reset(seed=...)`` seeds it. To choose the
+    trial, pass ``trial`` here, or ``options={"trial": ...}`` to ``reset``. ``info`` names the trial, and at the end
+    holds ``verdict`` and ``outcome``.
 
     Args:
-        town: The town to draw trials in.
-        track: What the agent is shown.
-        strict: End a journey where the car leaves its road or lane, or stands still; for training.
-        render_mode: ``rgb_array`` lets :meth:`render` return pictures, whatever the track shows.
-        camera: The camera of ``render`` and of tracks with pictures; the benchmark's own by default.
+        town: town in which trials are drawn.
+        track: decides what observations show.
+        strict: for training: a journey ends when the car leaves its road or lane, or stands.
+        render_mode: ``rgb_array``, to get pictures from ``render`` on any track.
+        camera: camera of observations and of ``render``; the benchmark's by default.
         options: ``approach``, ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
 
     Raises:
-        ValueError: A name does not exist, or options do not go together.
+        ValueError: a name does not exist, or two options exclude each other.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
@@ -61,7 +61,7 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.action_space = action_space()  # type: ignore[assignment]
         self._simulator = Simulator()
         self.episode: Episode | None = None
-        """The one that was begun last, with its trajectory."""
+        """The last episode, with its trajectory; None before the first reset."""
 
     def reset(
         self,
@@ -69,7 +69,7 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         seed: int | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin a trial: the one in ``options["trial"]`` (a Trial, or an id of the suite), else the next.
+        """Begin a trial: ``options["trial"]`` (a Trial, or an id of the suite), else a drawn one.
 
         Raises:
             SimError: as :class:`~wrongturn_sim.episode.Episode`.
@@ -81,10 +81,10 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self.episode.reset(), {"trial": trial.id, "town": trial.town}
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Drive on for 0.1 s.
+        """Drive for 0.1 s.
 
         Args:
-            action: float32 (3,): steer, throttle, brake.
+            action: (3,) float32: steer, throttle, brake.
 
         Raises:
             SimError: as :meth:`wrongturn_sim.episode.Episode.step`.
@@ -99,12 +99,12 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         info: dict[str, Any] = {}
         if self.episode.outcome is not None:
             info["verdict"] = str(self.episode.outcome.verdict)
-            # Without what is None: Gymnasium's vector environments make arrays of the numbers.
+            # Gymnasium's vector environments make arrays of the numbers, so None must not be among them.
             info["outcome"] = self.episode.outcome.model_dump(mode="json", exclude_none=True)
         return observation, reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """What is seen now, uint8 (height, width, 3); None where ``render_mode`` is.
+        """Return what the camera sees now, uint8 (height, width, 3); None if ``render_mode`` is None.
 
         Raises:
             EpisodeNotStartedError: call ``reset`` first.

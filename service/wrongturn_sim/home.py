@@ -1,15 +1,14 @@
-"""Where compiled kernels are kept. Imported before numba, which reads its settings once.
+"""Where compiled kernels are kept. Import this before numba, which reads its settings once.
 
-Installed code may be read-only (a container, a system-wide installation), so numba must not write beside it: its
-cache goes under ``WRONGTURN_HOME``, or to a temporary directory where that cannot be written.
+Installed code may be read-only, as in a container. So numba's cache goes under ``WRONGTURN_HOME``, or into a temporary
+directory where that cannot be written.
 
-An image can bring its kernels along: what ``python -m wrongturn_sim`` compiled into the directory that
-``WRONGTURN_KERNELS`` names. Numba uses no cache that it cannot write, so it gets a copy of that one, which it adds to
-where the machine at hand needs other code. A copy is named after its content: what an older image left on the volume is
-never mixed with it.
+An image can ship its kernels: ``python -m wrongturn_sim`` compiles them into the directory that ``WRONGTURN_KERNELS``
+names. Numba ignores a cache that it cannot write, so it gets a copy. The copy's name is a checksum of its content, so
+kernels of an older image on the same volume are never mixed in.
 
-On x86-64 the instruction set is pinned, so that a picture's bytes do not hang on the machine: fast arithmetic rounds as
-the instructions allow.
+On x86-64 the instruction set is pinned: fast arithmetic rounds differently with other instructions, and a picture's
+bytes must not depend on the machine.
 """
 
 import hashlib
@@ -26,16 +25,16 @@ CACHE_VARIABLE: Final = "NUMBA_CACHE_DIR"
 KERNELS_VARIABLE: Final = "WRONGTURN_KERNELS"
 CPU_VARIABLE: Final = "NUMBA_CPU_NAME"
 CPU: Final = "x86-64-v3"
-"""AVX2 and FMA, which every machine that the benchmark promises its bytes for has."""
+"""AVX2 and FMA: what a machine needs for the bytes that the benchmark promises."""
 
 
 def home() -> Path:
-    """``WRONGTURN_HOME``: data, models and caches of this user."""
+    """Return ``WRONGTURN_HOME``, the folder of this user's data, models and caches."""
     return Path(os.environ.get("WRONGTURN_HOME") or platformdirs.user_data_dir("wrongturn"))
 
 
 def writable(directory: Path) -> bool:
-    """Whether files can be made in the directory, which is made first where it is missing."""
+    """Return whether files can be created in a directory; create it where it is missing."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=directory):
@@ -45,19 +44,16 @@ def writable(directory: Path) -> bool:
 
 
 def set_cache() -> Path:
-    """Tell numba where to keep its cache and which processor to compile for, unless the user did.
-
-    Returns the directory of the cache.
-    """
+    """Set numba's cache directory and target processor, unless the user did, and return the directory."""
     if CPU_VARIABLE not in os.environ and platform.machine().lower() in {"x86_64", "amd64"}:
         os.environ[CPU_VARIABLE] = CPU
-        # Nothing beyond it: numba would add what it finds in the machine at hand.
+        # Empty, or numba adds the features of this machine's processor.
         os.environ.setdefault("NUMBA_CPU_FEATURES", "")
     chosen = os.environ.get(CACHE_VARIABLE)
     if not chosen:
         parent, compiled = home(), os.environ.get(KERNELS_VARIABLE)
         if not writable(parent if compiled else parent / "numba"):
-            # Of this process and its children alone: a cache that others may write would run their code.
+            # Private to this process and its children: a cache that others can write would run their code.
             parent = Path(tempfile.mkdtemp(prefix="wrongturn-numba-"))
         directory = _copied(Path(compiled), parent) if compiled else parent / "numba"
         chosen = os.environ[CACHE_VARIABLE] = str(directory)
@@ -65,7 +61,7 @@ def set_cache() -> Path:
 
 
 def _copied(compiled: Path, parent: Path) -> Path:
-    """The copy in ``parent`` of this directory of compiled kernels, made where it is missing; older ones go."""
+    """Return the copy in ``parent`` of a directory of kernels; make it where it is missing, and delete older ones."""
     digest = hashlib.sha256()
     for file in sorted(path for path in compiled.rglob("*") if path.is_file()):
         digest.update(f"{file.relative_to(compiled)}\n{file.stat().st_size}\n".encode())
@@ -73,7 +69,7 @@ def _copied(compiled: Path, parent: Path) -> Path:
     directory = parent / f"numba-{digest.hexdigest()[:12]}"
     if directory.is_dir():
         return directory
-    # Complete or not there at all, also where several processes start at once.
+    # A rename: other processes that start now see a complete copy or none.
     with tempfile.TemporaryDirectory(prefix=".numba-", dir=parent) as made:
         shutil.copytree(compiled, Path(made) / "numba")
         try:

@@ -1,4 +1,4 @@
-"""What an agent is shown, built from the state. ``docs/observations.md`` explains the keys."""
+"""Observations, built from the car's state. ``docs/observations.md`` explains the keys."""
 
 from collections.abc import Sequence
 
@@ -12,8 +12,8 @@ from wrongturn_sim.trajectory import RoadUser
 
 
 def observe_state(state: State, command: Command) -> Observation:
-    """The keys of every track, as fresh arrays."""
-    # Filling an empty array is the quickest way to a fresh one.
+    """Return the keys that all tracks have, as new arrays."""
+    # The fastest way to make a new array is to fill an empty one.
     speed, steering, named = np.empty(1, np.float32), np.empty(1, np.float32), np.empty(1, np.int64)
     speed[0], steering[0], named[0] = state[3], state[4], command
     return {"speed": speed, "steering": steering, "command": named}
@@ -25,7 +25,7 @@ def observe_privileged(
     navigator: Navigator,
     road_users: Sequence[RoadUser],
 ) -> Observation:
-    """All keys of the privileged track, as fresh arrays: no route among them, nor the fault."""
+    """Return all keys of the privileged track, as new arrays; they reveal neither the route nor the fault."""
     observation = observe_state(state, command)
     exits, mask = navigator.exits()
     users = np.zeros((ROAD_USERS, 6), np.float32)

@@ -1,4 +1,4 @@
-"""Paths as polylines: where a point lies beside one, and points along one at equal distances."""
+"""Polylines: the nearest place to a point, and points at equal distances."""
 
 import math
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ Points = NDArray[np.float64]
 
 @njit(cache=True)
 def measure(points: Points) -> Points:
-    """Distance from the first point along the line to each, metres, (N,)."""
+    """Return the distance along the line from its first point to each point, (N,), metres."""
     along = np.zeros(points.shape[0])
     for i in range(1, points.shape[0]):
         dx = points[i, 0] - points[i - 1, 0]
@@ -23,19 +23,19 @@ def measure(points: Points) -> Points:
 
 @njit(cache=True)
 def project(points: Points, along: Points, first: int, end: int, x: float, y: float) -> tuple[float, float, float]:
-    """The nearest place of a line to a point.
+    """Return the place on a line that is nearest to a point.
 
     Args:
-        points: (N, 2), metres, of one line or of many after one another.
-        along: (N,), as :func:`measure` gives for each line.
-        first: where the line begins.
-        end: behind its last point; it has at least two.
+        points: (N, 2), metres, of one line or of several, one after the other.
+        along: (N,), distances as :func:`measure` returns them for each line.
+        first: index of the line's first point.
+        end: index after its last point; a line has at least two.
         x: of the point, metres.
         y: of the point, metres.
 
     Returns:
-        Distance along the line to that place (metres); distance of the point from it (metres, positive to the left);
-        heading of the line there (radians).
+        Distance along the line to that place, metres; distance of the point from it, metres, positive to the left;
+        heading of the line there, radians.
     """
     best = math.inf
     at = 0.0
@@ -72,15 +72,15 @@ def project(points: Points, along: Points, first: int, end: int, x: float, y: fl
 
 @njit(cache=True)
 def fill(points: Points, along: Points, first: int, end: int, begin: float, out: NDArray[np.float32]) -> None:
-    """Points of a line 1 m apart from ``begin`` on; past its end, the last one again and again.
+    """Fill an array with points of a line, 1 m apart; past the line's end its last point is repeated.
 
     Args:
-        points: (N, 2), metres, of one line or of many after one another.
-        along: (N,), as :func:`measure` gives for each line.
-        first: where the line begins.
-        end: behind its last point.
-        begin: metres along the line.
-        out: (M, 2), written.
+        points: (N, 2), metres, of one line or of several, one after the other.
+        along: (N,), distances as :func:`measure` returns them for each line.
+        first: index of the line's first point.
+        end: index after its last point.
+        begin: where the points start, metres along the line.
+        out: (M, 2), filled.
     """
     last = end - 1
     i = first
@@ -99,18 +99,18 @@ def fill(points: Points, along: Points, first: int, end: int, begin: float, out:
 
 
 class Projection(NamedTuple):
-    """Where a point lies beside a path."""
+    """Where a point lies beside a polyline."""
 
     s: float
-    """Metres along the path."""
+    """Metres along the line."""
     lateral: float
-    """Metres, positive to the left."""
+    """Distance from the line, metres, positive to the left."""
     heading: float
-    """Of the path there, radians."""
+    """Heading of the line there, radians."""
 
 
 class Polyline:
-    """A polyline with its distances."""
+    """A line of points, with the distance of each along it."""
 
     __slots__ = ("along", "length", "points")
 
@@ -120,15 +120,15 @@ class Polyline:
         self.length = float(self.along[-1])
 
     def project(self, x: float, y: float) -> Projection:
-        """The nearest place of the path."""
+        """Return the place that is nearest to a point."""
         return Projection(*project(self.points, self.along, 0, len(self.points), x, y))
 
     def then(self, other: "Polyline") -> "Polyline":
-        """This path and another one after it."""
+        """Return this line with another one appended."""
         return Polyline(np.concatenate([self.points, other.points]))
 
     def sample(self, begin: float, count: int) -> NDArray[np.float32]:
-        """Points 1 m apart from ``begin`` on, (count, 2); past the end, the last one again."""
+        """Return points 1 m apart, starting at ``begin`` metres, (count, 2); past the end the last one is repeated."""
         out = np.empty((count, 2), np.float32)
         fill(self.points, self.along, 0, len(self.points), begin, out)
         return out

@@ -1,4 +1,4 @@
-"""The reward of practice and training: the paper's, r = (v* - |v* - v|) + 10 (1 - d) + 0.1 (15 - |a|)."""
+"""The paper's reward, for practice and training: r = (v* - |v* - v|) + 10 (1 - d) + 0.1 (15 - |a|)."""
 
 import math
 from typing import Final
@@ -9,9 +9,9 @@ from wrongturn_protocol import Command
 from wrongturn_sim.faults.fault import Guidance
 
 CRUISING: Final = 35.0
-"""v* outside a junction's window, km/h."""
+"""Target speed v* outside a junction's window, km/h."""
 TURNING: Final = 15.0
-"""v* within it."""
+"""Target speed v* within the window, km/h."""
 _KMH: Final = 3.6
 _TURN: Final = 2.0 * math.pi
 _DEGREES: Final = 180.0 / math.pi
@@ -19,14 +19,14 @@ _DEGREES: Final = 180.0 / math.pi
 
 @njit(cache=True)
 def score(v: float, yaw: float, turning: bool, lateral: float, heading: float) -> float:
-    """The formula itself.
+    """Return the reward by the formula.
 
     Args:
-        v: m/s; the formula's is in km/h.
-        yaw: of the car, radians.
-        turning: whether this is within a junction's window.
-        lateral: of the car beside its path, metres.
-        heading: of that path, radians.
+        v: speed, m/s; the formula converts it to km/h.
+        yaw: heading of the car, radians.
+        turning: whether the car is within a junction's window.
+        lateral: distance of the car from its path, metres.
+        heading: heading of that path, radians.
     """
     target = TURNING if turning else CRUISING
     angle = abs(yaw - heading) % _TURN
@@ -35,12 +35,12 @@ def score(v: float, yaw: float, turning: bool, lateral: float, heading: float) -
 
 
 def reward(v: float, yaw: float, guidance: Guidance) -> float:
-    """How well the car drives at this instant.
+    """Return the reward of this instant.
 
     Args:
-        v: m/s.
-        yaw: of the car, radians.
-        guidance: of the route, for the window, the distance d from its path (m) and the angle a to it (degrees).
+        v: speed, m/s.
+        yaw: heading of the car, radians.
+        guidance: gives the window, the distance d from the route's path (m) and the angle a to it (degrees).
     """
     turning = guidance.command is not Command.LANE_FOLLOW
     value: float = score(v, yaw, turning, guidance.lateral, guidance.heading)

@@ -1,4 +1,4 @@
-"""A town's lanes and exits as the runs of numbers that ``guide.py`` reads."""
+"""A town's lanes and exits as the arrays that ``guide.py`` reads."""
 
 import math
 from collections.abc import Mapping
@@ -18,11 +18,11 @@ from wrongturn_sim.polyline import Points, Polyline
 
 @dataclass(frozen=True, eq=False)
 class Roads:
-    """All lanes for cars of a town, each a *leg* with the junction at its end; read-only."""
+    """All car lanes of a town, as read-only arrays. A *leg* is a lane together with the junction at its end."""
 
     points: Points
-    """(N, 2), metres: of every lane, and of every exit's path from the stop line through the junction and along its
-    lane."""
+    """(N, 2), metres: points of every lane, and of every exit's path, which leads from the stop line through the
+    junction and along the exit's lane."""
     along: Points
     """(N,): distances along each line, metres."""
     ints: NDArray[np.int64]
@@ -30,20 +30,20 @@ class Roads:
     floats: NDArray[np.float64]
     """(legs, LEG_FLOATS)"""
     exits: NDArray[np.float32]
-    """(legs, 3, 60, 2): what an observation shows of the exits; zeros for those that are not there."""
+    """(legs, 3, 60, 2): the exits as an observation shows them; zeros for exits that do not exist."""
     exits_mask: NDArray[np.int8]
     """(legs, 3)"""
     legs: Mapping[str, int]
-    """The row of each lane, by its id."""
+    """Row of each lane, by its id."""
     names: tuple[str, ...]
-    """Ids, by row."""
+    """Id of each row's lane."""
     lanes: tuple[Polyline, ...]
-    """Centre lines, by row."""
+    """Centre line of each row's lane."""
     approaches: tuple[Approach | None, ...]
-    """By row; None where the lane leads into no junction."""
+    """Approach of each row; None where the lane leads into no junction."""
 
     def gate_of(self, leg: int, direction: Command) -> int:
-        """Which of a leg's exits has a direction; KeyError where none has."""
+        """Return the number of a leg's exit in a direction; raises KeyError where there is none."""
         approach = self.approaches[leg]
         for k, known in enumerate(approach.exits if approach is not None else ()):
             if known is direction:
@@ -58,13 +58,13 @@ class Roads:
 
     @property
     def tables(self) -> tuple[Points, Points, NDArray[np.int64], NDArray[np.float64]]:
-        """What ``guide.update`` takes first."""
+        """The first four arguments of ``guide.update``."""
         return self.points, self.along, self.ints, self.floats
 
 
 @lru_cache(maxsize=16)
 def roads_of(town: Town) -> Roads:
-    """The roads of a town; made once."""
+    """Return the roads of a town; they are made once."""
     legs = {name: row for row, name in enumerate(town.lanes)}
     lanes = tuple(Polyline(lane.centreline) for lane in town.lanes.values())
     approaches = tuple(town.approach_of_lane(name) for name in town.lanes)

@@ -1,9 +1,11 @@
-"""Where the car should go: the route planner and the commands of the route. It needs no SUMO.
+"""The route planner: where the car should go, and the route's commands. It needs no SUMO.
 
-The route leads through the trial's approach by the trial's exit and then onward, each further exit drawn from the
-trial's seed, or to a journey's goal by the shortest way. It is planned anew after any exit, from the lane that the car
-is in; a journey's also where the car comes into such a lane late, or turned round in the junction. The route's command
-is named from 15 m before a stop line until 5 m past the exit line, by the body's centre; elsewhere it is LANE_FOLLOW.
+The route leads through the trial's approach by the trial's exit. Each further exit is drawn from the trial's seed; a
+journey takes the shortest way to its goal instead. After every exit the route is planned anew from the lane that the
+car is in. A journey is also planned anew where the car enters such a lane late, or turned round in the junction.
+
+The route names a direction while the body's centre is between 15 m before a stop line and 5 m past the exit line.
+Elsewhere its command is LANE_FOLLOW.
 """
 
 import math
@@ -25,7 +27,7 @@ _COMMANDS: Final = {int(command): command for command in Command}
 
 
 class Pose(NamedTuple):
-    """Where the body's centre stands."""
+    """Position and heading of the body's centre: metres, metres, radians."""
 
     x: float
     y: float
@@ -59,15 +61,15 @@ def start_pose(town: Town, trial: Trial) -> Pose:
 
 
 def guidance_of(roads: Roads, command: int, leg: int, travelled: float, lateral: float, heading: float) -> Guidance:
-    """What ``guide.update`` returned, with the words' own names."""
+    """Return the numbers that ``guide.update`` returned as a named tuple."""
     return Guidance(_COMMANDS[command], roads.approaches[leg] if leg >= 0 else None, travelled, lateral, heading)
 
 
 @lru_cache(maxsize=512)
 def way_to(town: Town, goal: str | None) -> NDArray[np.int8]:
-    """(legs,): the exit of each leg on the shortest way to a lane; without a goal, all are drawn.
+    """Return the exit of each leg on the shortest way to a lane, (legs,); without a goal, all exits are drawn.
 
-    Where no way leads there an exit is drawn, so that whoever came there is told where to go all the same.
+    An exit is also drawn where no way leads to the goal, so that a car that got there still has a route.
 
     Raises:
         UnknownLaneError: the town has no such lane.
@@ -84,7 +86,7 @@ def way_to(town: Town, goal: str | None) -> NDArray[np.int8]:
 
 
 def start_route(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64]) -> NDArray[np.uint32]:
-    """Put an ego's progress (``guide.PROGRESS_INTS``) to the begin of a trial; returns its route's draws."""
+    """Set an ego's progress, (PROGRESS_INTS,), to a trial's start, and return the random draws of its route."""
     leg = roads.legs[town.approach(trial.approach).lane]
     progress[:] = 0
     progress[guide.P_LEG] = leg
@@ -92,11 +94,13 @@ def start_route(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int
     progress[guide.P_INSIDE] = trial.start.distance < 0.0
     progress[guide.P_AFTER] = -1
     progress[guide.P_JOURNEY] = trial.journey is not None
-    return guide.route_draws(random.Random(f"route {trial.seed}"))  # of its own: no other draw shifts the route
+    return guide.route_draws(
+        random.Random(f"route {trial.seed}")
+    )  # a generator of its own: other draws do not shift the route
 
 
 class Navigator:
-    """Follows the car along its route, decision by decision."""
+    """Follows the car along its route, one decision at a time."""
 
     __slots__ = ("_draws", "_places", "_progress", "_roads", "_tables", "_way")
 
@@ -109,17 +113,17 @@ class Navigator:
         self._way = way_to(town, trial.journey.goal if trial.journey is not None else None)
 
     def update(self, x: float, y: float) -> Guidance:
-        """Take in where the body's centre is now."""
+        """Return the guidance for the current place of the body's centre, metres."""
         found = guide.update(*self._tables, self._draws, self._way, self._progress, self._places, x, y)
         return guidance_of(self._roads, *found)
 
     @property
     def lane(self) -> str:
-        """The id of the lane that the car is in, or came from into the junction."""
+        """Id of the lane that the car is in; within a junction, of the lane that it came from."""
         return self._roads.names[int(self._progress[guide.P_LEG])]
 
     def lanes_ahead(self, metres: float) -> tuple[str, ...]:
-        """The ids of the lanes that the route leads along from here, until so many metres lie behind the first."""
+        """Return the ids of the lanes along the route ahead; those after the first add up to ``metres`` or more."""
         ints, floats, progress = self._roads.ints, self._roads.floats, self._progress.copy()
         places = self._places.copy()
         lanes = [self.lane]
@@ -132,18 +136,18 @@ class Navigator:
 
     @property
     def stop_line(self) -> float:
-        """Metres along the lane to the stop line ahead; -1 within the junction and where none lies within 60 m."""
+        """Metres along the lane to the stop line; -1 within a junction and where none lies within 60 m."""
         left: float = guide.stop_line(self._roads.ints, self._roads.floats, self._progress, self._places)
         return left
 
     def lane_ahead(self) -> NDArray[np.float32]:
-        """(60, 2): the lane's centre line ahead, as an observation shows it."""
+        """Return the lane's centre line ahead as an observation shows it, (60, 2)."""
         out = np.empty((PATH_POINTS, 2), np.float32)
         guide.lane_ahead(*self._tables, self._progress, self._places, out)
         return out
 
     def exits(self) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
-        """(3, 60, 2) and (3,): the junction's exits and which there are, as an observation shows them."""
+        """Return the junction's exits and their mask as an observation shows them, (3, 60, 2) and (3,)."""
         leg = int(self._progress[guide.P_LEG])
         shown, mask = self._roads.exits[leg], self._roads.exits_mask[leg]
         if self._progress[guide.P_INSIDE] or self.stop_line >= 0.0:

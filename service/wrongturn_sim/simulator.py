@@ -1,8 +1,7 @@
 """The bridge to SUMO, and the only file that imports libsumo.
 
-libsumo holds one simulation to a process: a second ``start()`` silently kills the first. So the process has one
-:class:`_Process`, and whoever begins an episode takes it; an environment that was displaced is told so at its next
-step instead of driving in a stranger's town.
+libsumo holds one simulation per process: a second ``start()`` silently kills the first. :class:`_Process` knows which
+episode holds it. The episode that begins last takes it; the one before gets SimulatorInUseError at its next step.
 """
 
 import math
@@ -27,23 +26,23 @@ from wrongturn_sim.trajectory import RoadUser
 EGO: Final = "ego"
 EGO_TYPE: Final = "wrongturn-ego"
 KEEP_ROUTE: Final = 2
-"""``moveToXY``: put the car exactly there, on the road or off it."""
+"""Mode of ``moveToXY``: put the car exactly there, on the road or off it."""
 DEBIAN_PACKAGES: Final = ("libx11-6", "libxext6", "libxrender1", "libgl1", "libatomic1")
-"""What libsumo's wheel links to and slim images lack."""
+"""Packages with the libraries that libsumo needs; slim images lack them."""
 
 _OPTIONS: Final = (
     *("--step-length", str(SUB_STEP)),
     *("--no-step-log", "true"),
     *("--no-warnings", "true"),
     *("--duration-log.disable", "true"),
-    *("--collision.action", "none"),  # its collision list is wrong for a car that is moved by hand
+    *("--collision.action", "none"),  # SUMO's collisions are wrong for a car that is moved from outside
     *("--time-to-teleport", "-1"),
     *("--time-to-teleport.highways", "-1"),
     *("--xml-validation", "never"),
     *("--xml-validation.net", "never"),
 )
 _WITH_TRAFFIC: Final = ("--insertion-checks", "collision")
-"""Cars come in where they do not overlap another, though it may have to brake; else one of a jam would come late."""
+"""A car enters as soon as it overlaps no other, even if another has to brake; else cars in a jam would enter late."""
 _HALF_LENGTH: Final = VEHICLE.half_length
 _DEGREES: Final = 180.0 / math.pi
 _SETTLING: Final = 10
@@ -52,23 +51,23 @@ _NOBODY.setflags(write=False)
 
 
 class _Process:
-    """What this process has loaded, and who drives in it."""
+    """What this process has loaded, and which episode drives in it."""
 
     sumo: ModuleType | None = None
     net: Path | None = None
-    """Which net is loaded, while nobody but an ego has driven in it."""
+    """The loaded net, if no traffic has driven in it; else None."""
     holder: object = None
 
 
 def load_libsumo() -> ModuleType:
-    """The libsumo module.
+    """Import and return libsumo.
 
     Raises:
-        SimulatorUnavailableError: it is not installed, or a library that it links to is missing.
+        SimulatorUnavailableError: libsumo or a library that it needs is missing.
     """
     if _Process.sumo is None:
         try:
-            import libsumo  # noqa: PLC0415  only what drives needs it
+            import libsumo  # noqa: PLC0415 - only driving needs it
 
             _Process.sumo = libsumo
         except ImportError as error:
@@ -80,7 +79,7 @@ def load_libsumo() -> ModuleType:
 
 
 def _start(net: Path, seed: int, *more: str) -> ModuleType:
-    """A simulation of the net, freshly loaded unless it is there already."""
+    """Load a net unless it is loaded already, and return libsumo."""
     sumo = load_libsumo()
     if _Process.net == net:
         return sumo
@@ -102,7 +101,7 @@ def _start(net: Path, seed: int, *more: str) -> ModuleType:
 
 
 class Simulation:
-    """One episode's hold on the simulation: good until somebody else begins one in this process."""
+    """An episode's access to SUMO; it ends when another episode begins in this process."""
 
     __slots__ = ("_move", "_step")
 
@@ -111,15 +110,15 @@ class Simulation:
         self._step = step
 
     def move(self, x: float, y: float, yaw: float) -> None:
-        """Put the car there (body's centre) and let 0.05 s pass for everything else.
+        """Move the car's centre to a place (metres, radians) and simulate everything else for 0.05 s.
 
         Raises:
-            SimulatorInUseError: another environment took the simulator since.
-            SimulatorFailedError: SUMO refused.
+            SimulatorInUseError: another environment took the simulator.
+            SimulatorFailedError: SUMO reported an error.
         """
         if _Process.holder is not self:
             raise SimulatorInUseError(
-                "another environment of this process took the simulator, there is one to a process: "
+                "another environment took the simulator, and a process has only one: "
                 "reset this one to take it back, or give each environment a process of its own with "
                 "gymnasium.vector.AsyncVectorEnv (Stable-Baselines3: SubprocVecEnv)",
             )
@@ -140,23 +139,23 @@ class Simulation:
             raise SimulatorFailedError(f"SUMO refused a sub-step: {error}; reset the environment") from error
 
     def set_route(self, edges: tuple[str, ...]) -> bool:  # noqa: ARG002
-        """Let others expect the car to go along these edges from now on; whether that could be done yet."""
+        """Tell SUMO's drivers that the car will take these edges; return False if SUMO cannot take them yet."""
         return True
 
     def road_users(self) -> tuple[RoadUser, ...]:
-        """The others within 80 m of the car, nearest first."""
+        """Return the other road users within 80 m of the car, nearest first."""
         return ()
 
     def others(self) -> NDArray[np.float64]:
-        """The same for pictures, float64 (n, 8): x, y, yaw, length, width, height, kind, colour.
+        """Return the same for pictures, float64 (n, 8): x, y, yaw, length, width, height, kind, colour.
 
-        Kind is 0 for a vehicle and 1 for a pedestrian; a colour is a number that stays with its bearer.
+        Kind is 0 for a vehicle and 1 for a pedestrian. Each road user keeps its colour's number.
         """
         return _NOBODY
 
 
 class _TrafficSimulation(Simulation):
-    """A drive with traffic."""
+    """A simulation with other road users."""
 
     __slots__ = ("_crowd", "_sumo")
 
@@ -171,7 +170,7 @@ class _TrafficSimulation(Simulation):
             self._crowd.update(x, y)
         except Exception as error:
             _Process.holder = None
-            raise SimulatorFailedError(f"SUMO does not tell its traffic: {error}; reset the environment") from error
+            raise SimulatorFailedError(f"SUMO does not report its traffic: {error}; reset the environment") from error
 
     def set_route(self, edges: tuple[str, ...]) -> bool:
         if _Process.holder is not self or self._sumo.vehicle.getRoadID(EGO) != edges[0]:
@@ -187,7 +186,7 @@ class _TrafficSimulation(Simulation):
 
 
 class Simulator:
-    """SUMO as an episode sees it: begin a drive in a town's net, the only one of this process from then on."""
+    """The process's only simulator: SUMO, as an episode uses it."""
 
     def begin(
         self,
@@ -200,22 +199,23 @@ class Simulator:
         seed: int,
         traffic: TrafficPlan | None = None,
     ) -> Simulation:
-        """Take the process's simulation, with the net loaded, and put a new car into it.
+        """Take the process's simulator, load a net and place a new car.
 
-        With traffic the net is loaded freshly and not kept, since SUMO's drivers depend on all that was drawn before.
+        Without traffic the net stays loaded between episodes. With traffic it is loaded each time, because SUMO's
+        drivers depend on all random numbers that were drawn before.
 
         Args:
-            net: the town's ``.net.xml``; it is kept loaded between episodes.
-            edge: where the car comes from, one of the net's.
-            x: of the body's centre, metres.
-            y: of the body's centre, metres.
+            net: the town's ``.net.xml``.
+            edge: the edge that the car starts on.
+            x: place of the body's centre, metres.
+            y: place of the body's centre, metres.
             yaw: radians, counter-clockwise from east.
-            seed: SUMO's own, used when the net is loaded.
-            traffic: who else there is.
+            seed: SUMO's random seed, used when the net is loaded.
+            traffic: the other road users; None for none.
 
         Raises:
             SimulatorUnavailableError: libsumo cannot be loaded.
-            SimulatorFailedError: SUMO cannot load the net, or does not know the edge.
+            SimulatorFailedError: SUMO cannot load the net, or it has no such edge.
         """
         if traffic is None:
             sumo = _start(net, seed % 2**31)
@@ -228,7 +228,7 @@ class Simulator:
             if EGO in sumo.vehicle.getIDList():
                 sumo.vehicle.remove(EGO)
             if edge not in sumo.route.getIDList():
-                # Others give way to whoever comes by a route that leads through their junction.
+                # Other drivers give way only to a car whose route leads through their junction.
                 sumo.route.add(edge, [edge] if traffic is None else traffic.ego)
             sumo.vehicle.add(EGO, edge, EGO_TYPE, depart="now")
             sumo.vehicle.setSpeedMode(EGO, 0)
@@ -243,7 +243,7 @@ class Simulator:
 
     @staticmethod
     def _populate(sumo: ModuleType, traffic: TrafficPlan, x: float, y: float, yaw: float) -> Simulation:
-        """Let the others in, now that they see where the car is."""
+        """Let the other road users enter, now that SUMO knows where the car is."""
         _Process.net = None
         crowd = Crowd(sumo, traffic)
         try:

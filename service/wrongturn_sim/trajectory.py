@@ -1,4 +1,4 @@
-"""The record of an episode: everything that the judge looks at, and nothing that differs from run to run."""
+"""The record of an episode: everything that the judge reads, and nothing that differs between runs."""
 
 import hashlib
 import json
@@ -12,59 +12,59 @@ from wrongturn_protocol import Trial
 from wrongturn_sim.errors import TrajectoryError
 
 RoadUser = tuple[float, float, float, float, float, float]
-"""x, y (m, centre), yaw (rad), length, width (m), speed (m/s) of another road user."""
+"""Another road user: x, y of the centre (m), yaw (rad), length, width (m), speed (m/s)."""
 
 
 class Row(NamedTuple):
-    """One instant: the state at ``t`` and what led to it since the row before.
+    """The state at time ``t``, and the command and action that led to it.
 
-    The first row is the start, at t = 0, with no action yet; then comes one for each sub-step of 0.05 s.
+    The first row is the start, at t = 0, before any action. Each further row is one sub-step of 0.05 s.
     """
 
     t: float
-    """Seconds since the start."""
+    """Time since the start, seconds."""
     x: float
     y: float
     yaw: float
-    """Body's centre in the town's frame: metres, metres, radians counter-clockwise from east."""
+    """Pose of the body's centre in the town's frame: metres, metres, radians counter-clockwise from east."""
     v: float
-    """m/s."""
+    """Speed, m/s."""
     steering: float
-    """Applied, -1 full left to 1 full right."""
+    """Applied steering, -1 full left to 1 full right."""
     command: int
-    """Delivered to the agent for the sub-step that ends here (the first row: for the one that begins here)."""
+    """Command that the agent got for the sub-step that ends here; in the first row, for the one that begins here."""
     route_command: int
-    """What the route would have said, at the same time."""
+    """The route's command at the same time."""
     steer: float
     throttle: float
     brake: float
-    """The action of the sub-step that ends here, rounded to float32."""
+    """Action of the sub-step that ends here, rounded to float32."""
     road_users: tuple[RoadUser, ...] = ()
-    """Others near the car at ``t``."""
+    """Other road users near the car at ``t``."""
 
 
 COLUMNS: Final = tuple(name for name in Row._fields if name != "road_users")
-"""The columns of numbers, in the order of the JSON."""
+"""Columns that hold numbers, in the order of the JSON."""
 
 
 @dataclass
 class Trajectory:
-    """An episode's rows, with the trial that they belong to."""
+    """The rows of an episode, and its trial."""
 
     trial: Trial
     town_sha256: str
-    """Of the town that it was driven in: the geometry, by reference."""
+    """Checksum of the town, whose geometry the judge needs."""
     rows: list[Row] = field(default_factory=list)
 
     def append(self, row: Row) -> None:
-        """Add the next instant."""
+        """Append a row."""
         self.rows.append(row)
 
     def to_json(self) -> bytes:
-        """Canonical JSON: the same episode gives the same bytes.
+        """Return canonical JSON: the same episode gives the same bytes.
 
-        A flat object: the trial (its id under ``trial``), ``town_sha256``, and a list of numbers for each of
-        :data:`COLUMNS`; ``road_users`` is there where any row has some.
+        It is a flat object: the trial (its id under ``trial``), ``town_sha256``, a list of numbers for each of
+        :data:`COLUMNS`, and ``road_users`` if any row has some.
         """
         columns: dict[str, Any] = {name: [] for name in COLUMNS}
         if self.rows:
@@ -77,10 +77,10 @@ class Trajectory:
 
     @classmethod
     def from_json(cls, data: bytes | str) -> Self:
-        """The trajectory that :meth:`to_json` wrote.
+        """Return the trajectory that :meth:`to_json` wrote.
 
         Raises:
-            TrajectoryError: it is no JSON of a trajectory; the message names the field.
+            TrajectoryError: the data is not a trajectory; the message names the field.
         """
         try:
             message = json.loads(data)
@@ -109,5 +109,5 @@ class Trajectory:
 
     @property
     def sha256(self) -> str:
-        """Of the canonical JSON, hexadecimal."""
+        """SHA-256 of the canonical JSON, hexadecimal."""
         return hashlib.sha256(self.to_json()).hexdigest()

@@ -1,4 +1,4 @@
-"""Whether a trial is one: what pydantic checks when it is made, ``model_copy`` lets through."""
+"""Check of a finished trial: ``model_copy`` skips the checks that pydantic makes when a trial is created."""
 
 from pydantic import ValidationError
 
@@ -7,10 +7,10 @@ from wrongturn_sim.errors import InvalidTrialError
 
 
 def check(trial: Trial) -> None:
-    """Check a trial again.
+    """Check the fields of a trial.
 
     Raises:
-        InvalidTrialError: a field cannot be; the message names it.
+        InvalidTrialError: a field is invalid; the message names it.
     """
     try:
         Trial.model_validate(trial.model_dump(warnings=False))

@@ -1,1 +1,1 @@
-"""Many egos of one town, driven as one batch in one process."""
+"""Many cars of one town, driven as one batch in one process."""

@@ -1,4 +1,4 @@
-"""The pictures of a fleet: one batch for each decision."""
+"""Pictures of a fleet: one batch for each decision."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, Literal
@@ -20,18 +20,18 @@ _KINDS: Final = {weather: kind for kind, weather in enumerate(Weather)}
 
 
 class FleetCamera:
-    """Paints what each ego of a fleet sees.
+    """Renders what each ego of a fleet sees.
 
     Args:
-        fleet: whose egos.
-        camera: of all of them.
+        fleet: the fleet.
+        camera: camera of all its egos.
         track: ``camera`` or ``segmentation``.
-        threads: how many share the work; no byte hangs on it.
-        backend: ``cpu``, or ``cuda``: then the pictures are made and stay on a GPU, as
+        threads: number of threads; the bytes do not depend on it.
+        backend: ``cpu`` or ``cuda``. With ``cuda`` the pictures are rendered on a GPU and stay there, as
             :class:`~wrongturn_sim.camera.cuda.DeviceImages`.
 
     Raises:
-        CameraError: no such backend; there is no GPU.
+        CameraError: the backend is unknown, or there is no GPU.
     """
 
     def __init__(
@@ -57,12 +57,12 @@ class FleetCamera:
             rgb, segmentation = self._gpu.rgb, self._gpu.segmentation
         self._rgb, self._segmentation = rgb, segmentation
         self.pictures: Observation = {"rgb": self._rgb}
-        """(n, height, width, 3) and, in the segmentation track, (n, height, width); the next pictures overwrite it."""
+        """(n, height, width, 3) and, in the segmentation track, (n, height, width); each rendering overwrites them."""
         if track is Track.SEGMENTATION:
             self.pictures["segmentation"] = self._segmentation
 
     def render(self, which: Sequence[int] | None = None) -> None:
-        """Paint anew what all egos see, or only these; each has begun a trial."""
+        """Render what all egos see, or only some; each has begun a trial."""
         fleet = self._fleet
         chosen = np.arange(fleet.count) if which is None else np.array(which, np.int64)
         if not len(chosen):
@@ -86,7 +86,7 @@ class FleetCamera:
             self._segmentation[chosen] = segmentation
 
     def last(self, which: Sequence[int]) -> list[Observation]:
-        """What some egos saw last, to keep; on a GPU, until such an ego's is kept again."""
+        """Return copies of some egos' pictures; on a GPU, a copy lasts until the same ego's next one."""
         if self._gpu is None:
             return [{name: array[i].copy() for name, array in self.pictures.items()} for i in which]
         kept: dict[str, Any] = dict(zip(("rgb", "segmentation"), self._gpu.keep(np.array(which)), strict=True))
@@ -94,7 +94,7 @@ class FleetCamera:
 
     def _on_gpu(self) -> "CudaRenderer":
         try:
-            from wrongturn_sim.camera.cuda import CudaRenderer  # noqa: PLC0415 - who has no GPU need not have it
+            from wrongturn_sim.camera.cuda import CudaRenderer  # noqa: PLC0415 - only needed with a GPU
         except ImportError as error:
             raise CameraError(f"backend: 'cuda' needs numba-cuda: {error}; install it, or give backend='cpu'") from None
         return CudaRenderer(self._world, self._camera, self._fleet.count)

@@ -1,7 +1,7 @@
-"""Many egos of one town that drive alone, each its own trial: stepped together, without SUMO.
+"""A fleet: many cars (*egos*) of one town, each alone on its own trial, stepped together without SUMO.
 
-Where there are no other road users, SUMO moves nothing that an episode looks at: so an ego here drives, sees and is
-judged byte for byte as in :class:`~wrongturn_sim.episode.Episode`.
+Without other road users SUMO moves nothing that an episode reads. So observations, trajectories and verdicts have the
+same bytes as those of :class:`~wrongturn_sim.episode.Episode`.
 """
 
 import hashlib
@@ -46,32 +46,32 @@ _COMPILED: Final[dict[type[CommandFault], int]] = {
     Omission: kernel.FAULT_OMISSION,
     Infeasible: kernel.FAULT_INFEASIBLE,
 }
-"""Faults that the kernel delivers; others are asked one ego at a time."""
+"""Faults that the kernel delivers itself, for speed. Any other fault is asked in Python, one ego at a time."""
 _PRIVILEGED: Final = ("pose", "lane", "stop_line", "exits", "exits_mask")
 _PICTURES: Final = ("rgb", "segmentation")
 
 
 @dataclass(frozen=True)
 class Record:
-    """What an ego's episode came to."""
+    """The record of an ego's episode."""
 
     trajectory: Trajectory
     outcome: Outcome | None
-    """None while no verdict fell."""
+    """None while the episode runs."""
     actions_sha256: str
     """As :attr:`wrongturn_sim.episode.Episode.actions_sha256`."""
 
 
 class Fleet:
-    """So many egos; each begins a trial by :meth:`begin`, and :meth:`step` drives those that are told to on.
+    """A number of egos. :meth:`begin` starts their trials, :meth:`step` drives some or all of them.
 
     Args:
-        town: of all trials.
-        count: of egos.
-        track: whose observation is filled; pictures are another's work.
-        threads: how many share the work; no byte hangs on it.
-        strict: for training: a journey ends where the car leaves its road or lane, or stands.
-        record: keep what :meth:`record` tells; it takes 45 kB a minute and ego.
+        town: town of all trials.
+        count: number of egos.
+        track: decides what observations show, except for pictures, which :class:`FleetCamera` makes.
+        threads: number of threads; the bytes do not depend on it.
+        strict: for training: a journey ends when the car leaves its road or lane, or stands.
+        record: keep what :meth:`record` returns, 45 kB a minute for each ego.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class Fleet:
             for name, field in fields.items()
             if name not in _PICTURES
         }
-        """(n, ...) for each key but the pictures: of the last turn of each ego; written over by the next one."""
+        """(n, ...) for each key except pictures; each step overwrites it."""
         empty = {
             field.name: np.zeros((0, *field.shape), field.dtype)
             for field in FIELDS[Track.PRIVILEGED]
@@ -141,41 +141,44 @@ class Fleet:
 
     @property
     def poses(self) -> NDArray[np.float64]:
-        """(n, 3): x, y, yaw of the bodies' centres, a view."""
+        """View of x, y, yaw of the bodies' centres, (n, 3)."""
         return self._egos.state[:, :3]
 
     @property
     def steps(self) -> NDArray[np.int64]:
-        """(n,): decisions so far."""
+        """Number of decisions so far, (n,)."""
         return (self._egos.sub_steps + SUB_STEPS - 1) // SUB_STEPS
 
     @property
     def rewards(self) -> NDArray[np.float64]:
-        """(n,): of the last decision, a view."""
+        """View of the last decision's rewards, (n,)."""
         return self._egos.rewards
 
     @property
     def ended(self) -> NDArray[np.bool_]:
-        """(n,): whether the verdict fell."""
+        """Whether each ego has its verdict, (n,)."""
         ended: NDArray[np.bool_] = self._egos.counts[:, decide.D_VERDICT] != 0
         return ended
 
     @property
     def ran_out(self) -> NDArray[np.bool_]:
-        """(n,): whether it fell because the time ran out."""
+        """Whether each ego's time ran out, (n,)."""
         ran_out: NDArray[np.bool_] = self._egos.counts[:, decide.D_RAN_OUT] != 0
         return ran_out
 
     def begin(self, trials: Iterable[tuple[int, Trial]]) -> None:
-        """Begin trials, each by the ego of its number.
+        """Begin trials.
+
+        Args:
+            trials: number of the ego, and its trial.
 
         Raises:
             TrialNotAloneError: a trial has other road users, or another town.
-            FaultNotApplicableError: this version or the approach does not admit the fault.
+            FaultNotApplicableError: the fault is not built yet, or cannot be applied to the trial.
             GeometryMismatchError: a journey's goal is not in the town.
             UnknownApproachError: the town has no such approach.
         """
-        # All that may be refused comes first: what is begun is kept for later trials.
+        # Check all trials first: after a refusal nothing has changed.
         checked = [(i, self._checked(trial), make_fault(trial), self._terms_of(trial)) for i, trial in trials]
         self._reserve(trial for _, trial, _, _ in checked)
         egos = self._egos
@@ -204,11 +207,11 @@ class Fleet:
         self._run()
 
     def step(self, actions: NDArray[np.float32], which: NDArray[np.bool_]) -> None:
-        """Drive the egos that are marked on for 0.1 s, or until their verdict falls.
+        """Drive some egos for 0.1 s, or until they have their verdict.
 
         Args:
             actions: (n, 3) float32: steer, throttle, brake, in their ranges.
-            which: (n,): none that has ended.
+            which: (n,), the egos to drive; none of them has ended.
         """
         egos = self._egos
         egos.actions[:] = actions
@@ -217,7 +220,7 @@ class Fleet:
         self._deliver(np.flatnonzero(which & (egos.faults == kernel.FAULT_OTHER)).tolist())
 
     def outcome(self, i: int) -> Outcome | None:
-        """What an ego's episode came to; None while no verdict fell."""
+        """Return the outcome of an ego's episode; None while it runs."""
         trial = self.trials[i]
         if trial is None or not self._egos.counts[i, decide.D_VERDICT]:
             return None
@@ -228,7 +231,7 @@ class Fleet:
         return conclude(standing[: decide.STANDING_FLOATS], counts, trial, geometry, THRESHOLDS)
 
     def outcome_fields(self, i: int) -> dict[str, Any]:
-        """The outcome of an ego that ended, as its JSON has it, without what is None."""
+        """Return the outcome of an ego that has ended as a dict for JSON, without fields that are None."""
         trial = self.trials[i]
         if trial is not None and trial.journey is not None:
             return outcome_fields(self._egos.standing[i], self._egos.counts[i], trial)
@@ -236,10 +239,10 @@ class Fleet:
         return {} if outcome is None else outcome.model_dump(mode="json", exclude_none=True)
 
     def record(self, i: int) -> Record:
-        """An ego's episode so far, or the one that ended.
+        """Return the record of an ego's episode so far.
 
         Raises:
-            ValueError: it has begun none, or no record is kept.
+            ValueError: the ego has begun no episode, or the fleet keeps no records.
         """
         if not self._recording:
             raise ValueError("record: none is kept; make the environment with record=True to have trajectories")
@@ -262,7 +265,7 @@ class Fleet:
         return Record(Trajectory(trial, self.town.sha256, rows), self.outcome(i), sha256)
 
     def close(self) -> None:
-        """End the threads."""
+        """Stop the threads."""
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None
@@ -270,24 +273,24 @@ class Fleet:
     def _checked(self, trial: Trial) -> Trial:
         if trial.town != self.town.name:
             raise TrialNotAloneError(
-                f"trial.town: {trial.town} is not {self.town.name}, where these egos drive; make others"
+                f"trial.town: {trial.town} is not {self.town.name}, where these cars drive; make another environment"
             )
         if trial.traffic.vehicles or trial.traffic.pedestrians:
             raise TrialNotAloneError(
-                "trial.traffic: egos of one batch drive alone; take a trial without other road users, "
+                "trial.traffic: the cars of one batch drive alone; take a trial without other road users, "
                 "or gymnasium.vector.AsyncVectorEnv of single environments",
             )
         return trial
 
     def _terms_of(self, trial: Trial) -> tuple[float, ...] | None:
-        """What a journey ends by; None of a single junction."""
+        """Return what ends a journey; None for a single junction."""
         self.town.approach(trial.approach)
         if trial.journey is None:
             return None
         return terms_of(JourneyGeometry.of(self.town), trial, strict=self.strict)
 
     def _run(self) -> None:
-        """The turns of all egos, shared among the threads; this one takes the first part."""
+        """Run the kernel for all egos, shared among the threads; this thread takes the first part."""
         if self._pool is None:
             kernel.run(self._tables, self._egos, self._observations, 0, self.count)
             return
@@ -300,7 +303,7 @@ class Fleet:
             part.result()
 
     def _deliver(self, chosen: Sequence[int]) -> None:
-        """Let faults that are not compiled deliver their command, after the route's was asked."""
+        """Ask the faults that are not compiled for their command; the route's is known already."""
         egos = self._egos
         for i in chosen:
             if egos.faults[i] != kernel.FAULT_OTHER:
@@ -315,7 +318,7 @@ class Fleet:
             self.observation["command"][i, 0] = command
 
     def _reserve(self, trials: Iterable[Trial]) -> None:
-        """Have room to record as long as these trials may last; what was recorded stays."""
+        """Make room to record trials of this length; what is recorded already stays."""
         if not self._recording:
             return
         longest = max(trial.journey.time_limit if trial.journey else THRESHOLDS.time_limit for trial in trials)
@@ -334,7 +337,7 @@ class Fleet:
         self._egos = egos._replace(**{name: longer(getattr(egos, name), count) for name, count in rows.items()})
 
     def _row_of(self, trial: Trial) -> int:
-        """The row of an approach's geometry, or of the town's; it is laid behind the others when it is first met."""
+        """Return the row of the geometry of a trial's approach, or of the town for a journey; add it if it is new."""
         name = trial.approach if trial.journey is None else ""
         row = self._rows_of.get(name)
         if row is None:
@@ -344,7 +347,7 @@ class Fleet:
         return row
 
     def _goal_of(self, goal: str | None) -> int:
-        """The row of the ways to a goal, likewise."""
+        """Return the row of the ways to a goal; add it if it is new."""
         return self._goals.setdefault(goal, len(self._goals))
 
     def _packed_tables(self, geometries: Sequence[JudgeGeometry | JourneyGeometry]) -> kernel.Tables:

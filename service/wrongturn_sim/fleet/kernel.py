@@ -1,8 +1,7 @@
-"""What one decision of many egos comes to, compiled: the loop over egos that drive alone.
+"""The compiled loop of a fleet: one decision of many egos.
 
-Each ego is one row of every array, and no row is read by another ego's turn; so however the rows are shared among
-threads, the numbers are the same. The steps are those of :class:`~wrongturn_sim.episode.Episode`, by the same
-functions.
+Each ego has one row in every array and reads no other ego's row. So the numbers do not depend on how the rows are
+shared among threads. The steps and the functions are those of :class:`~wrongturn_sim.episode.Episode`.
 """
 
 from typing import Any, NamedTuple
@@ -20,48 +19,48 @@ from wrongturn_sim.verdict import decide, journey_kernels, kernels
 Array = np.ndarray[Any, Any]
 
 REST, DRIVE, GUIDE, BEGIN = 0, 1, 2, 3
-"""What an ego's turn is: nothing; a decision; to be told its first command; to begin with it."""
+"""Work to do for an ego: nothing; one decision; find its first command; record its first row with that command."""
 FAULT_NONE, FAULT_OMISSION, FAULT_INFEASIBLE, FAULT_OTHER = 0, 1, 2, 3
-"""How the command is delivered; of another fault Python delivers it."""
+"""Fault of an ego; Python delivers the commands of other faults."""
 PER_SECOND = 20
-"""Sub-steps."""
+"""Sub-steps in a second."""
 
 
 class Tables(NamedTuple):
-    """What all egos have in common."""
+    """Arrays that all egos share."""
 
     points: Array
     along: Array
     legs: Array
     lengths: Array
-    """The town's roads, as :class:`~wrongturn_sim.roads.Roads` has them: its points, along, ints and floats."""
+    """``points``, ``along``, ``ints`` and ``floats`` of :class:`~wrongturn_sim.roads.Roads`."""
     exits: Array
     exits_mask: Array
     floats: Array
     ints: Array
     cells: Array
-    """The judge's geometries of all approaches, and of the town for journeys, one after another."""
+    """Geometries of the approaches, and of the town for journeys, one after the other."""
     bases: Array
-    """(geometries + 1, 3): where each one's floats, ints and cells begin."""
+    """(geometries + 1, 3): where the floats, ints and cells of each geometry begin."""
     lanes: Array
-    """Cells of lanes, for journeys."""
+    """Lane of each cell, for journeys."""
     ways: Array
-    """(goals, legs): of each goal that was met; the first row is of those who have none."""
+    """(goals, legs): way to each goal so far; the first row is for trials without a goal."""
     rests: Array
-    """(goals, legs): what ``journey_kernels.py`` asks of the way to it."""
+    """(goals, legs): metres from each lane's end to each goal's lane, by the shortest way."""
     numbers: Array
-    """Of the judges."""
+    """Numbers of the judges: thresholds and body."""
     nobody: Array
-    """(0, 6)"""
+    """(0, 6): no other road users."""
 
 
 class Egos(NamedTuple):
-    """One row an ego."""
+    """One row for each ego."""
 
     order: Array
-    """(n,): whose turn comes when. Neighbours on the road share what the processor's cache holds."""
+    """(n,): order of the egos. Those of one approach come together, because they share cached memory."""
     todo: Array
-    """(n,) int8"""
+    """(n,) int8: work to do"""
     approaches: Array
     """(n,) rows of ``Tables.bases``"""
     faults: Array
@@ -72,38 +71,38 @@ class Egos(NamedTuple):
     goals: Array
     """(n,) rows of ``Tables.ways``"""
     terms: Array
-    """(n, TERMS) of a journey."""
+    """(n, TERMS): what ends a journey"""
     actions: Array
     """(n, 3): steer, throttle, brake, rounded to float32."""
     state: Array
     """(n, 5): as :data:`~wrongturn_sim.ego.State`."""
     standing: Array
     counts: Array
-    """What ``decide.py`` keeps."""
+    """State of the judge, as in ``decide.py``."""
     draws: Array
     progress: Array
     places: Array
-    """What ``guide.py`` keeps."""
+    """State of the route planner, as in ``guide.py``."""
     guided: Array
-    """(n, 2): the route's command, and the leg of the window."""
+    """(n, 2): the route's command, and the leg of its window."""
     beside: Array
     """(n, 3): travelled, lateral, heading."""
     delivered: Array
-    """(n,): the command."""
+    """(n,): the command that the agent gets."""
     sub_steps: Array
-    """(n,): so far."""
+    """(n,): number of sub-steps so far."""
     rewards: Array
     """(n,)"""
     states: Array
-    """(n, rows, 5): the state at the start and after each sub-step; no rows where no record is kept."""
+    """(n, rows, 5): the state at the start and after each sub-step; without a record there are no rows."""
     commands: Array
-    """(n, decisions + 1, 2): delivered and the route's, for each decision; likewise."""
+    """(n, decisions + 1, 2): delivered command and route's command of each decision; likewise."""
     inputs: Array
     """(n, decisions, 3) float32: the actions; likewise."""
 
 
 class Observations(NamedTuple):
-    """The observation's arrays, (n, ...); those of the privileged track have no rows in others."""
+    """Arrays of the observations, (n, ...); keys that the track does not show have no rows."""
 
     speed: Array
     steering: Array
@@ -117,7 +116,7 @@ class Observations(NamedTuple):
 
 @njit()
 def update_command(tables: Tables, egos: Egos, i: int) -> None:
-    """Ask the route, and the fault, for the next command."""
+    """Ask the route and the fault for an ego's next command."""
     command, leg, travelled, lateral, heading = guide.update(
         tables.points, tables.along, tables.legs, tables.lengths, egos.draws[i], tables.ways[egos.goals[i]],
         egos.progress[i], egos.places[i], egos.state[i, 0], egos.state[i, 1],
@@ -139,7 +138,7 @@ def update_command(tables: Tables, egos: Egos, i: int) -> None:
 
 @njit()
 def judge_row(tables: Tables, egos: Egos, i: int, command: int) -> bool:
-    """Record an ego's state and let the judge see it; whether the verdict fell."""
+    """Record an ego's state and judge it; return whether there is a verdict."""
     row = egos.sub_steps[i]
     if egos.states.shape[1] > 0:
         for k in range(5):
@@ -190,7 +189,7 @@ def observe(tables: Tables, egos: Egos, observations: Observations, i: int) -> N
 
 @njit()
 def drive(tables: Tables, egos: Egos, i: int) -> None:
-    """One decision of one ego, as ``Episode.step``."""
+    """Drive one ego for one decision, like ``Episode.step``."""
     steer, throttle, brake = egos.actions[i, 0], egos.actions[i, 1], egos.actions[i, 2]
     decision = egos.sub_steps[i] // SUB_STEPS
     if egos.inputs.shape[1] > 0:
@@ -216,17 +215,17 @@ def drive(tables: Tables, egos: Egos, i: int) -> None:
 
 @njit()
 def keep_commands(egos: Egos, i: int) -> None:
-    """Record what is delivered for the decision that comes."""
+    """Record the commands of an ego's next decision."""
     if egos.commands.shape[1] == 0:
         return
-    decision = (egos.sub_steps[i] + SUB_STEPS - 1) // SUB_STEPS  # a verdict may have fallen half-way
+    decision = (egos.sub_steps[i] + SUB_STEPS - 1) // SUB_STEPS  # a verdict can end a decision half-way
     egos.commands[i, decision, 0] = egos.delivered[i]
     egos.commands[i, decision, 1] = egos.guided[i, 0]
 
 
 @compiled_with(ego, polyline, guide, kernels, decide, journey_kernels, reward, nogil=True)
 def run(tables: Tables, egos: Egos, observations: Observations, first: int, end: int) -> None:
-    """The turns of the egos from ``first`` to before ``end`` in the order."""
+    """Do the work of the egos from ``first`` to before ``end`` in the order."""
     for k in range(first, end):
         i = egos.order[k]
         todo = egos.todo[i]

@@ -1,9 +1,9 @@
-"""Many egos of one town in one process, as one Gymnasium environment.
+"""Many cars of one town in one process, as one Gymnasium vector environment.
 
 ``gymnasium.make_vec("wrongturn_sim:WrongturnSim-v0", num_envs=64, town="Town01", track="camera", threads=2)``
 
-It needs neither SUMO nor further processes. Its egos drive alone, and each drives, sees and is judged byte for byte as
-in :class:`~wrongturn_sim.gym_env.WrongturnSimEnv`.
+It needs neither SUMO nor other processes. Each car drives alone, and its observations, trajectory and verdict have the
+same bytes as in :class:`~wrongturn_sim.gym_env.WrongturnSimEnv`.
 """
 
 from collections.abc import Sequence
@@ -29,33 +29,33 @@ if TYPE_CHECKING:
 
 
 class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
-    """Drive many trials at once, each with its own generator and its own end.
+    """Drive many trials at once, each with its own random generator and its own end.
 
-    Environment ``i`` of ``reset(seed=s)`` draws and drives what a single environment does after ``reset(seed=s + i)``.
-    ``infos`` holds ``trial`` and ``town`` where one began, ``verdict`` and ``outcome`` where one ended, in Gymnasium's
-    form: with a mask under ``_trial`` and so on.
+    After ``reset(seed=s)``, environment ``i`` draws and drives the same trials as a single environment after
+    ``reset(seed=s + i)``. ``infos`` holds ``trial`` and ``town`` where a trial began, ``verdict`` and ``outcome`` where
+    one ended. As Gymnasium prescribes, masks stand beside them under ``_trial`` and so on.
 
     Args:
-        num_envs: how many.
-        town: The town to draw trials in.
-        track: What the agent is shown.
-        camera: its place and optics, in the tracks that have one; the benchmark's own by default.
-        threads: how many share the work of a step; no byte hangs on it.
-        backend: where pictures are made: ``cpu``; or ``cuda``, an NVIDIA GPU. They stay there then:
+        num_envs: number of environments.
+        town: town in which trials are drawn.
+        track: decides what observations show.
+        camera: place and optics of the camera, in the tracks that have one; the benchmark's by default.
+        threads: number of threads that share a step's work; the bytes do not depend on it.
+        backend: where pictures are rendered: ``cpu``, or ``cuda`` for an NVIDIA GPU. On a GPU they stay there:
             ``torch.as_tensor(observation["rgb"], device="cuda")`` shares their memory, and pictures in ``final_obs``
-            last until that environment ends again.
-        strict: a journey ends where the car leaves its road or lane, or stands; for training.
-        record: keep trajectories and actions for :meth:`episode`; training needs none, and they take room.
-        autoreset_mode: when an environment that ended begins anew: ``NextStep`` (then the action of that step is not
-            looked at), ``SameStep`` (then ``infos["final_obs"]`` and ``["final_info"]`` hold the end), or ``Disabled``
-            (by ``reset(options={"reset_mask": ...})``).
-        copy: give fresh arrays; else those that the next step writes over.
-        render_mode: None; the pictures are observations.
+            last until the same environment ends again.
+        strict: for training: a journey ends when the car leaves its road or lane, or stands.
+        record: keep trajectories and actions for :meth:`episode`. Training does not need them; they take memory.
+        autoreset_mode: when an environment that ended begins again: ``NextStep`` (that step ignores its action),
+            ``SameStep`` (``infos["final_obs"]`` and ``["final_info"]`` hold the end), or ``Disabled`` (you call
+            ``reset(options={"reset_mask": ...})``).
+        copy: return new arrays; otherwise the next step overwrites those that are returned.
+        render_mode: always None; pictures are observations.
         options: ``approach``, ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
-            ``traffic`` is not possible, and a ``suite`` has to be of one town.
+            ``traffic`` is not possible, and all trials of a ``suite`` must have the same town.
 
     Raises:
-        ValueError: A name does not exist, or options do not go together.
+        ValueError: a name does not exist, or two options exclude each other.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -83,14 +83,15 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         if backend not in ("cpu", "cuda"):
             raise ValueError(f"backend: is {backend!r}; give cpu or cuda")
         if render_mode is not None:
-            raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
+            raise ValueError(f"render_mode: {render_mode!r} is not known; leave it None, pictures are observations")
         trials = TrialOptions.of(town, track, **options)
         if trials.traffic != Traffic():
-            raise ValueError("traffic: egos of one batch drive alone; leave it out, or take single environments")
+            raise ValueError("traffic: the cars of one batch drive alone; leave it out, or take single environments")
         self.track = trials.track
         self._source = TrialSource(trials)
         if len(self._source.towns) != 1:
-            raise ValueError(f"suite: {trials.suite} is of {', '.join(self._source.towns)}; the egos share one town")
+            names = ", ".join(self._source.towns)
+            raise ValueError(f"suite: {trials.suite} has trials in {names}; all cars need the same town")
         self.num_envs = num_envs
         self.copy = copy
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -120,12 +121,12 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         """Begin the next trials.
 
         Args:
-            seed: of the generators: of the first, the next ones' are 1 higher each; or one for each; None goes on.
-            options: ``trial``: drive this one (a Trial, or an id of the suite), or one for each; ``reset_mask``, (n,)
-                of bool: begin these only.
+            seed: seed of the first generator, from which the others count up; or a list; None keeps the generators.
+            options: ``trial``: drive this one (a Trial, or an id of the suite), or a list of them; ``reset_mask``, (n,)
+                bool: begin only these.
 
         Raises:
-            ValueError: another number of seeds, trials or flags than of environments.
+            ValueError: the number of seeds, trials or flags is not that of the environments.
             SimError: as :class:`~wrongturn_sim.fleet.fleet.Fleet`.
         """
         seeds = seeds_of(seed, self.num_envs)
@@ -141,15 +142,15 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observation, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Drive on for 0.1 s.
+        """Drive for 0.1 s.
 
         Args:
             actions: (n, 3): steer, throttle, brake.
 
         Raises:
-            InvalidActionError: a field is no number, not finite or out of its range; nothing was driven.
+            InvalidActionError: a field is not a finite number in its range; no environment moved.
             EpisodeNotStartedError: call ``reset`` first.
-            EpisodeAlreadyFinishedError: one ended, and does not begin anew of itself.
+            EpisodeAlreadyFinishedError: an environment has ended, and ``autoreset_mode`` is ``Disabled``.
         """
         if not self._begun.all():
             raise EpisodeNotStartedError("step before the first reset; call reset")
@@ -175,31 +176,31 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         return self._observation(), rewards, ended & ~truncated, truncated, infos
 
     def episode(self, index: int) -> Record:
-        """The trajectory of an environment's episode, as far as it went, and what it came to.
+        """Return the trajectory of an environment's episode so far, and its outcome if it has ended.
 
-        Where it ended it is kept until the next one begins: with ``SameStep`` that is at once.
+        The record lasts until the environment's next episode begins; with ``SameStep`` that is at once.
 
         Raises:
-            ValueError: nothing was begun, or no record is kept.
+            ValueError: no episode has begun, or ``record`` is False.
         """
         return self._fleet.record(index)
 
     @property
     def steps(self) -> NDArray[np.int64]:
-        """(n,): decisions of each environment's episode so far."""
+        """Number of decisions of each environment's episode so far, (n,)."""
         return self._fleet.steps
 
     @property
     def trials(self) -> tuple[Trial | None, ...]:
-        """What each environment drives."""
+        """Trial of each environment; None before the first reset."""
         return tuple(self._fleet.trials)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
-        """End the threads."""
+        """Stop the threads."""
         self._fleet.close()
 
     def _camera_of(self, camera: "Camera | None", threads: int, backend: str) -> "FleetCamera":
-        from wrongturn_sim.camera import Camera  # noqa: PLC0415 - who shows no pictures need not wait for it
+        from wrongturn_sim.camera import Camera  # noqa: PLC0415 - slow, and only pictures need it
         from wrongturn_sim.fleet.camera import FleetCamera  # noqa: PLC0415
 
         return FleetCamera(self._fleet, camera or Camera(), self.track, threads, backend)
@@ -219,7 +220,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             self._camera.render([i for i, _ in trials])
 
     def _finish(self, ended: list[int], infos: dict[str, Any]) -> None:
-        """Tell of the episodes that ended, and begin the next ones where that is to be at once."""
+        """Put the episodes that ended into ``infos``; with ``SameStep``, begin the next ones."""
         at_once = self.autoreset_mode is AutoresetMode.SAME_STEP
         pictures: list[Observation] = [{} for _ in ended]
         if at_once and self._camera is not None:
@@ -238,7 +239,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             self._begin([(i, self._draw(i)) for i in ended], infos)
 
     def _note(self, infos: dict[str, Any], i: int, **values: Any) -> None:
-        """As ``_add_info``, but each value stays what it is: that one would spread a dict over arrays of numbers."""
+        """Add values to ``infos``; Gymnasium's ``_add_info`` would turn dicts into arrays of numbers."""
         for name, value in values.items():
             if name not in infos:
                 infos[name] = np.full(self.num_envs, None, object)

@@ -1,4 +1,4 @@
-"""The other road users while an episode runs: put into SUMO, and seen from the ego."""
+"""The other road users of a running episode: inserted into SUMO, and seen from the ego."""
 
 import math
 from types import ModuleType
@@ -11,14 +11,14 @@ from wrongturn_sim.traffic.plan import TrafficPlan, Trip
 from wrongturn_sim.trajectory import RoadUser
 
 VISIBLE_RANGE: Final = 80.0
-"""Others are seen up to here, metres between the bodies' centres."""
+"""Road users within this distance are visible, metres between the bodies' centres."""
 VEHICLE_KIND: Final = 0
 PEDESTRIAN_KIND: Final = 1
 PEDESTRIAN_SIZE: Final = 0.5
-"""Length and width of somebody on foot, metres."""
+"""Length and width of a pedestrian, metres."""
 OTHERS: Final = 8
-"""Numbers to each of the others: x, y, yaw, length, width, height, kind, colour."""
-_END: Final = 0.5  # metres short of a sidewalk's end, where a walk ends
+"""Numbers of each road user for pictures: x, y, yaw, length, width, height, kind, colour."""
+_END: Final = 0.5  # a walk ends this far before the sidewalk's end, metres
 _RADIANS: Final = math.pi / 180.0
 _QUARTER: Final = math.pi / 2
 _TURN: Final = 2.0 * math.pi
@@ -27,7 +27,7 @@ _SQUARE: Final = VISIBLE_RANGE**2
 
 
 class _Appearance(NamedTuple):
-    """What does not change about somebody."""
+    """What stays the same about a road user."""
 
     number: int
     length: float
@@ -38,11 +38,11 @@ class _Appearance(NamedTuple):
 
 
 class Crowd:
-    """The road users of one drive.
+    """The other road users of one episode.
 
     Args:
-        sumo: the libsumo module, with the town's net freshly loaded.
-        plan: who there is to be.
+        sumo: the libsumo module, with the town's net newly loaded.
+        plan: the road users to insert.
     """
 
     __slots__ = ("_appearances", "_later", "_plan", "_seen", "_sumo")
@@ -55,7 +55,7 @@ class Crowd:
         self._seen: list[tuple[float, int, RoadUser, _Appearance]] = []
 
     def enter(self) -> None:
-        """Have everybody come in with SUMO's next step."""
+        """Insert all road users; they appear with SUMO's next steps."""
         sumo, plan = self._sumo, self._plan
         for body in sorted({car.body for car in plan.cars}, key=lambda body: body.name):
             kind = _type(body.name)
@@ -80,7 +80,7 @@ class Crowd:
             sumo.person.appendWalkingStage(name, person.edges, goal, speed=person.speed)
 
     def _depart(self, name: str) -> None:
-        """Send a car on its next trip; it stays away where none is left."""
+        """Send a car on its next trip, if it has one left."""
         if not self._later[name]:
             return
         sumo = self._sumo
@@ -93,7 +93,7 @@ class Crowd:
         sumo.vehicle.add(name, route, kind, depart="now", departLane=lane, departPos=repr(at), departSpeed="max")
 
     def update(self, x: float, y: float) -> None:
-        """See who is near a point, and bring back the cars that left the town."""
+        """Find the road users near a point, and start the next trip of cars that finished one."""
         sumo, floor, remainder = self._sumo, math.floor, math.remainder
         seen = self._seen = []
         for name in sumo.simulation.getArrivedIDList():
@@ -107,13 +107,12 @@ class Crowd:
                 if dx * dx + dy * dy > _NEAR or (appearance := self._appearances.get(name)) is None:
                     continue
                 # SUMO's angle runs clockwise from north; a car's position is the front bumper's centre.
-                yaw = (
-                    int(remainder(_QUARTER - domain.getAngle(name) * _RADIANS, _TURN) * 1e4) / 1e4
-                )  # towards 0: within pi
+                # Rounding towards 0 keeps the yaw within pi.
+                yaw = int(remainder(_QUARTER - domain.getAngle(name) * _RADIANS, _TURN) * 1e4) / 1e4
                 if appearance.kind == VEHICLE_KIND:
                     px -= appearance.length / 2 * math.cos(yaw)
                     py -= appearance.length / 2 * math.sin(yaw)
-                # Millimetres are enough and keep the record short; round() would take half of the time.
+                # Millimetres keep the record short; round() would take half of the time of this function.
                 px, py = floor(px * 1e3 + 0.5) / 1e3, floor(py * 1e3 + 0.5) / 1e3
                 dx, dy = px - x, py - y
                 square = dx * dx + dy * dy
@@ -130,18 +129,18 @@ class Crowd:
         seen.sort()
 
     def road_users(self) -> tuple[RoadUser, ...]:
-        """Who was seen, nearest first."""
+        """Return the visible road users, nearest first."""
         return tuple(user for _, _, user, _ in self._seen)
 
     def others(self) -> NDArray[np.float64]:
-        """The same as (n, 8): x, y, yaw, length, width, height, kind, colour."""
+        """Return the same as (n, 8): x, y, yaw, length, width, height, kind, colour."""
         rows = np.empty((len(self._seen), OTHERS))
         for row, (_, _, user, appearance) in zip(rows, self._seen, strict=True):
             row[:] = *user[:5], appearance.height, appearance.kind, appearance.colour
         return rows
 
     def waiting(self) -> int:
-        """How many have not come in yet."""
+        """Return the number of road users that SUMO has not inserted yet."""
         here: int = self._sumo.vehicle.getIDCount() + self._sumo.person.getIDCount() - 1
         return len(self._appearances) - here
 

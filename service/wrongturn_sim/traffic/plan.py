@@ -1,8 +1,8 @@
-"""Who else is in the town: cars and pedestrians, drawn from the trial's seed alone. It needs no SUMO.
+"""The traffic plan: cars and pedestrians, drawn from the trial's seed alone. It needs no SUMO.
 
-Cars stand one to a slot of the lanes and then drive on at random through the junctions' exits; a trip that ends at the
-edge of a town (only the small one has such ends) is followed by another that comes in there. Pedestrians walk along
-the sidewalks, round their block, since no crossing leads over the street.
+Each car starts in a slot of a lane and takes random exits at the junctions. Where a trip ends at the edge of the town
+(only the small town has such ends), the car begins another trip at a random entry. Pedestrians walk along the
+sidewalks round their block, because no crossing leads over the street.
 """
 
 import random
@@ -17,28 +17,28 @@ from wrongturn_sim.traffic.sidewalks import length_of, sidewalks_of
 from wrongturn_sim.traffic.slots import FIRST, JITTER, Slots, car_slots, pedestrian_slots
 
 DRIVE_LENGTH: Final = 1200.0
-"""Every car has so many metres before it: more than it can drive before the time is out."""
+"""Length of a car's trips in all, metres: more than it can drive within the time limit."""
 WALK_LENGTH: Final = 200.0
-"""And every pedestrian so many."""
+"""Length of a pedestrian's walk, metres."""
 DRIVE_PACE: Final = 15.0
 WALK_PACE: Final = 1.7
-"""Over a journey they have as many as its time takes them at most, m/s."""
+"""A journey takes longer: its trips and walks have this many metres for each second of its time limit."""
 EGO_LENGTH: Final = 2000.0
-"""And the car itself, on a journey, so many of which others know: more than any goal is away."""
+"""Metres of the ego's route that other drivers know on a journey: more than any goal is away."""
 COLOURS: Final = 256
-"""Colour numbers run from 0 to below this."""
+"""Colours are numbered from 0 to below this."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """A kind of car, in metres."""
+    """A kind of car body, metres."""
 
     name: str
     length: float
     width: float
     height: float
     share: float
-    """Of all cars."""
+    """Share of all cars."""
 
 
 BODIES: Final = (
@@ -51,17 +51,17 @@ BODIES: Final = (
 
 @dataclass(frozen=True)
 class Trip:
-    """From a place in a lane along the edges to the end of the last one."""
+    """A drive from a place in a lane along edges, to the end of the last one."""
 
     lane: str
     at: float
-    """Where the front bumper is, as a share of the lane's length."""
+    """Place of the front bumper, as a share of the lane's length."""
     edges: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class TrafficCar:
-    """One car and its trips, one after the other."""
+    """A car and its trips, one after the other."""
 
     body: Body
     trips: tuple[Trip, ...]
@@ -70,41 +70,41 @@ class TrafficCar:
 
 @dataclass(frozen=True)
 class Pedestrian:
-    """Somebody on foot."""
+    """A pedestrian."""
 
     edges: tuple[str, ...]
-    """Whose sidewalks are walked along, in either direction."""
+    """Edges along whose sidewalks the pedestrian walks, in either direction."""
     at: float
-    """Where on the first, as a share of its length in the edge's direction."""
+    """Start on the first sidewalk, as a share of its length in the edge's direction."""
     until: float
-    """Where on the last, likewise: 0 or 1."""
+    """End on the last sidewalk, likewise: 0 or 1."""
     speed: float
-    """m/s."""
+    """Speed, m/s."""
     height: float
-    """Metres."""
+    """Height, metres."""
     colour: int
 
 
 @dataclass(frozen=True)
 class TrafficPlan:
-    """All that share the town with the ego."""
+    """All road users that share the town with the ego."""
 
     cars: tuple[TrafficCar, ...]
     pedestrians: tuple[Pedestrian, ...]
     ego: tuple[str, ...]
-    """The edges by which the others expect the ego to go, as its indicators would tell: its route's."""
+    """Edges of the ego's route. The other drivers know them, as if the ego used its indicators."""
 
 
 def plan_traffic(town: Town, trial: Trial, start: Pose) -> TrafficPlan | None:
-    """The other road users of a trial; None where it has none.
+    """Draw the other road users of a trial; None if it has none.
 
     Args:
-        town: the trial's.
-        trial: its seed and numbers of vehicles and pedestrians count.
-        start: of the ego, which is left free.
+        town: town of the trial.
+        trial: its seed, route and numbers of vehicles and pedestrians are used.
+        start: start of the ego; the place around it stays free.
 
     Raises:
-        TrafficTooDenseError: so many do not find room in the town.
+        TrafficTooDenseError: the town has no room for so many.
     """
     if not (trial.traffic.vehicles or trial.traffic.pedestrians):
         return None
@@ -126,7 +126,7 @@ def plan_traffic(town: Town, trial: Trial, start: Pose) -> TrafficPlan | None:
 def _cars(town: Town, count: int, start: Pose, metres: float, draw: random.Random) -> tuple[TrafficCar, ...]:
     entries = sorted(lane.id for lane in town.lanes.values() if lane.start_junction is None)
     cars = []
-    # Within a lane the foremost first: SUMO lets nobody in before a car that could not brake in time.
+    # Within a lane the foremost car first: SUMO inserts no car in front of one that could not brake in time.
     for name, front in sorted(
         _sample(draw, car_slots(town), count, start, "vehicles", town), key=lambda slot: (slot[0], -slot[1])
     ):
@@ -185,7 +185,7 @@ def _sample(
     free = slots.free(start.x, start.y)
     if count > len(free):
         raise TrafficTooDenseError(
-            f"traffic.{field}: {town.name} has room for {len(free)} beside the car's start and not for {count}; "
+            f"traffic.{field}: {town.name} has room for {len(free)} besides the car at its start, not for {count}; "
             "ask for fewer",
         )
     return [slots.places[k] for k in draw.sample(free, count)]

@@ -1,4 +1,4 @@
-"""Where one can walk in a town, from its net."""
+"""A town's sidewalks, read from its net."""
 
 import xml.etree.ElementTree as ET
 from collections import defaultdict
@@ -14,32 +14,32 @@ from wrongturn_networks.netfile import shape_of
 
 
 def along_of(line: Line) -> NDArray[np.float64]:
-    """Metres from the begin of a line (n, 2) to each of its points, (n,)."""
+    """Return the distance from a line's start to each of its points (n, 2), as (n,), metres."""
     steps = np.diff(line, axis=0)
     return np.concatenate(([0.0], np.cumsum(np.sqrt(steps[:, 0] ** 2 + steps[:, 1] ** 2))))
 
 
 def length_of(line: Line) -> float:
-    """Of a line (n, 2), metres."""
+    """Return the length of a line (n, 2), metres."""
     return float(along_of(line)[-1])
 
 
 @dataclass(frozen=True, eq=False)
 class Sidewalks:
-    """Where one can walk: an edge's sidewalk has an end at either of two walking areas."""
+    """Sidewalks of a town; each joins two walking areas."""
 
     lines: dict[str, Line]
-    """(N, 2), by edge, in the edge's direction."""
+    """Centre line of each edge's sidewalk, (n, 2), in the edge's direction."""
     ends: dict[str, tuple[str, str]]
-    """The walking areas at its begin and its end."""
+    """Walking areas at the start and the end of each edge's sidewalk."""
     meeting: dict[str, tuple[str, ...]]
-    """The edges whose sidewalks meet at a walking area."""
+    """Edges whose sidewalks meet at a walking area."""
 
 
 @lru_cache(maxsize=16)
 def sidewalks_of(town: Town) -> Sidewalks:
-    """The sidewalks of a town's net, those that join others at both ends."""
-    root = ET.parse(town.net_file).getroot()  # noqa: S314 - a file of the town, held by its checksum
+    """Return the sidewalks that join others at both ends."""
+    root = ET.parse(town.net_file).getroot()  # noqa: S314 - a file of the town, whose checksum was compared
     areas = {edge.attrib["id"] for edge in root.iter("edge") if edge.get("function") == "walkingarea"}
     lines = {
         lane.attrib["id"]: shape_of(lane.attrib["shape"])

@@ -1,4 +1,4 @@
-"""Where other road users may be when a trial begins: apart from each other, and clear of the ego."""
+"""Slots: the places where other road users may start, apart from each other and away from the ego."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,31 +13,31 @@ from wrongturn_networks.lanes import Line
 from wrongturn_sim.traffic.sidewalks import along_of, sidewalks_of
 
 CLEARANCE: Final = 15.0
-"""No car's front begins nearer to the ego's centre than this, metres."""
+"""Least distance of a car's front from the ego's centre at the start, metres."""
 PEDESTRIAN_CLEARANCE: Final = 5.0
-"""The same of pedestrians."""
+"""Least distance of a pedestrian from the ego's centre at the start, metres."""
 FIRST: Final = 6.5
-"""The first place of a lane, metres from its begin: a whole body fits behind the front bumper."""
+"""First slot of a lane, metres from its start: a whole body fits behind the front bumper."""
 JITTER: Final = 1.5
-"""So far a front may be past its place, metres."""
-_PITCH: Final = 10.0  # of fronts: the longest body, the jitter and SUMO's gap between cars that stand
-_LAST: Final = 3.0  # from the last front to the stop line
-_PACE: Final = 2.0  # of sidewalk to a pedestrian
+"""A car's front is up to this far past its slot, metres."""
+_PITCH: Final = 10.0  # between slots: the longest body, the jitter and SUMO's gap between standing cars
+_LAST: Final = 3.0  # between the last front and the stop line
+_PACE: Final = 2.0  # of sidewalk for each pedestrian
 
 
 @dataclass(frozen=True, eq=False)
 class Slots:
-    """Where somebody may begin."""
+    """Places where road users may start."""
 
     places: tuple[tuple[str, float], ...]
-    """Lane or edge, and metres along it."""
+    """Lane or edge of each slot, and metres along it."""
     points: NDArray[np.float64]
-    """(n, 2): where that is."""
+    """(n, 2): position of each slot, metres."""
     clearance: float
-    """From the ego's start, metres."""
+    """Least distance from the ego's start, metres."""
 
     def free(self, x: float, y: float) -> list[int]:
-        """Which are far enough from the ego's start, in order."""
+        """Return the indices of the slots that are far enough from the ego's start, in order."""
         dx, dy = self.points[:, 0] - x, self.points[:, 1] - y
         indices: list[int] = np.flatnonzero(dx * dx + dy * dy >= self.clearance**2).tolist()
         return indices
@@ -45,14 +45,14 @@ class Slots:
 
 @lru_cache(maxsize=16)
 def car_slots(town: Town) -> Slots:
-    """Where front bumpers may be, so that neighbours keep apart whatever their bodies and jitter."""
+    """Return the places for front bumpers; neighbours stay apart whatever their bodies and jitter are."""
     lines = {name: lane.centreline for name, lane in town.lanes.items()}
     return _slots(lines, FIRST, _PITCH, _LAST + JITTER, CLEARANCE)
 
 
 @lru_cache(maxsize=16)
 def pedestrian_slots(town: Town) -> Slots:
-    """Where pedestrians may be."""
+    """Return the places for pedestrians."""
     return _slots(sidewalks_of(town).lines, _PACE, _PACE, _PACE, PEDESTRIAN_CLEARANCE)
 
 

@@ -1,6 +1,6 @@
-"""Verdicts: what an episode came to, from its trajectory and the town's geometry alone.
+"""Verdicts: how an episode ended, judged from its trajectory and the town's geometry alone.
 
-:class:`Judge` watches rows as they are driven, :func:`judge` reads them from a record; both are the same code.
+:class:`Judge` takes rows while they are driven, :func:`judge` takes them from a trajectory. Both run the same code.
 """
 
 from wrongturn_sim.verdict.errors import GeometryMismatchError, JudgeError, RowError

@@ -1,4 +1,4 @@
-"""What the judges of a junction and of a journey have in common: how a verdict falls, once."""
+"""What the judges of a junction and of a journey share."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from wrongturn_sim.verdict.errors import RowError
 from wrongturn_sim.verdict.packing import Floats
 
 NOBODY: Final = np.empty((0, 6))
-"""No road users."""
+"""Array of no road users."""
 
 
 class BaseJudge(ABC):
-    """One episode's standing, and its outcome once there is one.
+    """The state of one episode's judgement, and its outcome once there is one.
 
     Args:
-        standing: floats, as ``decide.py`` has them.
-        counts: ints, likewise.
+        standing: floats of the state, as ``decide.py`` defines them.
+        counts: ints of the state, likewise.
     """
 
     def __init__(self, standing: Floats, counts: NDArray[np.int64]) -> None:
         self._standing = standing
         self._counts = counts
         self.outcome: Outcome | None = None
-        """Once the verdict fell."""
+        """The outcome; None before there is a verdict."""
         self.ran_out = False
-        """Whether it fell because the time ran out."""
+        """Whether the episode ended because its time ran out."""
 
     def abort(self, t: float) -> Outcome:
-        """End the episode without a verdict of the road: the agent gave up or stayed away.
+        """End the episode because the agent gave up or stayed away.
 
         Returns:
-            The outcome ``aborted`` at ``t``, or the one that had fallen before.
+            The outcome ``aborted`` at ``t``, or the earlier outcome of an episode that had ended.
         """
         if self.outcome is None:
             self._standing[decide.S_T] = t
@@ -46,7 +46,7 @@ class BaseJudge(ABC):
         return self.outcome
 
     def _fall(self, found: int, t: float) -> Outcome:
-        """What a kernel found at a row that is not 0: the outcome. Raises RowError for a row that cannot be judged."""
+        """Return the outcome for a kernel's result that is not 0; raises RowError for a row that cannot be judged."""
         if found == decide.NOT_LATER:
             before = float(self._standing[decide.S_T])
             raise RowError(f"t: {t} s is not after the row before, {before} s; give the rows in order")
@@ -61,4 +61,4 @@ class BaseJudge(ABC):
 
     @abstractmethod
     def _conclude(self) -> Outcome:
-        """The outcome, from the standing."""
+        """Return the outcome, from the state."""

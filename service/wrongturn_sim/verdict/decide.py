@@ -1,8 +1,8 @@
-"""The judge's decision, compiled: what one row makes of an episode's standing.
+"""The judge's decision, compiled: it updates an episode's state with one row of the trajectory.
 
-The standing of an episode is a run of floats and one of ints; :class:`~wrongturn_sim.verdict.judge.Judge` keeps one,
-an environment of many egos keeps a row of them for each. Plain float64 arithmetic without fastmath, as in
-``kernels.py``.
+The state (*standing*) of an episode is an array of floats and one of ints. A
+:class:`~wrongturn_sim.verdict.judge.Judge` keeps one; a fleet keeps one row for each car. The arithmetic is plain
+float64 without fastmath, as in ``kernels.py``.
 """
 
 import math
@@ -35,25 +35,25 @@ from wrongturn_sim.verdict.kernels import (
 
 Array = np.ndarray[Any, Any]
 
-# The floats of an episode's standing: its last row, since when it stands (nan: it moves), and the extremes so far.
+# Floats of the state: the last row; since when the car stands (nan: it moves); the extremes so far.
 S_T, S_X, S_Y, S_V, S_SLOW_SINCE, S_MIN_TTC, S_MAX_DECELERATION = 0, 1, 2, 3, 4, 5, 6
 STANDING_FLOATS = 7
 
-# And the ints. D_FOR takes three, in the order of DIRECTIONS: what was delivered when the car was too far past the
-# exit for a command to count, 0 where nothing was, -1 before.
+# Ints of the state. D_FOR takes three, in the order of DIRECTIONS: the direction that was delivered last when the car
+# was too far past that exit for later commands to count (0: none was delivered; -1: not that far yet).
 D_ZONE, D_DELIVERED, D_PAST, D_FOR, D_FLAGS, D_RAN_OUT, D_VERDICT, D_DIRECTION = 0, 1, 2, 3, 6, 7, 8, 9
 STANDING_INTS = 10
 
 AHEAD, NEAR, INSIDE, BEYOND = 0, 1, 2, 3
-"""Zones: the centre never came near the stop line; it did; it is in the junction's area; it was and has left it."""
+"""Zones: the centre never came near the stop line; it did; it is in the junction's area; it was, and has left it."""
 KERB_BITE, LANE_INVASION, WRONG_WAY_FLAG, OVER_LINE = 1, 2, 4, 8
-"""Flags, as bits."""
+"""Bits of the flags."""
 
-# Verdicts as ints, in the order of the vocabulary; 0 is none yet.
+# Numbers of the verdicts, in the vocabulary's order; 0 is none yet.
 COLLISION, OFF_ROAD, STOPPED_IN_JUNCTION, WRONG_WAY, STOPPED_BEFORE_JUNCTION = 1, 2, 3, 4, 5
 EXIT_COMMANDED, EXIT_ROUTE, EXIT_OTHER, TIMEOUT, NOT_ENGAGED, ABORTED = 6, 7, 8, 9, 10, 11
 NOT_LATER = -2
-"""The row is not after the one before."""
+"""Result for a row that is not later than the one before."""
 
 _NOTABLE = CENTRE_OFF | HIT | INVASION | WHEELS
 _DECISIVE = CENTRE_OFF | HIT | WHEELS | FAR | IN_OTHER | (0b111 << TAKEN_SHIFT)
@@ -61,7 +61,7 @@ _DECISIVE = CENTRE_OFF | HIT | WHEELS | FAR | IN_OTHER | (0b111 << TAKEN_SHIFT)
 
 @njit(cache=True)
 def begin(past: Array, ints: Array) -> None:
-    """The standing of an episode without any row."""
+    """Set the state to that of an episode without rows."""
     past[S_T] = -math.inf
     past[S_X] = past[S_Y] = past[S_SLOW_SINCE] = math.nan
     past[S_V] = past[S_MAX_DECELERATION] = 0.0
@@ -72,14 +72,14 @@ def begin(past: Array, ints: Array) -> None:
 
 @compiled_with(kernels)
 def decide(standing: Array, ints: Array, numbers: Array, route: int, bits: int) -> int:
-    """The first verdict in the table's order that holds at this row; 0 if there is none."""
+    """Return the first verdict in the table's order that holds at this row; 0 if none does."""
     if bits & HIT:
         return COLLISION
     if bits & CENTRE_OFF or (bits & WHEELS) >= numbers[N_WHEELS_OFF]:
         return OFF_ROAD
     t = standing[S_T]
     time_is_out = t >= numbers[N_TIME_LIMIT]
-    stopped = t - standing[S_SLOW_SINCE] >= numbers[N_STOP_TIME]  # never of a car that moves: nan
+    stopped = t - standing[S_SLOW_SINCE] >= numbers[N_STOP_TIME]  # False for a car that moves: nan
     zone = ints[D_ZONE]
     if zone == INSIDE and (stopped or time_is_out):
         ints[D_RAN_OUT] = 0 if stopped else 1
@@ -93,7 +93,7 @@ def decide(standing: Array, ints: Array, numbers: Array, route: int, bits: int) 
                 if delivered == direction:
                     return EXIT_COMMANDED
                 return EXIT_ROUTE if direction == route else EXIT_OTHER
-        # Only without an exit is it a wrong way, so an exit that is reached at the same instant comes first.
+        # A wrong way is one without an exit, so an exit that is reached at the same instant comes first.
         if bits & (FAR | IN_OTHER):
             return WRONG_WAY
     if stopped and zone == NEAR:
@@ -114,24 +114,24 @@ def observe(
     """Take the next row.
 
     Args:
-        floats: of the geometry, packed.
-        whole: its ints.
-        cells: its cells.
-        numbers: of the judge.
-        users: (n, 6), the road users at the row.
-        standing: floats of the episode's standing, changed.
-        ints: of the episode's standing, changed.
+        floats: floats of the packed geometry.
+        whole: ints of the packed geometry.
+        cells: cells of the packed geometry.
+        numbers: thresholds and body, as ``packing.numbers_of`` returns them.
+        users: (n, 6), the other road users at this row.
+        standing: floats of the episode's state, changed.
+        ints: ints of the episode's state, changed.
         route: the trial's direction, 1 to 3.
-        t: of the row, and so on.
+        t: time of the row, s.
         x: metres.
         y: metres.
         yaw: radians.
         v: m/s.
-        command: delivered.
+        command: the command that the agent got.
 
     Returns:
-        The verdict that falls with it, 0 for none; NOT_LATER or NOT_FINITE for a row that cannot be judged, which
-        changes nothing.
+        The verdict at this row, 0 for none; NOT_LATER or NOT_FINITE for a row that cannot be judged, which changes
+        nothing.
     """
     if not t > standing[S_T]:
         return NOT_LATER
@@ -176,7 +176,7 @@ def observe(
         if bits & INVASION:
             ints[D_FLAGS] |= LANE_INVASION
     if not bits & _DECISIVE and math.isnan(standing[S_SLOW_SINCE]) and t < numbers[N_TIME_LIMIT]:
-        return 0  # nothing of the table can hold: this is nearly every row
+        return 0  # no verdict can hold; this is so for nearly every row
     verdict = decide(standing, ints, numbers, route, bits)
     if verdict == WRONG_WAY:
         ints[D_FLAGS] |= WRONG_WAY_FLAG

@@ -1,4 +1,4 @@
-"""What the judge refuses.
+"""Errors of the judge.
 
 ::
 
@@ -12,12 +12,12 @@ from wrongturn_sim.errors import SimError
 
 
 class JudgeError(SimError, ValueError):
-    """Anything that the judge refuses."""
+    """Base class of the judge's errors."""
 
 
 class GeometryMismatchError(JudgeError):
-    """The geometry is not that of the trial's approach or of the trajectory's town."""
+    """The geometry belongs to another approach or another town."""
 
 
 class RowError(JudgeError):
-    """A row is not finite, or its time is not after the last one's."""
+    """A row is not finite, or its time is not after the row before."""

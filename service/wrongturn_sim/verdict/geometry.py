@@ -1,4 +1,4 @@
-"""What the judge knows of a town: plain polygons, lines and boxes around one approach."""
+"""The judge's geometry of one approach: polygons, lines and boxes of the town around it."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ if TYPE_CHECKING:
     from wrongturn_networks import Town
 
 MIRRORED = {Command.LEFT: Command.RIGHT, Command.RIGHT: Command.LEFT, Command.STRAIGHT: Command.STRAIGHT}
-"""What a direction becomes in a mirror."""
+"""Each direction in a mirror."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ExitLane:
-    """The lane by which an exit leaves the junction."""
+    """The lane of an exit."""
 
     centreline: Floats
-    """(n, 2), metres, from the exit line on."""
+    """(n, 2), metres, starting at the exit line."""
     width: float
     """Metres."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LaneStrip:
-    """A lane that begins or ends at the junction: where a car may be on the wrong side."""
+    """A lane that begins or ends at the junction; a car may drive against its direction."""
 
     polygon: BaseGeometry
     centreline: Floats
@@ -43,35 +43,35 @@ class LaneStrip:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class JudgeGeometry:
-    """Everything that a verdict needs of the town, as arrays and shapely polygons; metres and radians, town frame.
+    """All that a verdict needs to know about a town, as arrays and shapely polygons; metres, radians, town frame.
 
-    It can be made by hand, and :meth:`mirrored`; :meth:`of` takes it from a town.
+    :meth:`of` makes it from a town. It can also be made by hand.
     """
 
     road: BaseGeometry
-    """Where wheels may be."""
+    """Area where wheels may be."""
     area: BaseGeometry
-    """The trial's junction area."""
+    """Area of the trial's junction."""
     approach: Floats
-    """Centre line of the incoming lane, (n, 2); its last point lies on the stop line."""
+    """Centre line of the approach's lane, (n, 2); its last point lies on the stop line."""
     exits: Mapping[Command, ExitLane]
-    """Those that are permitted from this approach."""
+    """Exits of this approach."""
     middle: tuple[float, float]
-    """The junction's."""
+    """Middle of the junction."""
     street_axis: float
-    """Where the approach street's axis lies beside the incoming lane's, positive to the left."""
+    """Distance of the approach street's axis from its lane's axis, positive to the left."""
     lanes: tuple[LaneStrip, ...] = ()
-    """All lanes for cars that begin or end at the junction."""
+    """Car lanes that begin or end at the junction."""
     other_areas: tuple[BaseGeometry, ...] = ()
-    """The areas of the town's other junctions."""
+    """Areas of the town's other junctions."""
     solids: Floats = dataclasses.field(default_factory=lambda: np.empty((0, 5)))
-    """(n, 5): x, y, yaw, length, width of every solid box; a trunk is one too."""
+    """(n, 5): x, y, yaw, length, width of every solid box, trunks included."""
     town_sha256: str | None = None
-    """Of the town that it was taken from; None if it was made by hand."""
+    """Checksum of the town that it was made from; None if it was made by hand."""
 
     @classmethod
     def of(cls, town: Town, trial: Trial) -> JudgeGeometry:
-        """The geometry of a trial's approach; made once for each approach.
+        """Return the geometry of a trial's approach; it is made once for each approach.
 
         Raises:
             UnknownApproachError: the town has no such approach.
@@ -80,7 +80,7 @@ class JudgeGeometry:
 
     @functools.cached_property
     def packed(self) -> Packed:
-        """The arrays that the kernels read."""
+        """Arrays for the kernels."""
         lanes_of_exits = (self.exits.get(direction) for direction in DIRECTIONS)
         return pack(
             _surface(self.road),
@@ -93,19 +93,19 @@ class JudgeGeometry:
 
     @functools.cached_property
     def stop_line(self) -> tuple[float, float, float, float]:
-        """The stop line's middle and the unit vector across it, into the junction."""
+        """Middle of the stop line, and the unit vector across it into the junction."""
         ux, uy = segments_of(self.approach)[-1, 2:4].tolist()
         x, y = self.approach[-1].tolist()
         return x, y, ux, uy
 
     def beside_approach(self, x: float, y: float) -> tuple[float, float]:
-        """A point as metres past the stop line and metres left of the incoming lane's axis, both drawn on straight."""
+        """Return how far a point is past the stop line and left of the lane's axis, both extended straight, metres."""
         stop_x, stop_y, ux, uy = self.stop_line
         dx, dy = x - stop_x, y - stop_y
         return dx * ux + dy * uy, dy * ux - dx * uy
 
     def mirrored(self) -> JudgeGeometry:
-        """The same in a mirror along the x axis: y becomes -y, left becomes right."""
+        """Return the geometry mirrored at the x axis: y becomes -y, left becomes right."""
         flip = np.array([1.0, -1.0])
         solids = self.solids * np.array([1.0, -1.0, -1.0, 1.0, 1.0])
         return dataclasses.replace(
@@ -130,8 +130,8 @@ def _flipped(shape: BaseGeometry) -> BaseGeometry:
     return affinity.scale(shape, 1.0, -1.0, origin=(0.0, 0.0))
 
 
-# What all approaches of a town have in common is made once; the keys are the shapes themselves, so that a geometry
-# whose road or boxes were replaced never sees those of another.
+# Approaches of a town share these. The keys are the shapes themselves, so a geometry whose road or boxes were replaced
+# never gets those of another.
 @functools.lru_cache(maxsize=16)
 def _surface(road: BaseGeometry) -> Surface:
     return Surface.of(road)
@@ -151,7 +151,7 @@ def _solids(town: Town) -> Floats:
 
 
 def surface_of_town(town: Town) -> tuple[Surface, Boxes]:
-    """A town's road and solid boxes on their grids, shared with the geometries of its approaches."""
+    """Return a town's road and solid boxes on their grids, which the geometries of its approaches share."""
     return _surface(town.road), _boxes(_solids(town).tobytes())
 
 

@@ -1,4 +1,4 @@
-"""The judge of journeys: it watches the rows of one drive across the town go by, and says once what it came to."""
+"""The judge of journeys: it takes the rows of one drive across the town and decides its outcome."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ _NO_REST: Final = np.empty(0)
 
 @dataclasses.dataclass(frozen=True)
 class JourneyThresholds:
-    """The numbers of journeys beside those of every verdict; the times of ``strict`` are training's alone."""
+    """Thresholds of journeys besides those of every verdict; only training uses those of ``strict``."""
 
     wrong_way_time: float = 1.0
-    """Strict: a centre in an oncoming lane for this long without interruption ends the drive, s."""
+    """Strict: the drive ends when the centre was in an oncoming lane for this long without interruption, s."""
     stand_time: float = 5.0
-    """Strict: standing for this long without interruption ends it, s."""
+    """Strict: the drive ends when the car stood for this long without interruption, s."""
     back_time: float = 1.0
-    """Who was back for so long leaves the road, or the lane, anew, s."""
+    """A car that leaves its road or lane is counted again after it was back for this long, s."""
 
 
 JOURNEY_THRESHOLDS: Final = JourneyThresholds()
-"""The published ones."""
+"""The published thresholds."""
 
 
 def journey_numbers(thresholds: Thresholds, vehicle: Vehicle, limits: JourneyThresholds) -> Floats:
-    """The numbers of one judge as the kernels read them."""
+    """Return thresholds and body as the kernels read them."""
     numbers = np.zeros(journey_kernels.JOURNEY_NUMBERS)
     ours = numbers_of(thresholds, vehicle)
     numbers[: len(ours)] = ours
@@ -54,14 +54,14 @@ def journey_numbers(thresholds: Thresholds, vehicle: Vehicle, limits: JourneyThr
 
 
 def terms_of(geometry: JourneyGeometry, trial: Trial, *, strict: bool) -> tuple[float, float, float, float]:
-    """A trial's numbers, in the kernels' order.
+    """Return what ends a journey, in the kernels' order.
 
     Raises:
-        GeometryMismatchError: it is no journey, or its goal is not in the town.
+        GeometryMismatchError: the trial is not a journey, or its goal is not in the town.
     """
     journey = trial.journey
     if journey is None:
-        raise GeometryMismatchError(f"trial {trial.id} is no journey; judge it by JudgeGeometry.of(town, trial)")
+        raise GeometryMismatchError(f"trial {trial.id} is not a journey; judge it by JudgeGeometry.of(town, trial)")
     goal = -1
     if journey.goal is not None:
         found = geometry.rows.get(journey.goal)
@@ -78,15 +78,15 @@ class JourneyJudge(BaseJudge):
     """Judges one journey, row by row, as :class:`~wrongturn_sim.verdict.judge.Judge` judges one junction.
 
     Args:
-        geometry: of the trial's town.
-        trial: that is driven, with its journey.
-        thresholds: the published ones, unless they are being swept.
-        vehicle: whose body the rows' positions are of.
+        geometry: geometry of the trial's town.
+        trial: the journey that is driven.
+        thresholds: the published ones by default.
+        vehicle: the car's dimensions.
         strict: for training: leaving the road or the lane, and standing, end the drive.
-        limits: the published ones of journeys, likewise.
+        limits: the published ones by default.
 
     Raises:
-        GeometryMismatchError: the trial is no journey, or its goal is not in the town.
+        GeometryMismatchError: the trial is not a journey, or its goal is not in the town.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class JourneyJudge(BaseJudge):
         """Take the next row.
 
         Returns:
-            The outcome with the row at which the verdict falls; None before. Rows after it are not looked at.
+            The outcome at the row that decides it; None for rows before and after.
 
         Raises:
             RowError: the row is not finite, or not later than the one before.
@@ -136,9 +136,9 @@ class JourneyJudge(BaseJudge):
 
 
 def outcome_fields(standing: Floats, counts: NDArray[np.int64], trial: Trial) -> dict[str, Any]:
-    """The outcome of a journey whose verdict fell, as its JSON has it without what is None; ready soon, unlike a model.
+    """Return the outcome of a journey with a verdict as a dict for JSON, without fields that are None.
 
-    ``journey_kernels.py`` tells what stands where.
+    This is much faster than making an ``Outcome``. ``journey_kernels.py`` explains the arrays.
     """
     numbers, whole = standing.tolist(), counts.tolist()
     verdict = VERDICTS[whole[decide.D_VERDICT]]
@@ -170,7 +170,7 @@ def outcome_fields(standing: Floats, counts: NDArray[np.int64], trial: Trial) ->
 
 
 def conclude_journey(standing: Floats, counts: NDArray[np.int64], trial: Trial) -> Outcome:
-    """The same as an ``Outcome``."""
+    """Return the outcome of a journey with a verdict, from its state."""
     fields = outcome_fields(standing, counts, trial)
     return Outcome(
         verdict=Verdict(fields["verdict"]),

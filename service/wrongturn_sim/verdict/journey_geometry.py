@@ -1,4 +1,4 @@
-"""What the judge of journeys knows of a town: all of it, as the flat arrays that the kernels read."""
+"""The geometry of a whole town for judging journeys, as the flat arrays that the kernels read."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class JourneyGeometry:
-    """A town for judging journeys, metres and radians in its frame; :meth:`of` makes it once for each town.
+    """The geometry of a town for judging journeys; metres, radians, town frame. :meth:`of` makes it once for each town.
 
     Lanes are numbered in the town's order.
     """
@@ -28,19 +28,19 @@ class JourneyGeometry:
         self.town = town
         self.town_sha256 = town.sha256
         self.rows = {name: row for row, name in enumerate(town.lanes)}
-        """Each lane's number, by its id."""
+        """Number of each lane, by its id."""
         self.packed, self.lanes = _packed(town, self.rows)
-        """The arrays that the kernels read; ``lanes`` beside the cells of the surface: 0 for none, the lane's number
-        plus 1, or where a boundary runs, negative, the row of those to be looked at, minus 1."""
+        """Arrays for the kernels. ``lanes`` has a number for each cell of the surface: 0 for no lane; a lane's number
+        plus 1; or, on a boundary, -1 minus the row of ``candidates`` that lists the lanes to compare."""
         self._rests: dict[str, Floats] = {}
 
     @classmethod
     def of(cls, town: Town) -> JourneyGeometry:
-        """The geometry of a town."""
+        """Return the geometry of a town."""
         return _geometry_of(town)
 
     def rest(self, goal: str) -> Floats:
-        """Metres from each lane's end to the begin of the goal's lane, by the shortest way; inf where none leads.
+        """Return metres from each lane's end to the start of the goal's lane by the shortest way; inf if none.
 
         Raises:
             UnknownLaneError: the town has no such lane.
@@ -101,7 +101,7 @@ def _packed(town: Town, rows: dict[str, int]) -> tuple[Packed, NDArray[np.int16]
 
 
 def _lane_cells(grid: Grid, lanes: list[Floats]) -> tuple[NDArray[np.int16], NDArray[np.int64]]:
-    """The lane of each cell, and for cells on a boundary the lanes that may be there, filled up with -1."""
+    """Return the lane of each cell, and for each cell on a boundary its candidates, padded with -1."""
     there = np.zeros((grid.rows, grid.columns), np.int16)
     bounds: Marks = np.zeros((grid.rows, grid.columns), np.bool_)
     near: dict[tuple[int, int], list[int]] = {}

@@ -1,7 +1,7 @@
-"""The arithmetic of a journey's judge, compiled: what one row makes of its standing, anywhere in the town.
+"""The decision of a journey's judge, compiled: it updates a journey's state with one row, anywhere in the town.
 
-As in ``decide.py``: plain float64 arithmetic without fastmath. The geometry is packed as in ``packing.py``, with every
-junction's area and every lane of the town; ``journey_geometry.py`` fills it.
+The arithmetic is plain float64 without fastmath, as in ``decide.py``. ``journey_geometry.py`` packs the geometry as
+``packing.py`` describes, with all junction areas and all lanes of the town.
 """
 
 import math
@@ -69,31 +69,31 @@ from wrongturn_sim.verdict.kernels import (
 Array = np.ndarray[Any, Any]
 
 ARRIVED = 13
-"""In the order of the vocabulary's verdicts."""
+"""Number of this verdict, in the vocabulary's order."""
 
-# Where to find what in the header, in the places of an approach that a journey's geometry has no use for.
+# Places in the header; a journey's geometry has no approach, so it reuses that one's places.
 I_CANDIDATES, I_WIDTH, I_ONWARD = I_APPROACH, I_APPROACH_COUNT, I_EXITS
 
-# Behind the numbers of every judge.
+# A journey's numbers come after those of every judge.
 N_WRONG_WAY_TIME, N_STAND_TIME, N_BACK_TIME = NUMBERS, NUMBERS + 1, NUMBERS + 2
 JOURNEY_NUMBERS = NUMBERS + 3
 
-# Behind the floats of every standing: since when the centre is in an oncoming lane (nan: it is not), when it was last
-# off the road and in an oncoming lane (-inf: never), metres driven, least metres left to the goal.
+# A journey's floats come after those of every state: since when the centre is in an oncoming lane (nan: it is not);
+# when it was last off the road, and in an oncoming lane (-inf: never); metres driven; least metres left to the goal.
 J_ONCOMING_SINCE, J_LAST_OFF, J_LAST_WRONG, J_DISTANCE, J_LEFT = range(STANDING_FLOATS, STANDING_FLOATS + 5)
 JOURNEY_FLOATS = STANDING_FLOATS + 5
-# And behind the ints: the lane that the centre was in last along its direction (-1: none), and the counts.
+# And its ints: the last lane that the centre was in and drove along (-1: none); the counts.
 J_LANE, J_JUNCTIONS, J_OFF, J_WRONG = range(STANDING_INTS, STANDING_INTS + 4)
 JOURNEY_INTS = STANDING_INTS + 4
 
-# A trial's numbers: seconds; the goal's lane (-1: none) and metres along it; whether leaving the road or lane ends it.
+# What ends a journey: its time limit; the goal's lane (-1: none) and metres along it; whether it is strict.
 T_LIMIT, T_GOAL, T_AT, T_STRICT = 0, 1, 2, 3
 TERMS = 4
 
 
 @compiled_with(decide)
 def begin(past: Array, ints: Array) -> None:
-    """The standing of a journey without any row."""
+    """Set the state to that of a journey without rows."""
     decide.begin(past, ints)
     past[J_ONCOMING_SINCE] = math.nan
     past[J_LAST_OFF] = past[J_LAST_WRONG] = -math.inf
@@ -104,7 +104,7 @@ def begin(past: Array, ints: Array) -> None:
 
 @compiled_with(kernels)
 def on_road(floats: Array, ints: Array, cells: Array, x: float, y: float) -> bool:
-    """Whether a point is road."""
+    """Return whether a point lies on the road."""
     column = math.floor((x - floats[F_X]) / CELL)
     row = math.floor((y - floats[F_Y]) / CELL)
     if not (0 <= column < ints[I_CELLS_X] and 0 <= row < ints[I_CELLS_Y]):
@@ -119,7 +119,7 @@ def on_road(floats: Array, ints: Array, cells: Array, x: float, y: float) -> boo
 
 @compiled_with(kernels)
 def lane_at(floats: Array, ints: Array, cells: Array, lanes: Array, x: float, y: float) -> int:
-    """The lane that a point lies in, by its row; -1 in a junction's area and beside all lanes."""
+    """Return the number of the lane that a point lies in; -1 in a junction's area and outside all lanes."""
     column = math.floor((x - floats[F_X]) / CELL)
     row = math.floor((y - floats[F_Y]) / CELL)
     if not (0 <= column < ints[I_CELLS_X] and 0 <= row < ints[I_CELLS_Y]):
@@ -152,7 +152,7 @@ def lane_at(floats: Array, ints: Array, cells: Array, lanes: Array, x: float, y:
 
 @compiled_with(kernels)
 def wheels_off(floats: Array, ints: Array, cells: Array, numbers: Array, x: float, y: float, c: float, s: float) -> int:
-    """How many of the four wheels are off the road."""
+    """Return how many of the four wheels are off the road."""
     off = 0
     for wheel in range(4):
         forward = numbers[N_FRONT_AXLE] if wheel < 2 else numbers[N_REAR_AXLE]
@@ -170,25 +170,25 @@ def observe(
     """Take the next row.
 
     Args:
-        floats: of the geometry, packed.
-        whole: its ints.
-        cells: its cells, of road and junction areas.
-        lanes: its cells, of lanes.
-        numbers: (JOURNEY_NUMBERS,) of the judge.
-        users: (n, 6), the road users at the row.
-        terms: (TERMS,) of the trial.
-        rest: metres from each lane's end to the begin of the goal's lane, by the shortest way; read with a goal alone.
-        standing: (JOURNEY_FLOATS,), changed.
-        ints: (JOURNEY_INTS,), changed.
-        t: of the row, and so on.
+        floats: floats of the packed geometry.
+        whole: ints of the packed geometry.
+        cells: road and junction areas of each cell.
+        lanes: lane of each cell.
+        numbers: (JOURNEY_NUMBERS,), thresholds and body.
+        users: (n, 6), the other road users at this row.
+        terms: (TERMS,), what ends the journey.
+        rest: metres from each lane's end to the start of the goal's lane, by the shortest way; unused without a goal.
+        standing: (JOURNEY_FLOATS,), floats of the journey's state, changed.
+        ints: (JOURNEY_INTS,), ints of the journey's state, changed.
+        t: time of the row, s.
         x: metres.
         y: metres.
         yaw: radians.
         v: m/s.
 
     Returns:
-        The verdict that falls with it, 0 for none; NOT_LATER or NOT_FINITE for a row that cannot be judged, which
-        changes nothing.
+        The verdict at this row, 0 for none; NOT_LATER or NOT_FINITE for a row that cannot be judged, which changes
+        nothing.
     """
     if not t > standing[S_T]:
         return NOT_LATER
@@ -270,7 +270,7 @@ def observe(
         verdict = COLLISION
     elif strict and off:
         verdict = OFF_ROAD
-    elif strict and t - standing[J_ONCOMING_SINCE] >= numbers[N_WRONG_WAY_TIME]:  # never of nan
+    elif strict and t - standing[J_ONCOMING_SINCE] >= numbers[N_WRONG_WAY_TIME]:  # False for nan
         verdict = WRONG_WAY
         ints[D_FLAGS] |= WRONG_WAY_FLAG
     elif strict and t - standing[S_SLOW_SINCE] >= numbers[N_STAND_TIME]:

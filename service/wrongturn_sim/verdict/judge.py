@@ -1,4 +1,4 @@
-"""The judge: it watches the rows of one episode go by, and says once what the episode came to."""
+"""The judge: it takes the rows of one episode and decides its outcome."""
 
 from __future__ import annotations
 
@@ -27,29 +27,30 @@ if TYPE_CHECKING:
 
 
 class Zone(IntEnum):
-    """Where an episode is on its way; standing is timed within one zone."""
+    """Where the car is on its way through the junction; standing is timed within one zone."""
 
     AHEAD = decide.AHEAD
     """The centre never came near the stop line."""
     ENGAGED = decide.NEAR
-    """It did, and was never in the junction's area."""
+    """The centre came near the stop line, but was never in the junction's area."""
     INSIDE = decide.INSIDE
-    """It is in the junction's area."""
+    """The centre is in the junction's area."""
     BEYOND = decide.BEYOND
-    """It was, and has left it."""
+    """The centre was in the junction's area and has left it."""
 
 
 class Judge(BaseJudge):
-    """Judges one episode, row by row; neither SUMO nor a simulator is needed.
+    """Judges one episode, row by row. It needs neither SUMO nor a simulator.
 
     Args:
-        geometry: of the trial's approach.
-        trial: that is driven.
-        thresholds: the published ones, unless they are being swept.
-        vehicle: whose body the rows' positions are of.
+        geometry: geometry of the trial's approach.
+        trial: the trial that is driven.
+        thresholds: the published ones by default.
+        vehicle: the car's dimensions.
 
     Raises:
-        GeometryMismatchError: the geometry's exits are not those of the trial's junction type, or it is a journey.
+        GeometryMismatchError: the geometry's exits are not those of the trial's junction type, or the trial is a
+            journey.
     """
 
     def __init__(
@@ -82,14 +83,14 @@ class Judge(BaseJudge):
 
     @property
     def zone(self) -> Zone:
-        """Where the episode is on its way."""
+        """Zone that the car is in."""
         return Zone(int(self._counts[decide.D_ZONE]))
 
     def observe(self, row: Row) -> Outcome | None:
         """Take the next row.
 
         Returns:
-            The outcome with the row at which the verdict falls; None before. Rows after it are not looked at.
+            The outcome at the row that decides it; None for rows before and after.
 
         Raises:
             RowError: the row is not finite, or not later than the one before.
@@ -103,7 +104,7 @@ class Judge(BaseJudge):
             t, x, y, yaw, v, command,
         )  # fmt: skip
         if not found:
-            return None  # this is nearly every row
+            return None  # so it is for nearly every row
         return self._fall(found, t)
 
     def _conclude(self) -> Outcome:
@@ -113,7 +114,7 @@ class Judge(BaseJudge):
 def conclude(
     standing: Floats, counts: NDArray[np.int64], trial: Trial, geometry: JudgeGeometry, thresholds: Thresholds
 ) -> Outcome:
-    """The outcome of an episode whose verdict fell, from its standing (``decide.py`` tells what stands where)."""
+    """Return the outcome of an episode with a verdict, from its state (``decide.py`` explains the arrays)."""
     t, x, y, _, _, min_ttc, max_deceleration = standing.tolist()
     verdict = VERDICTS[int(counts[decide.D_VERDICT])]
     assert verdict is not None
@@ -138,10 +139,10 @@ def judge_of(
     *,
     strict: bool = False,
 ) -> Judge | JourneyJudge:
-    """The judge that a geometry is for.
+    """Return the judge for a geometry.
 
     Raises:
-        GeometryMismatchError: the geometry is not that of the trial.
+        GeometryMismatchError: the geometry does not belong to the trial.
     """
     if isinstance(geometry, JourneyGeometry):
         return JourneyJudge(geometry, trial, thresholds, vehicle, strict=strict)
@@ -154,20 +155,20 @@ def judge(
     thresholds: Thresholds = THRESHOLDS,
     vehicle: Vehicle = VEHICLE,
 ) -> Outcome:
-    """What a recorded episode came to; a record that ends before any verdict was ``aborted`` with its last row.
+    """Return the outcome of a recorded episode; it is ``aborted`` if the record ends before a verdict.
 
     Raises:
-        GeometryMismatchError: the geometry is of another town, or its exits are not the trial's.
-        RowError: a row is not finite, or they are not in order.
+        GeometryMismatchError: the geometry belongs to another town, or its exits are not the trial's.
+        RowError: a row is not finite, or the rows are not in order.
     """
     if geometry.town_sha256 not in {None, trajectory.town_sha256}:
         raise GeometryMismatchError(
             f"trajectory.town_sha256: {trajectory.town_sha256} is not the geometry's town, {geometry.town_sha256}; "
             "judge it with the town that it was driven in"
         )
-    watching = judge_of(geometry, trajectory.trial, thresholds, vehicle)
+    its_judge = judge_of(geometry, trajectory.trial, thresholds, vehicle)
     for row in trajectory.rows:
-        outcome = watching.observe(row)
+        outcome = its_judge.observe(row)
         if outcome is not None:
             return outcome
-    return watching.abort(trajectory.rows[-1].t if trajectory.rows else 0.0)
+    return its_judge.abort(trajectory.rows[-1].t if trajectory.rows else 0.0)

@@ -1,11 +1,10 @@
 """The scalar arithmetic of the judge, compiled.
 
-Everything that scores is plain float64 arithmetic with ``math.cos``, ``sin``, ``sqrt`` and ``floor``, without fastmath,
-so compiled and interpreted results agree bit for bit. All kernels live in this one file, because numba's cache does not
-notice a change to a callee in another file. How the arrays are filled is told in ``packing.py``.
+Scored arithmetic is plain float64 with ``math.cos``, ``sin``, ``sqrt`` and ``floor``, without fastmath, so compiled and
+interpreted results agree bit for bit. ``packing.py`` fills the arrays.
 
-A polygon is a run of edges ``x1, y1, x2, y2``; a line is a run of segments ``x1, y1, ux, uy, length, s``, with the
-unit vector and the arc length at the segment's begin; a box is ``x, y, cos, sin, half length, half width, radius``.
+A polygon is a list of edges ``x1, y1, x2, y2``. A line is a list of segments ``x1, y1, ux, uy, length, s``, where s is
+the arc length at the segment's start. A box is ``x, y, cos, sin, half length, half width, radius``.
 """
 
 import math
@@ -17,9 +16,9 @@ from numba import njit
 Array = np.ndarray[Any, Any]
 
 EDGE, SEGMENT, BOX = 4, 6, 7
-"""Floats to one polygon edge, line segment, box."""
+"""Floats of one polygon edge, line segment, box."""
 
-# Where to find what in the packed integers. First the town's part, then the approach's.
+# Places in the header of the packed integers: first the town's part, then the approach's.
 I_CELLS_X, I_CELLS_Y, I_ROAD_ROWS, I_ROAD_LIST, I_ROAD_EDGES = 0, 1, 2, 3, 4
 I_BOXES, I_BOX_CELLS_X, I_BOX_CELLS_Y, I_BOX_CELLS, I_BOX_LIST = 5, 6, 7, 8, 9
 I_AREAS, I_AREA_TABLE, I_LANES, I_LANE_TABLE = 10, 11, 12, 13
@@ -27,40 +26,41 @@ I_APPROACH, I_APPROACH_COUNT, I_EXITS = 14, 15, 16
 INTS = 22
 """Length of the header; ``I_EXITS`` takes six."""
 
-# And in the packed floats.
+# Places in the header of the packed floats.
 F_X, F_Y, F_BOX_X, F_BOX_Y, F_STOP_X, F_STOP_Y, F_STOP_UX, F_STOP_UY, F_WIDTHS = 0, 1, 2, 3, 4, 5, 6, 7, 8
 FLOATS = 11
 
 CELL = 1.0
 """Side of a cell of the surface grid, m."""
 BOX_CELL = 4.0
-"""Side of a cell of the boxes' grid, and the stride of the look ahead, m."""
+"""Side of a cell of the boxes' grid, and the stride of the search ahead, m."""
 
 # A surface cell is one byte: road in bits 0-1, junction areas in bits 2-3, lanes in bits 4-7.
 ROAD_IN, ROAD_EDGE = 1, 2
 AREA_OWN, AREA_OTHER, AREA_EDGE = 1, 2, 3
 LANE_EDGE = 15
 
-# The numbers of one judge: thresholds and body.
+# Numbers of a judge: thresholds and body.
 N_ENGAGE, N_WRONG_WAY, N_EXIT, N_EXIT_COS, N_COMMAND, N_TTC = 0, 1, 2, 3, 4, 5
 N_FRONT_AXLE, N_REAR_AXLE, N_WHEEL_SIDE, N_HALF_LENGTH, N_HALF_WIDTH, N_RADIUS = 6, 7, 8, 9, 10, 11
 N_STOP_SPEED, N_STOP_TIME, N_TIME_LIMIT, N_WHEELS_OFF = 12, 13, 14, 15
 NUMBERS = 16
 
-# What the kernel saw, packed into one integer.
+# What the kernel found at a row, as bits of one integer.
 WHEELS = 0b111
 CENTRE_OFF, IN_AREA, IN_OTHER, HIT, INVASION = 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7
 FAR, ENGAGED, NOSE_OVER = 1 << 8, 1 << 9, 1 << 10
 PAST_SHIFT, TAKEN_SHIFT = 11, 14
-"""Three bits each, in the order of DIRECTIONS: past the exit line by the command's distance; the exit is taken."""
+"""Three bits each, in the order of DIRECTIONS: the car is past the exit line by the command's distance; it took the
+exit."""
 NOT_FINITE = -1
 OVERLAP = -1.0
-"""The time to a contact that is there."""
+"""Time to contact of boxes that overlap already."""
 
 
 @njit(cache=True)
 def inside(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
-    """Whether a point lies in the polygon of these edges (even-odd, half-open at the boundary)."""
+    """Return whether a point lies in a polygon (even-odd rule, half-open at the boundary)."""
     odd = False
     for i in range(first, first + EDGE * edges, EDGE):
         y1 = floats[i + 1]
@@ -74,7 +74,7 @@ def inside(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
 
 @njit(cache=True)
 def covers(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
-    """The same of a polygon whose bounds stand before its edges: mostly they tell at once."""
+    """Like :func:`inside` for a polygon whose bounds stand before its edges; they usually decide at once."""
     if x < floats[first - 4] or y < floats[first - 3] or x > floats[first - 2] or y > floats[first - 1]:
         return False
     return inside(floats, first, edges, x, y)
@@ -82,7 +82,7 @@ def covers(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
 
 @njit(cache=True)
 def inside_listed(floats: Array, first: int, ints: Array, begin: int, end: int, x: float, y: float) -> bool:
-    """The same over the edges that ``ints[begin:end]`` names: those that meet the point's row of cells."""
+    """Like :func:`inside` for the edges that ``ints[begin:end]`` lists: those that meet the point's row of cells."""
     odd = False
     for k in range(begin, end):
         i = first + EDGE * ints[k]
@@ -97,7 +97,7 @@ def inside_listed(floats: Array, first: int, ints: Array, begin: int, end: int, 
 
 @njit(cache=True)
 def distance_to_edges(floats: Array, first: int, edges: int, x: float, y: float) -> float:
-    """Distance of a point from the nearest edge, m."""
+    """Return the distance of a point from the nearest edge, m."""
     best = math.inf
     for i in range(first, first + EDGE * edges, EDGE):
         ax = floats[i]
@@ -117,7 +117,7 @@ def distance_to_edges(floats: Array, first: int, edges: int, x: float, y: float)
 
 @njit(cache=True)
 def project(floats: Array, first: int, segments: int, x: float, y: float) -> tuple[float, float, float, float]:
-    """The nearest point of a line: its arc length, its distance, and the line's unit vector there."""
+    """Return the arc length and distance of a line's nearest point, and the line's unit vector there."""
     best = math.inf
     s = ux = uy = 0.0
     for i in range(first, first + SEGMENT * segments, SEGMENT):
@@ -140,11 +140,11 @@ def contact(
     dx: float, dy: float, wx: float, wy: float, c1: float, s1: float, length1: float, width1: float,
     c2: float, s2: float, length2: float, width2: float,
 ) -> float:  # fmt: skip
-    """When two oriented boxes begin to overlap: -1 if they do now, inf if they never will.
+    """Return the time until two oriented boxes overlap, s: -1 if they overlap now, inf if they never will.
 
-    ``dx, dy`` leads from the first centre to the second, ``wx, wy`` is the second's velocity relative to the first's;
-    lengths and widths are halves. Exact: the separating-axis test with the time as a parameter. Boxes that only touch
-    do not overlap.
+    ``dx, dy`` leads from the first centre to the second, ``wx, wy`` is the second's velocity relative to the first's.
+    Lengths and widths are halves. The result is exact: a separating-axis test with the time as a parameter. Boxes that
+    only touch do not overlap.
     """
     enter = -math.inf
     leave = math.inf
@@ -176,7 +176,7 @@ def contact(
 
 @njit(cache=True)
 def surface(floats: Array, ints: Array, cells: Array, x: float, y: float) -> tuple[bool, int, int]:
-    """What lies under a point: whether it is road; 0, AREA_OWN or AREA_OTHER; 0 or the lane's number from 1 on."""
+    """Return what lies under a point: whether road; 0, AREA_OWN or AREA_OTHER; the lane's number from 1, or 0."""
     column = math.floor((x - floats[F_X]) / CELL)
     row = math.floor((y - floats[F_Y]) / CELL)
     if not (0 <= column < ints[I_CELLS_X] and 0 <= row < ints[I_CELLS_Y]):
@@ -210,9 +210,9 @@ def surface(floats: Array, ints: Array, cells: Array, x: float, y: float) -> tup
 def least_contact(
     floats: Array, ints: Array, numbers: Array, users: Array, x: float, y: float, c: float, s: float, v: float
 ) -> float:
-    """Time until the body, going straight on at its speed, meets a solid box or a road user doing the same, s.
+    """Return the time until the body meets a solid box or a road user, if all go straight on at their speed, s.
 
-    -1 where it overlaps one now, inf beyond the horizon.
+    It is -1 if the body overlaps one now, and inf beyond the horizon.
     """
     half_length = numbers[N_HALF_LENGTH]
     half_width = numbers[N_HALF_WIDTH]
@@ -225,8 +225,8 @@ def least_contact(
             c, s, half_length, half_width, c2, s2, users[k, 3] / 2, users[k, 4] / 2,
         )  # fmt: skip
         best = min(best, time)
-    # Each box stands in every cell from which the body may touch it within half a stride; so a walk of full strides
-    # along the heading meets every box in the way, the first of them first.
+    # Each box is listed in every cell from which the body may touch it within half a stride. So a search in full
+    # strides along the heading meets every box in the way, the nearest first.
     columns = ints[I_BOX_CELLS_X]
     strides = math.ceil(v * numbers[N_TTC] / BOX_CELL)
     for stride in range(strides + 1):
@@ -241,7 +241,7 @@ def least_contact(
             box = ints[I_BOXES] + BOX * ints[ints[I_BOX_LIST] + k]
             dx = floats[box] - x
             dy = floats[box + 1] - y
-            # Beside the corridor or behind: the circle around the box tells it sooner.
+            # A circle around the box shows fast that it is beside the corridor or behind the car.
             radius = floats[box + 6] + numbers[N_RADIUS]
             if abs(dy * c - dx * s) > radius or dx * c + dy * s < -radius:
                 continue
@@ -258,9 +258,9 @@ def inspect_row(
     floats: Array, ints: Array, cells: Array, numbers: Array, users: Array,
     x: float, y: float, yaw: float, v: float, entered: bool,
 ) -> tuple[int, float]:  # fmt: skip
-    """Everything that the judge asks of one row: the packed bits and the time to contact (inf where there is none).
+    """Return what the judge needs of one row: the packed bits, and the time to contact (inf if there is none).
 
-    ``entered`` tells whether the centre was in the junction's area before; exits and the way back wait for that.
+    ``entered`` says whether the centre has been in the junction's area. Exits and wrong ways are only looked for then.
     """
     if not math.isfinite(x + y + yaw + v):
         return NOT_FINITE, math.inf
@@ -273,7 +273,7 @@ def inspect_row(
     elif area == AREA_OTHER:
         bits |= IN_OTHER
 
-    asked = 0  # the lane that was last compared with the heading: mostly all four wheels are in the same
+    asked = 0  # the lane last compared with the heading: usually all four wheels are in the same lane
     for wheel in range(4):
         forward = numbers[N_FRONT_AXLE] if wheel < 2 else numbers[N_REAR_AXLE]
         left = numbers[N_WHEEL_SIDE] if wheel % 2 == 0 else -numbers[N_WHEEL_SIDE]
@@ -327,7 +327,7 @@ def inspect_row(
 
 @njit(cache=True)
 def mark_edges(marks: Array, edges: Array, x: float, y: float, size: float) -> None:
-    """Set every cell of ``marks`` (rows, columns) that an edge of ``edges`` (n, 4) touches."""
+    """Mark every cell of ``marks`` (rows, columns) that an edge of ``edges`` (n, 4) touches."""
     slack = 1e-6
     rows, columns = marks.shape
     for k in range(edges.shape[0]):
@@ -348,7 +348,7 @@ def mark_edges(marks: Array, edges: Array, x: float, y: float, size: float) -> N
 
 @njit(cache=True)
 def mark_inside(marks: Array, edges: Array, starts: Array, listed: Array, x: float, y: float, size: float) -> None:
-    """Set every cell of ``marks`` whose middle lies in the polygon; ``starts`` and ``listed`` as for the road."""
+    """Mark every cell whose middle lies in a polygon; ``starts`` and ``listed`` are those of ``Grid.rows_of``."""
     rows, columns = marks.shape
     flat = edges.ravel()
     for row in range(rows):

@@ -1,8 +1,8 @@
-"""Shapes as the flat arrays that the kernels read.
+"""Packing of shapes into the flat arrays that the kernels read.
 
-Two grids spare the kernels their searches. A byte a square metre of the town tells what lies there: road, junction
-area, lane, or a boundary of one of them, where the edges decide. And a cell of 4 m knows the solid boxes that the
-car may touch from within it or from up to half a stride beside it.
+Two grids save the kernels from searching. The first has one byte for each square metre of the town: road, junction
+area, lane, or a boundary of one of them, where the polygon's edges decide. The second has cells of 4 m. Each lists the
+solid boxes that a car may touch from within the cell or from up to half a stride beside it.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ Floats = NDArray[np.float64]
 Marks = NDArray[np.bool_]
 
 CLOCK_TOLERANCE = 1e-6
-"""Times are sums of steps that binary numbers cannot hold; a duration this much short is reached, s."""
+"""A duration that is short by this much counts as reached, s: sums of 0.05 s are not exact in binary."""
 SLACK = 1e-6
-"""A crossing is computed at most this far off, m."""
+"""Greatest error of a computed crossing, m."""
 REACH = 3.0
-"""No body is longer than twice this from its centre to a corner, m; what the boxes' grid is made for."""
+"""Greatest distance from a body's centre to its corners that the boxes' grid allows, m."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Packed:
-    """A geometry as the kernels read it: read-only, flat."""
+    """A geometry as read-only flat arrays."""
 
     floats: Floats
     ints: NDArray[np.int64]
@@ -42,7 +42,7 @@ class Packed:
 
 
 def edges_of(geometry: BaseGeometry) -> Floats:
-    """All edges of a polygon or of several, holes too, (n, 4): x1, y1, x2, y2."""
+    """Return the edges of one or more polygons, holes included, (n, 4): x1, y1, x2, y2."""
     runs = [np.empty((0, 4))]
     for ring in shapely.get_rings(shapely.get_parts(geometry)):
         points = shapely.get_coordinates(ring)
@@ -53,7 +53,7 @@ def edges_of(geometry: BaseGeometry) -> Floats:
 
 
 def segments_of(line: Floats) -> Floats:
-    """The segments of a polyline (n, 2) without those of no length, (m, 6): x, y, unit vector, length, arc length."""
+    """Return the segments of a polyline (n, 2), without empty ones, (m, 6): x, y, unit vector, length, arc length."""
     rows = []
     s = 0.0
     for (x1, y1), (x2, y2) in zip(line[:-1].tolist(), line[1:].tolist(), strict=True):
@@ -65,7 +65,7 @@ def segments_of(line: Floats) -> Floats:
 
 
 def boxes_of(solids: Floats) -> Floats:
-    """Boxes (n, 7) of solids (n, 5): x, y, yaw, length, width."""
+    """Return boxes (n, 7) for solids (n, 5), which are x, y, yaw, length, width."""
     boxes = np.empty((len(solids), kernels.BOX))
     for box, (x, y, yaw, length, width) in zip(boxes, solids.tolist(), strict=True):
         radius = math.sqrt(length * length + width * width) / 2
@@ -74,32 +74,32 @@ def boxes_of(solids: Floats) -> Floats:
 
 
 class Packer:
-    """Collects floats and ints, and tells where each run of them begins."""
+    """Collects floats and ints; its methods return where each added list begins."""
 
     def __init__(self) -> None:
         self.floats: list[Floats] = [np.zeros(kernels.FLOATS)]
         self.ints: list[NDArray[np.int64]] = [np.zeros(kernels.INTS, np.int64)]
 
     def add_floats(self, values: Floats) -> int:
-        """Append a run; its begin."""
+        """Append a list and return its start."""
         begin = sum(map(len, self.floats))
         self.floats.append(np.ascontiguousarray(values, np.float64).ravel())
         return begin
 
     def add_polygon(self, edges: Floats) -> int:
-        """Append edges behind their bounds, which are a little wide; where the edges begin."""
+        """Append slightly widened bounds, then the edges, and return the edges' start."""
         corners = edges.reshape(-1, 2) if len(edges) else np.zeros((1, 2))
         self.add_floats(np.concatenate([corners.min(axis=0) - SLACK, corners.max(axis=0) + SLACK]))
         return self.add_floats(edges)
 
     def add_ints(self, values: Any) -> int:
-        """Append a run; its begin."""
+        """Append a list and return its start."""
         begin = sum(map(len, self.ints))
         self.ints.append(np.asarray(values, np.int64).ravel())
         return begin
 
     def begin(self, surface: Surface, boxes: Boxes) -> tuple[list[int], list[float]]:
-        """Take in the town's part; the two headers, to be filled further and given to :meth:`end`."""
+        """Add the town's part, and return both headers, to be completed and passed to :meth:`end`."""
         head = [0] * kernels.INTS
         heads = [0.0] * kernels.FLOATS
         head[kernels.I_CELLS_X], head[kernels.I_CELLS_Y] = surface.grid.columns, surface.grid.rows
@@ -116,12 +116,12 @@ class Packer:
         return head, heads
 
     def end(self, head: list[int], heads: list[float]) -> None:
-        """Put the headers before everything."""
+        """Put the headers in front."""
         self.ints[0] = np.array(head, np.int64)
         self.floats[0] = np.array(heads, np.float64)
 
     def packed(self, cells: NDArray[np.uint8]) -> Packed:
-        """The arrays, sealed."""
+        """Return the arrays, read-only."""
         floats, ints = np.concatenate(self.floats), np.concatenate(self.ints)
         for array in (floats, ints, cells):
             array.setflags(write=False)
@@ -140,13 +140,13 @@ class Grid:
 
     @classmethod
     def over(cls, bounds: Sequence[float], size: float) -> Grid:
-        """Cells on whole multiples of their size, one to spare on each side."""
+        """Return a grid on whole multiples of the cells' size, with one spare cell on each side."""
         x, y = math.floor(bounds[0] / size) - 1, math.floor(bounds[1] / size) - 1
         columns, rows = math.ceil(bounds[2] / size) + 1 - x, math.ceil(bounds[3] / size) + 1 - y
         return cls(x * size, y * size, size, columns, rows)
 
     def part(self, edges: Floats) -> tuple[Grid, tuple[slice, slice]]:
-        """The cells around some edges as far as this grid reaches, and where they are in it."""
+        """Return the part of this grid around some edges, and its slices."""
         low = np.minimum(edges[:, :2], edges[:, 2:]).min(axis=0)
         high = np.maximum(edges[:, :2], edges[:, 2:]).max(axis=0)
         inner = Grid.over((*low.tolist(), *high.tolist()), self.size)
@@ -157,22 +157,22 @@ class Grid:
         return part, (slice(bottom, top), slice(left, right))
 
     def touched(self, edges: Floats) -> Marks:
-        """Cells that an edge touches, (rows, columns)."""
+        """Return a mask of the cells that an edge touches, (rows, columns)."""
         marks = np.zeros((self.rows, self.columns), np.bool_)
         kernels.mark_edges(marks, edges, self.x, self.y, self.size)
         return marks
 
     def rows_of(self, edges: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """For each row of cells the edges that meet it: where its list begins (rows + 1), and the lists."""
+        """List the edges that meet each row of cells; return where each row's list begins (rows + 1), and the lists."""
         low = np.floor((np.minimum(edges[:, 1], edges[:, 3]) - self.y) / self.size - 1e-6).astype(np.int64)
         high = np.floor((np.maximum(edges[:, 1], edges[:, 3]) - self.y) / self.size + 1e-6).astype(np.int64)
-        level = edges[:, 1] == edges[:, 3]  # no ray along x crosses a level edge
+        level = edges[:, 1] == edges[:, 3]  # a ray along x crosses no level edge
         lists = [np.flatnonzero((low <= row) & (row <= high) & ~level) for row in range(self.rows)]
         starts = np.concatenate([[0], np.cumsum([len(one) for one in lists], dtype=np.int64)])
         return starts, np.concatenate([np.empty(0, np.int64), *lists])
 
     def covered(self, edges: Floats) -> Marks:
-        """Cells whose middle lies in the polygon of these edges, (rows, columns)."""
+        """Return a mask of the cells whose middle lies in a polygon, (rows, columns)."""
         marks = np.zeros((self.rows, self.columns), np.bool_)
         starts, listed = self.rows_of(edges)
         kernels.mark_inside(marks, np.ascontiguousarray(edges), starts, listed, self.x, self.y, self.size)
@@ -181,14 +181,14 @@ class Grid:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Surface:
-    """The road on its grid: the same for every approach of a town."""
+    """The road on its grid; all approaches of a town share it."""
 
     grid: Grid
     edges: Floats
     starts: NDArray[np.int64]
     listed: NDArray[np.int64]
     codes: NDArray[np.uint8]
-    """(rows, columns): ROAD_IN, ROAD_EDGE or 0."""
+    """(rows, columns), ROAD_IN, ROAD_EDGE or 0."""
 
     @classmethod
     def of(cls, road: BaseGeometry) -> Surface:
@@ -203,7 +203,7 @@ class Surface:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Boxes:
-    """The solid boxes on their grid: the same for every approach of a town."""
+    """The solid boxes on their grid; all approaches of a town share them."""
 
     grid: Grid
     boxes: Floats
@@ -212,7 +212,7 @@ class Boxes:
 
     @classmethod
     def of(cls, solids: Floats) -> Boxes:
-        """Put every box into the cells from which the car may touch it."""
+        """List each box in the cells from which a car may touch it."""
         boxes = boxes_of(solids)
         margin = REACH + kernels.BOX_CELL / 2
         half_x = np.abs(boxes[:, 2]) * boxes[:, 4] + np.abs(boxes[:, 3]) * boxes[:, 5] + margin
@@ -240,15 +240,15 @@ def pack(
     approach: Floats,
     exits: Iterable[tuple[Floats, float] | None],
 ) -> Packed:
-    """One approach's arrays.
+    """Pack the geometry of one approach.
 
     Args:
         surface: the road.
-        boxes: what is solid.
+        boxes: the solid boxes.
         areas: junction areas, the trial's own first.
         lanes: polygon and centre line (n, 2) of the lanes around the junction, at most 14.
         approach: the incoming lane's centre line (n, 2).
-        exits: for LEFT, RIGHT, STRAIGHT the exit lane's centre line and width, or None.
+        exits: centre line and width of the exit lanes LEFT, RIGHT, STRAIGHT; None for an exit that does not exist.
 
     Raises:
         ValueError: a line has no length, or there are too many lanes.
@@ -259,7 +259,7 @@ def pack(
     head[kernels.I_AREAS] = len(areas)
     head[kernels.I_AREA_TABLE] = packer.add_ints([(packer.add_polygon(edges), len(edges)) for edges in area_edges])
     if len(lanes) >= kernels.LANE_EDGE:
-        raise ValueError(f"lanes: {len(lanes)} meet at one junction; the judge knows {kernels.LANE_EDGE - 1} at most")
+        raise ValueError(f"lanes: {len(lanes)} meet at one junction; the judge allows {kernels.LANE_EDGE - 1} at most")
     lane_edges = [edges_of(polygon) for polygon, _ in lanes]
     lane_lines = [segments_of(line) for _, line in lanes]
     head[kernels.I_LANES] = len(lanes)
@@ -302,7 +302,7 @@ def _codes(surface: Surface, areas: Sequence[Floats], lanes: Sequence[Floats]) -
 
 
 def numbers_of(thresholds: Thresholds, vehicle: Vehicle) -> Floats:
-    """The numbers of one judge as the kernels read them."""
+    """Return the thresholds and the body as the kernels read them."""
     numbers = np.zeros(kernels.NUMBERS)
     radius = math.sqrt(vehicle.half_length**2 + vehicle.half_width**2)
     if radius > REACH:

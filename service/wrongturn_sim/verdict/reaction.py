@@ -1,4 +1,4 @@
-"""How the agent met the fault."""
+"""The agent's reaction to the fault."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from wrongturn_sim.verdict.thresholds import Thresholds
 def reaction_of(
     verdict: Verdict, x: float, y: float, trial: Trial, geometry: JudgeGeometry, thresholds: Thresholds
 ) -> Reaction | None:
-    """The reaction to ``infeasible`` and ``omission``; None to anything else, and to no fault at all.
+    """Return the reaction to ``infeasible`` or ``omission``; None for other faults and for none.
 
     Args:
-        verdict: that fell.
-        x: of the body's centre when it fell, metres.
-        y: of the body's centre when it fell, metres.
-        trial: that was driven.
-        geometry: of its approach.
-        thresholds: of the judge.
+        verdict: the verdict.
+        x: place of the body's centre at the verdict, metres.
+        y: place of the body's centre at the verdict, metres.
+        trial: the trial that was driven.
+        geometry: geometry of its approach.
+        thresholds: thresholds of the judge.
     """
     kind = trial.fault.kind
     if kind not in {FaultKind.INFEASIBLE, FaultKind.OMISSION}:
@@ -38,7 +38,7 @@ def reaction_of(
 def on_missing_side(
     missing: Command | None, x: float, y: float, geometry: JudgeGeometry, thresholds: Thresholds
 ) -> bool:
-    """Whether a point lies where the missing arm would be, or on the way there."""
+    """Return whether a point lies where the missing arm would be, or on the way there."""
     past, left = geometry.beside_approach(x, y)
     if missing is Command.LEFT:
         return past > -thresholds.obeyed_distance and left > 0

@@ -1,4 +1,4 @@
-"""The published numbers of the verdict. A change to any of them is a change of scoring: bump ``version``."""
+"""The published thresholds of the verdict. Changing one changes scores: bump ``version``."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ import math
 
 @dataclasses.dataclass(frozen=True)
 class Thresholds:
-    """What the judge compares with; ``docs/verdicts.md`` shows the same table, and a test compares the two.
+    """Thresholds of the verdict. ``docs/verdicts.md`` has the same table, and a test compares the two.
 
-    Every field can be swept with :func:`dataclasses.replace`; a swept one never makes a published verdict.
+    To try other values, use :func:`dataclasses.replace`; published verdicts never use them.
 
     Raises:
-        ValueError: a number is not finite, or not positive, or an angle or count is out of its range.
+        ValueError: a number is not finite or not positive, or an angle or count is out of range.
     """
 
     version: int = 1
-    """Of these numbers and of the definitions that use them."""
+    """Version of these numbers and of the definitions that use them."""
     stop_speed: float = 0.3
-    """A car slower than this stands, m/s."""
+    """A slower car stands, m/s."""
     stop_time: float = 3.0
-    """Standing for this long without interruption in one zone is a stop, s."""
+    """A car that stands for this long in one zone, without interruption, has stopped, s."""
     time_limit: float = 40.0
-    """An episode's time, s."""
+    """Time of an episode, s."""
     engage_distance: float = 15.0
-    """A car whose centre came this near to the stop line, along the approach's lane, is engaged, m."""
+    """A car is engaged once its centre is this near to the stop line, along the approach's lane, m."""
     wheels_off: int = 3
-    """So many wheels off the road are off the road; fewer are a kerb bite."""
+    """A car with this many wheels off the road is off the road; fewer are a kerb bite."""
     wrong_way_distance: float = 20.0
-    """Farther from the junction's area than this without an exit is a wrong way, m."""
+    """A car farther from the junction's area than this, without an exit, went a wrong way, m."""
     exit_distance: float = 10.0
     """The rear bumper must be this far past the exit line, along the exit's lane, m."""
     exit_heading: float = 30.0
@@ -41,7 +41,7 @@ class Thresholds:
     obeyed_lateral: float = 6.0
     """Leaving the road straight ahead is obeying within this distance of the approach street's axis, m."""
     ttc_horizon: float = 5.0
-    """Contacts farther ahead than this are none, s."""
+    """Contacts farther in the future than this are ignored, s."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -55,4 +55,4 @@ class Thresholds:
 
 
 THRESHOLDS = Thresholds()
-"""The published ones."""
+"""The published thresholds."""
