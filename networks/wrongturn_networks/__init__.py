@@ -1,4 +1,4 @@
-"""Wrongturn's towns and suites."""
+"""Wrongturn's towns and suites of trials."""
 
 from wrongturn_networks.bends import Bend, bends_of
 from wrongturn_networks.cruises import draw_cruise

@@ -1,4 +1,4 @@
-"""Where lanes bend between junctions."""
+"""Bends of lanes between junctions."""
 
 import math
 from functools import lru_cache
@@ -9,13 +9,13 @@ import numpy as np
 from wrongturn_networks.lanes import Lane
 
 _KINK: Final = math.radians(0.5)
-"""A street's pieces that differ by less are straight."""
+"""Two pieces of a street whose headings differ by less are straight, radians."""
 _APART: Final = 5.0
-"""Two bends have more than this of straight lane between them, metres."""
+"""Two bends are separate if more than this of straight lane lies between them, metres."""
 
 
 class Bend(NamedTuple):
-    """One bend of a lane, metres along it."""
+    """A bend of a lane: its start and end, metres along the lane."""
 
     begin: float
     end: float
@@ -23,7 +23,7 @@ class Bend(NamedTuple):
 
 @lru_cache(maxsize=1024)
 def bends_of(lane: Lane) -> tuple[Bend, ...]:
-    """A lane's bends in the direction of travel; none where it is straight."""
+    """Return a lane's bends in the direction of travel."""
     steps = np.diff(lane.centreline, axis=0)
     along = np.cumsum(np.sqrt((steps**2).sum(axis=1)))[:-1]
     headings = np.arctan2(steps[:, 1], steps[:, 0])

@@ -1,4 +1,4 @@
-"""What there is without a service: the lists behind ``wrongturn suites`` and ``wrongturn towns``."""
+"""Lists of suites and towns for the command line, without a service."""
 
 from collections.abc import Iterator
 
@@ -9,17 +9,17 @@ from wrongturn_protocol import SuiteSummary, TownSummary
 
 
 def list_suites() -> list[SuiteSummary]:
-    """All suites."""
+    """Return all suites."""
     return [load_suite(suite_id).summary() for suite_id in suite_ids()]
 
 
 def list_towns() -> list[TownSummary]:
-    """All towns."""
+    """Return all towns."""
     return [load_town(name).summary() for name in town_names()]
 
 
 def checks() -> Iterator[tuple[str, bool, str, str]]:
-    """What ``wrongturn doctor`` looks at: name, whether it is well, what was seen, the remedy."""
+    """Yield the checks of ``wrongturn doctor``: name, whether it passed, what was found, the remedy."""
     for what, listed in (("suites", list_suites), ("towns", list_towns)):
         try:
             found = listed()

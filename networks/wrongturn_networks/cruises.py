@@ -1,7 +1,7 @@
-"""Cruises: drives about a town without a goal, drawn for training.
+"""Cruises: drives through a town without a goal, for training. They are never scored.
 
-They begin anywhere on the lanes that lead to a junction, more often where driving is hard: before junctions and inside
-them (each approach equally often) and before the streets' bends. Nothing of a cruise is scored.
+A cruise begins anywhere on a lane that leads to a junction. More of them begin where driving is hard: before and inside
+junctions, equally often at each approach, and before bends.
 """
 
 import bisect
@@ -19,20 +19,20 @@ from wrongturn_networks.ways import path_length
 from wrongturn_protocol import Command, Fault, FaultKind, Journey, JunctionType, Start, Task, Traffic, Trial, Weather
 
 BEFORE_JUNCTION: Final = (5.0, 35.0)
-"""Starts near a junction lie so far before its stop line, metres, as far as the lane reaches."""
+"""Range of the distance to the stop line for starts near a junction, metres; short lanes cut it."""
 BEFORE_BEND: Final = (5.0, 25.0)
-"""Starts near a bend lie so far before its begin, metres, as far as the lane reaches."""
+"""Range of the distance to the bend for starts near a bend, metres; short lanes cut it."""
 INSIDE_SPEED: Final = 5.0
 """Greatest speed of starts inside a junction, m/s: a faster car could not follow the path of a turn."""
 WITHIN: Final = 2.5
-"""Offset and heading are cut at so many standard deviations: nobody begins in the oncoming lane."""
+"""Offset and heading are clipped at this many standard deviations, so no car starts in the oncoming lane."""
 
 _NO_FAULT: Final = Fault(kind=FaultKind.NONE)
 _NO_TRAFFIC: Final = Traffic()
 
 
 class _Stretch(NamedTuple):
-    """A piece of a lane to begin on."""
+    """A piece of a lane on which cruises can begin."""
 
     approach: str
     type: JunctionType
@@ -45,13 +45,13 @@ class _Stretch(NamedTuple):
 
 
 class _Stretches(NamedTuple):
-    """A town's, by what they lie near to."""
+    """The stretches of a town, by what they are near to."""
 
     junctions: tuple[_Stretch, ...]
     bends: tuple[_Stretch, ...]
     lanes: tuple[_Stretch, ...]
     metres: tuple[float, ...]
-    """Length of the lanes' stretches up to and with each."""
+    """Cumulative length of the stretches in ``lanes``, metres."""
 
 
 def draw_cruise(
@@ -68,34 +68,34 @@ def draw_cruise(
     speed: tuple[float, float] = (0.0, 9.0),
     time_limit: float = 60.0,
 ) -> Trial:
-    """A trial that drives about the town, each junction's exit drawn from its seed.
+    """Draw a trial without a goal; its seed decides the exit at each junction.
 
     Args:
-        town: where.
-        random: what all is drawn from, the trial's seed too.
-        weather: of the trial.
+        town: town to drive in.
+        random: generator of everything that is drawn, the trial's seed included.
+        weather: weather of the trial.
         traffic: other road users.
-        near_junctions: share of the starts that lie shortly before a junction.
-        near_bends: share of those that lie shortly before a bend; in a town without any they lie anywhere.
-        inside_junctions: share of those that lie inside a junction, on the route's path from the stop line to the
-            exit line, at 5 m/s or less. ``start.distance`` is then negative.
-        lateral: standard deviation of the start's offset from the lane's centre line, metres, cut at 2.5 of them.
-        yaw: that of its heading, radians, likewise.
-        speed: least and greatest at the start, m/s.
+        near_junctions: share of the starts shortly before a junction, 0 to 1.
+        near_bends: share of the starts shortly before a bend; in a town without bends these lie anywhere.
+        inside_junctions: share of the starts inside a junction, on the route's path from the stop line to the exit
+            line, at 5 m/s or less. ``start.distance`` is then negative.
+        lateral: standard deviation of the start's offset from the lane's centre line, metres, clipped at 2.5 of them.
+        yaw: standard deviation of the start's heading, radians, clipped likewise.
+        speed: least and greatest speed at the start, m/s.
         time_limit: seconds.
 
     Raises:
-        CruiseError: an argument is out of its range.
+        CruiseError: an argument is out of range.
     """
-    # Called for each of hundreds of environments whenever one ends: hence the tables, and no validation twice.
+    # Hundreds of environments call this at each end of an episode: hence the tables, and models without validation.
     shares = (near_junctions, near_bends, inside_junctions)
     if not (min(shares) >= 0.0 and sum(shares) <= 1.0):
         raise CruiseError(
             f"near_junctions, near_bends, inside_junctions: {near_junctions}, {near_bends} and {inside_junctions} are "
-            "no shares of a whole; give three of at least 0 that add up to at most 1",
+            "not shares of a whole; give three of at least 0 that add up to at most 1",
         )
     if not 0.0 <= speed[0] <= speed[1] <= 22.0:
-        raise CruiseError(f"speed: {speed} is no range within 0 and 22 m/s; give the least speed and the greatest")
+        raise CruiseError(f"speed: {speed} is not a range within 0 and 22 m/s; give the least and the greatest speed")
     if not (0.0 <= lateral <= 0.7 and 0.0 <= yaw <= 0.3):
         raise CruiseError(
             f"lateral, yaw: {lateral} m and {yaw} rad would start cars off their lane; give at most 0.7 m and 0.3 rad",
@@ -114,7 +114,7 @@ def draw_cruise(
     route = stretch.exits[int(turn * len(stretch.exits))]
     distance, fastest = stretch.nearest + where * (stretch.farthest - stretch.nearest), speed[1]
     if inside:
-        # Never 0: only what is past the stop line starts on the path.
+        # Not 0: only a start past the stop line lies on the path.
         distance, fastest = -max(0.001, where * stretch.paths[route]), max(speed[0], min(INSIDE_SPEED, speed[1]))
     return Trial.model_construct(
         id=f"{town.name}.cruise.{stretch.approach}.s{seed}",

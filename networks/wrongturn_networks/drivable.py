@@ -1,6 +1,6 @@
-"""Where a car may be: the road and each junction's area, from a net's lanes and shapes.
+"""The area where a car may be: the road and each junction's area, from a net's lanes and shapes.
 
-Kerbs stand implicitly along the road's edge: what lies beyond is sidewalk or ground, and no object of the scenery.
+The road's edge is a kerb. Beyond it lies sidewalk or ground; kerbs are not objects of the scenery.
 """
 
 from collections.abc import Iterable
@@ -12,24 +12,24 @@ from wrongturn_networks.lanes import Line
 from wrongturn_networks.netfile import Net, NetJunction
 
 PATH_HALF_WIDTH = 1.9
-"""A permitted path through a junction is road this far to either side, metres."""
+"""Road reaches this far to either side of a permitted path through a junction, metres."""
 
 _SEAM = 0.02
-"""Net files are rounded to a centimetre: narrower gaps between neighbouring areas are no gaps, metres."""
+"""Narrower gaps between neighbouring areas are closed, metres: net files are rounded to a centimetre."""
 
 
 def lane_polygon(centreline: Line, width: float) -> Polygon:
-    """A lane's area: its centre line widened, its ends cut square."""
+    """Return a lane's area: its centre line widened, with square ends."""
     return LineString(centreline).buffer(width / 2, cap_style="flat", join_style="mitre")
 
 
 def walking_areas(net: Net) -> BaseGeometry:
-    """The parts of junctions' shapes that belong to pedestrians."""
+    """Return the parts of junctions that belong to pedestrians."""
     return unary_union([Polygon(lane.shape).buffer(0) for lane in net.lanes.values() if lane.function == "walkingarea"])
 
 
 def sidewalks(net: Net) -> BaseGeometry:
-    """Everything that is for pedestrians: sidewalks along the roads and walking areas at junctions."""
+    """Return all areas for pedestrians: sidewalks along roads, and walking areas at junctions."""
     along = [
         lane_polygon(lane.shape, lane.width)
         for lane in net.lanes.values()
@@ -39,7 +39,7 @@ def sidewalks(net: Net) -> BaseGeometry:
 
 
 def road(net: Net, junctions: Iterable[NetJunction]) -> BaseGeometry:
-    """Lanes for cars, junctions without their walking areas, and the permitted paths through them."""
+    """Return the road: car lanes, junctions without walking areas, and the permitted paths through them."""
     lanes = [
         lane_polygon(lane.shape, lane.width) for lane in net.lanes.values() if lane.function == "normal" and lane.cars
     ]
@@ -54,7 +54,7 @@ def road(net: Net, junctions: Iterable[NetJunction]) -> BaseGeometry:
 
 
 def junction_area(junction: NetJunction, town_road: BaseGeometry) -> BaseGeometry:
-    """The junction's shape cut with the road."""
+    """Return the part of the junction's shape that is road."""
     area = Polygon(junction.shape).buffer(0).intersection(town_road)
     parts = [part for part in getattr(area, "geoms", [area]) if part.area > 0.1]
     return unary_union(parts)

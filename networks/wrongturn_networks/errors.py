@@ -1,4 +1,4 @@
-"""What can be wrong with a name or a request about towns and suites.
+"""Errors about towns, suites and trials.
 
 NetworkError
 ├── UnknownTownError
@@ -18,11 +18,11 @@ from collections.abc import Iterable
 
 
 class NetworkError(ValueError):
-    """The root of this package's errors; the message names the field and the remedy."""
+    """Base class of this package's errors; the message names the field and the remedy."""
 
 
 class _UnknownNameError(NetworkError):
-    """A name that nothing has; the message lists the names that there are."""
+    """An unknown name; the message lists the known ones."""
 
     what = "name"
 
@@ -64,7 +64,7 @@ class UnknownTrialError(_UnknownNameError):
 
 
 class FaultNotApplicableError(NetworkError):
-    """The fault cannot be done here, such as an infeasible command where all directions exist."""
+    """The fault is not built yet, or cannot be applied, such as ``infeasible`` where all directions exist."""
 
 
 class RouteNotAvailableError(NetworkError):
@@ -72,16 +72,16 @@ class RouteNotAvailableError(NetworkError):
 
 
 class ApproachTooShortError(NetworkError):
-    """The approach's lane is too short to start on."""
+    """The approach's lane is too short for a start."""
 
 
 class NoJourneyError(NetworkError):
-    """The town has no journey of the task there."""
+    """The town has no such journey, or none from that approach."""
 
 
 class CruiseError(NetworkError):
-    """What a cruise is to be drawn by makes no sense, such as shares of more than all starts."""
+    """An argument of a cruise is out of range, such as shares of the starts that add up to more than 1."""
 
 
 class CorruptFileError(NetworkError):
-    """A town's or a suite's file is not what its checksum says."""
+    """A file of a town or suite does not match its checksum."""

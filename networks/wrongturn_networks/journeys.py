@@ -1,9 +1,9 @@
-"""Journeys by CoRL 2017's recipe: a start, a goal, and the shortest way between them, drawn from the trial's seed.
+"""Journeys as in CoRL 2017: a start, a goal, and the shortest way between them, drawn from the trial's seed.
 
-Dosovitskiy et al., "CARLA: an open urban driving simulator", CoRL 2017, section 4: *straight* has its goal straight
-ahead, *one turn* one turn away, *navigation* anywhere, with other road users or without; a journey may take the time
-that its shortest way takes at 10 km/h. The lengths of a task's journeys spread about CoRL's means by half of them to
-either side, or by less where the town has no longer ones.
+Source: Dosovitskiy et al., "CARLA: an open urban driving simulator", CoRL 2017, section 4. The goal of *straight* lies
+straight ahead, that of *one turn* one turn away, that of *navigation* anywhere, with or without other road users. The
+time limit is the time that the shortest way takes at 10 km/h. Lengths are drawn within half of CoRL's mean to either
+side, or less where the town has no such journeys.
 """
 
 import random
@@ -29,13 +29,13 @@ from wrongturn_protocol import (
 )
 
 GOAL_AFTER: Final = 10.0
-"""A goal lies at least this far past an exit line, metres: there a car has left the junction with its whole length."""
+"""Least distance of a goal past an exit line, metres: there the whole car has left the junction."""
 GOAL_BEFORE: Final = 5.0
-"""And at least this far before the next stop line."""
+"""Least distance of a goal before the next stop line, metres."""
 PACE: Final = 10 / 3.6
-"""The speed at which the shortest way uses up the time limit, m/s (CoRL 2017)."""
+"""Speed at which the shortest way takes the whole time limit, m/s (CoRL 2017)."""
 SPREAD: Final = 0.5
-"""Lengths are drawn within this share of the mean to either side of it."""
+"""Lengths are drawn within this share of the mean, to either side."""
 MEAN_LENGTHS: Final = {
     ("Town01", Task.STRAIGHT): 200.0,
     ("Town01", Task.ONE_TURN): 400.0,
@@ -44,11 +44,11 @@ MEAN_LENGTHS: Final = {
     ("Town02", Task.ONE_TURN): 170.0,
     ("Town02", Task.NAVIGATION): 360.0,
 }
-"""CoRL 2017's, metres, of its two towns. In other towns every length is drawn that there is."""
+"""Mean lengths in CoRL 2017's two towns, metres. In other towns all lengths are drawn."""
 
 
 class _Pair(NamedTuple):
-    """A lane to start on and one with the goal, and the shortest way between their begins."""
+    """A lane to start on and a lane with the goal, and the shortest way between their starts."""
 
     start: str
     goal: str
@@ -56,20 +56,20 @@ class _Pair(NamedTuple):
     route: Command
     metres: float
     earliest: float
-    """First and last place of a start along its lane, metres."""
+    """First and last place of a start, metres along its lane."""
     latest: float
     nearest: float
-    """First and last place of a goal along its lane, metres."""
+    """First and last place of a goal, metres along its lane."""
     farthest: float
 
     @property
     def least(self) -> float:
-        """The shortest journey, metres."""
+        """Length of the shortest journey, metres."""
         return self.metres - self.latest + self.nearest
 
     @property
     def most(self) -> float:
-        """The longest journey, metres."""
+        """Length of the longest journey, metres."""
         return self.metres - self.earliest + self.farthest
 
 
@@ -82,18 +82,20 @@ def draw_journey(
     traffic: Traffic = Traffic(),  # noqa: B008 - immutable
     approach: str | None = None,
 ) -> Trial:
-    """A trial of one of CoRL 2017's tasks; with the same seed navigation is the same with other road users or without.
+    """Draw a trial of one of CoRL 2017's tasks.
+
+    With the same seed, navigation has the same route with and without other road users.
 
     Args:
-        town: where.
-        task: one of the four with a goal.
-        seed: of the trial.
-        weather: of the trial.
-        traffic: other road users; none come by the task alone.
-        approach: the first junction's arm; drawn where it is None.
+        town: town to drive in.
+        task: one of the four tasks with a goal.
+        seed: seed of the trial.
+        weather: weather of the trial.
+        traffic: other road users; the task itself adds none.
+        approach: the first approach; None draws it.
 
     Raises:
-        NoJourneyError: it is no task with a goal, or the town has none of it there.
+        NoJourneyError: the task has no goal, or the town has no such journey.
         UnknownApproachError: the town has no such approach.
         ApproachTooShortError: the approach's lane has no room for a start.
     """
@@ -116,7 +118,7 @@ def draw_journey(
         )  # fmt: skip
     draw = random.Random(f"journey {alike} {seed}")
     fitting, wanted = _fitting(pairs, *_lengths(town, alike), draw)
-    # Approaches in equal numbers: by length alone most journeys would begin on the outer ring.
+    # Draw the lane first: otherwise most journeys would begin on the outer ring, which has most lengths.
     first = draw.choice(sorted({pair.start for pair in fitting}))
     pair = draw.choice([pair for pair in fitting if pair.start == first])
     offset = pair.metres - wanted
@@ -147,13 +149,13 @@ def draw_journey(
 
 @lru_cache(maxsize=64)
 def _lengths(town: Town, task: Task) -> tuple[float, float]:
-    """Least and greatest length of a task's journeys, metres."""
+    """Return the least and greatest length of a task's journeys, metres."""
     pairs = _pairs(town, task)
     least, most = min(pair.least for pair in pairs), max(pair.most for pair in pairs)
     mean = MEAN_LENGTHS.get((town.name, task))
     if mean is None or not least < mean < most:
         return least, most
-    # As far to one side as to the other, so that the mean stays CoRL's where the town has no longer ones.
+    # The same distance to both sides, so the mean stays CoRL's where the town has no longer journeys.
     reach = min(SPREAD * mean, mean - least, most - mean)
     return mean - reach, mean + reach
 
@@ -161,7 +163,7 @@ def _lengths(town: Town, task: Task) -> tuple[float, float]:
 def _fitting(
     pairs: tuple[_Pair, ...], shortest: float, longest: float, draw: random.Random
 ) -> tuple[list[_Pair], float]:
-    """A length between two, as far as the pairs have such, and the pairs that have journeys of it; never none."""
+    """Draw a length between two, if any pair has such journeys; return the pairs that have it, and the length."""
     least, most = min(pair.least for pair in pairs), max(pair.most for pair in pairs)
     if shortest <= most and least <= longest:
         least, most = max(least, shortest), min(most, longest)
@@ -169,14 +171,14 @@ def _fitting(
         wanted = draw.uniform(least, most)
         if fitting := [pair for pair in pairs if pair.least <= wanted <= pair.most]:
             return fitting, wanted
-    # Nearly every length falls into a gap: any pair's then.
+    # Nearly every length falls into a gap between the pairs' lengths: draw a pair instead.
     pair = draw.choice(pairs)
     return [pair], draw.uniform(pair.least, pair.most)
 
 
 @lru_cache(maxsize=64)
 def _pairs(town: Town, task: Task) -> tuple[_Pair, ...]:
-    """All pairs of lanes whose shortest way is of the task; a journey passes a junction at least."""
+    """Return the pairs of lanes whose shortest way suits the task; each way passes at least one junction."""
     found = []
     for goal in town.lanes.values():
         for start, way in ways_to(town, goal.id).items():
@@ -185,7 +187,7 @@ def _pairs(town: Town, task: Task) -> tuple[_Pair, ...]:
                 continue
             earliest, farthest = LANE_RESERVE, goal.length - GOAL_BEFORE
             if task is not Task.NAVIGATION:
-                # A street's own bends are turns too: such a journey begins after them and ends before.
+                # A street's bend is a turn too: such a journey begins after bends and ends before them.
                 earliest = max([earliest, *(bend.end for bend in bends_of(town.lanes[start]))])
                 farthest = min([farthest, *(bend.begin for bend in bends_of(goal))])
             latest = town.lanes[start].length - SHORTEST

@@ -1,4 +1,4 @@
-"""Junctions, their approaches and exits, as a car driving in sees them."""
+"""Junctions, and their approaches and exits as seen by a car that drives in."""
 
 import math
 from collections.abc import Mapping
@@ -11,63 +11,63 @@ from wrongturn_networks.lanes import Line
 from wrongturn_protocol import Command, JunctionType
 
 STRAIGHT_WITHIN: Final = math.radians(45)
-"""An exit is straight on if its lane's heading differs by no more than this from the approach's."""
+"""An exit is straight on if its lane's heading differs from the approach's by at most this, radians."""
 
 COMPASS: Final = ("E", "N", "W", "S")
-"""Names of a junction's arms, by the direction in which they lie from it, counter-clockwise from east."""
+"""Names of a junction's arms by their direction from it, counter-clockwise from east."""
 
 
 @dataclass(frozen=True, eq=False)
 class Exit:
-    """One way out of a junction, permitted from one approach."""
+    """A permitted way out of a junction from one approach."""
 
     direction: Command
     lane: str
     """The car lane that leaves the junction."""
     internal_lanes: tuple[str, ...]
-    """SUMO's lanes inside the junction, in the order of travel (a left turn has two)."""
+    """SUMO's lanes inside the junction in the order of travel; a left turn has two."""
     path: Line
-    """(N, 2), metres: from the stop line through the internal lanes to the exit line."""
+    """(n, 2), metres: the path from the stop line to the exit line."""
 
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """One arm of a junction, seen by a car driving in."""
+    """One arm of a junction, as seen by a car that drives in."""
 
     id: str
-    """Junction and arm, such as ``J3-S``: junction J3 from its southern arm."""
+    """Junction and arm. Example: ``J3-S``, junction J3 from its southern arm."""
     junction: str
     lane: str
     """The incoming car lane."""
     type: JunctionType
     exits: Mapping[Command, Exit]
-    """By direction, in the order left, right, straight."""
+    """Exits by direction, in the order left, right, straight."""
     stop_line: tuple[float, float]
-    """The end of the lane, metres."""
+    """End of the lane, metres."""
     heading: float
-    """Of the lane at the stop line, radians."""
+    """Heading of the lane at the stop line, radians."""
 
 
 @dataclass(frozen=True, eq=False)
 class Junction:
-    """A place where roads meet; bends and dead ends are none."""
+    """A place where roads meet; bends and dead ends are not junctions."""
 
     id: str
     position: tuple[float, float]
-    """Of its node, metres."""
+    """Position of its node, metres."""
     radius: float
-    """Of its rounded corners, metres."""
+    """Radius of its rounded corners, metres."""
     area: BaseGeometry
-    """Its shape cut with the road, that is without walking areas."""
+    """The part of its shape that is road, without walking areas."""
     approaches: tuple[str, ...]
-    """Their ids."""
+    """Ids of its approaches."""
 
 
 def direction_of(turn: float) -> Command:
-    """The command that names a turn.
+    """Return the command that names a turn.
 
     Args:
-        turn: heading of the exit's lane less that of the approach's, radians, positive to the left.
+        turn: heading of the exit's lane minus that of the approach's lane, radians, positive to the left.
     """
     turn = math.remainder(turn, math.tau)
     if abs(turn) <= STRAIGHT_WITHIN:
@@ -76,5 +76,5 @@ def direction_of(turn: float) -> Command:
 
 
 def arm_of(heading: float) -> str:
-    """The compass name of the arm by which a car with this heading (radians) drives in."""
+    """Return the name of the arm by which a car with this heading (radians) drives in."""
     return COMPASS[round(math.remainder(heading + math.pi, math.tau) / (math.pi / 2)) % 4]

@@ -1,4 +1,4 @@
-"""Makes a :class:`~wrongturn_networks.town.Town` of a folder with a net and scenery."""
+"""Loading of towns: from a folder with a net and scenery to a :class:`~wrongturn_networks.town.Town`."""
 
 import functools
 import hashlib
@@ -24,18 +24,18 @@ TOWNS: Final = Path(__file__).parent / "towns"
 
 
 def town_names() -> tuple[str, ...]:
-    """The towns that there are, sorted."""
+    """Return the names of all towns, sorted."""
     return tuple(sorted(folder.name for folder in TOWNS.iterdir() if (folder / "manifest.json").is_file()))
 
 
 def load_town(name: str) -> Town:
-    """The town of this name; read once for each process.
+    """Return a town by its name; each process reads it once.
 
     Raises:
-        UnknownTownError: there is none; names those that there are.
+        UnknownTownError: there is no such town; the message lists the known ones.
         CorruptFileError: its files are broken.
     """
-    # A name comes from strangers and becomes a path: only one that is listed does.
+    # The name may come from a stranger and becomes a path, so it must be a listed one.
     known = town_names()
     if name not in known:
         raise UnknownTownError(name, known)
@@ -48,10 +48,10 @@ def _shipped(name: str) -> Town:
 
 
 def read_town(directory: Path) -> Town:
-    """The town in a folder, which gives it its name.
+    """Return the town in a folder; the folder's name is the town's.
 
     Raises:
-        CorruptFileError: a file is missing or is not what the manifest says.
+        CorruptFileError: a file is missing or does not match the manifest.
     """
     name = directory.name
     try:
@@ -97,10 +97,9 @@ def read_town(directory: Path) -> Town:
 
 
 def _check(file: str, found: str, wanted: str) -> None:
-    # What a town's checksum promises must be what is driven in.
     if found != wanted:
         raise CorruptFileError(
-            f"town: {file} is not what its manifest says; install wrongturn-networks again, "
+            f"town: {file} does not match its manifest; install wrongturn-networks again, "
             "or build the town again: python -m wrongturn_networks.making towns",
         )
 
@@ -160,7 +159,7 @@ def _natural(text: str) -> list[tuple[int, str]]:
 
 
 def _joined(pieces: list[Line]) -> Line:
-    """Pieces of a path as one line, points that stand twice left out."""
+    """Join the pieces of a path into one line, without repeated points."""
     points = np.concatenate(pieces)
     keep = np.concatenate([[True], np.abs(np.diff(points, axis=0)).sum(axis=1) > 1e-6])
     line: Line = points[keep]

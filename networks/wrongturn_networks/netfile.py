@@ -1,6 +1,6 @@
-"""Reads a SUMO network file into what a town is made of.
+"""Reading of SUMO's network files.
 
-Only the standard library's XML reader is used: sumolib takes four times as long and hides the walking areas.
+It uses the standard library's XML reader: sumolib takes four times as long and hides the walking areas.
 """
 
 import hashlib
@@ -16,62 +16,62 @@ from wrongturn_networks.lanes import Line
 
 @dataclass(frozen=True, eq=False)
 class NetLane:
-    """One lane of a net file."""
+    """A lane of a net file."""
 
     id: str
     edge: str
     function: str
-    """Of its edge: ``normal``, ``internal``, ``walkingarea`` or ``crossing``."""
+    """Function of its edge: ``normal``, ``internal``, ``walkingarea`` or ``crossing``."""
     cars: bool
     width: float
     shape: Line
-    """(N, 2), metres: a centre line, or a walking area's outline."""
+    """(n, 2), metres: the centre line, or a walking area's outline."""
 
 
 @dataclass(frozen=True, eq=False)
 class NetJunction:
-    """One node of a net file."""
+    """A node of a net file."""
 
     id: str
     type: str
     position: tuple[float, float]
     shape: Line
-    """Outline, (N, 2), metres."""
+    """Outline, (n, 2), metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class NetConnection:
-    """One permitted movement between car lanes of normal edges."""
+    """A permitted movement between car lanes of normal edges."""
 
     from_lane: str
     to_lane: str
     via: tuple[str, ...]
-    """Internal lanes in the order of travel."""
+    """Internal lanes, in the order of travel."""
 
 
 @dataclass(frozen=True, eq=False)
 class Net:
-    """What a net file holds."""
+    """The content of a net file."""
 
     lanes: dict[str, NetLane]
     junctions: dict[str, NetJunction]
     edges: dict[str, tuple[str, str]]
-    """Node it comes from and node it goes to, of each normal edge."""
+    """Start node and end node of each normal edge."""
     connections: tuple[NetConnection, ...]
 
 
 def canonical_bytes(path: Path) -> bytes:
-    """A net file's content in canonical XML, without the header comment that holds its time and paths of making."""
+    """Return a net file as canonical XML, without the header comment, which has the time and paths of its making."""
     return ET.canonicalize(path.read_text("utf-8"), with_comments=False, strip_text=True).encode()
 
 
 def sha256_of(path: Path) -> str:
-    """Checksum of :func:`canonical_bytes`."""
+    """Return the SHA-256 of :func:`canonical_bytes`."""
     return hashlib.sha256(canonical_bytes(path)).hexdigest()
 
 
 def shape_of(text: str) -> Line:
-    """SUMO's ``x,y x,y`` as a read-only array."""
+    """Return SUMO's ``x,y x,y`` as a read-only array (n, 2)."""
     line = np.array([[float(value) for value in point.split(",")[:2]] for point in text.split()], np.float64)
     line.flags.writeable = False
     return line
@@ -85,13 +85,13 @@ def _cars_may_use(lane: ET.Element) -> bool:
 
 
 def read_net(path: Path) -> Net:
-    """Reads a SUMO net file.
+    """Read a SUMO net file.
 
     Raises:
         OSError: the file cannot be read.
-        xml.etree.ElementTree.ParseError: it is no XML.
+        xml.etree.ElementTree.ParseError: the file is not XML.
     """
-    root = ET.parse(path).getroot()  # noqa: S314 - a file of this package, held by its checksum
+    root = ET.parse(path).getroot()  # noqa: S314 - a file of this package, with a checksum
     lanes: dict[str, NetLane] = {}
     edges: dict[str, tuple[str, str]] = {}
     for edge in root.iter("edge"):

@@ -1,4 +1,4 @@
-"""What stands beside the road: something to hit and to see."""
+"""Scenery: objects beside the road, to see and to hit."""
 
 import hashlib
 import tomllib
@@ -12,7 +12,7 @@ from wrongturn_networks.errors import CorruptFileError
 
 
 class SceneryKind(StrEnum):
-    """What an object is."""
+    """Kinds of objects."""
 
     HOUSE = "house"
     WALL = "wall"
@@ -23,35 +23,35 @@ class SceneryKind(StrEnum):
 
 @dataclass(frozen=True)
 class SceneryObject:
-    """An oriented box beside the road; of a tree the box is its trunk. Metres, radians, town frame."""
+    """An oriented box beside the road; a tree's box is its trunk. Metres, radians, town frame."""
 
     kind: SceneryKind
     x: float
-    """Of its middle."""
+    """Position of its middle."""
     y: float
     yaw: float
-    """Of its long axis."""
+    """Heading of its long axis."""
     length: float
     width: float
     height: float
     solid: bool
-    """Whether driving into it is a collision."""
+    """Whether hitting it is a collision."""
     seed: int
-    """What its looks are drawn from."""
+    """Seed of its appearance."""
     crown_radius: float = 0.0
-    """Of a tree; a car may pass below it."""
+    """Radius of a tree's crown; a car may pass below it."""
 
     def footprint(self) -> Polygon:
-        """The ground that it stands on."""
+        """Return the ground that it covers."""
         upright = box(-self.length / 2, -self.width / 2, self.length / 2, self.width / 2)
         return affinity.translate(affinity.rotate(upright, self.yaw, origin=(0, 0), use_radians=True), self.x, self.y)
 
 
 def read_scenery(path: Path) -> tuple[SceneryObject, ...]:
-    """Reads a town's ``scenery.toml``; a town without the file has none.
+    """Read a town's ``scenery.toml``; a town without the file has no scenery.
 
     Raises:
-        CorruptFileError: the file is not what this version writes; names it and the remedy.
+        CorruptFileError: the file is not a ``scenery.toml``; the message names it and the remedy.
     """
     if not path.exists():
         return ()
@@ -63,12 +63,12 @@ def read_scenery(path: Path) -> tuple[SceneryObject, ...]:
 
 
 def sha256_of_scenery(path: Path) -> str:
-    """Checksum of a ``scenery.toml``; of nothing where there is none."""
+    """Return the SHA-256 of a ``scenery.toml``; a missing one counts as empty."""
     return hashlib.sha256(path.read_bytes() if path.exists() else b"").hexdigest()
 
 
 def scenery_toml(objects: tuple[SceneryObject, ...]) -> str:
-    """Scenery as the text of a ``scenery.toml``."""
+    """Return scenery as the text of a ``scenery.toml``."""
     lines = ["# Made by python -m wrongturn_networks.making; a change belongs in its recipe."]
     for item in objects:
         lines += ["", "[[object]]", f'kind = "{item.kind}"']

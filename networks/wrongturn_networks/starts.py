@@ -1,4 +1,4 @@
-"""Where trials start and where their routes lead, drawn from the trial's own seed."""
+"""Starts and routes of trials, drawn from the trial's seed."""
 
 import math
 import random
@@ -9,19 +9,19 @@ from wrongturn_networks.town import Town
 from wrongturn_protocol import Command, Fault, FaultKind, Start, Traffic, Trial, Weather, trial_id
 
 LANE_RESERVE = 3.0
-"""A start lies at least this far behind the lane's begin, metres, so never in the junction before."""
+"""A start lies at least this far from the lane's beginning, metres, so never in the previous junction."""
 ENGAGED = 15.0
-"""From here to the stop line a car is judged, metres."""
+"""A car this near to the stop line is engaged and judged, metres."""
 SHORTEST = ENGAGED + 2.0
-"""A start nearer to the stop line than this leaves no room to brake before the car is engaged, metres."""
+"""Least distance of a start from the stop line, metres: a nearer car could not stop before it is engaged."""
 
 
 def draw_start(lane_length: float, seed: int) -> Start:
-    """Where and how fast a car starts: near enough to see the junction, slow enough to stop before it is judged.
+    """Draw a start: near enough to see the junction, and slow enough to stop before the car is engaged.
 
     Args:
-        lane_length: of the approach, metres.
-        seed: of the trial.
+        lane_length: length of the approach's lane, metres.
+        seed: seed of the trial.
 
     Raises:
         ApproachTooShortError: the lane has no room for a start.
@@ -44,8 +44,8 @@ def draw_start(lane_length: float, seed: int) -> Start:
 
 
 def draw_route(approach: Approach, seed: int) -> Command:
-    """One of the approach's exits."""
-    # A stream apart from the start's, so that asking for a route does not move the start.
+    """Draw one of the approach's exits."""
+    # A generator of its own, so that choosing a route does not change the start.
     return random.Random(f"route {seed}").choice(list(approach.exits))
 
 

@@ -20,23 +20,23 @@ SUITES: Final = Path(__file__).parent / "suites"
 
 @dataclass(frozen=True, eq=False)
 class Suite:
-    """A versioned list of trials, held by its checksum."""
+    """A versioned list of trials with its checksum."""
 
     id: str
-    """Name and version, such as ``wrong-command@1``."""
+    """Name and version. Example: ``wrong-command@1``."""
     name: str
     version: int
     title: str
     sha256: str
-    """Of the canonical JSON of everything in it."""
+    """Checksum of the canonical JSON of its content."""
     tracks: tuple[Track, ...]
-    """Those in which it may be driven for a score."""
+    """Tracks in which it can be driven for a score."""
     trials: tuple[Trial, ...]
-    """Without their twins."""
+    """Trials, without their twins."""
 
     @cached_property
     def episodes(self) -> tuple[Trial, ...]:
-        """What an evaluation drives: each trial and its twin; a journey has none."""
+        """Trials that an evaluation drives: each one and its twin; journeys have no twin."""
         return tuple(
             episode for trial in self.trials for episode in ((trial,) if trial.journey else (trial, trial.twin()))
         )
@@ -46,17 +46,17 @@ class Suite:
         return MappingProxyType({trial.id: trial for trial in self.episodes})
 
     def trial(self, trial_id: str) -> Trial:
-        """The trial or twin of this id.
+        """Return the trial or twin with an id.
 
         Raises:
-            UnknownTrialError: there is none.
+            UnknownTrialError: the suite has no such trial.
         """
         if trial_id not in self._by_id:
             raise UnknownTrialError(trial_id, self._by_id)
         return self._by_id[trial_id]
 
     def summary(self) -> SuiteSummary:
-        """The suite as the service lists it."""
+        """Return the suite as the service lists it."""
         return SuiteSummary(
             id=self.id,
             title=self.title,
@@ -68,7 +68,7 @@ class Suite:
         )
 
     def trial_list(self) -> TrialList:
-        """The trials as the service lists them, each with its twin's id if it has one."""
+        """Return the trials as the service lists them, each with its twin's id if it has one."""
         return TrialList(
             trials=tuple(
                 TrialDetail.model_validate(
@@ -80,23 +80,23 @@ class Suite:
 
 
 def canonical(content: Mapping[str, Any]) -> bytes:
-    """What a suite's checksum is taken of: its content as sorted JSON without white space."""
+    """Return a suite's content as sorted JSON without white space, for its checksum."""
     return json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True).encode()
 
 
 def suite_ids() -> tuple[str, ...]:
-    """The suites that there are, sorted."""
+    """Return the ids of all suites, sorted."""
     return tuple(sorted(path.stem for path in SUITES.glob("*@*.json")))
 
 
 def load_suite(suite_id: str) -> Suite:
-    """The suite of this name and version; read once for each process.
+    """Return a suite by its id; each process reads it once.
 
     Raises:
-        UnknownSuiteError: there is none; names those that there are.
-        CorruptFileError: its file is not what its checksum says.
+        UnknownSuiteError: there is no such suite; the message lists the known ones.
+        CorruptFileError: its file does not match its checksum.
     """
-    # An id comes from strangers and becomes a path: only one that is listed does.
+    # The id may come from a stranger and becomes a path, so it must be a listed one.
     known = suite_ids()
     if suite_id not in known:
         raise UnknownSuiteError(suite_id, known)
@@ -109,10 +109,10 @@ def _shipped(suite_id: str) -> Suite:
 
 
 def read_suite(path: Path) -> Suite:
-    """The suite in a file.
+    """Return the suite in a file.
 
     Raises:
-        CorruptFileError: the file was changed, or is none.
+        CorruptFileError: the file was changed, or is not a suite.
     """
     try:
         content = json.loads(path.read_text("utf-8"))

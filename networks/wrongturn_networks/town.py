@@ -19,37 +19,37 @@ from wrongturn_protocol import ApproachDetail, FaultKind, JunctionType, TownDeta
 
 @dataclass(frozen=True, eq=False)
 class Town:
-    """A road network and what stands beside it. Metres, x east, y north; headings in radians from east."""
+    """A road network and its scenery. Metres, x east, y north; headings in radians from east."""
 
     name: str
     directory: Path
     net_file: Path
-    """SUMO's network."""
+    """SUMO's network file."""
     sha256: str
-    """Of the canonical network and the scenery."""
+    """Checksum of the canonical network and the scenery."""
     lanes: Mapping[str, Lane]
-    """Lanes for cars between junctions, by id."""
+    """Car lanes between junctions, by id."""
     junctions: Mapping[str, Junction]
     approaches: Mapping[str, Approach]
     road: BaseGeometry
-    """Where a car may be."""
+    """Area where a car may be."""
     sidewalks: BaseGeometry
     scenery: tuple[SceneryObject, ...]
     bounds: tuple[float, float, float, float]
-    """x least, y least, x greatest, y greatest of road and sidewalks."""
+    """Least x, least y, greatest x, greatest y of road and sidewalks."""
 
     def approach(self, approach_id: str) -> Approach:
-        """The approach of this name.
+        """Return an approach by its id.
 
         Raises:
-            UnknownApproachError: there is none; names those that there are.
+            UnknownApproachError: there is no such approach; the message lists the known ones.
         """
         if approach_id not in self.approaches:
             raise UnknownApproachError(approach_id, self.approaches)
         return self.approaches[approach_id]
 
     def approach_of_lane(self, lane_id: str) -> Approach | None:
-        """The approach whose incoming lane it is; None where the lane ends at no junction."""
+        """Return the approach of a lane; None if the lane ends at no junction."""
         return self._by_lane.get(lane_id)
 
     @cached_property
@@ -57,7 +57,7 @@ class Town:
         return {approach.lane: approach for approach in self.approaches.values()}
 
     def summary(self) -> TownSummary:
-        """The town as the service lists it."""
+        """Return the town as the service lists it."""
         counts = dict.fromkeys(JunctionType, 0)
         for approach in self.approaches.values():
             counts[approach.type] += 1

@@ -14,43 +14,43 @@ from wrongturn_protocol import Command
 
 
 class Way(NamedTuple):
-    """The shortest way from the begin of a lane to the begin of another."""
+    """The shortest way from the start of a lane to the start of another."""
 
     metres: float
     commands: tuple[Command, ...]
-    """The direction at each junction on it; the first is that of the lane's own junction."""
+    """Direction at each junction on the way, beginning with the one at the first lane's end."""
     lanes: tuple[str, ...]
-    """Those that it leads along, the first and the last included."""
+    """Lanes of the way, the first and the last included."""
 
 
 @lru_cache(maxsize=256)
 def ways_to(town: Town, lane_id: str) -> Mapping[str, Way]:
-    """The shortest way to a lane from each lane from which there is one, by the lane's id.
+    """Return the shortest ways to a lane, by the id of the lane that they start from.
 
-    From the lane itself it is the shortest way back round to its begin: what a car needs that has run past its goal.
-    There is no turning round but by the streets.
+    From the lane itself it is the shortest way round to its start, which a car needs that went past its goal. Cars turn
+    round only by driving along streets. Lanes from which no way leads there are left out.
 
     Args:
-        town: its car lanes and the exits of its approaches.
-        lane_id: where to.
+        town: the town.
+        lane_id: the lane to reach.
 
     Raises:
         UnknownLaneError: the town has no such lane.
     """
     if lane_id not in town.lanes:
         raise UnknownLaneError(lane_id, town.lanes)
-    # Here, since a fifth of a second is much for all who only read a suite.
+    # Imported here: it takes a fifth of a second, and reading a suite does not need it.
     from networkx import DiGraph, single_source_dijkstra_path_length  # noqa: PLC0415
 
     onward = _onward(town)
     graph = DiGraph()
     graph.add_nodes_from(town.lanes)
-    # From the goal backward, so that one search finds the ways from everywhere.
+    # Searching backwards from the goal finds the ways from all lanes at once.
     graph.add_weighted_edges_from((b, a, metres) for a, exits in onward.items() for b, (metres, _) in exits.items())
     left: dict[str, float] = single_source_dijkstra_path_length(graph, lane_id)
 
     def best(lane: str) -> tuple[float, str, Command] | None:
-        # Of two that are equally long the first in the order left, right, straight.
+        # Of equally long ways it takes the first in the order left, right, straight.
         there = [(metres + left[to], to, turn) for to, (metres, turn) in onward[lane].items() if to in left]
         return min(there, key=lambda option: option[0], default=None)
 
@@ -68,10 +68,9 @@ def ways_to(town: Town, lane_id: str) -> Mapping[str, Way]:
 
 
 def exits_towards(town: Town, lane_id: str) -> Mapping[str, Command | None]:
-    """At the end of each lane of the town: the exit on the shortest way to a lane.
+    """Return, for each lane of the town, the exit at its end that lies on the shortest way to a lane.
 
-    For the lane itself it is the exit of the way back round to it. None where no way leads there, or no junction is
-    at the lane's end.
+    It is None where no way leads there, or no junction lies at the lane's end.
 
     Raises:
         UnknownLaneError: the town has no such lane.
@@ -87,7 +86,7 @@ def _exits_towards(town: Town, lane_id: str) -> Mapping[str, Command | None]:
 
 @lru_cache(maxsize=16)
 def _onward(town: Town) -> dict[str, dict[str, tuple[float, Command]]]:
-    """From the begin of each lane to those of the lanes after it: metres and direction."""
+    """Return, for each lane, metres and direction from its start to the start of each lane after it."""
     found: dict[str, dict[str, tuple[float, Command]]] = {lane: {} for lane in town.lanes}
     for approach in town.approaches.values():
         length = town.lanes[approach.lane].length
@@ -98,5 +97,5 @@ def _onward(town: Town) -> dict[str, dict[str, tuple[float, Command]]]:
 
 
 def path_length(exit_: Exit) -> float:
-    """From the stop line to the exit line, metres."""
+    """Return the length of an exit's path from the stop line to the exit line, metres."""
     return float(LineString(exit_.path).length)

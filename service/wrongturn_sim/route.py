@@ -35,9 +35,9 @@ class Pose(NamedTuple):
 
 
 def start_pose(town: Town, trial: Trial) -> Pose:
-    """Return where a trial begins: beside the line that it starts on, and turned as the trial says.
+    """Return where a trial starts: on the approach's lane or, inside the junction, on the route's path.
 
-    The line is the approach's lane, or inside a junction the route's path.
+    The trial's offset and heading are relative to that line.
     """
     roads = roads_of(town)
     leg = roads.legs[town.approach(trial.approach).lane]

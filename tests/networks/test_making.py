@@ -56,7 +56,7 @@ def test_a_file_that_is_missing(copied: Path, file: str) -> None:
 def test_a_file_that_was_changed(copied: Path, file: str, old: str, new: str) -> None:
     path = copied / file
     path.write_text(path.read_text("utf-8").replace(old, new), "utf-8")
-    with pytest.raises(CorruptFileError, match="not what its manifest says"):
+    with pytest.raises(CorruptFileError, match="does not match its manifest"):
         read_town(copied)
 
 

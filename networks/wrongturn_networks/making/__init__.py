@@ -1,1 +1,1 @@
-"""Builds the towns and the suites; needs SUMO's netconvert."""
+"""Building of towns and suites. Towns need SUMO's netconvert."""

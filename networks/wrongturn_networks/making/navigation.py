@@ -1,11 +1,13 @@
 """The recipe of ``navigation@1``: CoRL 2017's four tasks under its four conditions, 25 routes each.
 
-What is kept of Dosovitskiy et al. (CoRL 2017, section 4 and appendix): tasks, towns, training and new weathers, numbers
-of routes, cars and pedestrians, time limits, mean lengths of the routes of each task and town
-(:data:`wrongturn_networks.journeys.MEAN_LENGTHS`), and that navigation has the same routes with other road users as
-without. What is not: its very routes, since the towns were built anew; and the routes are drawn for each condition
-instead of one list for each town, so that 400 routes are driven rather than 100 over and over; its weathers (here each
-of the condition's in turn, there every route in every weather).
+Kept from Dosovitskiy et al. (CoRL 2017, section 4 and appendix): tasks, towns, training and new weathers, numbers of
+routes, cars and pedestrians, time limits, mean lengths of the routes of each task and town
+(:data:`wrongturn_networks.journeys.MEAN_LENGTHS`), and that navigation has the same routes with and without other road
+users.
+
+Different: the routes themselves, since the towns were built anew. Routes are drawn for each condition instead of once
+for each town, which gives 400 routes instead of 100 that are repeated. A route has one of its condition's weathers in
+turn; in CoRL each route was driven in every weather.
 """
 
 import itertools
@@ -18,15 +20,15 @@ from wrongturn_protocol import CORL_TASKS, TRAINING_WEATHERS, Task, Traffic, Tri
 
 NEW_WEATHERS: Final = (Weather.WET_CLOUDY_NOON, Weather.SOFT_RAIN_SUNSET)
 TRAFFIC: Final = {"Town01": Traffic(vehicles=20, pedestrians=50), "Town02": Traffic(vehicles=15, pedestrians=50)}
-"""Of navigation with other road users, as CoRL 2017 had it."""
+"""Other road users of dynamic navigation (CoRL 2017)."""
 ROUTES: Final = 25
-"""Of each task under each condition."""
+"""Number of routes of each task under each condition."""
 ALIKE: Final = 2
-"""A cell has so many routes at most from one lane to another: few pairs of lanes lie straight ahead of each other."""
+"""Most routes of a cell from one lane to another: few pairs of lanes lie straight ahead of each other."""
 
 
 class TownWeathers(NamedTuple):
-    """Where and in what weathers."""
+    """A condition: a town and its weathers."""
 
     town: str
     weathers: tuple[Weather, ...]
@@ -38,18 +40,18 @@ CONDITIONS: Final = (
     TownWeathers("Town02", TRAINING_WEATHERS),
     TownWeathers("Town02", NEW_WEATHERS),
 )
-"""Training, new weather, new town, both."""
+"""Training, new weather, new town, new weather and town."""
 
 
 def navigation(first_seed: int) -> list[Trial]:
-    """All trials; those of a condition, and therein of a task, stand together.
+    """Draw all trials, ordered by condition and task.
 
     Args:
-        first_seed: that of the first route tried; each cell has a thousand of its own.
+        first_seed: seed of the first route; each cell has a thousand seeds of its own.
     """
     trials: list[Trial] = []
     for number, (condition, task) in enumerate(itertools.product(CONDITIONS, CORL_TASKS)):
-        # Navigation's seeds again for navigation with other road users: the same routes.
+        # Dynamic navigation uses the seeds of navigation, so it has the same routes.
         cell = number - (task is Task.NAVIGATION_DYNAMIC)
         trials += _cell(condition, task, first_seed + 1000 * cell)
     return trials

@@ -1,4 +1,4 @@
-"""Builds a town's folder with SUMO's netconvert and writes its manifest."""
+"""Building of a town's folder with SUMO's netconvert."""
 
 import json
 import subprocess
@@ -24,23 +24,23 @@ OPTIONS: Final = (
 
 
 def netconvert() -> Path:
-    """SUMO's program.
+    """Return the path of SUMO's netconvert.
 
     Raises:
-        RuntimeError: SUMO is not installed; names the remedy.
+        RuntimeError: SUMO is not installed; the message names the remedy.
     """
     try:
-        import sumo  # noqa: PLC0415 - only whoever builds towns has it
+        import sumo  # noqa: PLC0415 - only building towns needs it
     except ImportError as error:
         raise RuntimeError("netconvert is missing; pip install 'wrongturn-networks[making]'") from error
     return Path(sumo.SUMO_HOME) / "bin" / "netconvert"
 
 
 def build(recipe: Recipe, folder: Path) -> None:
-    """Makes a town's folder: plain XML, net, scenery and manifest, the same bytes each time.
+    """Write a town's folder: plain XML, net, scenery and manifest, with the same bytes each time.
 
     Raises:
-        RuntimeError: netconvert is missing or refuses the recipe.
+        RuntimeError: netconvert is missing or rejects the recipe.
     """
     folder.mkdir(parents=True, exist_ok=True)
     nodes, edges = folder / f"{recipe.name}.nod.xml", folder / f"{recipe.name}.edg.xml"
@@ -56,8 +56,8 @@ def build(recipe: Recipe, folder: Path) -> None:
             check=False,
         )
         if done.returncode:
-            raise RuntimeError(f"netconvert does not take {recipe.name}: {done.stderr.strip()}")
-        # netconvert writes the time and the paths of its making into a header comment; the tree's own text is the same.
+            raise RuntimeError(f"netconvert rejects {recipe.name}: {done.stderr.strip()}")
+        # Parsing drops netconvert's header comment, which holds the time and paths of this run.
         tree = ET.parse(raw)
         tree.write(net, "utf-8", xml_declaration=True)
     (folder / "scenery.toml").unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Places scenery by a seeded recipe: along the streets, and something else behind each junction."""
+"""Placing of scenery, by a seed: along the streets, and a backdrop behind each T-junction."""
 
 import math
 import random
@@ -16,17 +16,17 @@ from wrongturn_networks.town import Town
 from wrongturn_protocol import Command
 
 MARGIN: Final = 0.5
-"""Free ground between an object and road or sidewalk, metres."""
+"""Least distance of an object from road or sidewalk, metres."""
 GAP: Final = 0.4
-"""Between objects, metres."""
+"""Least distance between objects, metres."""
 TURN: Final = {Command.LEFT: math.pi / 2, Command.RIGHT: -math.pi / 2, Command.STRAIGHT: 0.0}
 BACKDROPS: Final = ("wall", "hedge", "house", "open", "trees", "fence")
 
 
 def place_scenery(town: Town, seed: int) -> tuple[SceneryObject, ...]:
-    """Scenery for a town: the same for the same town and seed, none of it on road, sidewalk or another object."""
+    """Return scenery for a town, off the road, sidewalks and other objects; the same seed gives the same scenery."""
     placer = _Placer(town, seed)
-    # The three approaches of a T-junction lack one and the same arm: one backdrop for each junction.
+    # The three approaches of a T-junction lack the same arm, so each junction gets one backdrop.
     lacking = {a.junction: a for a in town.approaches.values() if a.type.missing is not None}
     for number, approach in enumerate(lacking.values()):
         placer.behind(approach, number)
@@ -36,7 +36,7 @@ def place_scenery(town: Town, seed: int) -> tuple[SceneryObject, ...]:
 
 
 class _Placer:
-    """Puts objects down where there is room."""
+    """Places objects where there is room."""
 
     def __init__(self, town: Town, seed: int) -> None:
         self.draw = random.Random(seed)
@@ -44,14 +44,14 @@ class _Placer:
         self.free_of = prep(self.kept_free)
         self.placed: list[SceneryObject] = []
         self.footprints: list[BaseGeometry] = []
-        # Looks of a backdrop vary from junction to junction, in an order of the town's own.
+        # Each town uses the backdrops in an order of its own.
         self.order = list(BACKDROPS)
         self.draw.shuffle(self.order)
         self.town = town
 
     def put(self, kind: SceneryKind, x: float, y: float, yaw: float, size: tuple[float, float, float],
             crown_radius: float = 0.0) -> bool:  # fmt: skip
-        """Puts an object down if there is room; length, width and height in metres."""
+        """Place an object if there is room, and return whether there was; size is length, width, height in metres."""
         item = SceneryObject(
             kind=kind,
             x=round(x, 2),
@@ -75,7 +75,7 @@ class _Placer:
         return True
 
     def behind(self, approach: Approach, number: int) -> None:
-        """What a car sees, and may hit, where the arm that the approach lacks would be."""
+        """Place what a car sees, and may hit, where the arm that the approach lacks would be."""
         assert approach.type.missing is not None
         junction = self.town.junctions[approach.junction]
         backdrop = self.order[number % len(self.order)]
@@ -111,7 +111,7 @@ class _Placer:
                  self.draw.uniform(1.4, 2.4))  # fmt: skip
 
     def _beyond(self, position: tuple[float, float], heading: float) -> float:
-        """How far from a junction's middle road and sidewalk end in a direction, metres."""
+        """Return how far from a junction's middle road and sidewalk end in a direction, metres."""
         reach = 1.0
         while reach < 40 and self.free_of.intersects(
             Point(position[0] + reach * math.cos(heading), position[1] + reach * math.sin(heading)),
@@ -120,7 +120,7 @@ class _Placer:
         return reach
 
     def along(self, centreline: Line, width: float) -> None:
-        """Houses, walls, hedges and trees on the right of a lane."""
+        """Place houses, walls, hedges and trees on the right of a lane."""
         draw = self.draw
         position, travelled = 0, draw.uniform(2.0, 6.0)
         steps = [math.dist(a, b) for a, b in pairwise(centreline)]
@@ -138,7 +138,7 @@ class _Placer:
             travelled += self._beside(x, y, yaw, width / 2 + 2.5 + MARGIN)
 
     def _beside(self, x: float, y: float, yaw: float, kerb: float) -> float:
-        """Puts something on the right of a point of a lane; gives how far to go on."""
+        """Place something on the right of a point of a lane, and return the metres to the next point."""
         draw = self.draw
 
         def right(distance: float) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Writes a recipe as SUMO's plain XML: nodes and edges."""
+"""SUMO's plain XML of a recipe: nodes and edges."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -8,13 +8,13 @@ from wrongturn_networks.making.recipes import Point, Recipe, Street
 LANE_WIDTH = 4.0
 SIDEWALK_WIDTH = 2.5
 SPEED = 13.89
-"""50 km/h, as in CARLA's towns; only SUMO's own traffic looks at it."""
+"""Speed limit of SUMO's traffic: 50 km/h, as in CARLA's towns."""
 ARC_STEP = math.radians(3)
-"""Between the points of a bend."""
+"""Angle between the points of a bend, radians."""
 
 
 def nodes_xml(recipe: Recipe) -> str:
-    """The ``.nod.xml`` of a recipe."""
+    """Return the ``.nod.xml`` of a recipe."""
     root = ET.Element("nodes")
     radii = recipe.radii()
     for name, (x, y) in recipe.nodes.items():
@@ -26,7 +26,7 @@ def nodes_xml(recipe: Recipe) -> str:
 
 
 def edges_xml(recipe: Recipe) -> str:
-    """The ``.edg.xml`` of a recipe: each street both ways."""
+    """Return the ``.edg.xml`` of a recipe, with two edges for each street."""
     root = ET.Element("edges")
     for street in recipe.streets:
         centreline = centreline_of(recipe, street)
@@ -54,7 +54,7 @@ def edges_xml(recipe: Recipe) -> str:
 
 
 def centreline_of(recipe: Recipe, street: Street) -> list[Point]:
-    """The street's middle with its corners rounded, metres."""
+    """Return the street's centre line with rounded corners, metres."""
     points = [recipe.nodes[street.start], *street.corners, recipe.nodes[street.end]]
     line = [points[0]]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
@@ -63,7 +63,7 @@ def centreline_of(recipe: Recipe, street: Street) -> list[Point]:
 
 
 def rounded(before: Point, corner: Point, after: Point, radius: float) -> list[Point]:
-    """The arc that rounds a right-angled corner, from where it leaves the one side to where it joins the other."""
+    """Return the points of the arc that rounds a corner, both ends included."""
     into, out = _unit(before, corner), _unit(corner, after)
     centre = (corner[0] - radius * into[0] + radius * out[0], corner[1] - radius * into[1] + radius * out[1])
     turn = math.atan2(into[0] * out[1] - into[1] * out[0], into[0] * out[0] + into[1] * out[1])
@@ -71,7 +71,7 @@ def rounded(before: Point, corner: Point, after: Point, radius: float) -> list[P
     arc = []
     for step in range(steps + 1):
         angle = turn * step / steps
-        # From the centre towards the arc's begin, turned on by the angle.
+        # The vector from the centre to the arc's start, rotated by the angle.
         x, y = -radius * out[0], -radius * out[1]
         arc.append(
             (

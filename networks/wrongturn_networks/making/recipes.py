@@ -1,7 +1,7 @@
-"""The towns as figures: what each network is built from.
+"""Recipes of the towns: the numbers that each network is built from.
 
-Town01 and Town02 follow the centre lines of CARLA's towns of these names; ``junctions`` is a small net with one
-approach of each T-junction's type and a four-arm junction, for first steps and tests.
+Town01 and Town02 follow the centre lines of CARLA's towns with these names. ``junctions`` is a small town for first
+steps and tests, with an approach of each type.
 """
 
 import random
@@ -18,28 +18,27 @@ class Street:
     start: str
     end: str
     corners: tuple[Point, ...] = ()
-    """Where it bends on its way, metres; each becomes an arc."""
+    """Corners between its ends, metres; each becomes an arc."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a town is built from."""
+    """The recipe of a town."""
 
     name: str
     nodes: dict[str, Point]
     """Junctions and dead ends, metres."""
     streets: tuple[Street, ...]
     seed: int
-    """Of the junctions' radii and of the scenery."""
+    """Seed of the junctions' radii and of the scenery."""
     dead_ends: tuple[str, ...] = ()
     bend_radius: float = 10.0
-    """Of the centre line at corners, metres."""
+    """Radius of the centre line at corners, metres."""
 
     def radii(self) -> dict[str, float]:
-        """Corner radius of each junction, 5 to 9 m: junctions must not be copies of each other."""
+        """Return the corner radius of each junction, 5 to 9 m; no two junctions of a town have the same."""
         draw = random.Random(self.seed)
         junctions = [node for node in self.nodes if node not in self.dead_ends]
-        # Equal steps in a drawn order, so that no two junctions of a town come out alike.
         steps = [5.0 + 4.0 * step / max(1, len(junctions) - 1) for step in range(len(junctions))]
         draw.shuffle(steps)
         return {junction: round(radius, 2) for junction, radius in zip(junctions, steps, strict=True)}

@@ -227,7 +227,7 @@ def test_off_road_and_wrong_lane_are_what_the_polygons_say():
 def test_what_cannot_be_judged_says_why():
     with pytest.raises(GeometryMismatchError, match="is a journey"):
         Judge(JudgeGeometry.of(TOWN, CRUISE), CRUISE)
-    with pytest.raises(GeometryMismatchError, match="is no journey"):
+    with pytest.raises(GeometryMismatchError, match="is not a journey"):
         JourneyJudge(GEOMETRY, CRUISE.model_copy(update={"journey": None}))
     for goal in ({"goal": "nowhere"}, {"goal_at": GOAL.length + 1.0}):
         with pytest.raises(GeometryMismatchError, match=r"journey\.goal"):
