@@ -68,7 +68,7 @@ def test_a_database_that_is_there_stays_as_it_is(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("database", "says"),
     [
-        ("foo", "the database URL 'foo' is none"),
+        ("foo", "'foo' is not a database URL"),
         ("sqlite+aiosqlite:///{folder}/none/a.db", "there is no folder"),
         ("sqlite+aiosqlite:///{folder}", "Is a directory"),
         ("sqlite+aiosqlite:////proc/a.db", "cannot be written"),

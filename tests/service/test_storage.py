@@ -45,7 +45,7 @@ def agent_row(name: str = "one") -> AgentRow:
         ("sqlite+aiosqlite://", "has to be a file"),
         ("sqlite+aiosqlite:///:memory:", "has to be a file"),
         ("sqlite+aiosqlite:///{folder}/newer.db", "another version"),
-        ("nonsense", "is none"),
+        ("nonsense", "is not a database URL"),
         ("oracle://x", "cannot be used"),
         ("postgresql://me:secret@127.0.0.1:1/x", r"postgresql\+asyncpg://me:\*\*\*@127.0.0.1:1/x cannot be used"),
         ("nothing+at_all://x", "no driver"),

@@ -37,7 +37,7 @@ def test_a_backup_under_load_and_back(database_url: str, tmp_path: Path) -> None
             later = asyncio.gather(*(finish(store, number) for number in range(10, 30)))
             await asyncio.to_thread(back_up, database_url, file)
             await later
-            with pytest.raises(StartupError, match=r"has the database|in use by another"):
+            with pytest.raises(StartupError, match=r"uses the database|in use by another"):
                 await asyncio.to_thread(put_back, database_url, file, tmp_path)
             assert await store.finished_count("ev") == 30
         await asyncio.to_thread(put_back, database_url, file, tmp_path)
