@@ -66,14 +66,18 @@ def mcnemar_one_sided(only_worse: int, only_better: int) -> float:
 
 
 def holm_rejections(p_values: Sequence[float]) -> tuple[bool, ...]:
-    """Return which hypotheses Holm's step-down procedure rejects at :data:`LEVEL`, in the order given."""
-    # If no hypothesis would be rejected alone, none is. This is the common case and needs no library.
-    if not p_values or min(p_values) > LEVEL:
-        return (False,) * len(p_values)
-    from statsmodels.stats.multitest import multipletests  # noqa: PLC0415
+    """Return which hypotheses Holm's step-down procedure rejects at :data:`LEVEL`, in the order given.
 
-    rejected = multipletests(p_values, alpha=LEVEL, method="holm")[0]
-    return tuple(bool(one) for one in rejected)
+    The procedure takes the p-values from the smallest one on and compares each with the level divided by the number
+    of those left (S. Holm, "A simple sequentially rejective multiple test procedure", 1979). It is written out here
+    because statsmodels' own runs the garbage collector at each call.
+    """
+    rejected = [False] * len(p_values)
+    for step, index in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
+        if p_values[index] > LEVEL / (len(p_values) - step):
+            break
+        rejected[index] = True
+    return tuple(rejected)
 
 
 def cluster_bootstrap(differences: Mapping[tuple[str, str], Sequence[int]]) -> tuple[float, float]:
