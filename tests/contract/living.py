@@ -21,7 +21,7 @@ class Living(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.world = World(now=self.served.now)
+        self.world = World(now=self.served.clock.now)
         self.agents: list[Agent] = []
         self.evaluations: list[Evaluation] = []
         self.keys: list[tuple[Agent, Way, tuple[Any, ...], Answer]] = []

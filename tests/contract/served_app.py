@@ -17,12 +17,11 @@ import httpx
 import structlog
 import uvicorn
 import uvloop
+from app_harness import Clock
 from fake_pool import FakePool
 
 from wrongturn_service.api import evaluations
 from wrongturn_service.app import create_app
-from wrongturn_service.episodes.lease import Lease, Terms
-from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.server import configuration
 from wrongturn_service.settings import Settings
 
@@ -55,8 +54,8 @@ class ServedApp:
         self.loop = uvloop.new_event_loop()
         self.pool = FakePool(slots)
         self.pool.steps = STEPS
-        self.now = 0.0
-        """The clock of leases and of the line for simulators, seconds."""
+        self.clock = Clock()
+        """The clock of leases and of the queue for simulators."""
         self.errors: list[MutableMapping[str, Any]] = []
         """What was logged as an error."""
         self._settings = Settings(
@@ -75,15 +74,12 @@ class ServedApp:
             registration_limit=1_000_000,
         )
         self._exit = contextlib.ExitStack()
-        for clocked in (Lease, SimulatorQueue):
-            self._exit.enter_context(patch.object(clocked.__init__, "__defaults__", (lambda: self.now,)))
+        self._exit.enter_context(self.clock.used())
         # The order of an evaluation's trials comes from its secret; a try that is made again has to find the same.
         known = SimpleNamespace(token_hex=lambda size: "0" * 2 * size)
         self._exit.enter_context(patch.object(evaluations, "secrets", known))
         self._exit.callback(structlog.reset_defaults)
         structlog.configure(processors=[self._heard])
-        # Its leases are looked after by the real clock, once in a second; a test need not wait for that.
-        self._exit.enter_context(patch.object(Terms, "period_s", 0.005))
         self._start()
 
     def _heard(self, _logger: object, level: str, event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
@@ -146,5 +142,5 @@ class ServedApp:
                     return
             raise AssertionError("leases that ran out were not ended")
 
-        self.now += seconds
+        self.clock.now += seconds
         self.wait(until_settled())

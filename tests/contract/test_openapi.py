@@ -5,16 +5,8 @@ from typing import Any
 
 import httpx
 import pytest
-import schemathesis
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from schemathesis import GenerationMode
-from schemathesis.checks import not_a_server_error
-from schemathesis.specs.openapi.checks import (
-    content_type_conformance,
-    response_schema_conformance,
-    status_code_conformance,
-)
 from service_harness import Agent, RunningService, problem
 
 from wrongturn_client import Client
@@ -122,7 +114,20 @@ def test_every_reference_leads_somewhere(document: dict[str, Any]) -> None:
 
 
 KINDS = {f"/problems/{kind}" for kind in ProblemType} - {"/problems/internal"}
-CHECKS = [not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance]
+
+
+@pytest.fixture(scope="module")
+def checks() -> list[Any]:
+    """What schemathesis checks of each response. It is imported here: it takes a second, and few tests need it."""
+    from schemathesis.checks import not_a_server_error
+    from schemathesis.specs.openapi import checks
+
+    return [
+        not_a_server_error,
+        checks.status_code_conformance,
+        checks.content_type_conformance,
+        checks.response_schema_conformance,
+    ]
 
 
 @pytest.fixture
@@ -148,8 +153,16 @@ def real(service: RunningService, agent: Agent) -> dict[str, str]:
 
 @pytest.mark.parametrize("name", sorted(INTERFACE))
 def test_no_request_breaks_the_service(
-    service: RunningService, document: dict[str, Any], agent: Agent, real: dict[str, str], name: str
+    service: RunningService,
+    document: dict[str, Any],
+    agent: Agent,
+    real: dict[str, str],
+    checks: list[Any],
+    name: str,
 ) -> None:
+    import schemathesis
+    from schemathesis import GenerationMode
+
     method, _, path = name.partition(" ")
     operation = schemathesis.openapi.from_dict(document)[path][method]
 
@@ -170,7 +183,7 @@ def test_no_request_breaks_the_service(
             return
         if response.status_code not in {404, 405}:
             # A path that nothing can be at is another operation's, or none's.
-            case.validate_response(response, checks=CHECKS)
+            case.validate_response(response, checks=checks)
         if response.status_code >= 400:
             assert response.headers["content-type"] == ["application/problem+json"]
             told = response.json()

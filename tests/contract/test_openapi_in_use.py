@@ -7,8 +7,6 @@ from typing import Any
 
 import httpx
 import pytest
-import schemathesis
-from schemathesis.engine import Status, events, from_schema
 from served_app import ServedApp
 
 from wrongturn_protocol import ProblemType
@@ -40,6 +38,8 @@ def served(tmp_path: Path) -> Iterator[ServedApp]:
 
 def schema_of(served: ServedApp) -> Any:
     """The document, with examples that exist: else it would be luck which operations have success."""
+    import schemathesis  # it takes a second, which tests of other files need not wait for
+
     with httpx.Client(base_url=served.url, timeout=60) as http:
         registered = http.post("/v1/agents", json={"name": "walker", "track": "privileged"}).json()
         http.headers["Authorization"] = f"Bearer {registered['token']}"
@@ -114,6 +114,8 @@ def use(served: ServedApp) -> None:
 
 def walk(schema: Any) -> dict[str, Counter[int]]:
     """How often each operation answered with which status."""
+    from schemathesis.engine import Status, events, from_schema
+
     statuses: defaultdict[str, Counter[int]] = defaultdict(Counter)
     wrong: list[str] = []
     for event in from_schema(schema).execute():

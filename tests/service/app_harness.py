@@ -2,37 +2,64 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import httpx
 from fake_pool import FakePool
 from service_harness import GAS, expect
 
 from wrongturn_service.app import create_app
+from wrongturn_service.episodes.lease import Lease, Terms
+from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.settings import Settings
+
+
+class Clock:
+    """A clock that the test moves."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    @contextlib.contextmanager
+    def used(self) -> Iterator[None]:
+        """Let leases and the queue for simulators of new services go by this clock."""
+        with contextlib.ExitStack() as stack:
+            for clocked in (Lease, SimulatorQueue):
+                stack.enter_context(patch.object(clocked.__init__, "__defaults__", (self,)))
+            # A service looks at its leases by the real clock. It does so often, so that tests need not wait for it.
+            stack.enter_context(patch.object(Terms, "period_s", 0.005))
+            yield
 
 
 @contextlib.asynccontextmanager
 async def application(
     folder: Path, pool: FakePool, track: str = "privileged", **settings: Any
 ) -> AsyncIterator[httpx.AsyncClient]:
+    """Run the application; leases and the queue go by ``http.clock``, which stands still unless the test moves it."""
     database = settings.pop("database", f"sqlite+aiosqlite:///{folder / 'a.db'}")
     given = Settings(database=database, home=folder, **settings)
-    app = create_app(given, pool=pool)
-    async with app.router.lifespan_context(app):
-        transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://test", timeout=30) as http:
-            http.app = app  # type: ignore[attr-defined]
-            if settings.get("registration") != "operator":
-                agent = expect(await http.post("/v1/agents", json={"name": "one", "track": track}), 201)
-                http.headers["Authorization"] = f"Bearer {agent['token']}"
-            yield http
+    clock = Clock()
+    with clock.used():
+        app = create_app(given, pool=pool)
+        async with app.router.lifespan_context(app):
+            transport = httpx.ASGITransport(app)
+            async with httpx.AsyncClient(transport=transport, base_url="http://test", timeout=30) as http:
+                http.app = app  # type: ignore[attr-defined]
+                http.clock = clock  # type: ignore[attr-defined]
+                if settings.get("registration") != "operator":
+                    agent = expect(await http.post("/v1/agents", json={"name": "one", "track": track}), 201)
+                    http.headers["Authorization"] = f"Bearer {agent['token']}"
+                yield http
 
 
 def play(story: Callable[[], Awaitable[None]]) -> None:
-    asyncio.run(asyncio.wait_for(story(), 60))  # type: ignore[arg-type]
+    asyncio.run(asyncio.wait_for(story(), 240))  # type: ignore[arg-type]
 
 
 async def step(http: httpx.AsyncClient, episode: str, seq: int, action: dict[str, float] = GAS) -> httpx.Response:
@@ -40,7 +67,7 @@ async def step(http: httpx.AsyncClient, episode: str, seq: int, action: dict[str
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    for _ in range(500):
+    for _ in range(6000):
         if condition():
             return
         await asyncio.sleep(0.01)

@@ -9,15 +9,13 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
+from app_harness import Clock
 from fake_pool import FakePool
 from service_harness import Service
 from typing_extensions import override
 
 from wrongturn_service.app import create_app
-from wrongturn_service.episodes.lease import Lease
-from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.server import Server, configuration
 from wrongturn_service.settings import Settings
 
@@ -51,10 +49,9 @@ class ClockedService(Service):
     def __init__(self, database: Path, slots: int = 2, **settings: Any) -> None:
         given = Settings(database=f"sqlite+aiosqlite:///{database}", home=database.parent, simulators=slots, **settings)
         self._loop = ClockedLoop()
-        self._patches = contextlib.ExitStack()
-        for clocked in (Lease, SimulatorQueue):
-            clock = patch.object(clocked.__init__, "__defaults__", (lambda: self._loop.ahead,))
-            self._patches.enter_context(clock)
+        self._clock = Clock()
+        self._clocked = contextlib.ExitStack()
+        self._clocked.enter_context(self._clock.used())
         bound = socket.create_server(("127.0.0.1", 0))
         self.url = f"http://127.0.0.1:{bound.getsockname()[1]}"
         self._app = create_app(given, pool=FakePool(slots))
@@ -87,6 +84,7 @@ class ClockedService(Service):
         async def shift() -> None:
             await _settled()
             self._loop.ahead += seconds
+            self._clock.now += seconds
             await _settled()
 
         asyncio.run_coroutine_threadsafe(shift(), self._loop).result(60)
@@ -117,7 +115,7 @@ class ClockedService(Service):
             with contextlib.suppress(RuntimeError):  # it may have ended meanwhile
                 self.signal()
         self.join()
-        self._patches.close()
+        self._clocked.close()
         gc.unfreeze()
 
 

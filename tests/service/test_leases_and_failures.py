@@ -17,10 +17,11 @@ PRACTICE = {"town": "Town01", "approach": "J3-S"}
 def test_a_silent_agents_simulator_goes_to_others_and_is_rebuilt(tmp_path: Path) -> None:
     async def story() -> None:
         pool = FakePool(slots=1)
-        async with application(tmp_path, pool, lease_release_s=0.2) as http:
+        async with application(tmp_path, pool, lease_release_s=10) as http:
             silent = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
             expect(await step(http, silent, 1), 200)
             problem(await http.post("/v1/episodes", json=PRACTICE), 503, "simulators-busy")
+            http.clock.now += 10
             await until(lambda: not pool.taken)
             other = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
             response = await step(http, silent, 2)
@@ -36,11 +37,12 @@ def test_a_silent_agents_simulator_goes_to_others_and_is_rebuilt(tmp_path: Path)
 def test_an_agent_that_does_not_come_back(tmp_path: Path) -> None:
     async def story() -> None:
         pool = FakePool()
-        async with application(tmp_path, pool, lease_release_s=0.1, lease_abort_s=0.5) as http:
+        async with application(tmp_path, pool, lease_release_s=10, lease_abort_s=600) as http:
             evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
             reset = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)
-            assert reset["lease_expires_in_s"] == 0.5
+            assert reset["lease_expires_in_s"] == 600
             expect(await step(http, reset["id"], 1), 200)
+            http.clock.now += 600
             await until(lambda: http.app.state.service.episodes.open == 0)  # type: ignore[attr-defined]
             problem(await step(http, reset["id"], 2), 409, "episode-finished")
             assert expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)["finished"] == 1

@@ -86,9 +86,10 @@ def test_a_simulator_that_dies_is_replaced_though_others_wait(tmp_path: Path) ->
 def test_an_abort_without_a_simulator_is_told_its_place_too(tmp_path: Path) -> None:
     async def story() -> None:
         pool = FakePool(slots=1)
-        async with application(tmp_path, pool, lease_release_s=0.1) as http:
+        async with application(tmp_path, pool, lease_release_s=10) as http:
             silent = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
             expect(await step(http, silent, 1), 200)
+            http.clock.now += 10
             await until(lambda: not pool.taken)
             other = await _agent(http, "other")
             busy = expect(await http.post("/v1/episodes", json=PRACTICE, headers=other), 201)["id"]
@@ -104,16 +105,18 @@ def test_an_abort_without_a_simulator_is_told_its_place_too(tmp_path: Path) -> N
 def test_an_episode_whose_time_is_over_waits_its_turn_and_may_still_be_gone_on_with(tmp_path: Path) -> None:
     async def story() -> None:
         pool = FakePool(slots=1)
-        async with application(tmp_path, pool, lease_release_s=0.1, lease_abort_s=0.4) as http:
+        async with application(tmp_path, pool, lease_release_s=10, lease_abort_s=40) as http:
             service = http.app.state.service  # type: ignore[attr-defined]
             silent = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
             expect(await step(http, silent, 1), 200)
+            http.clock.now += 10
             await until(lambda: not pool.taken)
             other = await _agent(http, "other")
             busy = expect(await http.post("/v1/episodes", json=PRACTICE, headers=other), 201)["id"]
             for seq in range(1, 9):
                 expect(await http.post(f"/v1/episodes/{busy}/step", json=_step(seq), headers=other), 200)
-                await asyncio.sleep(0.08)
+                http.clock.now += 9
+                await asyncio.sleep(0.02)  # the service looks at its leases
             assert service.episodes.open == 2
             assert (await http.delete(f"/v1/episodes/{busy}", headers=other)).status_code == 204
             await until(lambda: service.episodes.open == 0)

@@ -98,10 +98,12 @@ def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
             expect(await http.post("/v1/episodes", json=PRACTICE), 201)
         folder = tmp_path / "silent"
         folder.mkdir()
-        async with application(folder, FakePool(), lease_release_s=0.05, lease_abort_s=0.4) as http:
+        async with application(folder, FakePool(), lease_release_s=10, lease_abort_s=600) as http:
             expect(await http.post("/v1/episodes", json=PRACTICE), 201)
             service = http.app.state.service
+            http.clock.now += 10
             await until(lambda: service.episodes.held == 0)
+            http.clock.now += 590
             await until(lambda: service.episodes.open == 0)
             assert (await figures(http))["wrongturn_leases_expired_total"] == 1
         async with application(tmp_path, FakePool(), registration="operator") as http:
