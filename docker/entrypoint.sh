@@ -1,9 +1,9 @@
 #!/bin/sh
-# Reads secrets from files, where some are named, so that they need not stand in the environment of the container's
-# configuration; then becomes the command.
+# Read secrets from the files that are named, so that they can stay out of the container's configuration. Then become the
+# command.
 set -eu
 
-# read_secret VARIABLE MEANING: sets it from the file that VARIABLE_FILE or its like names.
+# read_secret VARIABLE MEANING: set 'secret' from the file that VARIABLE names.
 read_secret() {
     eval "file=\${$1:-}"
     unset "$1"
@@ -24,13 +24,13 @@ read_secret WRONGTURN_OPERATOR_TOKEN_FILE token
 if [ -n "$secret" ]; then
     export WRONGTURN_OPERATOR_TOKEN="$secret"
 elif [ -z "${WRONGTURN_OPERATOR_TOKEN:-}" ]; then
-    # An empty token is no token.
+    # Treat an empty token as none.
     unset WRONGTURN_OPERATOR_TOKEN
 fi
 
 read_secret WRONGTURN_DATABASE_PASSWORD_FILE password
 if [ -n "$secret" ]; then
-    # What PostgreSQL's own programs read too; the URL then needs none.
+    # PostgreSQL's own programs read this too, and the URL then needs no password.
     export PGPASSWORD="$secret"
 fi
 unset secret file

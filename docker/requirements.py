@@ -1,7 +1,7 @@
-"""Print what the named parts need from outside this repository, one requirement a line.
+"""Print the packages that the named parts need from outside this repository, one on each line.
 
 A part is named by its folder, with an extra in brackets where one is wanted: ``agents[onnx]``.
-An image can install these from the pyproject files alone, before it has the sources.
+An image can install these with only the pyproject files, before it has the sources.
 """
 
 import sys

@@ -2,7 +2,7 @@
 #   docker build -f docker/service.Dockerfile -t wrongturn-service .
 FROM python:3.11-slim-bookworm
 
-# libsumo is linked against SUMO's window libraries, though no window is ever opened.
+# libsumo is linked to SUMO's window libraries, although it never opens a window.
 RUN apt-get update \
     && apt-get install -y --no-install-recommends libx11-6 libxext6 libxrender1 libgl1 libatomic1 \
     && rm -rf /var/lib/apt/lists/*
@@ -14,8 +14,8 @@ ENV PYTHONUNBUFFERED=1 \
 
 WORKDIR /opt/wrongturn
 
-# The dependencies come before the sources, so that a change of code does not install them again. The tests that some
-# bring along would be an eighth of the image.
+# Install the dependencies before the sources, so that a change of code does not install them again. Delete the tests
+# that some packages contain: they would be an eighth of the image.
 COPY constraints.txt docker/requirements.py ./
 COPY clients/pyproject.toml clients/
 COPY networks/pyproject.toml networks/
@@ -31,18 +31,18 @@ COPY service service
 RUN pip install --no-deps ./clients ./networks ./service \
     && rm -rf clients networks service
 
-# Compiled here, as no container should have to: on a busy machine it takes minutes. Whoever runs the container only reads
-# them; the volume has a copy, to which is added what another processor needs.
+# Compile here, because it takes minutes on a busy machine. A running container only reads these files. It copies them to
+# its volume and adds what another processor needs there.
 ENV WRONGTURN_KERNELS=/opt/wrongturn/kernels
 RUN NUMBA_CACHE_DIR="$WRONGTURN_KERNELS" WRONGTURN_HOME=/tmp/home python -m wrongturn_sim \
     && rm -rf /tmp/home \
     && chmod -R a=rX,u+w "$WRONGTURN_KERNELS"
 
-# What the service writes (database, caches) lies in one folder, which compose puts on a volume.
+# The service writes (database, caches) into one folder, which compose puts on a volume.
 RUN useradd --system --uid 10001 --home-dir /var/lib/wrongturn --shell /usr/sbin/nologin wrongturn \
     && install -d -o wrongturn -g wrongturn -m 0750 /var/lib/wrongturn
 COPY docker/entrypoint.sh /usr/local/bin/wrongturn-entrypoint
-# More than the service's own default, for a processor that the kernels above do not fit.
+# Allow more time than the service's default, for a processor that the kernels above do not fit.
 ENV WRONGTURN_HOME=/var/lib/wrongturn \
     WRONGTURN_SIMULATOR_START_TIMEOUT_S=300
 USER wrongturn

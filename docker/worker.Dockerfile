@@ -1,4 +1,4 @@
-# A worker that drives a shipped agent, or one's own, against a service. Build from the repository's root:
+# A worker that drives a shipped agent, or your own, against a service. Build from the repository's root:
 #   docker build -f docker/worker.Dockerfile -t wrongturn-worker .
 #   docker run --rm -e WRONGTURN_URL=http://… wrongturn-worker careful
 FROM python:3.11-slim-bookworm
@@ -10,7 +10,7 @@ ENV PYTHONUNBUFFERED=1 \
 
 WORKDIR /opt/wrongturn
 
-# The dependencies come before the sources, so that a change of code does not install them again.
+# Install the dependencies before the sources, so that a change of code does not install them again.
 COPY constraints.txt docker/requirements.py ./
 COPY clients/pyproject.toml clients/
 COPY agents/pyproject.toml agents/
@@ -22,7 +22,7 @@ COPY agents agents
 RUN pip install --no-deps ./clients ./agents \
     && rm -rf clients agents
 
-# Where a run notes how it can be gone on with.
+# A run notes here how to resume it.
 RUN useradd --system --uid 10001 --home-dir /var/lib/wrongturn --shell /usr/sbin/nologin wrongturn \
     && install -d -o wrongturn -g wrongturn -m 0750 /var/lib/wrongturn
 COPY docker/entrypoint.sh /usr/local/bin/wrongturn-entrypoint
@@ -32,7 +32,7 @@ USER wrongturn
 WORKDIR /var/lib/wrongturn
 VOLUME /var/lib/wrongturn
 
-# A worker is well as long as it runs; what keeps it from the service, it tells and tries again.
+# A worker is healthy while it runs. If it cannot reach the service, it says so and tries again.
 HEALTHCHECK NONE
 ENTRYPOINT ["sh", "/usr/local/bin/wrongturn-entrypoint", "sh", "-c", "exec wrongturn run --suite \"$WRONGTURN_SUITE\" --progress lines \"$@\"", "worker"]
 CMD ["careful"]

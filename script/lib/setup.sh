@@ -1,6 +1,6 @@
-# Sourced by script/demo and script/test: makes .venv and installs what is missing, once; later runs are quick.
-#   setup run    what the service, the client and the agents need (no torch)
-#   setup test   the same and what the tests need
+# Sourced by script/demo and script/test. Make .venv and install what is missing. Later runs are quick.
+#   setup run    install what the service, the client and the agents need (no torch)
+#   setup test   also install what the tests and the documentation need
 # shellcheck shell=bash
 
 say() { printf '%s\n' "$*" >&2; }
@@ -10,7 +10,7 @@ fail() {
   exit 1
 }
 
-# What libsumo's shared object is linked to and slim images lack.
+# Libraries that libsumo is linked to, and that slim images lack.
 declare -A LIBRARIES=(
   [libX11.so.6]=libx11-6 [libXext.so.6]=libxext6 [libXrender.so.1]=libxrender1 [libGL.so.1]=libgl1
   [libatomic.so.1]=libatomic1
@@ -25,7 +25,7 @@ find_python() {
       return
     fi
   done
-  fail "Python 3.11 or newer is needed and none was found on the PATH; on Debian 12: apt-get install python3 python3-venv"
+  fail "no Python 3.11 or newer is on the PATH. Install it; on Debian 12: apt-get install python3 python3-venv"
 }
 
 missing_packages() {
@@ -45,18 +45,18 @@ install_packages() {
     as_root=(sudo -n)
   fi
   command -v apt-get >/dev/null ||
-    fail "these Debian packages, or your system's like of them, are missing: ${packages[*]}; there is no apt-get to install them with"
+    fail "these Debian packages are missing: ${packages[*]}. There is no apt-get here, so install your system's equivalents"
   say "Installing ${packages[*]} …"
   "${as_root[@]}" apt-get update -qq >&2 &&
     "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
       "${packages[@]}" >/dev/null ||
-    fail "apt-get could not install ${packages[*]}; its message stands above"
+    fail "apt-get could not install ${packages[*]}; see its message above"
 }
 
 setup() {
   local level=$1 python stamp digest
   local -a packages
-  # Whoever comes second waits for the first and then finds everything done.
+  # A second run waits for the first and then finds everything done.
   if command -v flock >/dev/null; then
     exec 9>.venv.lock
     flock 9
@@ -72,17 +72,17 @@ setup() {
   ((${#packages[@]} == 0)) || install_packages "${packages[@]}"
   say "Setting up .venv (this takes a few minutes, once) …"
   if ! .venv/bin/python -c 'import pip, sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null; then
-    "$python" -m venv --clear .venv || fail "$python -m venv .venv did not work; its message stands above"
+    "$python" -m venv --clear .venv || fail "$python -m venv .venv failed; see its message above"
   fi
   pip() { .venv/bin/python -m pip -qq --disable-pip-version-check "$@"; }
-  pip install --upgrade 'pip>=25.1' setuptools || fail "pip could not be brought up to date; its message stands above"
+  pip install --upgrade 'pip>=25.1' setuptools || fail "pip could not upgrade itself; see its message above"
   local -a wanted=(-c constraints.txt -e clients -e networks -e service -e agents)
   if [[ $level == test ]]; then
-    # torch comes first and by itself, so that no other package's range picks another build of it.
-    pip install -c constraints.txt torch || fail "pip could not install torch; its message stands above"
+    # Install torch first and alone, so that no other package's range picks another build of it.
+    pip install -c constraints.txt torch || fail "pip could not install torch; see its message above"
     wanted+=(-e 'networks[making]' -e 'agents[training,onnx]' --group test)
   fi
-  pip install "${wanted[@]}" || fail "pip could not install the packages; its message stands above"
+  pip install "${wanted[@]}" || fail "pip could not install the packages; see its message above"
   printf '%s' "$digest $PWD" >.venv/.wrongturn-run
   printf '%s' "$digest $PWD" >"$stamp"
   exec 9>&-
