@@ -123,8 +123,8 @@ def _practise(
     source, parallel = _made_once(agent, parallel)
     practice_run = PracticeRun(source, installed_suite(suite or NAVIGATION), task, json_file)
     token = settings.token() if url is not None else None
-    with service_at(url, None) as (at, _), show_progress(progress, source.name) as report:
-        results = practice_run.drive(at, token, report, parallel=parallel)
+    with service_at(url, None) as (at, _), show_progress(progress, source.name) as update:
+        results = practice_run.drive(at, token, update, parallel=parallel)
     counts = Counter(result.verdict for result in results.trials.values())
     typer.echo(f"{task}: " + ", ".join(f"{verdict} {count}" for verdict, count in counts.most_common()))
 
@@ -173,8 +173,8 @@ def _evaluate(
         shown = saved_run.name or source.name
         typer.echo(f"{shown} on {suite} at {at}: evaluation {saved_run.evaluation}", err=True)
         try:
-            with show_progress(progress, shown) as report:
-                evaluation = drive(saved_run, source, at, report, parallel=parallel)
+            with show_progress(progress, shown) as update:
+                evaluation = drive(saved_run, source, at, update, parallel=parallel)
         except BaseException:
             typer.echo(f"Not finished. To go on with it: {program()} run --resume {saved_run.evaluation}", err=True)
             raise

@@ -52,6 +52,7 @@ class Worker:
     folder: Path
     process: subprocess.Popen[str] | None = None
     tail: deque[str] = field(default_factory=lambda: deque(maxlen=_TAIL))
+    """Last lines of its output that are not progress."""
 
     def run(self, progress: Progress) -> int:
         """Run the process to its end and return its exit status."""
@@ -73,8 +74,8 @@ class Worker:
         with self.process.stderr as lines:
             for line in lines:
                 try:
-                    report = json.loads(line)
-                    progress(report["finished"], report["total"])
+                    done = json.loads(line)
+                    progress(done["finished"], done["total"])
                 except (ValueError, TypeError, KeyError):
                     self.tail.append(line.rstrip())
         return self.process.wait()
@@ -93,12 +94,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         agents, suite = _checked(options.agents, options.suite)
         with _folder(Path("demo")) as folder:
             return _demo(agents, suite, folder)
-    except DemoUsageError as error:
-        print(f"script/demo: {error}", file=sys.stderr)
-        return _USAGE
     except (AgentsError, WrongturnError) as error:
         print(f"script/demo: {error}", file=sys.stderr)
-        return 1
+        return _USAGE if isinstance(error, DemoUsageError) else 1
     except KeyboardInterrupt:
         print("script/demo: interrupted", file=sys.stderr)
         return 130
@@ -123,7 +121,7 @@ def _checked(agents: str, suite: str) -> tuple[list[str], str]:
     """
     names = [name.strip() for name in agents.split(",") if name.strip()]
     if not names:
-        raise DemoUsageError(f"--agents: names none; known are {', '.join(AGENTS)}")
+        raise DemoUsageError(f"--agents: names no agent; known are {', '.join(AGENTS)}")
     if len(set(names)) < len(names):
         raise DemoUsageError(f"--agents: {agents} names one twice; name each once")
     for name in names:

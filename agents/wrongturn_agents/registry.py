@@ -107,7 +107,7 @@ def resolve(named: str) -> AgentSource:
 def _import(named: str) -> Any:
     module_name, _, attribute = named.partition(":")
     if not module_name:
-        raise AgentImportError(f"agent: {named}: no module before the colon; write package.module:Class")
+        raise AgentImportError(f"agent: {named}: the module before the colon is missing; write package.module:Class")
     if "" not in sys.path:
         sys.path.insert(0, "")  # so that classes in the working directory are found, as with python -m
     try:
@@ -125,7 +125,7 @@ def _import(named: str) -> Any:
 def _source(named: str, agent: Any) -> AgentSource:
     """Return the source of an agent's class, from its attributes."""
     if not inspect.isclass(agent):
-        raise NotAnAgentError(f"agent: {named} is no class; name a class with reset, act and track")
+        raise NotAnAgentError(f"agent: {named} is not a class; name a class with reset, act and track")
     missing = [name for name in ("reset", "act") if not callable(getattr(agent, name, None))]
     if missing:
         raise NotAnAgentError(f"agent: {named} has no method {' and no '.join(missing)}; see wrongturn_agents.agent")

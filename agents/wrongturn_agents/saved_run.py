@@ -64,7 +64,9 @@ class SavedRun(BaseModel):
                 f"--resume: no run {named!r} ({path}: {error.strerror}); runs known here: {known}",
             ) from error
         except (ValidationError, UnicodeDecodeError) as error:
-            raise RunFileError(f"--resume: {path} is no run's file; name one that 'wrongturn run' wrote") from error
+            raise RunFileError(
+                f"--resume: {path} is not a saved run; name a file that 'wrongturn run' wrote"
+            ) from error
 
 
 def ensure_directory() -> None:

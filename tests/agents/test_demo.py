@@ -51,7 +51,7 @@ def test_two_demos_do_not_share_a_folder(tmp_path):
     ("arguments", "says"),
     [
         (["--agents", "careful,nobody"], "--agents: there is no agent called 'nobody'; known are parked"),
-        (["--agents", ","], "--agents: names none"),
+        (["--agents", ","], "--agents: names no agent"),
         (["--agents", "careful,careful"], "names one twice"),
         (["--suite", "nothing@1"], "--suite: there is no suite 'nothing@1'; known are"),
     ],

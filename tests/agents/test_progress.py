@@ -8,10 +8,10 @@ from wrongturn_agents.progress import LinesProgress, ProgressStyle, add_bar, pro
 
 def test_lines_come_at_the_first_and_the_last_and_every_ten_seconds():
     stream, now = io.StringIO(), [0.0]
-    report = LinesProgress("careful", stream, lambda: now[0])
+    update = LinesProgress("careful", stream, lambda: now[0])
     for finished in range(13):
         now[0] = float(2 * finished)
-        report(finished, 12)
+        update(finished, 12)
     assert stream.getvalue().splitlines() == [
         "careful: 0 of 12 episodes",
         "careful: 5 of 12 episodes, 30 a minute",
@@ -21,9 +21,9 @@ def test_lines_come_at_the_first_and_the_last_and_every_ten_seconds():
 
 
 def test_json_lines_show_each_episode(capsys):
-    with show_progress(ProgressStyle.JSON, "careful") as report:
-        report(0, 2)
-        report(1, 2)
+    with show_progress(ProgressStyle.JSON, "careful") as update:
+        update(0, 2)
+        update(1, 2)
     assert [json.loads(line) for line in capsys.readouterr().err.splitlines()] == [
         {"agent": "careful", "finished": 0, "total": 2},
         {"agent": "careful", "finished": 1, "total": 2},
@@ -39,6 +39,6 @@ def test_a_bar_is_drawn():
 
 
 def test_without_a_terminal_there_are_lines(capsys):
-    with show_progress(ProgressStyle.AUTO, "careful") as report:
-        report(0, 2)
+    with show_progress(ProgressStyle.AUTO, "careful") as update:
+        update(0, 2)
     assert capsys.readouterr().err == "careful: 0 of 2 episodes\n"

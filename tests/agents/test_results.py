@@ -168,7 +168,7 @@ def test_trials_must_be_complete(tmp_path):
         read(tmp_path)
     content["trials"][gone] = {"verdict": "exit_route"}
     path.write_text(json.dumps(content))
-    with pytest.raises(ResultsError, match=r"has unknown 1 .*Town09"):
+    with pytest.raises(ResultsError, match=r"has 1 that wrong-command@1 does not have .*Town09"):
         read(tmp_path)
 
 
@@ -196,7 +196,7 @@ def test_what_is_missing_is_said(tmp_path):
     _, _, err = run("--directory", str(tmp_path))
     assert "ppo-image has no results on wrong-command@1 for seed 2" in err
     assert "shipped.json names no seed for ppo-image" in err
-    with pytest.raises(ResultsError, match="is no directory"):
+    with pytest.raises(ResultsError, match="is not a directory"):
         run("--directory", str(tmp_path / "none"))
 
 

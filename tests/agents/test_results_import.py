@@ -66,7 +66,7 @@ def test_something_else_is_refused(tmp_path, text):
         ("thing.json/below", r"--import: \S+below cannot be read \(Not a directory\); give a file of"),
         (
             "folder",
-            r"--import: \S+folder is a directory, and no training run's: it has no progress\.csv; give a file of",
+            r"--import: \S+folder is a directory without progress\.csv, so it is not a training run's; give a file of",
         ),
         ("thing.json", r"--import: \S+thing\.json cannot be read as JSON"),
     ],

@@ -35,7 +35,7 @@ def test_an_unknown_one_lists_the_known(saved_run):
 def test_another_file(saved_run, tmp_path, text):
     file = tmp_path / "other.json"
     file.write_text(text)
-    with pytest.raises(RunFileError, match="is no run's file"):
+    with pytest.raises(RunFileError, match="is not a saved run"):
         SavedRun.load(str(file))
 
 

@@ -35,7 +35,7 @@ class Collection:
                 incomplete, or holds the same results as another file. The error names the file.
         """
         if not directory.is_dir():
-            raise ResultsError(f"--directory: {directory} is no directory; name one that holds results files")
+            raise ResultsError(f"--directory: {directory} is not a directory; name one with results files")
         found: dict[str, tuple[Path, ResultsFile]] = {}
         for path in sorted(path for path in directory.glob("*.json") if path.name != _SHIPPED):
             file = ResultsFile.read(path)

@@ -136,7 +136,7 @@ def read_curves(directory: Path) -> tuple[Curve, ...]:
         named = _NAME.fullmatch(path.name)
         if named is None:
             raise ResultsError(
-                f"{path.name}: is no name of a curve; call it AGENT.sSEED.csv or AGENT.VARIANT.sSEED.csv"
+                f"{path.name}: is not the name of a curve; call it AGENT.sSEED.csv or AGENT.VARIANT.sSEED.csv"
             )
         curves.append(read_progress(path, named["agent"], int(named["seed"]), named["variant"]))
     return tuple(sorted(curves, key=lambda curve: (*table_order(curve.agent), curve.variant or "", curve.seed)))

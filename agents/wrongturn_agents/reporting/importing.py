@@ -65,13 +65,13 @@ def import_results(source: Path, directory: Path, overrides: Overrides) -> Path:
     elif isinstance(content, dict) and {"id", "suite", "state"} <= content.keys() and isinstance(content["id"], str):
         file = _fetch_evaluation(content["id"])
     else:
-        raise ResultsError(f"--import: {source} is nothing that can be stored; {_REMEDY}")
+        raise ResultsError(f"--import: {source} cannot be stored; {_REMEDY}")
     given = {name: value for name, value in vars(overrides).items() if value is not None}
     try:
         file = ResultsFile.model_validate({**file.model_dump(), **given})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        raise ResultsError(f"--{first['loc'][0]}: {first['input']!r} cannot be one: {first['msg']}") from error
+        raise ResultsError(f"--{first['loc'][0]}: {first['input']!r} is not valid: {first['msg']}") from error
     file.check(source.name)
     return file.write(directory)
 
@@ -107,7 +107,9 @@ def _fetch_evaluation(evaluation: str) -> ResultsFile:
 
 def _import_curve(run: Path, directory: Path, overrides: Overrides) -> Path:
     if not (run / "progress.csv").is_file():
-        raise ResultsError(f"--import: {run} is a directory, and no training run's: it has no progress.csv; {_REMEDY}")
+        raise ResultsError(
+            f"--import: {run} is a directory without progress.csv, so it is not a training run's; {_REMEDY}"
+        )
     config: Any = {}
     if (run / "config.json").is_file():
         try:
@@ -115,7 +117,9 @@ def _import_curve(run: Path, directory: Path, overrides: Overrides) -> Path:
         except (OSError, ValueError, RecursionError) as error:
             raise ResultsError(f"--import: {run / 'config.json'} cannot be read as JSON ({error})") from error
     if not isinstance(config, dict):
-        raise ResultsError(f"--import: {run / 'config.json'} is no run's; name the directory of a training run")
+        raise ResultsError(
+            f"--import: {run / 'config.json'} is not a run's config; name the directory of a training run"
+        )
     agent = overrides.agent or config.get("algorithm")
     seed = overrides.seed if overrides.seed is not None else config.get("seed")
     if not isinstance(agent, str) or not isinstance(seed, int):
@@ -123,5 +127,5 @@ def _import_curve(run: Path, directory: Path, overrides: Overrides) -> Path:
     variant = overrides.variant or config.get("variant")
     for option, value in (("--agent", agent), ("--variant", variant)):
         if value is not None and not (isinstance(value, str) and _PLAIN_NAME.fullmatch(value)):
-            raise ResultsError(f"{option}: {value!r} cannot be one; give letters, digits, dashes and underscores")
+            raise ResultsError(f"{option}: {value!r} is not valid; give letters, digits, dashes and underscores")
     return read_progress(run / "progress.csv", agent, seed, variant).thinned().write(directory / "curves")

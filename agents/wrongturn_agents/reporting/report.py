@@ -187,7 +187,7 @@ def _read(page: Path) -> str:
     except OSError as error:
         raise ResultsError(f"{page}: cannot be read ({error.strerror}); name a page that exists") from error
     except UnicodeDecodeError as error:
-        raise ResultsError(f"{page}: is no text in UTF-8; name a page") from error
+        raise ResultsError(f"{page}: is not text in UTF-8; name a page") from error
 
 
 def _filled(page: Path, text: str, report: Report) -> str:

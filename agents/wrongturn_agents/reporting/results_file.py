@@ -129,10 +129,11 @@ class ResultsFile(BaseModel):
         optional = suite.crowded if self.driven == "in process" else suite.trials.keys() - suite.crowded
         if suite.crowded and lacking == optional:
             lacking = set()
-        for what, ids in (("lacks", lacking), ("has unknown", self.trials.keys() - suite.trials)):
-            if ids:
-                some = ", ".join(sorted(ids)[:_TRIALS_NAMED]) + (", …" if len(ids) > _TRIALS_NAMED else "")
-                raise ResultsError(
-                    f"{name}: trials: {what} {len(ids)} of {self.suite}'s {len(suite.trials)} ({some}); "
-                    "drive the whole suite again",
-                )
+        unknown = self.trials.keys() - suite.trials
+        if lacking or unknown:
+            ids = sorted(lacking or unknown)
+            some = ", ".join(ids[:_TRIALS_NAMED]) + (", …" if len(ids) > _TRIALS_NAMED else "")
+            what = f"lacks {len(ids)} of {self.suite}'s {len(suite.trials)}"
+            if not lacking:
+                what = f"has {len(ids)} that {self.suite} does not have"
+            raise ResultsError(f"{name}: trials: {what} ({some}); drive the whole suite again")
