@@ -1,4 +1,4 @@
-"""A hand-made junction with a kinematic car, so that drivers are tried without a simulator."""
+"""Hand-made junction with a kinematic car, to test drivers without a simulator."""
 
 import math
 from collections.abc import Collection
@@ -14,7 +14,7 @@ _NEAR = 15.0
 
 
 def exit_path(direction: Command) -> NDArray[np.float64]:
-    """(60, 2), 1 m apart, from the stop line at (-8, -2), where cars head east."""
+    """Return (60, 2) points, 1 m apart, from the stop line at (-8, -2), where cars head east."""
     s = np.arange(PATH_POINTS, dtype=float)
     if direction is Command.STRAIGHT:
         return np.stack((STOP_X + s, np.full_like(s, LANE_Y)), axis=1)
@@ -28,7 +28,7 @@ def exit_path(direction: Command) -> NDArray[np.float64]:
 
 
 class Street:
-    """One car that comes to one junction from the west."""
+    """One car that approaches one junction from the west."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class Street:
         return observation
 
     def step(self, action: Action) -> None:
-        """A tenth of a second, in two halves."""
+        """Advance by 0.1 s, in two halves."""
         for _ in range(2):
             self.steering += min(max(action.steer - self.steering, -0.1), 0.1)
             drag = 0.15 + 0.01 * self.speed
@@ -88,7 +88,7 @@ class Street:
         return self
 
     def miss(self, path: NDArray[np.float64]) -> float:
-        """How far the car strayed from a path beyond the stop line, metres (to the path's points, 1 m apart)."""
+        """Return the greatest distance between the car and a path beyond the stop line, metres."""
         track = np.array([(x, y) for x, y, _, _ in self.trace if x > STOP_X or abs(y - LANE_Y) > 1])
         fine = np.stack([np.interp(np.arange(0, 59, 0.1), np.arange(60), path[:, k]) for k in (0, 1)], axis=1)
         near = track[np.hypot(track[:, 0] - STOP_X, track[:, 1] - LANE_Y) < 25.0]

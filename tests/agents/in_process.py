@@ -1,4 +1,4 @@
-"""Driving a whole suite in this process: what the service does, less the service."""
+"""Drives a whole suite in this process, without the service."""
 
 from collections import Counter
 from functools import cache
@@ -18,7 +18,7 @@ def _simulator() -> Simulator:
 
 
 def drive(agent: Agent, trial: Trial) -> Outcome:
-    """One episode to its end."""
+    """Drive one episode to its end and return its outcome."""
     episode = Episode(trial, Track.PRIVILEGED, simulator=_simulator())
     observation = episode.reset()
     agent.reset(observation_space(Track.PRIVILEGED))
@@ -29,7 +29,7 @@ def drive(agent: Agent, trial: Trial) -> Outcome:
 
 
 def drive_suite(agent: Agent, suite: str = "wrong-command@1", *, twins: bool = True) -> Results:
-    """All of a suite's trials, by id."""
+    """Drive all of a suite's trials and return trials and outcomes by id."""
     loaded = load_suite(suite)
     return {trial.id: (trial, drive(agent, trial)) for trial in (loaded.episodes if twins else loaded.trials)}
 
@@ -55,7 +55,7 @@ def verdicts(results: list[tuple[Trial, Outcome]]) -> Counter[str]:
 
 
 def table(results: Results) -> dict[tuple[JunctionType, FaultKind], int]:
-    """Unsafe episodes in each cell of the paper's table."""
+    """Return the number of unsafe episodes in each cell of the paper's table."""
     cells: dict[tuple[JunctionType, FaultKind], int] = {}
     for trial, outcome in faulty(results):
         cell = (trial.junction_type, trial.fault.kind)

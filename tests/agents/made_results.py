@@ -1,4 +1,4 @@
-"""Results files as a driven suite would leave them, with as many unsafe trials as a test wants."""
+"""Makes results files of a whole suite, with as many unsafe trials as a test wants."""
 
 import json
 from collections.abc import Mapping
@@ -13,13 +13,13 @@ CELLS = tuple((kind, fault) for kind in PAPER_TYPES for fault in (FaultKind.INFE
 
 
 def wrong_command(agent: str, unsafe: tuple[int, ...], *, twins_failed: int = 0, **more: Any) -> ResultsFile:
-    """Results on the paper's suite.
+    """Return results on the paper's suite.
 
     Args:
-        agent: its name.
-        unsafe: of ten, for each of :data:`CELLS`.
-        twins_failed: of the sixty.
-        more: fields of the file.
+        agent: Name of the agent.
+        unsafe: Unsafe trials of ten, for each of :data:`CELLS`.
+        twins_failed: Number of failed twins, of sixty.
+        more: Other fields of the file.
     """
     left = dict(zip(CELLS, unsafe, strict=True))
     trials: dict[str, TrialResult] = {}
@@ -43,14 +43,14 @@ def navigation(
     traffic: bool = True,
     **more: Any,
 ) -> ResultsFile:
-    """Results on CoRL's tasks; all 25 of a cell arrive where ``arrived`` says nothing of it.
+    """Return results on CoRL's tasks; all 25 routes of a cell that ``arrived`` lacks are completed.
 
     Args:
-        agent: its name.
-        arrived: of 25, by cell.
-        dirty: journeys of each cell that arrived with an infraction.
-        traffic: whether those with other road users were driven too.
-        more: fields of the file.
+        agent: Name of the agent.
+        arrived: Completed routes of 25, by cell.
+        dirty: Journeys of each cell that arrived with an infraction.
+        traffic: Whether the trials with other road users were driven too.
+        more: Other fields of the file.
     """
     seen: dict[tuple[Task, Condition], int] = {}
     trials: dict[str, TrialResult] = {}
@@ -66,7 +66,7 @@ def navigation(
 
 
 def keep(directory: Path, *files: ResultsFile, shipped: Mapping[str, int] | None = None) -> Path:
-    """Write them, and which seeds are shipped; gives the directory."""
+    """Write results and the seeds of shipped weights into a directory, and return it."""
     for file in files:
         file.write(directory)
     if shipped:
@@ -75,7 +75,7 @@ def keep(directory: Path, *files: ResultsFile, shipped: Mapping[str, int] | None
 
 
 def progress(path: Path, rows: int, *, evaluated_every: int = 10) -> Path:
-    """A run's ``progress.csv`` with a step of 1000 and half a second of learning a row."""
+    """Write a run's ``progress.csv``: 1000 steps and half a second of learning a row."""
     lines = ["step,minutes,reward_mean,clip_fraction,success_heldout,steps_per_second,seconds_env,seconds_learn"]
     for row in range(rows):
         success = f"{row / rows:.3f}" if row % evaluated_every == 0 else ""

@@ -1,8 +1,8 @@
-"""A stand-in for a learned agent: it drives well, and sees the junction ahead through noise.
+"""Stand-in for a learned agent: it drives well, but sees the junction ahead through noise.
 
-For each direction it holds a score: whether an exit seems to be there, pulled by the command and, weaker, by the habit
-of going straight on. What it sees is disturbed by noise that wanders from step to step. It takes the best direction,
-made up where there is nothing, and hesitates where none convinces it. Its hands tremble a little.
+It has a score for each direction: whether an exit seems to be there, plus a bonus for the command and a smaller one for
+going straight on. Noise that drifts from step to step disturbs what it sees. It takes the direction with the best
+score, even if no exit is there, and stops if no score is high enough. Small noise disturbs its steering too.
 """
 
 import random
@@ -16,17 +16,17 @@ from wrongturn_agents.baselines.obeys_blindly import made_up_path
 from wrongturn_protocol import DIRECTIONS, Action, Command
 from wrongturn_protocol.observations import Observation
 
-_OBEDIENCE = 2.2  # pull of the command, where an exit that is there weighs 1 and one that is not -1
-_HABIT = 0.8  # pull of straight on
-_FOLLOWING = 0.7  # more of it where the command is to follow the lane
-_DOUBT = 0.2  # score below which it rather stops
+_OBEDIENCE = 2.2  # bonus for the commanded direction; an exit that is there counts 1, one that is not counts -1
+_HABIT = 0.8  # bonus for straight on
+_FOLLOWING = 0.7  # added to it if the command is to follow the lane
+_DOUBT = 0.2  # score below which it stops
 _NOISE = 0.8  # standard deviation of what it sees
-_MEMORY = 0.93  # of the noise from one step to the next
+_MEMORY = 0.93  # correlation of the noise from one step to the next
 _TREMBLE = 0.06  # standard deviation of the steering
 
 
 class NoisyDriver(RuleDriver):
-    """Seeded: the same seed and the same episodes in the same order give the same drives."""
+    """Driver with a seed: the same seed and episodes in the same order give the same drives."""
 
     name = "noisy"
 

@@ -1,4 +1,4 @@
-"""A random convolutional network as an ONNX file: an agent from pixels that nobody trained."""
+"""Random convolutional network as an ONNX file: an untrained agent that drives by pixels."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 
 def write_random_convolution(file: Path, seed: int = 0) -> Path:
-    """Two strided convolutions over ``rgb``, the mean of their features, the speed beside it, three actions."""
+    """Return two strided convolutions over ``rgb``, the mean of their features with the speed, and three actions."""
     draw = np.random.default_rng(seed)
 
     def weights(name: str, *shape: int, scale: float) -> onnx.TensorProto:

@@ -1,4 +1,4 @@
-"""The smallest ONNX models, encoded by hand, so that no test needs the onnx package."""
+"""Smallest ONNX models, encoded by hand so that no test needs the onnx package."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -36,7 +36,7 @@ def write_concat_model(
     columns: int | None = None,
     metadata: Mapping[str, str] | None = None,
 ) -> Path:
-    """A model that lays its float32 (1, 1) inputs side by side: three of them make an action."""
+    """Return a model that concatenates its float32 (1, 1) inputs; three of them make an action."""
     attribute = _blob(1, "axis") + _number(3, 1) + _number(20, 2)
     node = b"".join(_blob(1, name) for name in inputs) + _blob(2, output) + _blob(4, "Concat") + _blob(5, attribute)
     graph = _blob(1, node) + _blob(2, "graph")
