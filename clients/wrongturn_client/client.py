@@ -19,7 +19,7 @@ from wrongturn_client.evaluation_driver import EvaluationDriver
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy
 from wrongturn_client.recorder import EpisodeRecorder, installed_versions
-from wrongturn_client.transport import JSON, MSGPACK, Reply, Transport, path_of
+from wrongturn_client.transport import JSON, MSGPACK, Transport, path_of
 from wrongturn_protocol import (
     AgentDetail,
     AgentKind,
@@ -111,39 +111,39 @@ class Client(EpisodeCalls):
     # Service, suites, towns
 
     def live(self) -> bool:
-        """Whether the service's process answers."""
+        """Return True if the service's process answers."""
         self._transport.call("GET", "/health/live")
         return True
 
     def ready(self) -> bool:
-        """Whether the service can take episodes; waits for as long as the patience lasts."""
+        """Return True once the service can take episodes; wait for the patience at most."""
         self._transport.call("GET", "/health/ready")
         return True
 
     def simulators(self) -> int | None:
-        """How many episodes can be driven at a time, all agents' together; None where the service does not say."""
+        """Return how many episodes all agents together can drive at a time; None if the service does not say."""
         found = _SLOTS.search(self._transport.call("GET", "/metrics").content)
         return None if found is None else int(float(found[1]))
 
     def suites(self) -> tuple[SuiteSummary, ...]:
-        """All suites."""
-        return _model(SuiteList, self._transport.call("GET", "/v1/suites")).suites
+        """Return all suites."""
+        return self._get(SuiteList, "suites").suites
 
     def suite(self, suite: str) -> SuiteSummary:
-        """One suite, by its id such as ``wrong-command@1``."""
-        return _model(SuiteSummary, self._transport.call("GET", path_of("v1", "suites", suite)))
+        """Return a suite by its id, such as ``wrong-command@1``."""
+        return self._get(SuiteSummary, "suites", suite)
 
     def trials(self, suite: str) -> tuple[TrialDetail, ...]:
-        """The trials of a suite's open split, for practice; each names its twin, which can be practised too."""
-        return _model(TrialList, self._transport.call("GET", path_of("v1", "suites", suite, "trials"))).trials
+        """Return the trials of a suite's open split, for practice. You can practise their twins too."""
+        return self._get(TrialList, "suites", suite, "trials").trials
 
     def towns(self) -> tuple[TownSummary, ...]:
-        """All towns."""
-        return _model(TownList, self._transport.call("GET", "/v1/towns")).towns
+        """Return all towns."""
+        return self._get(TownList, "towns").towns
 
     def town(self, town: str) -> TownDetail:
-        """One town with its approaches and its geometry."""
-        return _model(TownDetail, self._transport.call("GET", path_of("v1", "towns", town)))
+        """Return a town with its approaches and geometry."""
+        return self._get(TownDetail, "towns", town)
 
     # Agents
 
@@ -156,49 +156,47 @@ class Client(EpisodeCalls):
         homepage: str | None = None,
         kind: AgentKind = AgentKind.SUBMITTED,
     ) -> RegisteredAgent:
-        """Register an agent; its token is shown this once. Kinds but ``submitted`` need the operator's token."""
+        """Register an agent. Its token is shown only now. Other kinds than ``submitted`` need the operator's token."""
         registration = AgentRegistration(name=name, track=track, description=description, homepage=homepage, kind=kind)
-        return _model(RegisteredAgent, self._create("/v1/agents", registration.model_dump(mode="json")))
+        return self._create(RegisteredAgent, registration.model_dump(mode="json"), "agents")
 
     def agents(self) -> tuple[AgentDetail, ...]:
-        """All registered agents."""
-        return _model(AgentList, self._transport.call("GET", "/v1/agents")).agents
+        """Return all registered agents."""
+        return self._get(AgentList, "agents").agents
 
     def agent(self, agent: str) -> AgentDetail:
-        """One agent by its id."""
-        return _model(AgentDetail, self._transport.call("GET", path_of("v1", "agents", agent)))
+        """Return an agent by its id."""
+        return self._get(AgentDetail, "agents", agent)
 
     def rotate_token(self, agent: str) -> RegisteredAgent:
-        """A new token for an agent; the old one ends. This client goes on with the old one."""
-        return _model(RegisteredAgent, self._create(path_of("v1", "agents", agent, "token"), None))
+        """Replace an agent's token; the old one becomes invalid. This client keeps using the old one."""
+        return self._create(RegisteredAgent, None, "agents", agent, "token")
 
     def revoke_token(self, agent: str) -> None:
-        """End an agent's token."""
+        """Make an agent's token invalid."""
         self._transport.call("DELETE", path_of("v1", "agents", agent, "token"))
 
     # Evaluations
 
     def create_evaluation(self, suite: str) -> EvaluationDetail:
-        """Begin an evaluation of the token's agent."""
-        return _model(EvaluationDetail, self._create("/v1/evaluations", {"suite": suite}))
+        """Begin an evaluation of the agent that has this client's token."""
+        return self._create(EvaluationDetail, {"suite": suite}, "evaluations")
 
     def evaluation(self, evaluation: str) -> EvaluationDetail:
-        """State and progress, and the metrics when finished."""
-        return _model(EvaluationDetail, self._transport.call("GET", path_of("v1", "evaluations", evaluation)))
+        """Return an evaluation: its state and progress, and its metrics once it is finished."""
+        return self._get(EvaluationDetail, "evaluations", evaluation)
 
     def cancel_evaluation(self, evaluation: str) -> None:
         """Cancel an evaluation for good."""
         self._transport.call("DELETE", path_of("v1", "evaluations", evaluation))
 
     def open_episodes(self, evaluation: str) -> tuple[EpisodeDetail, ...]:
-        """The evaluation's open episodes, to find one's way back after a crash."""
-        path = path_of("v1", "evaluations", evaluation, "episodes") + "?state=open"
-        return _model(EpisodeList, self._transport.call("GET", path)).episodes
+        """Return the evaluation's open episodes, for example to continue after a crash."""
+        return self._get(EpisodeList, "evaluations", evaluation, "episodes", query="?state=open").episodes
 
     def finished_episodes(self, evaluation: str) -> tuple[EpisodeDetail, ...]:
-        """The evaluation's finished episodes; their trials and outcomes are shown once all of it is finished."""
-        path = path_of("v1", "evaluations", evaluation, "episodes") + "?state=finished"
-        return _model(EpisodeList, self._transport.call("GET", path)).episodes
+        """Return the evaluation's finished episodes; they show trial and outcome once the evaluation is finished."""
+        return self._get(EpisodeList, "evaluations", evaluation, "episodes", query="?state=finished").episodes
 
     def put_results(
         self,
@@ -209,7 +207,7 @@ class Client(EpisodeCalls):
         """Post the worker's own record of its episodes.
 
         Raises:
-            ResultsMismatchError: it differs from what the service saw.
+            ResultsMismatchError: The record differs from what the service saw.
         """
         request = ResultsRequest(episodes=tuple(episodes), versions=versions or {})
         path = path_of("v1", "evaluations", evaluation, "results")
@@ -228,20 +226,20 @@ class Client(EpisodeCalls):
         """Drive a policy through all trials of a suite.
 
         Args:
-            policy: see :class:`~wrongturn_client.Policy`.
-            suite: its id.
-            evaluation: one that was begun before: its open episodes go on from their last reply.
-            progress: called with the numbers of finished and of all episodes, at the beginning and after each.
-            versions: software of the agent, by name, for the record.
-            parallel: episodes driven at a time, each in a thread of its own; above 1 the policy must keep no memory
-                between steps, and its ``act`` be callable in several threads at a time.
+            policy: See :class:`~wrongturn_client.Policy`.
+            suite: The suite's id.
+            evaluation: The id of an evaluation to resume. Its open episodes continue from their last reply.
+            progress: Called with the numbers of finished and of all episodes, at the beginning and after each episode.
+            versions: Versions of the agent's software by name, for the record.
+            parallel: Episodes driven at a time. Above 1, several threads call the policy's ``act``, and the policy must
+                not keep a memory between steps.
 
         Returns:
             The finished evaluation with its metrics.
 
         Raises:
-            PolicyError: the policy gave something that is no action.
-            Exception: whatever the policy raises. The episode counts as aborted then; the evaluation can be resumed.
+            PolicyError: The policy returned something that is not an action.
+            Exception: Whatever the policy raises. The episode then counts as aborted; you can resume the evaluation.
         """
         if parallel < 1:
             raise ValueError(f"parallel: is {parallel}; drive 1 episode at a time or more")
@@ -274,7 +272,7 @@ class Client(EpisodeCalls):
     # Episodes
 
     def trajectory(self, episode: str) -> bytes:
-        """The trajectory's canonical JSON, byte by byte, once it may be shown."""
+        """Return the bytes of a trajectory's canonical JSON, once it may be shown."""
         return self._transport.call("GET", path_of("v1", "episodes", episode, "trajectory")).content
 
     def drive(self) -> Drive:
@@ -311,22 +309,23 @@ class Client(EpisodeCalls):
     # Leaderboards
 
     def leaderboards(self) -> tuple[LeaderboardSummary, ...]:
-        """The suites that have a leaderboard."""
-        return _model(LeaderboardList, self._transport.call("GET", "/v1/leaderboards")).leaderboards
+        """Return the suites that have a leaderboard."""
+        return self._get(LeaderboardList, "leaderboards").leaderboards
 
     def leaderboard(self, suite: str) -> Leaderboard:
-        """The ranking on a suite."""
-        return _model(Leaderboard, self._transport.call("GET", path_of("v1", "leaderboards", suite)))
+        """Return the ranking on a suite."""
+        return self._get(Leaderboard, "leaderboards", suite)
 
-    def _create(self, path: str, body: Any) -> Reply:
-        return self._transport.call("POST", path, body=body, headers={"Idempotency-Key": str(uuid.uuid4())})
+    def _get(self, kind: type[M], *path: str, query: str = "") -> M:
+        return validated(kind, self._transport.call("GET", path_of("v1", *path) + query).message())
+
+    def _create(self, kind: type[M], body: Any, *path: str) -> M:
+        headers = {"Idempotency-Key": str(uuid.uuid4())}
+        reply = self._transport.call("POST", path_of("v1", *path), body=body, headers=headers)
+        return validated(kind, reply.message())
 
     def _answer(self, call: EpisodeCall) -> Result:
         try:
             return self._http.send(call)
         except ApiError as error:
             return error
-
-
-def _model(kind: type[M], reply: Reply) -> M:
-    return validated(kind, reply.message())

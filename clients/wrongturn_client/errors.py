@@ -24,7 +24,7 @@
         │   ├── EpisodeFinishedError
         │   └── ResultsMismatchError
         ├── EpisodeLostError         the service was restarted while the episode was open
-        ├── ServiceBusyError         call again later: rate limit, simulators busy, shutting down, a gateway's 502 to 504
+        ├── ServiceBusyError         call again later: rate limit, simulators busy, shutting down, a proxy's 502 to 504
         └── ServiceFailedError       the service failed: 5xx
 """
 

@@ -18,25 +18,25 @@ from wrongturn_protocol.observations import Observation, action_space, observati
 
 
 class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """Practise against a service; nothing here is ever scored.
+    """Practise on a service; nothing is scored.
 
-    Each reset draws a new trial from the environment's own generator (``reset(seed=...)`` sets it), unless ``suite``
-    and ``trial`` name one. ``info`` names the trial and its town, and at the end holds ``verdict``. An episode that
-    the service gave up, since it was started again or heard nothing for too long, is truncated with its last
+    Each reset draws a new trial from the environment's own generator, which ``reset(seed=...)`` sets, unless ``suite``
+    and ``trial`` name one. ``info`` holds ``trial`` and ``town``, and at the end ``verdict``. If the service gives an
+    episode up, because it was restarted or heard nothing for too long, the episode is truncated with its last
     observation, and ``info["lost"]`` says why.
 
     Args:
-        url: of the service; ``WRONGTURN_URL`` by default.
-        token: an agent's; ``WRONGTURN_TOKEN`` by default. Where there is none, an agent for practice is registered.
-        patience: seconds for which is tried again while the service is busy or gone.
-        render_mode: None; the pictures are observations.
-        transport: of httpx, for tests.
+        url: The service's URL; ``WRONGTURN_URL`` by default.
+        token: An agent's token; ``WRONGTURN_TOKEN`` by default. Without one, an agent for practice is registered.
+        patience: Seconds for which calls are repeated while the service is busy or does not answer.
+        render_mode: Always None; pictures are observations.
+        transport: An httpx transport, for tests.
         town: The town to draw trials in; ``Town01`` by default.
         track: What the agent is shown.
         options: ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
 
     Raises:
-        ValueError: names that do not exist, or do not go together.
+        ValueError: A name does not exist, or options do not go together.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012
@@ -72,10 +72,10 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         seed: int | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin a trial: the next, or the one of the suite that ``options["trial"]`` names.
+        """Begin the next trial, or the trial of the suite that ``options["trial"]`` names.
 
         Raises:
-            WrongturnError: the service cannot be reached, or refuses.
+            WrongturnError: The service does not answer, or refuses.
         """
         super().reset(seed=seed)
         call = self._practice.call(self.np_random, (options or {}).get("trial"))
@@ -86,15 +86,15 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return reply["observation"], {"trial": reply["trial"], "town": reply["town"]}
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Drive on for 0.1 s. Where this raises, the same step may be taken again: it is driven once.
+        """Drive on for 0.1 s. After an error you can repeat the step: it is driven only once.
 
         Args:
             action: float32 (3,): steer, throttle, brake.
 
         Raises:
-            InvalidActionError: it is none, or out of range.
-            ResetNeeded: no episode was begun, or it ended.
-            WrongturnError: the service cannot be reached, or refuses.
+            InvalidActionError: It is not three numbers, or one is out of range.
+            ResetNeeded: No episode is open.
+            WrongturnError: The service does not answer, or refuses.
         """
         if self._episode is None or self._ended:
             raise ResetNeeded(
@@ -113,7 +113,7 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return reply["observation"], reply.get("reward") or 0.0, terminated, truncated, info
 
     def close(self) -> None:
-        """Give an open episode up and close the connection."""
+        """End an open episode and close the connection."""
         self._abort()
         self._practice.close()
         self._episode = None

@@ -1,4 +1,4 @@
-"""What the environments over the wire have of a service: an agent for practice, trials and a line to drive on."""
+"""What the environments over the wire share: an agent for practice, trials to draw and a connection to drive on."""
 
 import contextlib
 import secrets
@@ -21,21 +21,21 @@ from wrongturn_protocol.wire import CALLS, Call
 _THREADS: Final = 16
 """Calls over HTTP at a time."""
 _GOODBYE: Final = 2.0
-"""Seconds that a service which is gone is tried again for to end episodes."""
+"""Seconds for which to try to end episodes when the service does not answer."""
 
 
 class Practice(Closing):
-    """An agent's practice, made when it is first needed: an environment may be made in one process and used in another.
+    """Practice of one agent. It connects on first use, so you can make it in one process and use it in another.
 
     Args:
-        options: what is drawn.
-        url: of the service; ``WRONGTURN_URL`` by default.
-        token: an agent's; ``WRONGTURN_TOKEN`` by default. Where there is none, an agent for practice is registered.
-        patience: seconds for which is tried again while the service is busy or gone.
-        transport: of httpx, for tests.
+        options: The trials to draw.
+        url: The service's URL; ``WRONGTURN_URL`` by default.
+        token: An agent's token; ``WRONGTURN_TOKEN`` by default. Without one, an agent for practice is registered.
+        patience: Seconds for which calls are repeated while the service is busy or does not answer.
+        transport: An httpx transport, for tests.
 
     Raises:
-        ValueError: the patience is no number of seconds.
+        ValueError: The patience is not a number of seconds.
     """
 
     def __init__(
@@ -63,19 +63,18 @@ class Practice(Closing):
         return self._connected().url
 
     def call(self, random: np.random.Generator, trial: str | None = None) -> list[Any]:
-        """The call by which the next trial begins; sent again, it gives the same episode.
+        """Draw a trial and return the call that begins it; raise as :meth:`PracticeSource.draw`.
 
-        Raises:
-            ValueError, WrongturnError: as :meth:`PracticeSource.draw`.
+        If you send the call twice, both replies name the same episode.
         """
         return practise_call(self._source.draw(self._connected(), random, trial))
 
     def again(self, call: list[Any]) -> list[Any]:
-        """The same trial, as another episode."""
+        """Return the call that begins another episode of the same trial."""
         return [*call[:2], str(uuid.uuid4())]
 
     def slots(self) -> int | None:
-        """How many episodes the service can drive at a time; None where it does not say."""
+        """Return how many episodes the service can drive at a time; None if it does not say."""
         try:
             return self._connected().simulators()
         except ApiError:
@@ -88,7 +87,7 @@ class Practice(Closing):
         return [result for some in _messages(calls) for result in self._connection.exchange(some, patience)]
 
     def abort(self, episodes: Sequence[str]) -> None:
-        """End episodes: those that nobody drives on would hold their simulators until the service gives them up."""
+        """End episodes, which otherwise keep their simulators until the service gives them up."""
         if self._connection is None or not episodes:
             return
         self._connection.patience = min(_GOODBYE, self.patience)
@@ -97,7 +96,7 @@ class Practice(Closing):
         self._connection.patience = self.patience
 
     def close(self) -> None:
-        """Close the connections; they are made again when they are needed again."""
+        """Close the connections; the next call opens them again."""
         for one in (self._connection, self._client):
             if one is not None:
                 one.close()

@@ -1,4 +1,4 @@
-"""From a call to its answer: headers, retries, msgpack or JSON, and problems turned into errors."""
+"""Sending a call until it is answered: headers, retries, msgpack or JSON, and errors."""
 
 import json
 import time
@@ -26,26 +26,26 @@ from wrongturn_protocol import Problem
 JSON: Final = "application/json"
 MSGPACK: Final = "application/msgpack"
 _SHORTEST_PAUSE: Final = 0.1
-"""Seconds before the first repetition; doubles with each."""
+"""Seconds before the first repetition; the pause doubles each time."""
 _LONGEST_GROWN_PAUSE: Final = 5.0
-"""Seconds; pauses grow no longer than this."""
+"""Seconds; pauses do not grow beyond this."""
 _JITTER: Final = 0.1
-"""Seconds, drawn on top of a pause, lest workers that lost the same service come back as one."""
+"""Seconds of random extra pause, so that workers that lost the same service do not return all at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """An answer that is no error."""
+    """Answer that is not an error."""
 
     status: int
     media_type: str
     content: bytes
 
     def message(self) -> Any:
-        """The body as plain values, arrays still as they went over the wire.
+        """Return the body as plain values; arrays are still encoded.
 
         Raises:
-            ProtocolError: it is neither JSON nor msgpack.
+            ProtocolError: The body is not what its media type says.
         """
         try:
             if self.media_type == MSGPACK:
@@ -61,9 +61,9 @@ class Reply:
 class Transport:
     """Sends calls to one service over connections that stay open.
 
-    A call that meets a broken connection, or 429, 502, 503, 504, is sent again for ``patience`` seconds, with growing
-    pauses or after the pause that ``Retry-After`` asks for. All calls of the interface bear a repetition: those that
-    create carry an ``Idempotency-Key``, a step its ``seq``. A URL at which nobody has answered yet is given up sooner.
+    After a broken connection, or status 429, 502, 503 or 504, a call is repeated for ``patience`` seconds, with growing
+    pauses or after the pause in ``Retry-After``. Every call can be repeated safely: those that create something have an
+    ``Idempotency-Key``, a step has its ``seq``. A URL at which nobody has answered yet is given up sooner.
     """
 
     def __init__(
@@ -75,17 +75,17 @@ class Transport:
         timeout: float = 30.0,
         patience: float = 60.0,
     ) -> None:
-        """Open nothing yet.
+        """Check the URL; the first call connects.
 
         Args:
-            url: of the service, without ``/v1``.
-            token: the bearer token; None for public calls alone.
-            transport: injected by tests.
-            timeout: seconds for each attempt at a call.
-            patience: seconds for which a call is repeated; 0 for never.
+            url: The service's URL, without ``/v1``.
+            token: The bearer token; None for public calls only.
+            transport: An httpx transport, for tests.
+            timeout: Seconds for each attempt at a call.
+            patience: Seconds for which a call is repeated; 0 for never.
 
         Raises:
-            WrongturnError: the URL is none.
+            WrongturnError: The URL is not one of a service.
         """
         self.url = url.rstrip("/")
         self.patience = patience
@@ -112,16 +112,16 @@ class Transport:
         """Send a call until it is answered.
 
         Args:
-            method: of HTTP.
-            path: below the service's URL, with its query.
-            body: plain values, or None for none.
-            media_type: of the body and of the answer that is asked for.
-            headers: beside these.
-            patience: seconds for which this call is repeated; the transport's own by default.
+            method: The HTTP method.
+            path: The path below the service's URL, with its query.
+            body: Plain values, or None.
+            media_type: The media type of the body and of the answer.
+            headers: Further headers.
+            patience: Seconds for which this call is repeated; the transport's own by default.
 
         Raises:
-            ServiceUnreachableError: nobody answered for as long as the patience lasts.
-            ApiError: the service refused.
+            ServiceUnreachableError: Nobody answered within the patience.
+            ApiError: The service refused.
         """
         sent = {"Accept": media_type, **(headers or {})}
         content = None
@@ -143,18 +143,18 @@ class Transport:
 
 
 def attempts(patience: float, availability: Availability) -> Iterator[stamina.Attempt]:
-    """Attempts at something that a broken connection or a busy service may stop, with pauses between them.
+    """Return attempts, with pauses between them, at something that fails when a connection breaks or a service is busy.
 
     Args:
-        patience: seconds from now on.
-        availability: what is known of the service.
+        patience: Seconds for which to try.
+        availability: What the client knows of the service.
     """
     begin = time.monotonic()
     longest = min(_LONGEST_GROWN_PAUSE, availability.patience(patience) / 4)
     broken = 0
 
     def again(error: Exception) -> bool | float:
-        """Whether to try again; a number is the pause that the service asked for, seconds."""
+        """Return whether to try again, or the seconds of pause that the service asked for."""
         nonlocal broken
         if not isinstance(error, ConnectionBrokeError | ServiceBusyError):
             return False
@@ -167,7 +167,7 @@ def attempts(patience: float, availability: Availability) -> Iterator[stamina.At
             broken += 1
             if not more:
                 availability.given_up()
-            elif broken > 1:  # one that broke and is there again is not worth a line
+            elif broken > 1:  # a single broken connection is not worth a line in the log
                 availability.unanswered(str(error), left)
         return more
 
@@ -184,11 +184,11 @@ def attempts(patience: float, availability: Availability) -> Iterator[stamina.At
 
 
 def check(answer: Answer) -> Reply:
-    """The answer, where it is no error.
+    """Return the answer if it is not an error.
 
     Raises:
-        ApiError: it is one.
-        ProtocolError: it is a redirection.
+        ApiError: It is an error.
+        ProtocolError: It is a redirection.
     """
     status = answer.status
     if status < 300:
@@ -209,7 +209,7 @@ def check(answer: Answer) -> Reply:
 
 
 def _seconds(value: str | None) -> float | None:
-    """``Retry-After`` in seconds; None where there is none, or where it is a date."""
+    """Return ``Retry-After`` in seconds; None if it is missing or a date."""
     try:
         return max(0.0, float(value)) if value is not None else None
     except ValueError:
@@ -217,10 +217,10 @@ def _seconds(value: str | None) -> float | None:
 
 
 def _split(url: str) -> SplitResult:
-    """The parts of a service's URL.
+    """Return the parts of a service's URL.
 
     Raises:
-        WrongturnError: it is none.
+        WrongturnError: It is not the URL of a service.
     """
     try:
         parts = urlsplit(url)
@@ -232,5 +232,5 @@ def _split(url: str) -> SplitResult:
 
 
 def path_of(*parts: str) -> str:
-    """A path of parts, each quoted."""
+    """Return a path of quoted parts."""
     return "/" + "/".join(quote(part, safe="@") for part in parts)

@@ -28,34 +28,34 @@ from wrongturn_protocol.vectors import Flags, checked_actions, mask_of, seeds_of
 from wrongturn_protocol.wire import Call
 
 _BRIEFLY: Final = 5.0
-"""Seconds of patience while simulators are held by environments that wait for others: after 10 they would be lost."""
+"""Seconds to wait for more simulators while holding some; after 10 the service would release those."""
 _STEP: Final = Call.STEP.value
 
 
 class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
-    """Drive many trials at once over one connection, each with its own generator and its own end.
+    """Practise many trials at once over one connection; each environment has its own generator and its own end.
 
-    The steps of all go in one message. Environment ``i`` of ``reset(seed=s)`` draws and drives what a single
-    environment does after ``reset(seed=s + i)``. ``infos`` holds ``trial`` and ``town`` where one began and
-    ``verdict`` where one ended, in Gymnasium's form: with a mask under ``_trial`` and so on. An episode that the
-    service gave up is truncated with its last observation, and ``lost`` says why.
+    The steps of all environments go in one message. After ``reset(seed=s)``, environment ``i`` drives the same trials
+    as a single environment after ``reset(seed=s + i)``. ``infos`` holds ``trial`` and ``town`` of each episode that
+    began and ``verdict`` of each that ended, with masks under ``_trial`` and so on, as Gymnasium does. If the service
+    gives an episode up, it is truncated with its last observation, and ``lost`` says why.
 
     Args:
-        num_envs: how many; the service needs as many simulators.
-        url: of the service; ``WRONGTURN_URL`` by default.
-        token: an agent's; ``WRONGTURN_TOKEN`` by default. Where there is none, an agent for practice is registered.
-        autoreset_mode: when an environment that ended begins anew: ``NextStep`` (then the action of that step is not
-            looked at), ``SameStep`` (then ``infos["final_obs"]`` and ``["final_info"]`` hold the end), or ``Disabled``
-            (by ``reset(options={"reset_mask": ...})``).
-        patience: seconds for which is tried again while the service is busy or gone.
-        render_mode: None; the pictures are observations.
-        transport: of httpx, for tests.
+        num_envs: Number of environments; the service needs as many simulators.
+        url: The service's URL; ``WRONGTURN_URL`` by default.
+        token: An agent's token; ``WRONGTURN_TOKEN`` by default. Without one, an agent for practice is registered.
+        autoreset_mode: When the next episode begins after an end. ``NextStep``: in the next step, whose action is
+            ignored. ``SameStep``: at once; ``infos["final_obs"]`` and ``["final_info"]`` hold the end. ``Disabled``:
+            when you call ``reset(options={"reset_mask": ...})``.
+        patience: Seconds for which calls are repeated while the service is busy or does not answer.
+        render_mode: Always None; pictures are observations.
+        transport: An httpx transport, for tests.
         town: The town to draw trials in; ``Town01`` by default.
         track: What the agent is shown.
         options: ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
 
     Raises:
-        ValueError: names that do not exist, or do not go together.
+        ValueError: A name does not exist, or options do not go together.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -90,9 +90,9 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         self._slots: int | None = None
         self._randoms: list[np.random.Generator | None] = [None] * count
         self._calls: dict[int, list[Any]] = {}
-        """By which the next episode of an environment begins, until it has: another attempt begins no other."""
+        """Calls that begin the next episodes, kept until they succeed: another attempt begins no other episode."""
         self._episodes: list[str | None] = [None] * count
-        """None where none was begun, or it ended."""
+        """Ids of the open episodes; None if none is open."""
         self._seqs = [0] * count
         self._seen: list[Observation] = [{}] * count
         self._begun = np.zeros(count, np.bool_)
@@ -107,14 +107,14 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         """Begin the next trials.
 
         Args:
-            seed: of the generators: of the first, the next ones' are 1 higher each; or one for each; None goes on.
-            options: ``trial``: drive this one of the suite, or one for each; ``reset_mask``, (n,) of bool: begin these
-                only.
+            seed: Seed of the first generator (each next one is 1 higher), or one seed for each; None keeps generators.
+            options: ``trial``: id of a trial of the suite for all environments, or one for each. ``reset_mask``: flags
+                (n,) of the environments to reset.
 
         Raises:
-            ValueError: another number of seeds, trials or flags than of environments.
-            ServiceFullError: the service has fewer simulators, or too few to spare; nothing is left open then.
-            WrongturnError: the service cannot be reached, or refuses.
+            ValueError: The number of seeds, trials or flags is not that of the environments.
+            ServiceFullError: The service has too few simulators, or too few free ones; nothing stays open then.
+            WrongturnError: The service does not answer, or refuses.
         """
         seeds = seeds_of(seed, self.num_envs)
         trials = trials_of(options, self.num_envs, str)
@@ -130,7 +130,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             self._calls.pop(i, None)
             self._draw(i, trials[i])
         self._abort(chosen)
-        self.closed = False  # else what begins now would not be given up by another close
+        self.closed = False  # so that another close ends what begins now
         infos: dict[str, Any] = {}
         for i, reply in zip(chosen, self._begin_all(chosen), strict=True):
             self._start(i, reply, infos)
@@ -139,15 +139,15 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observation, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Drive on for 0.1 s. Where this raises, the same step may be taken again: each is driven once.
+        """Drive on for 0.1 s. After an error you can repeat the step: each environment drives it only once.
 
         Args:
             actions: (n, 3): steer, throttle, brake.
 
         Raises:
-            InvalidActionError: a field is no number, not finite or out of its range; nothing was driven.
-            ResetNeeded: call ``reset`` first; or one ended, and does not begin anew of itself.
-            WrongturnError: the service cannot be reached, or refuses.
+            InvalidActionError: An action is out of range or not finite; nothing was driven.
+            ResetNeeded: There is no episode to drive; call ``reset`` first.
+            WrongturnError: The service does not answer, or refuses.
         """
         if not self._begun.all():
             raise ResetNeeded("there is no trial to drive; call reset")
@@ -165,7 +165,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             ]
         )
         replies = [_lost(result) or granted(result) for result in results]
-        # Nothing is changed before all is known, so that what failed half-way can be repeated.
+        # Nothing changes before all replies are here, so that a step that failed half-way can be repeated.
         ended = [i for i in np.flatnonzero(driven).tolist() if replies[i]["terminated"] or replies[i]["truncated"]]
         begun = {}
         if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
@@ -173,12 +173,12 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         return self._advance(replies, driven, begun)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
-        """Give open episodes up and close the connection."""
+        """End open episodes and close the connection."""
         self._abort(range(self.num_envs))
         self._practice.close()
 
     def _draw(self, i: int, trial: str | None = None) -> list[Any]:
-        """The call by which an environment's next episode begins."""
+        """Return the call that begins an environment's next episode."""
         if i not in self._calls:
             random = self._randoms[i]
             assert random is not None
@@ -192,7 +192,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             self._begun[i] = False
 
     def _begin_all(self, chosen: list[int]) -> list[dict[str, Any]]:
-        """The replies to as many resets, or an error and nothing of them left open."""
+        """Begin an episode in each of these environments, or raise an error and leave none open."""
         self._check_slots()
         end = time.monotonic() + self._practice.patience
         while True:
@@ -202,7 +202,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             refused = [result for result in results if isinstance(result, ApiError)]
             if not refused:
                 return [granted(result) for result in results]
-            # Who waits for more must not hold what others wait for.
+            # While waiting for more simulators, hold none that others wait for.
             begun = {i: result["id"] for i, result in zip(chosen, results, strict=True) if isinstance(result, dict)}
             self._practice.abort(list(begun.values()))
             for refusal in refused:
@@ -224,7 +224,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         if self.num_envs > 1 and self._slots is None:
             self._slots = self._practice.slots()
         if self._slots is not None and self._slots < self.num_envs:
-            slots, self._slots = self._slots, None  # the next service at the URL may have more
+            slots, self._slots = self._slots, None  # the service may be restarted with more
             raise ServiceFullError(
                 f"num_envs: is {self.num_envs}, and the service at {self._practice.url} has {slots} simulators; make "
                 f"{slots} environments at most, or start it with WRONGTURN_SIMULATORS={self.num_envs} or more",
@@ -256,11 +256,11 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
 
     def _end(self, i: int, reply: dict[str, Any], following: dict[str, Any] | None, infos: dict[str, Any]) -> None:
         self._over[i], self._episodes[i] = True, None
-        told = {name: str(reply[name]) for name in ("verdict", "lost") if reply.get(name) is not None}
+        info = {name: str(reply[name]) for name in ("verdict", "lost") if reply.get(name) is not None}
         if following is None:
-            self._add_info(infos, told, i)
+            self._add_info(infos, info, i)
         else:
-            self._add_info(infos, {"final_obs": self._seen[i], "final_info": told}, i)
+            self._add_info(infos, {"final_obs": self._seen[i], "final_info": info}, i)
             self._start(i, following, infos)
 
     def _observation(self) -> Observation:
@@ -270,7 +270,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
 
 
 def _lost(result: Result) -> dict[str, Any] | None:
-    """What a step comes to whose episode the service gave up."""
+    """Return the reply to a step if the service gave up its episode; None otherwise."""
     if isinstance(result, EpisodeLostError | EpisodeFinishedError):
         return {"lost": str(result), "terminated": False, "truncated": True}
     return None

@@ -1,8 +1,8 @@
 """One WebSocket connection to ``/v1/drive``, blocking, on a plain socket.
 
-Whole binary messages are framed here, all else by the websockets library without its own input and output: its
-blocking client hands each message from one thread to another, and its parser copies what was read, each of which took
-longer than all the rest of a step.
+This module frames whole binary messages itself and leaves all other frames to the websockets library, of which it uses
+only the protocol. The library's blocking client hands each message from one thread to another, and its parser copies
+the data; each of these takes longer than the rest of a step.
 """
 
 import contextlib
@@ -29,34 +29,34 @@ from wrongturn_protocol import framing
 from wrongturn_protocol.wire import PATH, SUBPROTOCOL
 
 _PIECE: Final = 1 << 18
-"""Bytes that are read at a time, into memory that stays: to have new memory each time took longer than to read."""
+"""Bytes read at a time, into memory that is kept: allocating it each time takes longer than reading."""
 _MASKS: Final = 4096
-"""Random bytes that are drawn at a time."""
+"""Random bytes drawn at a time."""
 _SWITCHED: Final = b"HTTP/1.1 101 "
 _HEAD_END: Final = b"\r\n\r\n"
 _CLOSE_TIMEOUT: Final = 1.0
 _BUSY: Final = frozenset({429, 502, 503, 504})
 _ANSWERS: Final = _BUSY | {401}
-"""Refusals of the handshake that say nothing of whether there is such a socket."""
+"""Refusals that do not tell whether there is such a WebSocket."""
 
 
 class WebSocketConnection:
-    """A connection that is open; :meth:`receive` and :meth:`send` are for one thread."""
+    """Open connection; only one thread may use it."""
 
     def __init__(self, url: SplitResult, token: str | None, timeout: float, *, offered: bool = False) -> None:
         """Connect and shake hands.
 
         Args:
-            url: of the service, ``http`` or ``https``.
-            token: the bearer token.
-            timeout: seconds for each wait.
-            offered: the socket was there before. Then whatever answers and is no Wrongturn service stands in for one
-                that is away.
+            url: The service's URL, ``http`` or ``https``.
+            token: The bearer token.
+            timeout: Seconds for each wait.
+            offered: The WebSocket was there before. Any other answer then comes from something that stands in for the
+                service, such as a proxy, so the service counts as away.
 
         Raises:
-            ConnectionBrokeError: nobody is there.
-            NotOfferedError: somebody is there, and not this socket.
-            ApiError: the service refuses.
+            ConnectionBrokeError: Nobody answers.
+            NotOfferedError: There is no such WebSocket.
+            ApiError: The service refuses.
         """
         secure = url.scheme == "https"
         self._socket = _connected(url, timeout, secure=secure)
@@ -76,7 +76,7 @@ class WebSocketConnection:
             raise
 
     def send(self, data: bytes) -> None:
-        """Send a message. Raises ConnectionBrokeError."""
+        """Send a message; raise ConnectionBrokeError if that fails."""
         try:
             if self._protocol.state is not State.OPEN:
                 raise ConnectionBrokeError(self._why_closed())
@@ -86,7 +86,7 @@ class WebSocketConnection:
             raise ConnectionBrokeError(str(error) or type(error).__name__) from error
 
     def _mask(self) -> bytes:
-        """Four bytes that nobody can foresee; drawn for many messages at a time."""
+        """Return four unpredictable bytes; they are drawn for many messages at a time."""
         if self._mask_at == len(self._masks):
             self._masks, self._mask_at = os.urandom(_MASKS), 0
         begin = self._mask_at
@@ -94,7 +94,7 @@ class WebSocketConnection:
         return self._masks[begin:end]
 
     def receive(self) -> bytes | memoryview:
-        """The next message; what is read is good until the next is asked for. Raises ConnectionBrokeError."""
+        """Return the next message, which is valid until the next call; raise ConnectionBrokeError if that fails."""
         while True:
             while self._events:
                 frame = self._events.pop(0)
@@ -110,7 +110,7 @@ class WebSocketConnection:
                 return message
 
     def close(self) -> None:
-        """Say goodbye, where there is somebody, and close."""
+        """Send a close frame if possible, and close."""
         with contextlib.suppress(OSError, InvalidState):
             self._socket.settimeout(_CLOSE_TIMEOUT)
             self._protocol.send_close(1000)
@@ -140,7 +140,7 @@ class WebSocketConnection:
             raise NotOfferedError(f"the WebSocket at {PATH} speaks another protocol than {SUBPROTOCOL}")
 
     def _taken(self) -> memoryview | None:
-        """The next message where it has come and is whole; else read more, or let the library have what is no such."""
+        """Return the next message if it is complete; else read more, or pass any other frame to the library."""
         at = self._begin
         begin, end = framing.extent(self._memory, at, self._end)
         if end > self._end:
@@ -156,7 +156,7 @@ class WebSocketConnection:
         return None
 
     def _read(self, wanted: int) -> None:
-        """Take what comes next, with room for so many bytes from the frame's first."""
+        """Read what comes next; make room for a frame of ``wanted`` bytes."""
         left = self._end - self._begin
         if not left:
             self._begin = self._end = 0
@@ -174,7 +174,7 @@ class WebSocketConnection:
             self._give(b"")
 
     def _read_head(self) -> None:
-        """Give the library the answer to the handshake, and nothing of what may follow it."""
+        """Pass the answer to the handshake to the library, without the bytes that may follow it."""
         data = self._socket.recv(_PIECE)
         self._head += data
         end = self._head.find(_HEAD_END)
@@ -186,7 +186,7 @@ class WebSocketConnection:
         self._give(data)
 
     def _give(self, data: bytes) -> None:
-        """Let the library have bytes, none at the end of the stream, and answer pings."""
+        """Pass bytes to the library (none at the end of the stream), and send its answers to pings."""
         try:
             if data:
                 self._protocol.receive_data(data)
@@ -227,19 +227,19 @@ def _connected(url: SplitResult, timeout: float, *, secure: bool) -> socket.sock
 
 
 def _ended(failure: InvalidHandshake) -> bool:
-    """Whether the connection ended before its answer did, as behind what takes connections for a service away."""
+    """Tell whether the connection ended within the answer, as with a forwarder whose service is away."""
     return isinstance(failure, InvalidMessage) and isinstance(failure.__cause__, EOFError)
 
 
 def _refused(response: Response, *, offered: bool) -> NoReturn:
-    """Raise what a refused handshake says."""
+    """Raise the error for a refused handshake."""
     headers: Headers = response.headers
     status = response.status_code
     body = bytes(response.body or b"")
-    told = f"no WebSocket of {SUBPROTOCOL} at {PATH}: status {status}"
+    reason = f"no WebSocket of {SUBPROTOCOL} at {PATH}: status {status}"
     if offered and status not in _BUSY and not (400 <= status < 500 and own_problem(body)):
-        raise ConnectionBrokeError(told)
+        raise ConnectionBrokeError(reason)
     if status not in _ANSWERS:
-        raise NotOfferedError(told)
+        raise NotOfferedError(reason)
     check(Answer(status, headers.get("content-type", ""), headers.get("location"), headers.get("retry-after"), body))
-    raise AssertionError("these are errors")
+    raise AssertionError("check raises an error for these statuses")
