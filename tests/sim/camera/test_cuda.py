@@ -1,4 +1,4 @@
-"""The GPU's pictures are the CPU's; without a GPU, Numba's simulator runs the kernels on small ones."""
+"""The GPU's pictures are almost the CPU's; without a GPU, Numba's simulator runs the kernels on small ones."""
 
 import os
 import subprocess
@@ -15,6 +15,12 @@ from wrongturn_sim.fleet.vector_env import WrongturnVectorEnv
 LOW = {"width": 12, "height": 8, "focal": 8.0, "cx": 6.0, "cy": 3.5}
 TALL = {"width": 3, "height": 70, "focal": 40.0, "cx": 1.5, "cy": 30.0}
 PITCHED = {**LOW, "pitch": 0.1, "yaw": 0.3}
+CLASSES_APART, COLOURS_APART = 1e-5, 1e-4
+"""Greatest shares of the pixels on a GPU with another class, and with a colour that differs by more than 1.
+
+Both round their arithmetic in their own way, so a pixel on an edge can fall to either side. Measured on an H200: at most
+3.4e-6 and 5.3e-5. The CPU without fast arithmetic differs as much from the CPU with it.
+"""
 KINDS = (Weather.HARD_RAIN_NOON, Weather.CLEAR_SUNSET)
 
 SCRIPT = """
@@ -98,7 +104,7 @@ def test_unknown_backend_is_told():
 
 @gpu
 @pytest.mark.parametrize("camera", [Camera(), Camera(pitch=0.1), Camera(width=320, height=120, cx=160.0, cy=50.0)])
-def test_gpu_paints_what_the_cpu_paints(world: World, town, before, camera):
+def test_gpu_paints_almost_what_the_cpu_paints(world: World, town, before, camera):
     from wrongturn_sim.camera.cuda import CudaRenderer
 
     approaches = list(town.approaches.values())
@@ -108,9 +114,8 @@ def test_gpu_paints_what_the_cpu_paints(world: World, town, before, camera):
     rgb, segmentation = on_cpu(world, camera, looks, numbers, poses, numbers)
     renderer = CudaRenderer(world, camera, len(poses))
     renderer.render(looks, numbers, poses, numbers)
-    # Of 864 such pictures on an H200 all classes were equal, and one pixel's colour was off by 1.
-    np.testing.assert_array_equal(np.asarray(renderer.segmentation), segmentation)
-    assert np.abs(np.asarray(renderer.rgb).astype(int) - rgb).max() <= 1
+    assert (np.asarray(renderer.segmentation) != segmentation).mean() <= CLASSES_APART
+    assert (np.abs(np.asarray(renderer.rgb).astype(int) - rgb).max(-1) > 1).mean() <= COLOURS_APART
 
 
 @gpu
