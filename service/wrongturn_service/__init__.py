@@ -1,1 +1,1 @@
-"""Wrongturn's HTTP service: agents, episodes on a pool of simulators, verdicts, storage and the leaderboard."""
+"""Wrongturn's HTTP service: agents, episodes in simulators, storage and leaderboards."""

@@ -1,4 +1,4 @@
-"""Who calls: agents by their tokens, the operator by its own, strangers by their address."""
+"""Agents and their tokens, the operator, and limits on registration."""
 
 import asyncio
 import time
@@ -22,26 +22,26 @@ from wrongturn_service.tokens import digest, same
 _HOUR_S = 3600.0
 _CACHED = 10_000
 _EVALUATION_S = 60
-"""Seconds after which an agent that has too many evaluations running is asked to come back."""
+"""Retry-After for an agent that has too many running evaluations, seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """The agent whose token came with a call."""
+    """The agent whose token a call holds."""
 
     id: str
     track: Track
 
 
 class AddressLimit:
-    """So many registrations an hour from one address."""
+    """Limit on registrations from one address within an hour."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
         self._times: OrderedDict[str, deque[float]] = OrderedDict()
 
     def check(self, address: str) -> None:
-        """Count one more. Raises UnavailableError where it is one too many."""
+        """Count a registration. Raises UnavailableError beyond the limit."""
         now = time.monotonic()
         times = self._times.setdefault(address, deque())
         self._times.move_to_end(address)
@@ -53,7 +53,7 @@ class AddressLimit:
             wait = int(_HOUR_S - (now - times[0])) + 1
             raise UnavailableError(
                 ProblemType.RATE_LIMITED,
-                f"{self._limit} agents were registered from this address within an hour; come back in {wait} s",
+                f"this address has registered {self._limit} agents within an hour, the limit; come back in {wait} s",
                 retry_after_s=wait,
                 status=429,
             )
@@ -61,15 +61,15 @@ class AddressLimit:
 
 
 class Accounts:
-    """Agents and their tokens; tokens are known here by their SHA-256 alone."""
+    """Agents and their tokens. Tokens are stored as SHA-256 only."""
 
     def __init__(self, store: Store, settings: Settings, changed: Callable[[], Awaitable[None]]) -> None:
-        """None is known yet.
+        """Create the accounts.
 
         Args:
-            store: where they are.
-            settings: see there.
-            changed: awaited when a token is good no more.
+            store: Holds the agents.
+            settings: Settings of the service.
+            changed: Awaited after a token became invalid.
         """
         self._changed = changed
         self._store = store
@@ -81,14 +81,14 @@ class Accounts:
 
     @property
     def changes(self) -> int:
-        """How many tokens were replaced or revoked so far: while it stays, callers are who they were."""
+        """Number of tokens that became invalid so far. While it is the same, known callers are still valid."""
         return self._changes
 
     async def caller(self, authorization: str | None) -> Caller:
-        """Whose token an ``Authorization`` header holds.
+        """Return the agent whose token an ``Authorization`` header holds.
 
         Raises:
-            UnauthenticatedError: there is none, or nobody has it.
+            UnauthenticatedError: There is no token, or no agent has it.
         """
         token_sha256 = digest(bearer(authorization))
         found = self._callers.get(token_sha256)
@@ -96,9 +96,9 @@ class Accounts:
             changes = self._changes
             row = await self._store.agent_by_token(token_sha256)
             if row is None:
-                raise UnauthenticatedError("nobody has this token; it may have been rotated or revoked")
+                raise UnauthenticatedError("no agent has this token; it may have been rotated or revoked")
             found = Caller(row.id, Track(row.track))
-            # What was read while a token was changed may be the old one: good for this call, not to be remembered.
+            # If a token changed while this was read, the result is good for this call only.
             if changes == self._changes:
                 self._callers[token_sha256] = found
             while len(self._callers) > _CACHED:
@@ -106,7 +106,7 @@ class Accounts:
         return found
 
     def is_operator(self, authorization: str | None) -> bool:
-        """Whether an ``Authorization`` header holds the operator's token."""
+        """Return whether an ``Authorization`` header holds the operator's token."""
         secret = self._settings.operator_token
         if secret is None or authorization is None:
             return False
@@ -114,12 +114,12 @@ class Accounts:
         return scheme.lower() == "bearer" and same(token.strip(), secret.get_secret_value())
 
     def check_registration(self, registration: AgentRegistration, *, operator: bool, address: str) -> None:
-        """Raises ForbiddenError, UnavailableError."""
+        """Check whether a registration is allowed. Raises ForbiddenError, UnavailableError."""
         if operator:
             return
         if self._settings.registration is Registration.OPERATOR:
             raise ForbiddenError(
-                "only the operator registers agents here; ask for a token",
+                "only the operator registers agents here; ask the operator for a token",
                 ProblemType.REGISTRATION_CLOSED,
             )
         if registration.kind is not AgentKind.SUBMITTED:
@@ -137,14 +137,14 @@ class Accounts:
             ) from error
 
     async def begin_evaluation(self, row: EvaluationRow, reply: IdempotencyRow | None) -> None:
-        """Store a new evaluation. Raises UnavailableError where the agent has as many running as it may."""
+        """Store a new evaluation. Raises UnavailableError if too many of the agent's are running."""
         limit = self._settings.max_evaluations
         async with self._beginning:
             if await self._store.running_count(row.agent_id) >= limit:
                 raise UnavailableError(
                     ProblemType.RATE_LIMITED,
-                    f"{limit} evaluations of this agent are running, which is as many as may; finish one, or cancel it "
-                    "by DELETE /v1/evaluations/{id}",
+                    f"this agent has {limit} running evaluations, which is the limit; finish one, or cancel it by "
+                    "DELETE /v1/evaluations/{id}",
                     retry_after_s=_EVALUATION_S,
                     status=429,
                     position=1,
@@ -152,23 +152,23 @@ class Accounts:
             await self._store.add_evaluation(row, reply)
 
     async def agent(self, agent_id: str) -> AgentRow:
-        """One agent. Raises NotFoundError."""
+        """Return an agent. Raises NotFoundError."""
         row = await self._store.agent(agent_id)
         if row is None:
             raise NotFoundError(ProblemType.UNKNOWN_AGENT, f"there is no agent {agent_id[:64]!r}")
         return row
 
     async def owned_agent(self, agent_id: str, authorization: str | None) -> AgentRow:
-        """An agent, for its owner or the operator. Raises UnauthenticatedError, ForbiddenError, NotFoundError."""
+        """Return an agent to itself or the operator. Raises UnauthenticatedError, ForbiddenError, NotFoundError."""
         operator = self.is_operator(authorization)
         caller = None if operator else await self.caller(authorization)
         row = await self.agent(agent_id)
         if caller is not None and caller.id != agent_id:
-            raise ForbiddenError(f"agent {agent_id} has another token")
+            raise ForbiddenError(f"this is not the token of agent {agent_id}")
         return row
 
     async def set_token(self, agent_id: str, token: str | None, reply: IdempotencyRow | None = None) -> None:
-        """Replace an agent's token, or revoke it."""
+        """Replace an agent's token. None revokes it."""
         await self._store.set_token(agent_id, None if token is None else digest(token), reply)
         self._changes += 1
         for known, caller in list(self._callers.items()):
@@ -178,7 +178,7 @@ class Accounts:
 
 
 def bearer(authorization: str | None) -> str:
-    """The token of an ``Authorization`` header. Raises UnauthenticatedError."""
+    """Return the token of an ``Authorization`` header. Raises UnauthenticatedError."""
     scheme, _, token = (authorization or "").partition(" ")
     token = token.strip()
     if scheme.lower() != "bearer" or not token:
@@ -189,7 +189,7 @@ def bearer(authorization: str | None) -> str:
 
 
 def detail(row: AgentRow) -> AgentDetail:
-    """An agent as anybody sees it."""
+    """Return an agent's public details."""
     return AgentDetail(
         id=row.id,
         name=row.name,

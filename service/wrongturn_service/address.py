@@ -1,4 +1,4 @@
-"""The address that the service listens on, taken before anything heavy is begun."""
+"""The address that the service listens on. It is bound before anything slow starts."""
 
 import errno
 import socket
@@ -6,27 +6,27 @@ import sys
 
 _BACKLOG = 2048
 _IDLE_S = 30
-"""Seconds of silence after which the kernel asks whether the peer is still there."""
+"""Seconds of silence before the kernel probes the peer."""
 _PROBES = 3
-"""Unanswered questions after which it is not."""
+"""Unanswered probes before the kernel closes the connection."""
 _LAST_RESERVED = 1023
-"""The greatest port for which an ordinary user has no rights."""
+"""The highest port that only root may bind."""
 
 
 class AddressError(Exception):
-    """The address cannot be listened on; the message says why and what to do."""
+    """The address cannot be bound. The message says why and what to do."""
 
 
 def bind(host: str, port: int, patience_s: float = 30.0) -> socket.socket:
-    """A listening address, taken before anything else is begun.
+    """Bind an address and listen on it.
 
     Args:
-        host: its name or number.
-        port: 0 for a free one.
-        patience_s: seconds after which a peer that takes nothing that is sent to it counts as gone.
+        host: Name or number.
+        port: Port, 0 for a free one.
+        patience_s: Seconds after which the kernel drops a peer that reads nothing.
 
     Raises:
-        AddressError: it is in use, reserved, or not this machine's.
+        AddressError: The address is in use, reserved, or belongs to another machine.
     """
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
@@ -47,7 +47,7 @@ def bind(host: str, port: int, patience_s: float = 30.0) -> socket.socket:
         bound.close()
         if error.errno == errno.EADDRINUSE:
             raise AddressError(
-                f"--port {port}: is in use on {host}; stop who has it, name another, or take a free one by --port 0",
+                f"--port {port}: is in use on {host}; stop that program or name another port; 0 takes a free one",
             ) from error
         if error.errno == errno.EACCES and port <= _LAST_RESERVED:
             raise AddressError(
@@ -58,11 +58,11 @@ def bind(host: str, port: int, patience_s: float = 30.0) -> socket.socket:
 
 
 def _notice_the_dead(listening: socket.socket, patience_s: float) -> None:
-    """Let the kernel end connections whose peer is gone without a word; those that are accepted inherit it."""
+    """Let the kernel close connections whose peer has vanished. Accepted connections inherit this."""
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     if sys.platform == "linux":
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _IDLE_S)
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, _IDLE_S // _PROBES)
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, _PROBES)
-        # What is sent and not taken keeps a connection for a quarter of an hour otherwise, closed or not.
+        # Without this, unread bytes keep a connection for a quarter of an hour, even a closed one.
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1000 * patience_s))

@@ -1,7 +1,7 @@
-"""JSON, msgpack or raw arrays: how the replies of episode calls are put together.
+"""Encodings of replies to resets and steps: JSON, msgpack, or raw arrays.
 
-A simulator process encodes the observation; here it is only set between the other fields, byte for byte, so that the
-web process never decodes it.
+A simulator process encodes the observation. The web process inserts its bytes between the other fields and never
+decodes it.
 """
 
 from dataclasses import dataclass
@@ -20,24 +20,25 @@ if TYPE_CHECKING:
 
 
 class Encoding(StrEnum):
-    """An encoding, by its media type."""
+    """An encoding and its media type."""
 
     JSON = "application/json"
     MSGPACK = "application/msgpack"
     RAW = "application/vnd.wrongturn.result"
-    """A result of ``WS /v1/drive``, see :mod:`wrongturn_protocol.wire`; over HTTP nobody can ask for it."""
+    """A result of ``WS /v1/drive``, see :mod:`wrongturn_protocol.wire`. Not available over HTTP."""
 
 
 @dataclass(slots=True)
 class Reply:
-    """The reply to a reset or a step, before it is encoded. Nobody changes it: to have that checked takes too long.
+    """The reply to a reset or a step. Do not change it; it is not frozen because that would cost time in every step.
 
     Attributes:
-        seq: 0 for a reset.
-        observation: as ``wire`` encodes it.
-        encoding: the observation's encoding.
-        head: fields before the observation.
-        tail: fields after it.
+        seq: Sequence number, 0 for a reset.
+        observation: The encoded observation.
+        encoding: Encoding of the observation.
+        track: Track of the observation.
+        head: Fields before the observation.
+        tail: Fields after the observation.
     """
 
     seq: int
@@ -48,7 +49,7 @@ class Reply:
     tail: tuple[tuple[str, object], ...]
 
     def render(self, encoding: Encoding) -> bytes:
-        """The reply's body."""
+        """Return the reply's body in an encoding."""
         observation = bytes(self.observation)
         if encoding is not self.encoding:
             observation = _transcode(observation, self.track, self.encoding, encoding)
@@ -61,7 +62,7 @@ class Reply:
                 return b"".join(self._raw(observation))
 
     def pieces(self) -> "tuple[bytes, bytes | memoryview]":
-        """The result for ``WS /v1/drive`` in two pieces, the observation where it lies."""
+        """Return the result for ``WS /v1/drive`` in two pieces. The second is the observation, not copied."""
         if self.encoding is not Encoding.RAW:
             return self._raw(_transcode(bytes(self.observation), self.track, self.encoding, Encoding.RAW))
         return self._raw(self.observation if isinstance(self.observation, bytes) else self.observation.data)
@@ -82,7 +83,7 @@ def reset_reply(
     trial: str | None,
     lease_s: float,
 ) -> Reply:
-    """The reply to a reset; town and trial are left out where they are None."""
+    """Return the reply to a reset. It leaves out town and trial if they are None."""
     tail: list[tuple[str, object]] = [("lease_expires_in_s", lease_s)]
     tail += [(key, value) for key, value in (("town", town), ("trial", trial)) if value is not None]
     return Reply(0, observation, encoding, track, (("id", episode), ("seq", 0)), tuple(tail))
@@ -99,7 +100,7 @@ def step_reply(
     reward: float | None,
     verdict: Verdict | None,
 ) -> Reply:
-    """The reply to a step; reward and verdict are left out where they are None."""
+    """Return the reply to a step. It leaves out reward and verdict if they are None."""
     tail = step_tail(terminated=terminated, truncated=truncated, reward=reward, verdict=verdict)
     return Reply(seq, observation, encoding, track, (("seq", seq),), tail)
 
@@ -107,7 +108,7 @@ def step_reply(
 def step_tail(
     *, terminated: bool, truncated: bool, reward: float | None, verdict: Verdict | None
 ) -> tuple[tuple[str, object], ...]:
-    """The fields after the observation in the reply to a step, as :func:`step_reply` takes them."""
+    """Return the fields after the observation of a step's reply, see :func:`step_reply`."""
     tail: tuple[tuple[str, object], ...] = (("terminated", terminated), ("truncated", truncated))
     if reward is not None:
         tail += (("reward", reward),)
@@ -140,7 +141,7 @@ def _msgpack(reply: Reply, observation: bytes) -> bytes:
 
 
 def _transcode(observation: bytes, track: Track, source: Encoding, encoding: Encoding) -> bytes:
-    # Only where a reply is asked for again in the other encoding; numpy and gymnasium are loaded for it then.
+    # Rare: a reply is asked for again in another encoding. Only then numpy and gymnasium are imported.
     from wrongturn_protocol import observations  # noqa: PLC0415
     from wrongturn_protocol import wire as blocks  # noqa: PLC0415
 
@@ -155,7 +156,7 @@ def _transcode(observation: bytes, track: Track, source: Encoding, encoding: Enc
 
 
 def encoded(observation: "Observation", track: Track, encoding: Encoding) -> bytes:
-    """An observation's arrays as a reply of this encoding holds them."""
+    """Encode an observation's arrays."""
     from wrongturn_protocol import observations  # noqa: PLC0415
     from wrongturn_protocol import wire as blocks  # noqa: PLC0415
 

@@ -1,9 +1,9 @@
-"""What the service refuses, and as what.
+"""Errors of the service.
 
 ::
 
-    StartupError                  the service cannot start; the message says why and what to do
-    ServiceError                  one problem of the closed list (RFC 9457): type, status, detail, errors, headers
+    StartupError                  the service cannot start
+    ServiceError                  a call is refused with a problem (RFC 9457) of the closed list
     ├── InvalidRequestError       422 validation, with the fields' paths
     ├── UnauthenticatedError      401, with ``WWW-Authenticate``
     ├── ForbiddenError            403
@@ -12,7 +12,7 @@
     ├── GoneError                 410 episode-lost
     └── UnavailableError          429 or 503, with ``Retry-After``
 
-Every one of them becomes ``application/problem+json`` in :mod:`wrongturn_service.api.errors`, the one handler.
+:mod:`wrongturn_service.api.errors` turns each into ``application/problem+json``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,11 +21,11 @@ from wrongturn_protocol import FieldError, Problem, ProblemType
 
 
 class StartupError(Exception):
-    """The service cannot start; the message says why and what to do."""
+    """The service cannot start. The message says why and what to do."""
 
 
 class ServiceError(Exception):
-    """A call is refused by one problem of the closed list."""
+    """A call is refused with a problem of the closed list."""
 
     status = 500
 
@@ -48,7 +48,7 @@ class ServiceError(Exception):
         self.position = position
 
     def problem(self) -> Problem:
-        """The message for the wire."""
+        """Return the problem as a message."""
         return Problem(
             type=f"/problems/{self.kind}",
             title=title(self.kind),
@@ -60,7 +60,7 @@ class ServiceError(Exception):
 
 
 class InvalidRequestError(ServiceError):
-    """A field is wrong; the path says which."""
+    """A field is wrong. The path names it."""
 
     status = 422
 
@@ -69,7 +69,7 @@ class InvalidRequestError(ServiceError):
 
 
 class UnauthenticatedError(ServiceError):
-    """No token, or none that the service knows."""
+    """The call has no token, or one that the service does not know."""
 
     status = 401
 
@@ -78,7 +78,7 @@ class UnauthenticatedError(ServiceError):
 
 
 class ForbiddenError(ServiceError):
-    """The token is good, but another's."""
+    """The token is valid but does not allow this call."""
 
     status = 403
 
@@ -87,19 +87,19 @@ class ForbiddenError(ServiceError):
 
 
 class NotFoundError(ServiceError):
-    """Nothing has this name."""
+    """Nothing has this name or id."""
 
     status = 404
 
 
 class ConflictError(ServiceError):
-    """The call does not fit what was said before."""
+    """The call does not fit the current state."""
 
     status = 409
 
 
 class GoneError(ServiceError):
-    """The episode is lost; nobody is charged for it."""
+    """The episode is lost. It does not count."""
 
     status = 410
 
@@ -108,10 +108,10 @@ class GoneError(ServiceError):
 
 
 class UnavailableError(ServiceError):
-    """Not now; ``Retry-After`` says when to come back.
+    """The call cannot be served now. ``Retry-After`` says when to send it again.
 
-    The position says how many places have to become free until it is this call's turn: simulators' where it stands in
-    the line for one, one's own where a limit of one's own is met.
+    ``position`` says how many simulators have to become free first, or how many of the agent's own episodes,
+    evaluations or connections have to end first.
     """
 
     status = 503
@@ -129,5 +129,5 @@ class UnavailableError(ServiceError):
 
 
 def title(kind: ProblemType) -> str:
-    """A short name of a problem's type for people."""
+    """Return a problem type's title."""
     return kind.value.replace("-", " ").capitalize()

@@ -1,4 +1,4 @@
-"""``Idempotency-Key``: a repeat of a creating request gets the stored reply, so that nothing is created twice."""
+"""``Idempotency-Key``: a repeated request gets the stored reply, so nothing is created twice."""
 
 import asyncio
 import contextlib
@@ -20,13 +20,13 @@ _LONGEST = 255
 
 @dataclass(frozen=True)
 class Once:
-    """One request under its key.
+    """A request with its key.
 
     Attributes:
-        stored: the reply to its first time, where there was one.
-        key: what the client sent; None where it sent none, and then nothing is stored.
-        scope: whose key it is.
-        fingerprint: SHA-256 of what was asked for.
+        stored: The stored reply if the request was answered before.
+        key: The client's key. None if it sent none; then no reply is stored.
+        scope: Whose key it is.
+        fingerprint: SHA-256 of the request.
     """
 
     stored: IdempotencyRow | None
@@ -40,12 +40,12 @@ class Once:
         content_type: str,
         token: str | None = None,
     ) -> Callable[[bytes], IdempotencyRow] | None:
-        """What makes of a reply's body the row that is stored; None without a key.
+        """Return a function that makes the row to store from a reply's body. None without a key.
 
         Args:
-            status: of the reply.
-            content_type: of the reply.
-            token: what belongs in the reply and must not be readable in the database.
+            status: Status of the reply.
+            content_type: Content type of the reply.
+            token: A token in the reply, which is stored encrypted.
         """
         key = self.key
         if key is None:
@@ -67,27 +67,27 @@ class Once:
 
 
 class Idempotency:
-    """Looks keys up, and lets two requests with the same key in one after the other."""
+    """Looks up keys, and runs requests with the same key one after the other."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        # Each lives as long as a request holds it or waits for it. Its own locked() would not do to tell when that is:
-        # it is false while the lock passes from one to the next.
+        # A lock lives as long as a request holds it or waits for it. locked() could not tell: it is false while the
+        # lock passes from one request to the next.
         self._locks: WeakValueDictionary[tuple[str, str], asyncio.Lock] = WeakValueDictionary()
 
     @contextlib.asynccontextmanager
     async def once(self, key: str | None, scope: str, call: str, body: bytes) -> AsyncIterator[Once]:
-        """Handle one request.
+        """Handle a request in the block.
 
         Args:
-            key: the header's value.
-            scope: whose key it is: another's key of the same name is another key.
-            call: method and path.
-            body: the request, in a canonical form.
+            key: The header's value.
+            scope: Whose key it is. The same key in another scope is another key.
+            call: Method and path.
+            body: The request in canonical form.
 
         Raises:
-            InvalidRequestError: the key is no key.
-            ServiceError: it was used for another request.
+            InvalidRequestError: The key has a wrong form.
+            ServiceError: The key was used for another request.
         """
         fingerprint = hashlib.sha256(call.encode("utf-8", "surrogatepass") + b"\n" + body).hexdigest()
         if key is None:
@@ -104,7 +104,7 @@ class Idempotency:
         async with lock:
             stored = await self._store.reply(scope, digest(key))
             if stored is not None and stored.request_sha256 != fingerprint:
-                message = "was used for another request before; take a new key for each request"
+                message = "was used for another request; use a new key for each request"
                 raise ServiceError(
                     ProblemType.IDEMPOTENCY_KEY_REUSED,
                     f"{HEADER}: {message}",

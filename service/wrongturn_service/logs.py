@@ -1,4 +1,4 @@
-"""Structured logs: one JSON object a line on stderr, so that stdout is free for the ready line."""
+"""Structured logs: one JSON object per line on stderr. Stdout has only the line that the service is ready."""
 
 import itertools
 import logging
@@ -15,13 +15,13 @@ _LONGEST: Final = 64
 
 
 def begin_request(path: str = "") -> str:
-    """Let what is logged from here on carry a new request's id, and the episode or evaluation that its path names.
+    """Add a new request id, and the episode or evaluation of its path, to all log lines that follow.
 
     Args:
-        path: of the request; ``/v1/episodes/{id}/…`` and ``/v1/evaluations/{id}/…`` name something.
+        path: Path of the request, such as ``/v1/episodes/{id}/step``.
 
     Returns:
-        The request's id: the service's start and a number.
+        The request's id: a random prefix of this start, and a number.
     """
     request_id = f"{_START}-{next(_numbers)}"
     structlog.contextvars.clear_contextvars()
@@ -36,16 +36,16 @@ _LEVELS = {"debug": logging.DEBUG, "info": logging.INFO, "warning": logging.WARN
 
 
 def configure(level: str) -> None:
-    """Set structlog up for this process, and let the standard library's loggers end in the same stream.
+    """Configure structlog, and send the standard library's logs to the same stream.
 
     Args:
-        level: the least level that is logged: ``debug``, ``info``, ``warning`` or ``error``.
+        level: Lowest level to log: ``debug``, ``info``, ``warning`` or ``error``.
     """
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
         structlog.processors.add_log_level,
         structlog.processors.TimeStamper(fmt="iso", utc=True),
-        # Without the frames' locals: requests are among them, and with those their tokens.
+        # Without local variables: they include requests, and so tokens.
         structlog.processors.ExceptionRenderer(structlog.tracebacks.ExceptionDictTransformer(show_locals=False)),
     ]
     structlog.configure(

@@ -1,4 +1,4 @@
-"""Uvicorn, run so that mistakes are told in one line and readiness is told when it is true."""
+"""Runs uvicorn. It prints the URL once the service is ready, and errors of the start in one line."""
 
 import asyncio
 import contextlib
@@ -25,15 +25,15 @@ from wrongturn_service.socket.guards import Guard, GuardedHttp, GuardedWebSocket
 
 READY = "Wrongturn is ready at "
 _KEEP_ALIVE_S = 75
-"""Seconds between two requests of a connection: an agent may think for a while between two steps."""
+"""Seconds that an idle connection stays open: an agent may think between two steps."""
 _SILENT_S = 1.0
-"""Seconds of silence after which a stop does not wait for an agent."""
+"""A stop does not wait for agents that have been silent for so many seconds."""
 _LOOK_S = 0.05
 _IMPATIENT = 2
 
 
 class Server(uvicorn.Server):
-    """Tells its URL once it is ready, and ends with status 0 when it is asked to."""
+    """Prints its URL once it is ready, and exits with status 0 on a signal."""
 
     def __init__(self, config: uvicorn.Config, app: FastAPI, url: str, grace_s: float) -> None:
         super().__init__(config)
@@ -45,7 +45,7 @@ class Server(uvicorn.Server):
     @override
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
-        # What is there by now stays: to look through it for garbage time and again would make replies wait.
+        # Objects of the start live for ever. Frozen, they do not slow down garbage collection.
         gc.collect()
         gc.freeze()
         if self.started and not self.should_exit:
@@ -55,7 +55,7 @@ class Server(uvicorn.Server):
     @override
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        # Uvicorn's own raises the signal again at the end, so that a clean stop would look like a crash.
+        # Uvicorn raises the signal again at the end, which would make a clean stop look like a crash.
         before = {number: signal.signal(number, self.handle_exit) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             yield
@@ -69,7 +69,7 @@ class Server(uvicorn.Server):
         service: Service | None = getattr(self._app.state, "service", None)
         if service is not None:
             await self._drain(service)
-        # What was begun in the last moment gets what is left of the time.
+        # Requests that began late get the rest of the grace period.
         left = self._grace_s - (time.monotonic() - began)
         self.config.timeout_graceful_shutdown = max(1, int(left))
         await super().shutdown(sockets)
@@ -80,13 +80,13 @@ class Server(uvicorn.Server):
         super().handle_exit(sig, frame)
 
     async def _drain(self, service: Service) -> None:
-        """Begin nothing new, and let agents that are driving come to the end of their episodes."""
+        """Refuse new episodes and wait for agents that are driving."""
         service.episodes.stopping = True
         log = structlog.get_logger("server")
         deadline = time.monotonic() + self._grace_s
         log.info("stopping", open=service.episodes.open)
-        # A second signal is somebody who cannot wait.
-        while (  # noqa: ASYNC110 - nobody tells of silence
+        # A second signal ends the wait.
+        while (  # noqa: ASYNC110 - silence is no event
             service.episodes.driven(_SILENT_S) and time.monotonic() < deadline and self._asked < _IMPATIENT
         ):
             await asyncio.sleep(_LOOK_S)
@@ -95,11 +95,11 @@ class Server(uvicorn.Server):
 
 
 def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
-    """How uvicorn serves the application.
+    """Return uvicorn's configuration.
 
     Args:
-        app: the application.
-        settings: see there.
+        app: The application.
+        settings: Settings of the service.
     """
     guard = Guard(settings.max_connections, settings.slow_client_s, app.state.telemetry.closed)
     return uvicorn.Config(
@@ -107,7 +107,7 @@ def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
         loop="uvloop",
         http=cast(type[asyncio.Protocol], partial(GuardedHttp, guard=guard)),
         ws=cast(type[asyncio.Protocol], partial(GuardedWebSocket, guard=guard)),
-        # Pictures do not shrink much for what deflating each costs; the service's own limit names the error.
+        # Compressing pictures costs more than it saves. The service's own limit gives a clearer error.
         ws_per_message_deflate=False,
         ws_max_size=2 * settings.body_limit,
         ws_ping_interval=settings.ping_interval_s,
@@ -127,18 +127,18 @@ def run(settings: Settings, bound: socket.socket) -> None:
     """Serve until SIGTERM or SIGINT.
 
     Args:
-        settings: see there.
-        bound: where to listen; closed at the end.
+        settings: Settings of the service.
+        bound: Socket to listen on. It is closed at the end.
 
     Raises:
-        StartupError: the service cannot start.
+        StartupError: The service cannot start.
     """
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     app = create_app(settings)
     server = Server(
         configuration(app, settings), app, f"http://{host}:{bound.getsockname()[1]}", settings.shutdown_grace_s
     )
-    # Uvicorn leaves by SystemExit where the start failed; what failed is told below.
+    # Uvicorn raises SystemExit if the start fails; the code below says why.
     with bound, contextlib.suppress(SystemExit):
         server.run(sockets=[bound])
     error = app.state.startup_error

@@ -1,4 +1,4 @@
-"""The service without HTTP: its parts, put together at the start and taken apart at the end."""
+"""The service without HTTP: it starts its parts, connects them, and stops them."""
 
 import asyncio
 import contextlib
@@ -36,7 +36,7 @@ _DAY_S = 86400.0
 
 @dataclass(frozen=True)
 class Service:
-    """What the calls work with."""
+    """The parts of a running service."""
 
     settings: Settings
     store: Store
@@ -56,15 +56,15 @@ async def run_service(
     telemetry: Telemetry,
     pool: SimulatorPool | None = None,
 ) -> AsyncIterator[Service]:
-    """A service that is ready, until the block is left.
+    """Run a service until the block ends.
 
     Args:
-        settings: see there.
-        telemetry: what is told to Prometheus.
-        pool: the simulators; processes of this machine where None.
+        settings: Settings of the service.
+        telemetry: Metrics.
+        pool: The simulators. None runs them as processes of this machine.
 
     Raises:
-        StartupError: the database or the simulators cannot be used.
+        StartupError: The database or the simulators cannot be used.
     """
     log = structlog.get_logger("service")
     async with contextlib.AsyncExitStack() as stack:
@@ -90,23 +90,23 @@ async def run_service(
             telemetry=telemetry,
         )
         stack.push_async_callback(episodes.stop)
-        telemetry.watch("wrongturn_open_episodes", "Episodes that are open", lambda: episodes.open)
+        telemetry.watch("wrongturn_open_episodes", "Open episodes", lambda: episodes.open)
         telemetry.watch("wrongturn_leases_held", "Open episodes that have a simulator", lambda: episodes.held)
         telemetry.watch(
             "wrongturn_leases_released",
-            "Open episodes of silent agents, whose simulator is rebuilt when they come back",
+            "Open episodes of silent agents, without a simulator",
             lambda: episodes.open - episodes.held,
         )
-        telemetry.watch("wrongturn_simulator_slots", "Simulators that drive at most", lambda: pool.slots)
+        telemetry.watch("wrongturn_simulator_slots", "Largest number of simulators that drive", lambda: pool.slots)
         telemetry.watch("wrongturn_simulators_running", "Simulator processes", lambda: pool.running)
-        telemetry.watch("wrongturn_simulators_busy", "Simulator processes that drive", lambda: pool.busy)
-        telemetry.watch("wrongturn_simulators_idle", "Simulators kept warm", lambda: pool.idle)
+        telemetry.watch("wrongturn_simulators_busy", "Simulator processes that drive an episode", lambda: pool.busy)
+        telemetry.watch("wrongturn_simulators_idle", "Simulator processes that are ready and unused", lambda: pool.idle)
         telemetry.watch("wrongturn_simulators_awaited", "Calls that wait for a simulator", lambda: queue.waiting)
         sockets = ConnectionLimits(each=settings.max_sockets, address=settings.max_sockets_per_address)
         telemetry.watch("wrongturn_sockets", "Connections to /v1/drive", lambda: sockets.open)
-        telemetry.watch("wrongturn_sockets_lent", "Of these, lent to simulators", lambda: episodes.lent)
-        memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, looked at now and then")
-        for work in (episodes.watch_leases(), _keep_house(settings, store, evaluations, pool, memory)):
+        telemetry.watch("wrongturn_sockets_lent", "Connections that are lent to simulators", lambda: episodes.lent)
+        memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, updated every 30 s")
+        for work in (episodes.watch_leases(), _housekeeping(settings, store, evaluations, pool, memory)):
             task = asyncio.create_task(work)
             stack.push_async_callback(_cancel, task)
         log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
@@ -138,13 +138,13 @@ def _local_pool(settings: Settings, telemetry: Telemetry) -> SimulatorPool:
 async def _start_pool(pool: SimulatorPool, stack: contextlib.AsyncExitStack) -> None:
     stack.push_async_callback(pool.stop)
     try:
-        # The first one compiles what the others then find in the cache.
+        # The first one compiles the kernels; the others find them in the cache.
         await pool.start()
     except SimulatorStartError as error:
         raise StartupError(str(error)) from error
 
 
-async def _keep_house(
+async def _housekeeping(
     settings: Settings, store: Store, evaluations: RunningEvaluations, pool: SimulatorPool, memory: Gauge
 ) -> None:
     log = structlog.get_logger("service")
@@ -161,7 +161,7 @@ async def _keep_house(
             memory.set(await asyncio.to_thread(pool.memory))
             await evaluations.retry()
             if pool.failure is not None and not pool.running:
-                # Nobody is sent to a service that is not ready, so that no call would find out that it could be again.
+                # A service that is not ready gets no calls, so no call would start a simulator.
                 await pool.start()
         except Exception:
             log.exception("housekeeping failed")

@@ -1,4 +1,4 @@
-"""What Prometheus is told: one registry for each service, none for the process."""
+"""Metrics for Prometheus. Each service has its own registry."""
 
 from collections.abc import Callable
 from contextvars import ContextVar
@@ -11,13 +11,13 @@ _BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2
 
 
 Call = Literal["reset", "step", "replay", "abort"]
-"""What a simulator can be asked for."""
+"""Kinds of calls to a simulator."""
 _simulated: ContextVar[tuple[str, float] | None] = ContextVar("simulated", default=None)
-"""What the request in progress has asked of simulators, and the seconds it waited for them."""
+"""Kind of the current request's last call to a simulator, and the seconds of all its calls."""
 
 
 class Telemetry:
-    """The service's figures; ``docs/operating.md`` lists them."""
+    """The service's metrics, listed in ``docs/operating.md``."""
 
     def __init__(self) -> None:
         self._registry = registry = CollectorRegistry()
@@ -30,14 +30,14 @@ class Telemetry:
         )
         self._simulation = Histogram(
             "wrongturn_simulation_seconds",
-            "Time that a simulator took to answer, by what it was asked for",
+            "Time that a simulator took to answer, by kind of call",
             ("call",),
             buckets=_BUCKETS,
             registry=registry,
         )
         self._overhead = Histogram(
             "wrongturn_overhead_seconds",
-            "Time to answer a reset or step beyond that of its simulator: the service's own",
+            "Time to answer a reset or step, less the simulator's time",
             ("call",),
             buckets=_BUCKETS,
             registry=registry,
@@ -48,11 +48,11 @@ class Telemetry:
         }
         self.steps = Counter("wrongturn_steps", "Decisions that were simulated", registry=registry)
         self._ended = Counter(
-            "wrongturn_episodes_ended", "Episodes that have their verdict", ("scored", "verdict"), registry=registry
+            "wrongturn_episodes_ended", "Episodes with a verdict", ("scored", "verdict"), registry=registry
         )
         self._voided = Counter(
             "wrongturn_episodes_voided",
-            "Episodes that the infrastructure or their evaluation's end cut off: never scored",
+            "Episodes that ended without a verdict that counts, by reason",
             ("reason",),
             registry=registry,
         )
@@ -64,23 +64,23 @@ class Telemetry:
         for reason in ("slow-message", "slow-reader", "slow-request", "too-many"):
             self._closed.labels(reason)
         self.expired = Counter(
-            "wrongturn_leases_expired", "Episodes that were aborted since their agent was silent", registry=registry
+            "wrongturn_leases_expired", "Episodes that were aborted because their agent was silent", registry=registry
         )
         self.deaths = Counter("wrongturn_simulator_deaths", "Simulators that died", registry=registry)
         self.replays = Counter(
-            "wrongturn_replays", "Episodes that were repeated in another simulator", registry=registry
+            "wrongturn_replays", "Episodes that were replayed in another simulator", registry=registry
         )
 
     def watch(self, name: str, documentation: str, read: Callable[[], float]) -> None:
-        """A gauge that is read when somebody asks."""
+        """Add a gauge that reads its value when metrics are collected."""
         Gauge(name, documentation, registry=self._registry).set_function(read)
 
     def gauge(self, name: str, documentation: str) -> Gauge:
-        """A gauge that is set."""
+        """Add a gauge that is set."""
         return Gauge(name, documentation, registry=self._registry)
 
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
-        """A request was answered."""
+        """Count an answered request."""
         self._requests.labels(method, route, str(status)).observe(seconds)
         simulated = _simulated.get()
         if simulated is not None:
@@ -89,16 +89,16 @@ class Telemetry:
             self._by_call[call][1].observe(max(0.0, seconds - waited))
 
     def simulated(self, call: Call, seconds: float) -> None:
-        """A simulator was asked for something, and answered or failed after so long."""
+        """Count a call to a simulator, answered or failed."""
         self._by_call[call][0].observe(seconds)
         if call == "step":
             self.steps.inc()
         before = _simulated.get()
-        # A request is of its last kind: a step may have to be preceded by a replay.
+        # The last kind counts: a replay may precede a step.
         _simulated.set((call, seconds if before is None else before[1] + seconds))
 
     def stepped(self, route: str, simulated_s: float, seconds: float) -> None:
-        """A step was taken by the short way: all that :meth:`simulated` and :meth:`answered` note of it."""
+        """Count a plain step: what :meth:`simulated` and :meth:`answered` count of other requests."""
         simulation, overhead = self._by_call["step"]
         simulation.observe(simulated_s)
         overhead.observe(seconds - simulated_s)
@@ -106,17 +106,17 @@ class Telemetry:
         self._requests.labels("WS", route, "200").observe(seconds)
 
     def ended(self, *, scored: bool, verdict: str) -> None:
-        """An episode has its verdict, which is stored."""
+        """Count an episode whose verdict is stored."""
         self._ended.labels(str(scored).lower(), verdict).inc()
 
     def voided(self, reason: Literal["simulators-failed", "service-ended", "cancelled"], count: int = 1) -> None:
-        """Episodes were cut off, not by their agents."""
+        """Count episodes that ended without a verdict that counts."""
         self._voided.labels(reason).inc(count)
 
     def closed(self, reason: str) -> None:
-        """A connection was closed for its client's doing."""
+        """Count a connection that the service closed because of its client."""
         self._closed.labels(reason).inc()
 
     def render(self) -> bytes:
-        """All figures in Prometheus' text format."""
+        """Return all metrics in Prometheus' text format."""
         return generate_latest(self._registry)

@@ -1,4 +1,4 @@
-"""Secrets: bearer tokens, opaque ids, and how a token is kept for a repeated request without being readable."""
+"""Bearer tokens, opaque ids, and the encryption of a stored reply's token."""
 
 import hashlib
 import hmac
@@ -8,22 +8,22 @@ _TOKEN_BYTES = 32
 
 
 def new_token() -> str:
-    """A bearer token of 256 random bits."""
+    """Return a bearer token of 256 random bits."""
     return f"wt_{secrets.token_urlsafe(_TOKEN_BYTES)}"
 
 
 def new_id(prefix: str) -> str:
-    """An opaque random id: it tells nothing of what it names but its kind."""
+    """Return a random id. Its prefix tells the kind of thing that it names."""
     return f"{prefix}_{secrets.token_hex(12)}"
 
 
 def digest(text: str) -> str:
-    """SHA-256 in hexadecimal: what is stored of a token or an idempotency key."""
+    """Return the SHA-256 that is stored in place of a token or an idempotency key."""
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def same(one: str, other: str) -> bool:
-    """Compare secrets in a time that does not depend on where they differ."""
+    """Compare two secrets in constant time."""
     return hmac.compare_digest(one.encode("utf-8", "surrogatepass"), other.encode("utf-8", "surrogatepass"))
 
 
@@ -32,20 +32,20 @@ def _mask(key: str, salt: bytes, length: int) -> bytes:
 
 
 def seal(text: str, key: str) -> bytes:
-    """Hide a text so that only who knows the key can read it.
+    """Encrypt a text with a key.
 
-    The reply to a registration holds the token, which the database must not tell; yet a repeat of the request has to
-    get the same reply, after a restart too. The database has only the idempotency key's SHA-256, the client the key.
+    The reply to a registration holds the token. A repeat of the request has to get the same reply, but the database
+    must not reveal the token. Only the client has the key; the database has its SHA-256.
 
     Args:
-        text: what to hide, at most a few hundred bytes.
-        key: the client's idempotency key; random ones are strong, guessable ones are not.
+        text: A text of at most a few hundred bytes.
+        key: The client's idempotency key. A random key is strong, a guessable one is not.
     """
     salt, raw = secrets.token_bytes(16), text.encode()
     return salt + bytes(a ^ b for a, b in zip(raw, _mask(key, salt, len(raw)), strict=True))
 
 
 def unseal(sealed: bytes, key: str) -> str:
-    """The text that :func:`seal` hid by the same key."""
+    """Decrypt a text that :func:`seal` encrypted with the same key."""
     salt, raw = sealed[:16], sealed[16:]
     return bytes(a ^ b for a, b in zip(raw, _mask(key, salt, len(raw)), strict=True)).decode()

@@ -1,1 +1,1 @@
-"""The REST calls, one resource a file."""
+"""The REST calls, one file per resource."""

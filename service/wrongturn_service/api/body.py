@@ -1,4 +1,4 @@
-"""Requests' bodies: read within a limit, parsed strictly, and every mistake named by its field."""
+"""Bodies of requests: read with limits and parsed strictly. Errors name the field."""
 
 import asyncio
 import json
@@ -21,18 +21,18 @@ _UNION_LABELS = frozenset({"Fault", "str-enum[FaultKind]"})
 
 
 async def parsed(request: Request, model: type[M], *, binary: bool = False) -> M:
-    """A request's body as a message.
+    """Read a request's body as a message.
 
-    JSON is parsed and checked in one pass by pydantic's own parser: it knows no more of NaN and Infinity than that
-    they are not finite, so that they are named by their field like any other wrong number.
+    Pydantic parses and checks JSON in one pass. It reads NaN and Infinity as numbers that are not finite, so the error
+    names their field.
 
     Args:
-        request: the request.
-        model: what it has to be.
-        binary: whether msgpack is taken too.
+        request: The request.
+        model: The message.
+        binary: Whether msgpack is accepted too.
 
     Raises:
-        ServiceError: too large (413), of another content type (415), malformed (400) or invalid (422).
+        ServiceError: The body is too large (413), of another type (415), malformed (400) or invalid (422).
     """
     encoding = _content_type(request, binary=binary)
     body = await _read(request)
@@ -63,7 +63,7 @@ async def _read(request: Request) -> bytes:
     except TimeoutError:
         raise ServiceError(
             ProblemType.REQUEST_TIMEOUT,
-            f"the body did not come to its end within {patience:g} s",
+            f"the body did not arrive completely within {patience:g} s",
             status=408,
             headers={"Connection": "close"},
         ) from None
@@ -73,7 +73,7 @@ async def _read(request: Request) -> bytes:
 def _too_large(limit: int) -> ServiceError:
     return ServiceError(
         ProblemType.BODY_TOO_LARGE,
-        f"the body is larger than {limit} bytes; send less at a time",
+        f"the body is larger than {limit} bytes; send less",
         status=413,
         headers={"Connection": "close"},
     )
@@ -101,25 +101,25 @@ def _media(content_type: str) -> Encoding | None:
 
 
 def _as_json(body: bytes) -> str:
-    """What a msgpack body says, so that both are checked alike; NaN stays NaN and is refused by its field's name."""
+    """Return a msgpack body as JSON, so that both are checked alike. NaN stays NaN."""
     try:
         return json.dumps(msgpack.unpackb(body))
     except (ValueError, TypeError, RecursionError, msgpack.UnpackException) as error:
         reason = str(error) or type(error).__name__
-        raise malformed(f"the body is no msgpack: {reason[:_LONGEST]}") from error
+        raise malformed(f"the body is not msgpack: {reason[:_LONGEST]}") from error
 
 
 def malformed(detail: str) -> ServiceError:
-    """What a body gets that cannot be parsed."""
+    """Return the error for a body that cannot be parsed."""
     return ServiceError(ProblemType.MALFORMED_BODY, detail, status=400)
 
 
 def refused(error: ValidationError) -> ServiceError:
-    """What a message gets whose fields are wrong: each is named."""
-    # The input is never repeated: it may be large, secret, or hold what JSON cannot say.
+    """Return the error for a message with wrong fields."""
+    # The error never repeats the input, which may be large, secret, or not valid JSON.
     found = error.errors(include_url=False, include_context=False, include_input=False)
     if found and found[0]["type"] == "json_invalid":
-        return malformed(f"the body is no JSON: {found[0]['msg'].removeprefix('Invalid JSON: ')}")
+        return malformed(f"the body is not JSON: {found[0]['msg'].removeprefix('Invalid JSON: ')}")
     errors: list[FieldError] = []
     for item in found[:_SHOWN]:
         path = ".".join(str(part) for part in item["loc"] if part not in _UNION_LABELS) or "body"

@@ -1,4 +1,4 @@
-"""The OpenAPI document: bodies that are parsed by hand, problems, the token."""
+"""The OpenAPI document. Routes add their bodies, problems and tokens from their dependencies."""
 
 import re
 import threading
@@ -36,17 +36,17 @@ _BODIES: tuple[type[BaseModel], ...] = (
 _INPUTS: list[tuple[Any, Literal["validation"]]] = [(model, "validation") for model in (*_BODIES, Problem)]
 _MEANING = {
     400: "Malformed body",
-    401: "No token, or none that is known",
-    403: "Another's",
+    401: "No token, or an unknown one",
+    403: "Not allowed for this token",
     404: "Unknown",
-    406: "No encoding that the client takes",
-    408: "The body did not come in time",
-    409: "Does not fit what was said before",
+    406: "Accept names no encoding of the service",
+    408: "The body was too slow",
+    409: "Does not fit the current state",
     410: "The episode is lost; its trial runs again",
     413: "The body is too large",
-    415: "Another content type",
+    415: "Wrong content type",
     422: "A field is wrong",
-    429: "Too many; come back after Retry-After",
+    429: "Over a limit; come back after Retry-After",
     503: "Not now; come back after Retry-After",
 }
 _BINARY: Final[dict[str, Any]] = {"schema": {"type": "string", "format": "binary"}}
@@ -56,7 +56,7 @@ _MADE = {
     "/v1/evaluations/{evaluation}/episodes": "episode",
     "/v1/episodes": "episode",
 }
-"""What a POST makes, whose id the calls below its own path take."""
+"""What a POST creates. Calls below its path take the id."""
 
 
 def described(
@@ -118,7 +118,7 @@ class Route(APIRoute):
 
 
 def document(app: FastAPI) -> dict[str, Any]:
-    """The OpenAPI document of the application; made once, which takes up to a second: not in the event loop."""
+    """Return the application's OpenAPI document. The first call takes up to a second: use a thread."""
     with _MAKING:
         if app.openapi_schema is None:
             app.openapi_schema = _built(app)
@@ -126,7 +126,7 @@ def document(app: FastAPI) -> dict[str, Any]:
 
 
 def serve_document(request: Request) -> Response:
-    """``GET /openapi.json``; a plain function, so that it has a thread to itself."""
+    """``GET /openapi.json``. A plain function, so that it runs in a thread."""
     return JSONResponse(document(request.app))
 
 
@@ -139,7 +139,7 @@ def _built(app: FastAPI) -> dict[str, Any]:
     )
     for name, schema in definitions.get("$defs", {}).items():
         schemas.setdefault(name, schema)
-    # FastAPI's own shape of errors, which this service never sends.
+    # FastAPI's own errors, which this service never sends.
     schemas.pop("HTTPValidationError", None)
     schemas.pop("ValidationError", None)
     for path in found["paths"].values():
@@ -152,7 +152,7 @@ def _built(app: FastAPI) -> dict[str, Any]:
 
 
 def _link(paths: dict[str, Any]) -> None:
-    """Tell of each reply with an id which calls take it."""
+    """Link each reply with an id to the calls that take it."""
     for path, made in _MADE.items():
         paths[path]["post"]["responses"]["201"]["links"] = {
             operation["operationId"]: {
@@ -166,7 +166,7 @@ def _link(paths: dict[str, Any]) -> None:
 
 
 def methods_at(app: FastAPI, path: str) -> list[str]:
-    """The methods that a path takes, as the document has them; not in the event loop either."""
+    """Return the methods that a path takes, by the document. Use a thread."""
     return [
         method.upper()
         for template, operations in document(app)["paths"].items()

@@ -1,4 +1,4 @@
-"""Episodes: reset of a practice one, step, and what is shown of them."""
+"""Episodes: practice, steps, and finished episodes."""
 
 from typing import Annotated
 
@@ -86,7 +86,7 @@ async def trajectory(service: ServiceDep, authorization: AuthorizationDep, episo
     if found is None:
         raise ConflictError(
             ProblemType.EPISODE_NOT_SHOWN,
-            f"episode {episode} is shown once it, and in an evaluation the whole of it, is finished",
+            f"episode {episode} is shown once it and its whole evaluation are finished",
         )
     body, sha256 = found
     return Response(body, media_type=Encoding.JSON, headers={"ETag": f'"{sha256}"'})
@@ -108,12 +108,12 @@ async def _visible(service: Service, authorization: str | None, episode_id: str)
     caller = await service.accounts.caller(authorization)
     _, row = await service.episodes.look(caller.id, episode_id)
     if not public and row.agent_id != caller.id:
-        raise ForbiddenError(f"episode {episode_id} is another agent's")
+        raise ForbiddenError(f"episode {episode_id} belongs to another agent")
     return row, public or await is_shown(service, row)
 
 
 async def is_shown(service: Service, row: EpisodeRow) -> bool:
-    """Whether an episode's trial and outcome may be told: it, and in an evaluation the whole of it, is finished."""
+    """Return whether an episode's trial and outcome are public: it and its whole evaluation are finished."""
     if row.state != EpisodeState.FINISHED or row.evaluation_id is None:
         return row.state == EpisodeState.FINISHED
     evaluation = await service.store.evaluation(row.evaluation_id)
@@ -121,17 +121,17 @@ async def is_shown(service: Service, row: EpisodeRow) -> bool:
 
 
 def episode_detail(service: Service, row: EpisodeRow, *, shown: bool, last_reply: bool = True) -> EpisodeDetail:
-    """An episode as it is told.
+    """Return an episode's details.
 
     Args:
-        service: where it may be open.
-        row: what is stored of it.
-        shown: whether its trial and outcome may be told.
-        last_reply: whether the last reply is told while it is open.
+        service: The service, which knows open episodes.
+        row: The episode's row.
+        shown: Whether trial and outcome are public.
+        last_reply: Whether to include an open episode's last reply.
     """
     last = service.episodes.last_reply(row.id, Encoding.JSON)
     state = EpisodeState(row.state)
-    told = shown and state is EpisodeState.FINISHED
+    public = shown and state is EpisodeState.FINISHED
     practice = row.evaluation_id is None
     return EpisodeDetail(
         id=row.id,
@@ -139,8 +139,8 @@ def episode_detail(service: Service, row: EpisodeRow, *, shown: bool, last_reply
         seq=row.steps if last is None else last[0],
         evaluation=row.evaluation_id,
         last_reply=orjson.loads(last[1]) if last is not None and last_reply else None,
-        trial=row.trial_id if told or practice else None,
-        outcome=Outcome.model_validate_json(row.outcome) if told and row.outcome is not None else None,
-        trajectory_sha256=row.trajectory_sha256 if told else None,
-        actions_sha256=row.actions_sha256 if told else None,
+        trial=row.trial_id if public or practice else None,
+        outcome=Outcome.model_validate_json(row.outcome) if public and row.outcome is not None else None,
+        trajectory_sha256=row.trajectory_sha256 if public else None,
+        actions_sha256=row.actions_sha256 if public else None,
     )

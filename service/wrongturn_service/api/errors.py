@@ -1,4 +1,4 @@
-"""One handler: whatever goes wrong becomes ``application/problem+json`` of a type from the closed list."""
+"""The handler of all errors: each becomes ``application/problem+json`` with a type from the closed list."""
 
 import asyncio
 
@@ -18,63 +18,63 @@ from wrongturn_service.simulators.interface import EpisodeRefusedError, Simulato
 MEDIA_TYPE = "application/problem+json"
 _log = structlog.get_logger("errors")
 _EXPLANATIONS = {
-    ProblemType.MALFORMED_BODY: "The body is no JSON, or no msgpack where its Content-Type says so.",
-    ProblemType.VALIDATION: "A field is missing, unknown, of another type or out of its range; errors names each.",
-    ProblemType.UNAUTHENTICATED: "The call needs a bearer token and had none, or one that nobody has.",
-    ProblemType.FORBIDDEN: "The token is good, but what was asked for is another's, or the operator's.",
-    ProblemType.UNKNOWN_ROUTE: "There is no such call; see /openapi.json.",
-    ProblemType.METHOD_NOT_ALLOWED: "The path is right and the method is not; Allow names those that are.",
+    ProblemType.MALFORMED_BODY: "The body is not JSON, or not msgpack although its Content-Type says so.",
+    ProblemType.VALIDATION: "A field is missing, unknown, of a wrong type or out of range. `errors` names each.",
+    ProblemType.UNAUTHENTICATED: "The call needs a bearer token. It had none, or one that no agent has.",
+    ProblemType.FORBIDDEN: "The token is valid, but the call is for another agent or the operator.",
+    ProblemType.UNKNOWN_ROUTE: "There is no such call. See /openapi.json.",
+    ProblemType.METHOD_NOT_ALLOWED: "The path does not take this method. Allow names those that it takes.",
     ProblemType.NOT_ACCEPTABLE: "Accept names neither application/json nor application/msgpack.",
-    ProblemType.UNSUPPORTED_MEDIA_TYPE: "The body's Content-Type is none that the call takes.",
-    ProblemType.BODY_TOO_LARGE: "The body is larger than the service takes.",
-    ProblemType.REQUEST_TIMEOUT: "The request, or a message of /v1/drive, did not come to its end in time.",
-    ProblemType.PROTOCOL_VERSION: "The handshake of /v1/drive names no version of the protocol that is spoken here.",
-    ProblemType.TEXT_MESSAGE: "A message of /v1/drive was text; they are binary.",
-    ProblemType.MESSAGE_TOO_LARGE: "A message of /v1/drive is larger than the service takes.",
+    ProblemType.UNSUPPORTED_MEDIA_TYPE: "The call does not take this Content-Type.",
+    ProblemType.BODY_TOO_LARGE: "The body is too large.",
+    ProblemType.REQUEST_TIMEOUT: "The request, or a message of /v1/drive, did not arrive completely in time.",
+    ProblemType.PROTOCOL_VERSION: "The handshake of /v1/drive names no version that this service speaks.",
+    ProblemType.TEXT_MESSAGE: "A message of /v1/drive was text. Messages are binary.",
+    ProblemType.MESSAGE_TOO_LARGE: "A message of /v1/drive is too large.",
     ProblemType.TRUNCATED_MESSAGE: "A message of /v1/drive ends before it is complete.",
-    ProblemType.MALFORMED_MESSAGE: "A message of /v1/drive is no msgpack, or none of its protocol.",
-    ProblemType.UNKNOWN_SUITE: "There is no suite of this id; GET /v1/suites lists them.",
-    ProblemType.UNKNOWN_TOWN: "There is no town of this name; GET /v1/towns lists them.",
-    ProblemType.UNKNOWN_APPROACH: "The town has no such approach; GET /v1/towns/{town} lists them.",
-    ProblemType.UNKNOWN_TRIAL: "The suite has no such trial; GET /v1/suites/{suite}/trials lists them.",
-    ProblemType.UNKNOWN_AGENT: "There is no agent of this id.",
-    ProblemType.UNKNOWN_EVALUATION: "There is no evaluation of this id.",
-    ProblemType.UNKNOWN_EPISODE: "There is no episode of this id.",
-    ProblemType.FAULT_NOT_APPLICABLE: "The fault is not there yet, or this approach does not admit it.",
-    ProblemType.TRACK_NOT_AVAILABLE: "The track's sensors are not there, or the suite is not of this track.",
-    ProblemType.AGENT_NAME_TAKEN: "Another agent has this name; names that differ in case alone are the same.",
-    ProblemType.REGISTRATION_CLOSED: "Only the operator registers agents at this service.",
+    ProblemType.MALFORMED_MESSAGE: "A message of /v1/drive is not msgpack, or not of its protocol.",
+    ProblemType.UNKNOWN_SUITE: "There is no suite with this id. GET /v1/suites lists them.",
+    ProblemType.UNKNOWN_TOWN: "There is no town with this name. GET /v1/towns lists them.",
+    ProblemType.UNKNOWN_APPROACH: "The town has no such approach. GET /v1/towns/{town} lists them.",
+    ProblemType.UNKNOWN_TRIAL: "The suite has no such trial. GET /v1/suites/{suite}/trials lists them.",
+    ProblemType.UNKNOWN_AGENT: "There is no agent with this id.",
+    ProblemType.UNKNOWN_EVALUATION: "There is no evaluation with this id.",
+    ProblemType.UNKNOWN_EPISODE: "There is no episode with this id.",
+    ProblemType.FAULT_NOT_APPLICABLE: "The fault is not built yet, or this approach does not allow it.",
+    ProblemType.TRACK_NOT_AVAILABLE: "The suite does not take agents of this track.",
+    ProblemType.AGENT_NAME_TAKEN: "Another agent has this name. Upper and lower case are the same.",
+    ProblemType.REGISTRATION_CLOSED: "Only the operator can register agents.",
     ProblemType.RATE_LIMITED: (
-        "Too many of these for now; come back after Retry-After seconds. Where there is a position, so many of one's "
-        "own have to end before."
+        "You have reached a limit. Come back after Retry-After seconds. `position` says how many of your own have to "
+        "end first."
     ),
-    ProblemType.IDEMPOTENCY_KEY_REUSED: "The Idempotency-Key was sent with another request before.",
-    ProblemType.EVALUATION_FINISHED: "Each trial of the evaluation has its verdict.",
+    ProblemType.IDEMPOTENCY_KEY_REUSED: "The Idempotency-Key was already sent with another request.",
+    ProblemType.EVALUATION_FINISHED: "Every trial of the evaluation has a verdict.",
     ProblemType.EVALUATION_CANCELLED: "The evaluation was cancelled.",
-    ProblemType.NO_TRIAL_AVAILABLE: "For now no trial can be handed out: their twins are open, or too many are.",
-    ProblemType.EPISODE_FINISHED: "The episode has had its last step.",
-    ProblemType.EPISODE_LOST: "The episode is gone by the service's own fault; its trial runs again.",
-    ProblemType.EPISODE_NOT_SHOWN: "It is shown once the episode, and in an evaluation the whole of it, is finished.",
-    ProblemType.SEQUENCE_GAP: "A step's seq is the last one received plus 1, or that one again.",
-    ProblemType.ACTION_MISMATCH: "The step was taken before, with another action.",
+    ProblemType.NO_TRIAL_AVAILABLE: "No trial is available now: too many are open, or the rest are twins of open ones.",
+    ProblemType.EPISODE_FINISHED: "The episode is over.",
+    ProblemType.EPISODE_LOST: "The service lost the episode. It does not count, and its trial runs again.",
+    ProblemType.EPISODE_NOT_SHOWN: "The episode is shown once it, and its whole evaluation, is finished.",
+    ProblemType.SEQUENCE_GAP: "The seq of a step is the last one plus 1, or the last one again.",
+    ProblemType.ACTION_MISMATCH: "The step was already taken with another action.",
     ProblemType.RESULTS_MISMATCH: "The worker's record differs from what the service saw.",
     ProblemType.SIMULATORS_BUSY: (
-        "All simulators drive. The call has a place in the line for one: position says how many have to become free "
-        "until it is its turn, 1 the next. The place is kept for the same call, by its Idempotency-Key where it has "
-        "one, that comes back after Retry-After seconds. Agents with fewer simulators come first, else who came first."
+        "All simulators are busy. The call waits in a queue: `position` says how many simulators have to become free "
+        "first. Send the same call, with the same Idempotency-Key, after Retry-After seconds to keep its place. Agents "
+        "with fewer simulators come first."
     ),
-    ProblemType.SIMULATOR_FAILED: "No simulator could begin the episode; the operator's log says why.",
-    ProblemType.STORAGE_FAILED: "The database did not take or give what was asked; nothing was half done.",
-    ProblemType.SERVICE_FULL: "The service has as many connections as it may; come back after Retry-After seconds.",
-    ProblemType.SHUTTING_DOWN: "The service is about to end; come back when it was started again.",
-    ProblemType.INTERNAL: "A mistake of the service; the operator's log has the details.",
+    ProblemType.SIMULATOR_FAILED: "No simulator could begin the episode. The operator's log says why.",
+    ProblemType.STORAGE_FAILED: "The database failed. Nothing was done by halves.",
+    ProblemType.SERVICE_FULL: "The service has too many connections. Come back after Retry-After seconds.",
+    ProblemType.SHUTTING_DOWN: "The service is stopping. Come back once it runs again.",
+    ProblemType.INTERNAL: "The service made a mistake. The operator's log has the details.",
 }
 router = APIRouter(tags=["problems"])
 
 
 @router.get("/problems/{kind}", **described(None, 404, media="text/plain"))
 async def explain(kind: str) -> Response:
-    """What a problem's type means."""
+    """Explain a problem type."""
     if kind not in _EXPLANATIONS:
         raise ServiceError(ProblemType.UNKNOWN_ROUTE, f"there is no problem type {kind[:64]!r}", status=404)
     found = ProblemType(kind)
@@ -82,7 +82,7 @@ async def explain(kind: str) -> Response:
 
 
 def problem_response(error: ServiceError) -> Response:
-    """An error on the wire."""
+    """Return the response for an error."""
     response = reply(error.problem(), error.status)
     response.headers.update(error.headers)
     response.headers["Content-Type"] = MEDIA_TYPE
@@ -90,7 +90,7 @@ def problem_response(error: ServiceError) -> Response:
 
 
 def as_service_error(error: Exception) -> ServiceError:
-    """What an exception is for the caller."""
+    """Return the error that the caller sees for an exception."""
     match error:
         case ServiceError():
             return error
@@ -107,7 +107,7 @@ def as_service_error(error: Exception) -> ServiceError:
             _log.error("storage failed", reason=str(getattr(error, "orig", None) or error))
             return UnavailableError(
                 ProblemType.STORAGE_FAILED,
-                "the database did not do what was asked; nothing was half done, send it again",
+                "the database failed and nothing was changed; send the request again",
                 retry_after_s=5,
             )
         case RequestValidationError():
@@ -120,7 +120,7 @@ def as_service_error(error: Exception) -> ServiceError:
         case HTTPException():
             return _http_error(error)
         case ClientDisconnect():
-            return ServiceError(ProblemType.MALFORMED_BODY, "the client left before the body's end", status=400)
+            return ServiceError(ProblemType.MALFORMED_BODY, "the client left before the body was complete", status=400)
         case _:
             _log.error("internal error", exc_info=error)
             return ServiceError(ProblemType.INTERNAL, "the service made a mistake; the operator's log has the details")
@@ -135,7 +135,7 @@ def _refused_episode(error: EpisodeRefusedError) -> ServiceError:
 def _http_error(error: HTTPException) -> ServiceError:
     kinds = {
         404: (ProblemType.UNKNOWN_ROUTE, "there is no such call; see /openapi.json"),
-        405: (ProblemType.METHOD_NOT_ALLOWED, "the path is right and the method is not; Allow names those that are"),
+        405: (ProblemType.METHOD_NOT_ALLOWED, "the path does not take this method; Allow names those that it takes"),
     }
     kind, detail = kinds.get(error.status_code, (ProblemType.MALFORMED_BODY, str(error.detail)))
     if error.status_code >= 500:
@@ -146,7 +146,7 @@ def _http_error(error: HTTPException) -> ServiceError:
 async def _handle(request: Request, error: Exception) -> Response:
     found = as_service_error(error)
     if found.kind is ProblemType.METHOD_NOT_ALLOWED:
-        # Starlette names those of the first route of this path alone.
+        # Starlette names only the methods of the path's first route.
         methods = await asyncio.to_thread(methods_at, request.app, request.scope["path"])
         if methods:
             found.headers["Allow"] = ", ".join(methods)
@@ -159,7 +159,7 @@ async def _repeat(_: Request, error: Exception) -> Response:
 
 
 def install(app: FastAPI) -> None:
-    """Let the one handler have every exception that is expected; what is not, the middleware catches."""
+    """Register the handler for all expected exceptions. The middleware catches the others."""
     for kind in (
         ServiceError,
         SimulatorsBusyError,

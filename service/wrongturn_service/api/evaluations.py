@@ -136,14 +136,14 @@ async def results(
 
 
 def _check_once(record: ResultsRequest) -> None:
-    """Raise InvalidRequestError where an episode stands in the record twice."""
+    """Raise InvalidRequestError if the record names an episode twice."""
     first: dict[str, int] = {}
     for index, told in enumerate(record.episodes):
         before = first.setdefault(told.episode, index)
         if before != index:
             raise InvalidRequestError(
                 f"episodes.{index}.episode",
-                f"stands in the record already, as episodes.{before}; name each episode once",
+                f"is the same as episodes.{before}; name each episode once",
             )
 
 
@@ -152,11 +152,11 @@ def _differences(record: ResultsRequest, index: int, seen: dict[str, EpisodeRow]
     row = seen.get(told.episode)
     path = f"episodes.{index}"
     if row is None:
-        return [FieldError(path=f"{path}.episode", message="is no finished episode of this evaluation")]
+        return [FieldError(path=f"{path}.episode", message="is not a finished episode of this evaluation")]
     errors = []
     if told.steps != row.steps:
         errors.append(FieldError(path=f"{path}.steps", message=f"is {told.steps}, the service saw {row.steps}"))
-    # An episode that ended without any simulator has no hash: nothing to compare.
+    # An episode that ended without a simulator has no hash.
     if row.actions_sha256 is not None and told.actions_sha256 != row.actions_sha256:
         errors.append(FieldError(path=f"{path}.actions_sha256", message="differs from what the service saw"))
     return errors
