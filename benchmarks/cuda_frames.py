@@ -1,11 +1,12 @@
-"""How many pictures a second a GPU makes, and whether they are the CPU's: RGB and segmentation, 64 x 192.
+"""Measure how many pictures a second a GPU makes, and whether they equal the CPU's: RGB and segmentation, 64 x 192.
 
     python benchmarks/cuda_frames.py [--towns Town01 Town02] [--poses 64] [--variants] [--json FILE]
 
-First, in each town and each of six weathers, so many poses along its lanes, off the middle and turned: the share of
-pixels whose class is another than the CPU's, those whose colours differ by more than 1, and the largest difference.
-Then pictures a second of 256, 512 and 2,048 egos in one call, the weathers by turns, and steps of the vectorised
-environment that cruises about Town01. With ``--variants``, the main kernel with fewer registers and other blocks.
+First it compares pictures from poses along the lanes of each town, off the middle and turned, in each of six weathers:
+the share of pixels whose class differs from the CPU's, the share whose colours differ by more than 1, and the largest
+difference. Then it measures pictures a second of 256, 512 and 2,048 egos in one call, with all weathers, and steps of
+the vectorised environment that cruises through Town01. ``--variants`` also times the main kernel with fewer registers
+and other blocks.
 """
 
 import argparse
@@ -31,7 +32,7 @@ LOOKS = np.array([look_of(weather) for weather in Weather])
 
 
 def poses(town_name: str, count: int, seed: int = 1) -> np.ndarray:
-    """On lanes, some metres off the middle and turned."""
+    """Return poses on lanes, some metres off the middle and turned."""
     random = np.random.default_rng(seed)
     lanes = list(load_town(town_name).lanes.values())
     rows = []
@@ -81,7 +82,7 @@ def equality(town_name: str, count: int, camera: Camera) -> dict[str, float]:
 
 
 def timed(work: Callable[[], object], rounds: int) -> float:
-    """Seconds of one call, all of them queued and waited for at the end."""
+    """Return the seconds of one call; all calls are queued, and only the end is waited for."""
     work()
     cuda.synchronize()
     begin = time.perf_counter()
@@ -107,7 +108,7 @@ def speed(town_name: str, number: int, kinds: np.ndarray) -> dict[str, float]:
 
 
 def parts(town_name: str, number: int) -> dict[str, float]:
-    """Milliseconds of each kernel by itself."""
+    """Return the milliseconds of each kernel by itself."""
     world = World.of(load_town(town_name))
     renderer: Any = CudaRenderer(world, Camera(), number)
     numbers = np.arange(number)
@@ -128,7 +129,7 @@ def parts(town_name: str, number: int) -> dict[str, float]:
 
 
 def variants(town_name: str, number: int) -> dict[str, float]:
-    """Milliseconds of the main kernel, by registers and threads of a block."""
+    """Return the milliseconds of the main kernel, by registers and threads of a block."""
     world = World.of(load_town(town_name))
     renderer: Any = CudaRenderer(world, Camera(), number)
     numbers = np.arange(number)
@@ -198,7 +199,7 @@ def main() -> None:
     def tell(name: str, work: Callable[[], dict[str, float]]) -> None:
         try:
             figures[name] = work()
-        except Exception as error:  # the other figures are worth having
+        except Exception as error:  # go on with the other figures
             figures[name] = {"failed": f"{type(error).__name__}: {error}"[:2000]}
         print(name, json.dumps(figures[name]), flush=True)
         if options.json:

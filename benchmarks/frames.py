@@ -1,15 +1,15 @@
-"""How many pictures a second one core makes: RGB and segmentation, 64 x 192; and how many steps with one.
+"""Measure how many pictures a second one core makes (RGB and segmentation, 64 x 192), and how many steps with them.
 
     python benchmarks/frames.py [--rounds 9] [--town Town01] [--metadrive top-down] [--json FILE]
 
-Ego alone, with 20 cars in sight, in rain, a batch of 32 egos by turns in one process, and a pitched camera, timed by
-the processor time of their thread, by turns. Figures are of the median round, and of the best, which other programs on
-the machine spoil least. The bare libsumo calls of a decision, before and after, tell how fast the machine was.
+The tasks take turns: the ego alone, with 20 cars in sight, in rain, a batch of 32 egos, and a pitched camera. Each is
+timed by the processor time of its thread. The table shows the median round and the best one, which other programs on
+the machine disturb least. The bare libsumo calls of a decision, before and after, show how fast the machine was.
 
-In the same rounds, where they can be imported, the others: highway-env's grayscale observation, 192 x 64, of 20 cars,
-and MetaDrive's ``top-down`` one (84 x 84 x 5), its ``state`` (lidar) or its ``rgb`` camera. Of each the observation by
-itself, and ``env.step`` with it: a decision is 0.1 s, and an environment that ended is reset outside the time.
-MetaDrive downloads models when it first starts; only ``rgb`` shows them, so the other two are run without.
+Other simulators run in the same rounds if they can be imported: highway-env with its grayscale observation, 192 x 64,
+of 20 cars, and MetaDrive with its ``top-down`` observation (84 x 84 x 5), its ``state`` (lidar) or its ``rgb`` camera.
+The observation is timed by itself and as part of ``env.step``. A decision is 0.1 s. Resets are not timed.
+MetaDrive downloads models at its first start. Only ``rgb`` shows them, so the other two run without them.
 
     python -m venv others
     others/bin/pip install --no-deps highway-env==1.12.1 metadrive-simulator==0.4.3 panda3d==1.10.13 \\
@@ -17,8 +17,8 @@ MetaDrive downloads models when it first starts; only ``rgb`` shows them, so the
         tqdm progressbar lxml mediapy seaborn yapf
     PYTHONPATH=others/lib/python3.11/site-packages python benchmarks/frames.py
 
-The rest that they need (Gymnasium, NumPy, SciPy, OpenCV, Shapely) is that of the environment that python runs in.
-Leave SDL_VIDEODRIVER alone: where it is ``dummy``, highway-env draws nothing and shows a black picture.
+The environment that python runs in provides the rest (Gymnasium, NumPy, SciPy, OpenCV, Shapely).
+Do not set SDL_VIDEODRIVER to ``dummy``: highway-env would draw nothing and return a black picture.
 """
 
 import argparse
@@ -41,24 +41,24 @@ from wrongturn_sim.camera import Camera, Renderer, World, look_of, render_batch
 from wrongturn_sim.camera.palette import pose_before
 
 FRAMES = 64
-"""Of each round: two of each of 32 poses."""
+"""Pictures of a round: two of each of 32 poses."""
 BATCH = 32
 CARS = 20
 PITCH = 0.1
-"""Radians; any but 0 casts pixel by pixel."""
+"""Radians; with any pitch but 0 the camera casts pixel by pixel."""
 
 Task = Callable[[], float]
-"""One round; tells the seconds of a frame or of a step."""
+"""Runs one round and returns the seconds of a picture or of a step."""
 
 
 def poses(town_name: str) -> np.ndarray:
-    """Thirty-two poses before junctions, all types, 3 to 40 m away."""
+    """Return 32 poses before junctions of all types, 3 to 40 m away."""
     approaches = list(load_town(town_name).approaches.values())
     return np.array([pose_before(approaches[i * 7 % len(approaches)], 3.0 + 1.2 * i) for i in range(BATCH)])
 
 
 def cars_before(pose: np.ndarray) -> np.ndarray:
-    """Twenty cars ahead, in both lanes."""
+    """Return twenty cars ahead, in both lanes."""
     x, y, yaw = pose
     cos, sin = math.cos(yaw), math.sin(yaw)
     rows = []
@@ -69,7 +69,7 @@ def cars_before(pose: np.ndarray) -> np.ndarray:
 
 
 def repeated(draw: Callable[[int], object], count: int = FRAMES) -> Task:
-    """Calls with 0, 1, ... and times them all."""
+    """Return a task that calls with 0, 1, ... and times all calls together."""
 
     def run() -> float:
         begin = time.thread_time()
@@ -81,7 +81,7 @@ def repeated(draw: Callable[[int], object], count: int = FRAMES) -> Task:
 
 
 def stepping(env: gymnasium.Env[Any, Any], action: Any) -> Task:
-    """Steps with one action; resets are not timed."""
+    """Return a task that repeats one action; resets are not timed."""
 
     def run() -> float:
         env.reset(seed=0)
@@ -98,7 +98,7 @@ def stepping(env: gymnasium.Env[Any, Any], action: Any) -> Task:
 
 
 def singly(town_name: str, weather: Weather, cars: bool = False, pitch: float = 0.0) -> Task:
-    """Draws each pose by a call of its own."""
+    """Return a task that draws each pose with its own call."""
     renderer = Renderer(World.of(load_town(town_name)), Camera(pitch=pitch), weather=weather, seed=1)
     places = poses(town_name)
     others = [cars_before(pose) if cars else None for pose in places]
@@ -112,7 +112,7 @@ def singly(town_name: str, weather: Weather, cars: bool = False, pitch: float = 
 
 
 def together(town_name: str) -> Task:
-    """Draws them in batches of 32."""
+    """Return a task that draws the poses in batches of 32."""
     world, places = World.of(load_town(town_name)), poses(town_name)
     looks = np.stack([look_of(Weather.CLEAR_NOON)] * BATCH)
     seeds = ticks = np.zeros(BATCH, np.int64)
@@ -124,7 +124,7 @@ def together(town_name: str) -> Task:
 
 
 def driving(town_name: str) -> dict[str, Task]:
-    """Steps of our environment with pictures."""
+    """Return the task that steps our environment with pictures."""
     env = gymnasium.make(
         "wrongturn_sim:WrongturnSim-v0", town=town_name, track="segmentation", traffic={"vehicles": CARS}
     ).unwrapped
@@ -211,7 +211,7 @@ def main() -> None:
     for name, make in (("highway-env", highway), ("MetaDrive", lambda: metadrive(options.metadrive))):
         try:
             tasks |= make()
-        except Exception as error:  # what is not there, or has no screen, is told and left out
+        except Exception as error:  # what is missing or has no screen is reported and left out
             absent[name] = f"{type(error).__name__}: {error}".splitlines()[0][:100]
     times: dict[str, list[float]] = {name: [] for name in tasks}
     for _ in range(options.rounds):

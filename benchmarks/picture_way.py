@@ -1,10 +1,10 @@
-"""Where the time of a step with a picture goes, stage by stage, on one core.
+"""Measure where the time of a step with a picture goes, stage by stage, on one core.
 
 ``python benchmarks/picture_way.py [--rounds N]``
 
 Each stage is timed by itself on the same observation of the segmentation track (49,152 bytes of pictures): driving,
-painting, encoding it for either wire, the frame to the web process and back out of it, and decoding by the client. What
-is left of a step over HTTP (``benchmarks/http_step.py``) is HTTP itself.
+painting, encoding as msgpack and as JSON, packing and unpacking the frame for the web process, and decoding by the
+client. The rest of a step over HTTP (``benchmarks/http_step.py``) is HTTP itself.
 """
 
 import argparse
@@ -61,8 +61,8 @@ def main() -> None:
         "paint RGB and segmentation": paint,
         "encode as msgpack": median_us(lambda: msgpack.packb(encode(observation, track, binary=True)), rounds),
         "encode as JSON": median_us(lambda: orjson.dumps(encode(observation, track)), rounds),
-        "frame it": median_us(lambda: frames.pack([frames.OK, packed, 0.0, False, False, None]), rounds),
-        "take it out of the frame": median_us(lambda: frames.Splitter().feed(framed), rounds),
+        "pack the frame": median_us(lambda: frames.pack([frames.OK, packed, 0.0, False, False, None]), rounds),
+        "unpack the frame": median_us(lambda: frames.Splitter().feed(framed), rounds),
         "decode msgpack": median_us(lambda: decode(msgpack.unpackb(packed), track), rounds),
         "decode JSON": median_us(lambda: decode(orjson.loads(text), track), rounds),
     }

@@ -150,7 +150,7 @@ def _shadow(grid: Grid, into: Raster, item: SceneryObject, sun: tuple[float, flo
 
 
 def bake(town: Town) -> tuple[Grid, Raster]:
-    """Return the ground of a town, (rows, columns), and its grid."""
+    """Return a town's grid and the codes of its ground, (rows, columns)."""
     grid = Grid.around(town.bounds)
     road, walk, marking, crossing = (grid.mask() for _ in range(4))
     grid.fill(road, town.road)

@@ -147,8 +147,9 @@ SUNLIGHT_R, SUNLIGHT_G, SUNLIGHT_B, SKYLIGHT_R, SKYLIGHT_G, SKYLIGHT_B = range(3
 ZENITH_R, ZENITH_G, ZENITH_B, HORIZON_R, HORIZON_G, HORIZON_B, HAZE_R, HAZE_G, HAZE_B = range(9, 18)
 """Colours, 0 to 255."""
 HAZE_RATE, WETNESS, CLOUDS = range(18, 21)
+"""The first is 1 / view; the others are fields of :class:`WeatherLook`, as are RAIN to LAMPS."""
 CLOUD_R, CLOUD_G, CLOUD_B = range(21, 24)
-"""Colour of clouds, 0 to 255."""
+"""Colour of the clouds, 0 to 255."""
 RAIN, STREAK, GLOW, LAMPS = range(24, 28)
 SHADOW_BIT = 28
 """The bit of the ground's codes that this weather's sun sets in the shade, as a value: 64 or 128."""

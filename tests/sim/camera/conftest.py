@@ -1,12 +1,11 @@
-"""What the camera's tests share."""
-
-import math
+"""Fixtures of the camera's tests."""
 
 import numpy as np
 import pytest
 
-from wrongturn_networks import Approach, Town, load_town
+from wrongturn_networks import Town, load_town
 from wrongturn_sim.camera import World
+from wrongturn_sim.camera.palette import pose_before
 
 
 @pytest.fixture(scope="session")
@@ -19,18 +18,13 @@ def world(town: Town) -> World:
     return World.of(town)
 
 
-def _before(approach: Approach, distance: float) -> tuple[float, float, float]:
-    """The pose so many metres before a stop line."""
-    x, y = approach.stop_line
-    return x - distance * math.cos(approach.heading), y - distance * math.sin(approach.heading), approach.heading
-
-
 @pytest.fixture(scope="session")
 def before():
-    return _before
+    """Function of an approach and a distance: the pose this many metres before the stop line."""
+    return pose_before
 
 
 @pytest.fixture(scope="session")
 def bare(world: World) -> World:
-    """The ground alone."""
+    """A world of ground and sky alone."""
     return World(world.name, world.sha256, world.ground, world.frame, np.zeros((0, world.scenery.shape[1])))

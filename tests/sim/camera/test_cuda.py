@@ -1,4 +1,4 @@
-"""The GPU's pictures are almost the CPU's; without a GPU, Numba's simulator runs the kernels on small ones."""
+"""The GPU paints almost what the CPU paints. Without a GPU, numba's simulator runs the kernels on small pictures."""
 
 import os
 import subprocess
@@ -43,7 +43,7 @@ for i, camera in enumerate(given["cameras"]):
     made[f"segmentation{i}"] = np.asarray(renderer.segmentation)[targets]
     if i == 0:
         rgb, segmentation = renderer.keep(np.array([2]))
-        # Another picture in its place: what was kept stays.
+        # Paint another picture in the same place: the kept one must stay.
         renderer.render(given["looks"][:1], given["seeds"][:1], given["poses"][1:2], [9], targets=[2])
         made["kept"], made["new"] = np.asarray(rgb[2]), np.asarray(renderer.rgb[2])
         made["kept_segmentation"] = np.asarray(segmentation[2])

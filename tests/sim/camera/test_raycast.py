@@ -112,7 +112,7 @@ def test_a_pedestrian_covers_the_rows_that_it_should(bare):
 
 
 def test_nothing_is_seen_through_a_house(town, world):
-    """What stands right behind a house changes no pixel."""
+    """A car right behind a house changes no pixel."""
     for house in [item for item in town.scenery if item.kind == "house"][:8]:
         away = np.array([house.x, house.y]) / max(math.hypot(house.x, house.y), 1.0)
         x, y = np.array([house.x, house.y]) - 25 * away
@@ -161,7 +161,7 @@ def test_scenery_stands_where_it_stands(town, world):
 
 @pytest.mark.parametrize("weather", list(Weather))
 def test_every_pixel_is_painted(world, town, before, weather):
-    """No holes: no pixel of class void, none that keeps what was there."""
+    """No pixel has class void or keeps what was there before."""
     for approach in list(town.approaches.values())[:3]:
         pose = before(approach, 12.0)
         pictures = []
@@ -176,7 +176,7 @@ def test_every_pixel_is_painted(world, town, before, weather):
 
 
 def test_a_pitch_of_almost_nothing_changes_almost_nothing(world, town, before):
-    """The path for pitched cameras agrees with the one for level ones."""
+    """Pitched cameras are painted in another way, which must agree with that for level ones."""
     pose = before(next(iter(town.approaches.values())), 20.0)
     level = Renderer(world).render(*pose)[1]
     tilted = Renderer(world, Camera(pitch=1e-9)).render(*pose)[1]

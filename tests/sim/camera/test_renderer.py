@@ -1,4 +1,4 @@
-"""The same pictures, whoever makes them; clear errors."""
+"""Pictures are the same however they are made, and errors are clear."""
 
 import hashlib
 import subprocess
@@ -38,7 +38,7 @@ def poses_of(town, before, count):
 
 
 def test_the_same_in_two_processes_and_as_ever():
-    """Golden: a change of how pictures look must be meant, and stand in the change log."""
+    """Golden: if pictures change, it must be on purpose and stand in the change log."""
     digests = set()
     for _ in range(2):
         done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
@@ -96,7 +96,7 @@ def test_pictures_are_fresh(world):
 
 
 def test_textures_stick_to_the_world(bare):
-    """Driving a little changes the picture a little: no flicker."""
+    """A small move changes the picture a little: nothing flickers."""
     renderer = Renderer(bare)
     last = renderer.render(-60.0, -2.0, 0.0)[0].astype(int)
     for step in range(1, 20):
