@@ -1,6 +1,7 @@
-"""The program ``wrongturn``: its own commands, and those of other parts by the entry points ``wrongturn.commands``.
+"""The program ``wrongturn``: its own commands, and those that other packages add.
 
-Nothing heavy is imported before a command needs it.
+Other packages name their commands by entry points in the group ``wrongturn.commands``.
+Slow imports wait until a command needs them.
 """
 
 import json
@@ -16,16 +17,22 @@ from wrongturn_client.plugins import PluginGroup
 app = typer.Typer(
     name="wrongturn",
     cls=PluginGroup,
-    help="Tell how safely a driving agent behaves when its command is wrong.",
+    help="Measure how safely a driving agent behaves when its command is wrong.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
-    epilog="WRONGTURN_URL and WRONGTURN_TOKEN name a service and your token; WRONGTURN_HOME is where data is kept.",
+    epilog="WRONGTURN_URL names the service, WRONGTURN_TOKEN your token, WRONGTURN_HOME the folder for data. "
+    "Example: wrongturn leaderboard smoke@1 --url http://127.0.0.1:8000",
     context_settings={"help_option_names": ["--help", "-h"]},
 )
-Url = Annotated[str | None, typer.Option("--url", help="The service's URL.", envvar="WRONGTURN_URL", metavar="URL")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")]
+Url = Annotated[
+    str | None,
+    typer.Option(
+        "--url", help="URL of the service. Example: --url http://127.0.0.1:8000", envvar="WRONGTURN_URL", metavar="URL"
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print only JSON.")]
 
 
 def _version(wanted: bool) -> None:
@@ -47,25 +54,25 @@ def _program(
 
 @app.command()
 def agents(url: Url = None, as_json: AsJson = False) -> None:
-    """List agents: the service's where --url is given, else those that are installed here."""
+    """List the agents of a service (--url), or those installed here."""
     _list("agents", url, as_json)
 
 
 @app.command()
 def suites(url: Url = None, as_json: AsJson = False) -> None:
-    """List suites of trials: the service's where --url is given, else those that are installed here."""
+    """List the suites of trials of a service (--url), or those installed here."""
     _list("suites", url, as_json)
 
 
 @app.command()
 def towns(url: Url = None, as_json: AsJson = False) -> None:
-    """List towns and their approaches by type: the service's where --url is given, else those installed here."""
+    """List the towns of a service (--url), or those installed here, with their approaches by type."""
     _list("towns", url, as_json)
 
 
 @app.command()
 def leaderboard(
-    suite: Annotated[str, typer.Argument(help="The suite's id.")] = "wrong-command@1",
+    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: smoke@1")] = "wrong-command@1",
     url: Url = None,
     as_json: AsJson = False,
 ) -> None:
@@ -84,7 +91,7 @@ def leaderboard(
 
 @app.command()
 def doctor(url: Url = None) -> None:
-    """Check this installation, and the service where --url is given; say what to do."""
+    """Check this installation, and a service (--url); say how to fix what fails."""
     from wrongturn_client.doctor import diagnose, report  # noqa: PLC0415
     from wrongturn_client.tables import console  # noqa: PLC0415
 
@@ -115,29 +122,29 @@ def _print_json(value: Any) -> None:
 
 
 def _terminated(_signal: int, _frame: object) -> None:
-    """Unwind on SIGTERM, so that a service of one's own is stopped too."""
+    """Exit in good order on SIGTERM, so that a local service stops too."""
     sys.exit(128 + signal.SIGTERM)
 
 
 def _keep_retries_quiet() -> None:
-    """Retries are told by structlog where that is installed, and its default is stdout: the place of ``--json``."""
+    """Keep stamina from reporting retries with structlog, which prints to stdout and would spoil ``--json``."""
     from stamina import instrumentation  # noqa: PLC0415 - keeps the module's import quick
 
     instrumentation.set_on_retry_hooks(())
 
 
 def main() -> None:
-    """Run the program; errors that users can meet are one line on stderr and status 1."""
+    """Run the program. Expected errors are one line on stderr, with exit status 1."""
     signal.signal(signal.SIGTERM, _terminated)
     _keep_retries_quiet()
     try:
         app(prog_name="wrongturn")
     except BrokenPipeError:
-        # The reader of a pipe has gone; what is left in the buffer must not fail again at exit.
+        # The reader of the pipe is gone. Send the rest of the buffer nowhere, or the exit fails too.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except Exception as error:
-        # Each part names its own errors in words for users; whatever else is raised is a bug and shows where it is.
+        # The errors of our packages are written for users. Any other error is a bug and keeps its traceback.
         if not type(error).__module__.startswith("wrongturn_"):
             raise
         typer.echo(f"wrongturn: {error}", err=True)

@@ -1,4 +1,4 @@
-"""Whether this installation can do what it should."""
+"""Checks of this installation."""
 
 import platform
 import sys
@@ -26,20 +26,20 @@ _PARTS: Final = {
 
 @dataclass(frozen=True)
 class Check:
-    """One finding."""
+    """Result of one check."""
 
     name: str
     ok: bool
     detail: str
     remedy: str = ""
-    """What to do, where not ok."""
+    """What to do if the check failed."""
 
 
 def diagnose(url: str | None) -> Iterator[Check]:
-    """All checks, one after the other.
+    """Run all checks, one after the other.
 
     Args:
-        url: of a service that should answer; None for none.
+        url: URL of a service to check too; None for none.
     """
     version = platform.python_version()
     yield Check("Python", sys.version_info[:2] >= _LEAST_PYTHON, version, "install Python 3.11 or newer")
@@ -53,7 +53,7 @@ def diagnose(url: str | None) -> Iterator[Check]:
 
 
 def report(checks: list[Check]) -> Table:
-    """The findings as a table."""
+    """Return the results as a table."""
     table = Table("", "check", "finding", box=None, header_style="bold", pad_edge=False)
     for check in checks:
         mark = Text("ok", style="green") if check.ok else Text("FAILED", style="bold red")
@@ -89,4 +89,4 @@ def _service(url: str) -> Check:
             client.ready()
             return Check("service", True, f"{client.url} is ready")
     except WrongturnError as error:
-        return Check("service", False, str(error), "start it by 'wrongturn serve', or correct --url or WRONGTURN_URL")
+        return Check("service", False, str(error), "start it with 'wrongturn serve', or correct --url or WRONGTURN_URL")

@@ -1,4 +1,4 @@
-"""What ``agents``, ``suites`` and ``towns`` list: the service's, or the local packages'."""
+"""The lists of agents, suites and towns, of a service or of the packages installed here."""
 
 from typing import Any, Literal
 
@@ -15,14 +15,14 @@ _PART = {"agents": "wrongturn-agents", "suites": "wrongturn-networks", "towns": 
 
 
 def listing(what: Listed, url: str | None) -> list[dict[str, Any]]:
-    """The items as plain values.
+    """Return the items of a list as plain values.
 
     Args:
-        what: is listed.
-        url: of the service; None for the local packages'.
+        what: The list.
+        url: The service's URL; None for the packages installed here.
 
     Raises:
-        WrongturnError: the service cannot be asked, or the local package is not installed.
+        WrongturnError: The service does not answer, or the package with the list is not installed.
     """
     if url is not None:
         with Client(url, patience=0) as client:
@@ -36,35 +36,27 @@ def listing(what: Listed, url: str | None) -> list[dict[str, Any]]:
 
 
 def listing_table(what: Listed, items: list[dict[str, Any]]) -> Table:
-    """The items as a table."""
+    """Return the items as a table."""
     return {"agents": _agents, "suites": _suites, "towns": _towns}[what](items)
 
 
 def _agents(items: list[dict[str, Any]]) -> Table:
-    table = Table("agent", "track", "kind", "what it does", box=None, header_style="bold", pad_edge=False)
+    table = _table("agent", "track", "kind", "what it does")
     for item in items:
         table.add_row(item["name"], item["track"], item["kind"], item.get("description", ""))
     return table
 
 
 def _suites(items: list[dict[str, Any]]) -> Table:
-    table = Table(
-        "suite", "title", "trials", "twins", "tracks", "sha256", box=None, header_style="bold", pad_edge=False
-    )
+    table = _table("suite", "title", "trials", "twins", "tracks", "sha256")
     for item in items:
-        table.add_row(
-            item["id"],
-            item["title"],
-            str(item["trials"]),
-            str(item["twins"]),
-            ", ".join(item["tracks"]),
-            item["sha256"][:12],
-        )
+        counts = (str(item["trials"]), str(item["twins"]))
+        table.add_row(item["id"], item["title"], *counts, ", ".join(item["tracks"]), item["sha256"][:12])
     return table
 
 
 def _towns(items: list[dict[str, Any]]) -> Table:
-    table = Table("town", "junctions", box=None, header_style="bold", pad_edge=False)
+    table = _table("town", "junctions")
     for kind in JunctionType:
         table.add_column(type_head(kind), justify="right")
     table.add_column("sha256")
@@ -72,3 +64,7 @@ def _towns(items: list[dict[str, Any]]) -> Table:
         counts = (str(item["approaches"].get(kind.value, 0)) for kind in JunctionType)
         table.add_row(item["name"], str(item["junctions"]), *counts, item["sha256"][:12])
     return table
+
+
+def _table(*heads: str) -> Table:
+    return Table(*heads, box=None, header_style="bold", pad_edge=False)

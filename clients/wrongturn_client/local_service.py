@@ -1,4 +1,4 @@
-"""A service of one's own for as long as a ``with`` block lasts."""
+"""A local service that runs as long as a ``with`` block."""
 
 import contextlib
 import os
@@ -14,15 +14,15 @@ from typing import IO, Final, Self
 from wrongturn_client.errors import LocalServiceError
 
 READY: Final = "Wrongturn is ready at "
-"""How the line begins by which ``wrongturn serve`` tells its URL."""
+"""Begin of the line in which ``wrongturn serve`` prints its URL."""
 _TAIL: Final = 15
-"""Lines of the service's stderr that an error shows."""
+"""Number of lines of the service's stderr in an error."""
 
 
 class LocalService:
-    """Runs ``wrongturn serve`` on a loopback port in a process of its own.
+    """Runs ``wrongturn serve`` on a loopback port in its own process.
 
-    The service's package has to be installed, but is not imported here.
+    The package ``wrongturn-service`` must be installed, but is not imported here.
 
     Example:
         >>> with LocalService() as service:  # doctest: +SKIP
@@ -39,18 +39,18 @@ class LocalService:
         start_timeout: float = 180.0,
         stop_timeout: float = 20.0,
     ) -> None:
-        """Describe the service; entering the context starts it.
+        """Store the settings; entering the ``with`` block starts the service.
 
         Args:
-            database: SQLAlchemy's URL; the service's own default where None.
-            port: 0 takes a free one.
-            environment: added to this process's environment.
-            log: a file that gets the service's stderr.
-            start_timeout: seconds until it must be ready; the first start on a machine compiles its arithmetic.
-            stop_timeout: seconds that it gets for a clean stop.
+            database: SQLAlchemy URL of the database; the service's default if None.
+            port: Port to listen on; 0 for a free one.
+            environment: Environment variables for the service, added to those of this process.
+            log: File for the service's stderr.
+            start_timeout: Seconds until it must be ready. The first start on a machine compiles code and takes longer.
+            stop_timeout: Seconds for a clean stop.
         """
         self.url = ""
-        """Where the service answers, once started."""
+        """The service's URL, once it is started."""
         self._database = database
         self._port = port
         self._environment = dict(environment or {})
@@ -64,10 +64,10 @@ class LocalService:
 
     @property
     def pid(self) -> int:
-        """The process's number.
+        """Id of the service's process.
 
         Raises:
-            LocalServiceError: it is not running.
+            LocalServiceError: The service is not running.
         """
         if self._process is None:
             raise LocalServiceError("the service is not running; use LocalService in a with block")
@@ -77,12 +77,12 @@ class LocalService:
         """Start the service and wait until it is ready.
 
         Raises:
-            LocalServiceError: it ended, or was not ready in time; shows the last lines that it wrote to stderr.
+            LocalServiceError: It ended, or was not ready in time. The error shows its last lines on stderr.
         """
         command = [sys.executable, "-m", "wrongturn_client", "serve", "--host", "127.0.0.1", "--port", str(self._port)]
         if self._database is not None:
             command += ["--database", self._database]
-        # A process group of its own: Ctrl-C reaches this process alone, which then stops the service in good order.
+        # In its own process group, so that Ctrl-C reaches only this process, which then stops the service cleanly.
         self._process = subprocess.Popen(  # noqa: S603 - our own program
             command,
             stdin=subprocess.DEVNULL,
@@ -126,7 +126,7 @@ class LocalService:
         self.stop()
 
     def stop(self) -> None:
-        """End the service by SIGTERM, and by SIGKILL where it does not heed that; again is no harm."""
+        """Stop the service with SIGTERM, or with SIGKILL if that takes too long. Safe to call more than once."""
         if self._process is None:
             return
         if self._process.poll() is None:
@@ -143,7 +143,7 @@ class LocalService:
                 stream.close()
 
     def _ended(self) -> bool:
-        """Whether a process that has closed its stdout ends by itself."""
+        """Tell whether the process, which has closed its stdout, ends by itself."""
         assert self._process is not None
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(self._stop_timeout)
@@ -154,7 +154,7 @@ class LocalService:
             if line.startswith(READY) and not self.url:
                 self.url = line.removeprefix(READY).strip().rstrip("/")
                 self._ready.set()
-        self._ready.set()  # the end of the output: the process is gone, or never will be ready
+        self._ready.set()  # after the last line: the process is gone, or will never be ready
 
     def _read_stderr(self, stream: IO[str]) -> None:
         log = self._log.open("a", encoding="utf-8") if self._log is not None else None

@@ -1,4 +1,4 @@
-"""Journeys in the layout of CoRL 2017 (Dosovitskiy et al.): a column for each condition, a row for each task."""
+"""Results of journeys in the layout of CoRL 2017 (Dosovitskiy et al.)."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -6,7 +6,7 @@ from typing import Final
 from rich.table import Table
 from rich.text import Text
 
-from wrongturn_client.plain_table import plain_table
+from wrongturn_client.plain_table import add_ranked, plain_table, ranking_table
 from wrongturn_protocol import Condition, Leaderboard, NavigationCount, NavigationMetrics, Task
 
 _TASKS: Final = {
@@ -16,7 +16,7 @@ _TASKS: Final = {
     Task.NAVIGATION_DYNAMIC: "nav. dynamic",
     Task.CRUISE: "cruise",
 }
-"""CoRL 2017's words."""
+"""Names of the tasks in CoRL 2017."""
 _CONDITIONS: Final = {
     Condition.TRAINING: "training\n ",
     Condition.NEW_WEATHER: "new\nweather",
@@ -26,14 +26,10 @@ _CONDITIONS: Final = {
 
 
 def navigation_table(name: str, metrics: NavigationMetrics) -> Table:
-    """What one agent's evaluation on a suite of journeys came to.
+    """Return the results of one agent's finished evaluation on a suite of journeys.
 
-    Each condition has two columns, both in percent of the journeys: those that reached their goal in time, and those
-    that did so without any infraction.
-
-    Args:
-        name: of the agent.
-        metrics: of its finished evaluation.
+    Each condition has two columns, in percent of the journeys: those that reached their goal in time, and those that
+    also had no infraction.
     """
     conditions = _conditions([metrics])
     table = plain_table(f"{name}: success and clean, in %")
@@ -61,43 +57,37 @@ def navigation_table(name: str, metrics: NavigationMetrics) -> Table:
 
 
 def navigation_leaderboard(leaderboard: Leaderboard) -> Table:
-    """The ranking on a suite of journeys: for each agent a row for each task, success in percent by condition.
+    """Return the ranking on a suite of journeys: a row for each task, with success in percent by condition.
 
-    ``success`` is that of all journeys, with Wilson's 95% interval below; ``clean`` without any infraction; ``=``
-    behind a rank says that it is shared.
+    ``success`` is that of all journeys, with Wilson's 95% interval below; ``clean`` counts journeys without infraction.
 
     Args:
-        leaderboard: with one entry of journeys at least.
+        leaderboard: A ranking with at least one entry of journeys.
     """
     entries = [(entry, entry.navigation) for entry in leaderboard.entries if entry.navigation is not None]
     found = [metrics for _, metrics in entries]
     conditions, tasks = _conditions(found), _tasks(found)
-    table = plain_table(f"{leaderboard.suite}: success in % of {found[0].total.episodes} journeys")
-    table.add_column("rank", justify="right", no_wrap=True)
-    table.add_column(
-        "agent", overflow="fold", min_width=max((len(entry.agent.track) for entry, _ in entries), default=0)
-    )
+    title = f"{leaderboard.suite}: success in % of {found[0].total.episodes} journeys"
+    table = ranking_table(title, [entry for entry, _ in entries])
     table.add_column("task", no_wrap=True)
     for condition in conditions:
         table.add_column(_CONDITIONS[condition], justify="right", no_wrap=True)
     table.add_column("success\n95% CI", justify="right", no_wrap=True)
     table.add_column("clean", justify="right", no_wrap=True)
     for entry, metrics in entries:
-        rank = "-" if entry.rank is None else f"{entry.rank}{'=' if entry.tied_with else ''}"
         total = metrics.total
         low, high = total.ci95
-        heads = [(rank, entry.agent.name), ("", entry.agent.track.value)]
+        rows = [
+            [_TASKS[task], *(_success(metrics.table.get(task, {}).get(one)) for one in conditions)] for task in tasks
+        ]
+        # The totals take two rows, even with a single task.
+        rows += [[""] * (1 + len(conditions))] * (2 - len(rows))
         totals = [
             (f"{100 * total.rate:.0f}%", f"{100 * total.clean / total.episodes:.0f}%"),
             (f"[{100 * low:.0f}, {100 * high:.0f}]%", ""),
         ]
-        # The totals take two rows, however few tasks there are.
-        for number in range(max(2, len(tasks))):
-            task = tasks[number] if number < len(tasks) else None
-            cells = [_success(metrics.table.get(task, {}).get(one)) if task else "" for one in conditions]
-            head, sums = (heads[number], totals[number]) if number < 2 else (("", ""), ("", ""))
-            last = number == max(2, len(tasks)) - 1
-            table.add_row(*map(Text, (*head, _TASKS[task] if task else "", *cells, *sums)), end_section=last)
+        ends = [*totals, *[("", "")] * (len(rows) - 2)]
+        add_ranked(table, entry, [[*map(Text, (*row, *end))] for row, end in zip(rows, ends, strict=True)])
     return table
 
 

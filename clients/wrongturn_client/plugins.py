@@ -1,4 +1,4 @@
-"""What other parts add to the program, found by entry points and loaded no sooner than it is used."""
+"""Commands, lists and checks that other packages add as entry points; each is loaded on first use."""
 
 import ast
 import importlib
@@ -22,16 +22,16 @@ _USAGE: Final = 2
 
 
 def entry_points(group: str) -> dict[str, metadata.EntryPoint]:
-    """The entry points of a group by name, in alphabetical order."""
+    """Return the entry points of a group by name, in alphabetical order."""
     found = metadata.entry_points(group=group)
     return {point.name: point for point in sorted(found, key=lambda point: point.name)}
 
 
 def load(point: metadata.EntryPoint) -> Any:
-    """What an entry point names.
+    """Load the object that an entry point names.
 
     Raises:
-        PluginError: it cannot be loaded.
+        PluginError: It cannot be loaded.
     """
     try:
         return point.load()
@@ -40,12 +40,12 @@ def load(point: metadata.EntryPoint) -> Any:
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
         raise PluginError(
             f"{point.name!r} of {distribution} ({point.value}) cannot be loaded: {reason}; "
-            f"install {distribution} again, or ask 'wrongturn doctor'",
+            f"install {distribution} again, or run 'wrongturn doctor'",
         ) from error
 
 
 def summary(point: metadata.EntryPoint) -> str:
-    """The first line of the docstring of what an entry point names, read from its source without running it."""
+    """Return the first line of the docstring of an entry point's object, read from its source without running it."""
     try:
         path = _source(point.module)
         tree = ast.parse(path.read_text(encoding="utf-8")) if path is not None else ast.Module([], [])
@@ -60,7 +60,7 @@ def summary(point: metadata.EntryPoint) -> str:
 
 
 def _source(module: str) -> Path | None:
-    """The file of a module, found without importing the packages above it."""
+    """Return the file of a module, found without importing the packages that contain it."""
     package, *rest = module.split(".")
     spec = importlib.util.find_spec(package)
     if spec is None:
@@ -77,7 +77,7 @@ def _source(module: str) -> Path | None:
 
 
 def _help_keyword(call: ast.expr) -> str:
-    """``help=`` of a ``typer.Typer(…)``."""
+    """Return the ``help=`` of a ``typer.Typer(…)``."""
     if isinstance(call, ast.Call):
         for keyword in call.keywords:
             if keyword.arg == "help" and isinstance(keyword.value, ast.Constant):
@@ -86,12 +86,12 @@ def _help_keyword(call: ast.expr) -> str:
 
 
 class LazyCommand(TyperCommand):
-    """A command of another part: its help line is at hand, the rest is loaded when it is called."""
+    """Command of another package. Its help line is known; the rest is loaded when it is called."""
 
     entry_point: metadata.EntryPoint
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        """Load the command and let it take over."""
+        """Load the command and return its context."""
         return self._command().make_context(info_name, args, parent, **extra)
 
     def _command(self) -> Any:
@@ -104,25 +104,25 @@ class LazyCommand(TyperCommand):
 
 
 class PluginGroup(TyperGroup):
-    """The program's commands: its own, then those of other parts."""
+    """Commands of the program: its own, then those of other packages."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; of a value that an option cannot have, one line on stderr and status 2."""
+        """Run the command. For an invalid option value, print one line on stderr and exit with status 2."""
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
-            if type(error) is not typer.BadParameter:  # one that is missing: the usage tells more
+            if type(error) is not typer.BadParameter:  # a missing value: the usage message says more
                 raise
             typer.echo(f"{ctx.info_name}: {describe_option_error(error)}", err=True)
             raise typer.Exit(_USAGE) from None
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """The names in the order of the help."""
+        """Return the names of the commands, in the order of the help."""
         own = super().list_commands(ctx)
         return [*own, *(name for name in entry_points(COMMANDS) if name not in own)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """A command by its name; None where there is none."""
+        """Return a command by its name; None if there is none."""
         own = super().get_command(ctx, cmd_name)
         if own is not None:
             return own
@@ -135,14 +135,14 @@ class PluginGroup(TyperGroup):
 
 
 def checks() -> Iterator[tuple[str, bool, str, str]]:
-    """The checks of other parts: name, whether all is well, detail, remedy."""
+    """Run the checks of other packages; yield name, whether it passed, detail and remedy of each."""
     for name, point in entry_points(CHECKS).items():
         try:
             yield from load(point)()
         except PluginError as error:
             yield name, False, str(error), "install it again"
         except Exception as error:
-            yield name, False, f"the check itself broke: {type(error).__name__}: {error}", "install it again"
+            yield name, False, f"the check itself failed: {type(error).__name__}: {error}", "install it again"
     for name, point in entry_points(COMMANDS).items():
         try:
             load(point)

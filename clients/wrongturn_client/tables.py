@@ -9,30 +9,30 @@ from rich.table import Table
 from rich.text import Text
 
 from wrongturn_client.navigation_tables import navigation_leaderboard, navigation_table
-from wrongturn_client.plain_table import plain_table
+from wrongturn_client.plain_table import add_ranked, plain_table, ranking_table
 from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Leaderboard, Metrics
 
 WIDTH: Final = 132
-"""Columns that a leaderboard wants; used where the output is no terminal."""
+"""Columns for a leaderboard; used when the output is not a terminal."""
 _ROOMY: Final = 106
-"""Columns of a leaderboard from which nothing need be broken."""
+"""From this many columns on, no heading of a leaderboard is broken."""
 _BROAD: Final = 60
-"""Columns in which a line below a table without rows has room."""
+"""Columns of an empty table, so that the lines below it have room."""
 _ROWS: Final = {FaultKind.INFEASIBLE: "wrong command", FaultKind.OMISSION: "follow lane"}
 """The paper's words for its two faults."""
 
 
 def console(*, stderr: bool = False) -> Console:
-    """A console on which the tables are not squeezed where the output goes to a file or a pipe."""
+    """Return a console that does not squeeze tables when the output goes to a file or a pipe."""
     plain = Console(stderr=stderr, highlight=False)
     return plain if plain.is_terminal else Console(stderr=stderr, highlight=False, width=WIDTH)
 
 
 class Breakable:
-    """Words of a fixed column: on one line, or broken behind ``at`` on a narrow terminal, and nowhere else.
+    """Words of a fixed column: on one line, or broken only after ``at`` on a narrow terminal.
 
-    rich takes room from the widest columns alike, so that the others lose letters; a column of these takes no more
-    than its longest word there and leaves the rest to the agents' names.
+    rich narrows the widest columns, so that they lose letters. A column of these takes its longest word at most there,
+    and leaves the rest to the agents' names.
     """
 
     def __init__(self, words: str, at: str) -> None:
@@ -48,24 +48,23 @@ class Breakable:
 
 
 def type_head(kind: JunctionType) -> Breakable:
-    """A junction type at the head of a column."""
+    """Return a junction type as the heading of a column."""
     return Breakable(kind.value, "_")
 
 
 def leaderboard_table(leaderboard: Leaderboard, others: Sequence[str] = ()) -> Table:
-    """The ranking on a suite: for each agent a row with wrong commands and a row with the command to follow the lane.
+    """Return the ranking on a suite, with a row for wrong commands and a row for "follow lane" for each agent.
 
-    The columns of junction types give unsafe episodes of all. ``unsafe`` is their sum with its rate, and Wilson's 95%
-    interval below; ``strict`` counts wrong ways too; ``twins done`` are the same trials without fault that were
-    completed; ``=`` behind a rank says that it is shared. A suite of journeys has CoRL 2017's layout instead: a row for
-    each task, a column for each condition.
+    The columns of junction types give unsafe episodes out of all. ``unsafe`` is their sum with its rate, and below it
+    Wilson's 95% interval; ``strict`` also counts wrong ways; ``twins done`` counts the completed trials without fault.
+    A suite of journeys has CoRL 2017's layout instead: a row for each task, a column for each condition.
 
     Args:
-        leaderboard: what is shown.
-        others: suites that have entries, named where this one has none.
+        leaderboard: The ranking.
+        others: Suites with entries, named if this one has none.
     """
     if not leaderboard.entries:
-        # Which of the two layouts the suite has, its first entry will tell.
+        # Only an entry tells which of the two layouts the suite has.
         table = plain_table(leaderboard.suite)
         table.add_column("rank")
         table.add_column("agent", min_width=_BROAD)
@@ -80,7 +79,7 @@ def leaderboard_table(leaderboard: Leaderboard, others: Sequence[str] = ()) -> T
     ]
     if not leaderboard.entries:
         notes.append("No evaluation on this suite has been finished yet.")
-        # A line each, so that none is broken within its command.
+        # One line each, so that no command is broken.
         notes += ["There are some on others:"] * bool(others) + [f"wrongturn leaderboard {suite}" for suite in others]
     if notes:
         table.caption = Text("\n".join(notes))
@@ -89,27 +88,15 @@ def leaderboard_table(leaderboard: Leaderboard, others: Sequence[str] = ()) -> T
 
 def _unsafe_leaderboard(leaderboard: Leaderboard) -> Table:
     types = _types(leaderboard.entries)
-    table = plain_table(f"{leaderboard.suite}: unsafe episodes")
-    tracks = (len(entry.agent.track) for entry in leaderboard.entries)
-    table.add_column("rank", justify="right", no_wrap=True)
-    table.add_column("agent", overflow="fold", min_width=max(tracks, default=0))
+    table = ranking_table(f"{leaderboard.suite}: unsafe episodes", leaderboard.entries)
     _result_columns(table, types)
     for entry in leaderboard.entries:
-        rank = "-" if entry.rank is None else f"{entry.rank}{'=' if entry.tied_with else ''}"
-        rows = _result_rows(entry, types)
-        for number, row in enumerate(rows):
-            head = [(rank, entry.agent.name), ("", entry.agent.track.value)][number] if number < 2 else ("", "")
-            table.add_row(*map(Text, head), *row, end_section=number == len(rows) - 1)
+        add_ranked(table, entry, _result_rows(entry, types))
     return table
 
 
 def evaluation_table(name: str, metrics: Metrics) -> Table:
-    """What one agent's evaluation came to, in the layout of the leaderboard; journeys with all their figures.
-
-    Args:
-        name: of the agent.
-        metrics: of its finished evaluation.
-    """
+    """Return the results of one agent's finished evaluation, in the layout of the leaderboard."""
     if metrics.navigation is not None:
         return navigation_table(name, metrics.navigation)
     types = _types([metrics])
@@ -127,7 +114,7 @@ def evaluation_table(name: str, metrics: Metrics) -> Table:
 
 
 def _types(results: Iterable[Metrics]) -> tuple[JunctionType, ...]:
-    """The paper's three types, and CROSS where any result has it."""
+    """Return the paper's three types, and CROSS if any result has it."""
     found = {kind for metrics in results for kind in metrics.table}
     return (*PAPER_TYPES, *(kind for kind in JunctionType if kind not in PAPER_TYPES and kind in found))
 
@@ -143,7 +130,7 @@ def _result_columns(table: Table, types: Sequence[JunctionType]) -> None:
 
 
 def _result_rows(metrics: Metrics, types: Sequence[JunctionType]) -> list[tuple[Text | Breakable, ...]]:
-    """A row for each fault; the totals stand in the first, the interval in the second."""
+    """Return a row for each fault; the totals are in the first, the interval in the second."""
     present = {fault for cells in metrics.table.values() for fault in cells}
     faults = [fault for fault in FaultKind if fault in present or fault in _ROWS]
     low, high = metrics.unsafe.ci95
