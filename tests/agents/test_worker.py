@@ -113,7 +113,7 @@ def program(*arguments: str) -> list[str]:
 
 def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        program(*arguments), capture_output=True, text=True, timeout=120, env={**os.environ, **environment}, check=False
+        program(*arguments), capture_output=True, text=True, timeout=600, env={**os.environ, **environment}, check=False
     )
 
 
@@ -208,7 +208,7 @@ def test_ctrl_c_says_how_to_go_on(url, tmp_path):
     assert process.returncode == 130
     assert "Traceback" not in rest
     command = rest.partition("To go on with it: ")[2]
-    done = subprocess.run(shlex.split(command), capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(shlex.split(command), capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
     assert "12 of 12 episodes" in done.stderr
 

@@ -45,7 +45,7 @@ def results(
     ] = None,
     agent: Annotated[
         str | None,
-        typer.Option(help="Agent of the import, if the file does not say. Example: ppo-image"),
+        typer.Option(help="Agent of the import; replaces the one in the file. Example: ppo-image"),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Training seed of the import. Example: 3", min=0)] = None,
     variant: Annotated[str | None, typer.Option(help="Ablation of the import. Example: without-augmentation")] = None,
@@ -54,7 +54,7 @@ def results(
         typer.Option(help="Training steps of the import. Example: 2000000", min=0),
     ] = None,
 ) -> None:
-    """Show the paper's two tables, ours beside the paper's, and how far figures differ between training seeds.
+    """Show the paper's two tables with our figures beside the paper's, and their spread over training seeds.
 
     Example: wrongturn results --check
     """
