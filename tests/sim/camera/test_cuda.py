@@ -18,7 +18,7 @@ PITCHED = {**LOW, "pitch": 0.1, "yaw": 0.3}
 CLASSES_APART, COLOURS_APART = 1e-5, 1e-4
 """Greatest shares of the pixels on a GPU with another class, and with a colour that differs by more than 1.
 
-Both round their arithmetic in their own way, so a pixel on an edge can fall to either side. Measured on an H200: at most
+CPU and GPU round differently, so a pixel exactly on an edge can fall to either side. Measured on an H200: at most
 3.4e-6 and 5.3e-5. The CPU without fast arithmetic differs as much from the CPU with it.
 """
 KINDS = (Weather.HARD_RAIN_NOON, Weather.CLEAR_SUNSET)
