@@ -65,7 +65,8 @@ class InvalidRequestError(ServiceError):
     status = 422
 
     def __init__(self, path: str, message: str, kind: ProblemType = ProblemType.VALIDATION) -> None:
-        super().__init__(kind, f"{path}: {message}", errors=(FieldError(path=path, message=message),))
+        detail = message if message.startswith(path) else f"{path}: {message}"
+        super().__init__(kind, detail, errors=(FieldError(path=path, message=message),))
 
 
 class UnauthenticatedError(ServiceError):

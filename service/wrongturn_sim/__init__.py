@@ -36,46 +36,28 @@ if TYPE_CHECKING:
     from wrongturn_sim.trajectory import Row, Trajectory
     from wrongturn_sim.verdict import JourneyGeometry, JourneyJudge, Judge, JudgeGeometry, judge
 
-_HOME = {
-    "VEHICLE": "ego",
-    "Episode": "episode",
-    "EpisodeAlreadyFinishedError": "errors",
-    "EpisodeNotStartedError": "errors",
-    "FaultNotApplicableError": "faults",
-    "InvalidActionError": "errors",
-    "InvalidTrialError": "errors",
-    "JourneyGeometry": "verdict",
-    "JourneyJudge": "verdict",
-    "Judge": "verdict",
-    "JudgeGeometry": "verdict",
-    "Row": "trajectory",
-    "SimError": "errors",
-    "Simulator": "simulator",
-    "SimulatorError": "errors",
-    "SimulatorFailedError": "errors",
-    "SimulatorInUseError": "errors",
-    "SimulatorUnavailableError": "errors",
-    "Step": "episode",
-    "TrafficTooDenseError": "errors",
-    "Trajectory": "trajectory",
-    "TrajectoryError": "errors",
-    "TrialNotAloneError": "errors",
-    "Vehicle": "ego",
-    "WrongturnSimEnv": "gym_env",
-    "WrongturnVectorEnv": "fleet.vector_env",
-    "available_faults": "faults",
-    "judge": "verdict",
+_MODULES = {
+    "ego": ("VEHICLE", "Vehicle"),
+    "episode": ("Episode", "Step"),
+    "faults": ("FaultNotApplicableError", "available_faults"),
+    "fleet.vector_env": ("WrongturnVectorEnv",),
+    "gym_env": ("WrongturnSimEnv",),
+    "simulator": ("Simulator",),
+    "trajectory": ("Row", "Trajectory"),
+    "verdict": ("JourneyGeometry", "JourneyJudge", "Judge", "JudgeGeometry", "judge"),
 }
+"""Modules of the public names; all others are in ``errors``."""
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    return getattr(importlib.import_module(f"{__name__}.{_HOME.get(name, 'errors')}"), name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOME})
+    return sorted({*globals(), *__all__})
 
 
 gymnasium.register(

@@ -5,6 +5,8 @@ import struct
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple, SupportsFloat
 
+from pydantic import ValidationError
+
 from wrongturn_networks import load_town
 from wrongturn_protocol import Command, Outcome, Track, Trial
 from wrongturn_protocol.observations import Observation
@@ -13,6 +15,7 @@ from wrongturn_sim.errors import (
     EpisodeAlreadyFinishedError,
     EpisodeNotStartedError,
     InvalidActionError,
+    InvalidTrialError,
 )
 from wrongturn_sim.faults import CommandFault, make_fault
 from wrongturn_sim.faults.fault import Guidance
@@ -22,7 +25,6 @@ from wrongturn_sim.route import Navigator, start_pose
 from wrongturn_sim.simulator import Simulation, Simulator
 from wrongturn_sim.traffic.plan import EGO_LENGTH, plan_traffic
 from wrongturn_sim.trajectory import Row, Trajectory
-from wrongturn_sim.trials import check as check_trial
 from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry, judge_of
 
 if TYPE_CHECKING:
@@ -47,7 +49,23 @@ class Step(NamedTuple):
     """Whether the time ran out."""
 
 
-def _check(steer: SupportsFloat, throttle: SupportsFloat, brake: SupportsFloat) -> None:
+def _check_trial(trial: Trial) -> None:
+    """Check the fields of a trial again, because ``model_copy`` lets anything through.
+
+    Raises:
+        InvalidTrialError: a field is invalid; the message names it.
+    """
+    try:
+        Trial.model_validate(trial.model_dump(warnings=False))
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        path = ".".join(("trial", *map(str, first["loc"])))
+        raise InvalidTrialError(
+            f"{path}: {first['msg']}; make trials by draw_trial, or check yours by Trial.model_validate"
+        ) from error
+
+
+def _check_action(steer: SupportsFloat, throttle: SupportsFloat, brake: SupportsFloat) -> None:
     """Check the fields of an action.
 
     Raises:
@@ -94,7 +112,7 @@ class Episode:
         camera: "Camera | None" = None,
         strict: bool = False,
     ) -> None:
-        check_trial(trial)
+        _check_trial(trial)
         self.trial = trial
         self.track = track
         self.town = load_town(trial.town)
@@ -191,10 +209,10 @@ class Episode:
             raise EpisodeAlreadyFinishedError(f"the episode ended in {self.outcome.verdict}; call reset to drive again")
         try:
             if not (-1.0 <= steer <= 1.0 and 0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0):
-                _check(steer, throttle, brake)
+                _check_action(steer, throttle, brake)
             action = _FLOAT32.pack(steer, throttle, brake)
         except (TypeError, ValueError, struct.error):
-            _check(steer, throttle, brake)
+            _check_action(steer, throttle, brake)
             raise
         steer, throttle, brake = _FLOAT32.unpack(action)
 

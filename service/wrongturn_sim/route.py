@@ -94,9 +94,8 @@ def start_route(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int
     progress[guide.P_INSIDE] = trial.start.distance < 0.0
     progress[guide.P_AFTER] = -1
     progress[guide.P_JOURNEY] = trial.journey is not None
-    return guide.route_draws(
-        random.Random(f"route {trial.seed}")
-    )  # a generator of its own: other draws do not shift the route
+    # A generator of its own: other draws do not shift the route.
+    return guide.route_draws(random.Random(f"route {trial.seed}"))
 
 
 class Navigator:

@@ -118,8 +118,8 @@ class Simulation:
         """
         if _Process.holder is not self:
             raise SimulatorInUseError(
-                "another environment took the simulator, and a process has only one: "
-                "reset this one to take it back, or give each environment a process of its own with "
+                "another environment of this process took its only simulator: reset this environment to take it "
+                "back, or give each environment a process of its own with "
                 "gymnasium.vector.AsyncVectorEnv (Stable-Baselines3: SubprocVecEnv)",
             )
         try:

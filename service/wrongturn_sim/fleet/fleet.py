@@ -95,11 +95,10 @@ class Fleet:
         self._geometries: list[JudgeGeometry | JourneyGeometry] = []
         self._goals: dict[str | None, int] = {None: 0}
         self._tables = self._packed_tables(())
-        fields = {field.name: field for field in FIELDS[track]}
         self.observation: Observation = {
-            name: np.zeros((count, *field.shape), field.dtype)
-            for name, field in fields.items()
-            if name not in _PICTURES
+            field.name: np.zeros((count, *field.shape), field.dtype)
+            for field in FIELDS[track]
+            if field.name not in _PICTURES
         }
         """(n, ...) for each key except pictures; each step overwrites it."""
         empty = {
@@ -245,10 +244,10 @@ class Fleet:
             ValueError: the ego has begun no episode, or the fleet keeps no records.
         """
         if not self._recording:
-            raise ValueError("record: none is kept; make the environment with record=True to have trajectories")
+            raise ValueError("record: this environment keeps none; make it with record=True")
         trial = self.trials[i]
         if trial is None:
-            raise ValueError(f"ego {i}: has begun no trial; reset the environment first")
+            raise ValueError(f"environment {i}: it has begun no trial; call reset")
         egos = self._egos
         count = int(egos.sub_steps[i])
         decisions = -(-count // SUB_STEPS)

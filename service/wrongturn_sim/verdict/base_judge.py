@@ -8,13 +8,22 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_protocol import Outcome
+from wrongturn_protocol import Flag, Outcome, Verdict
 from wrongturn_sim.verdict import decide
 from wrongturn_sim.verdict.errors import RowError
 from wrongturn_sim.verdict.packing import Floats
 
 NOBODY: Final = np.empty((0, 6))
 """Array of no road users."""
+VERDICTS: Final = (None, *Verdict)
+"""Verdict by the kernels' number; 0 is none."""
+FLAGS: Final = {
+    decide.KERB_BITE: Flag.KERB_BITE,
+    decide.LANE_INVASION: Flag.LANE_INVASION,
+    decide.WRONG_WAY_FLAG: Flag.WRONG_WAY,
+    decide.OVER_LINE: Flag.OVER_LINE,
+}
+"""Flag by the kernels' bit."""
 
 
 class BaseJudge(ABC):

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from wrongturn_protocol import JourneyOutcome, Outcome, Trial, Verdict
 from wrongturn_sim.ego import VEHICLE, Vehicle
 from wrongturn_sim.verdict import decide, journey_kernels
-from wrongturn_sim.verdict.base_judge import NOBODY, BaseJudge
-from wrongturn_sim.verdict.codes import FLAGS, VERDICTS
+from wrongturn_sim.verdict.base_judge import FLAGS, NOBODY, VERDICTS, BaseJudge
 from wrongturn_sim.verdict.errors import GeometryMismatchError
 from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
 from wrongturn_sim.verdict.packing import CLOCK_TOLERANCE, Floats, numbers_of
