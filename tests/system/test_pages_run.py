@@ -72,6 +72,7 @@ def test_what_is_installed_exists(text: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_readmes_environment_runs(tmp_path: Path) -> None:
     (snippet,) = re.findall(r"```python\n(.*?)```", section(README, "Install"), re.DOTALL)
     (tmp_path / "snippet.py").write_text(snippet, "utf-8")
