@@ -1,4 +1,4 @@
-"""Build the towns and write the suites: ``python -m wrongturn_networks.making [towns|suites|all] [--check]``."""
+"""Build the towns and write the suites: ``python -m wrongturn_networks.making``."""
 
 import argparse
 import filecmp
@@ -59,7 +59,7 @@ def fault_check() -> FaultCheck:
 
 def main() -> int:
     """Run the program; the exit status is 1 where a file differs from its recipe."""
-    parser = argparse.ArgumentParser(prog="python -m wrongturn_networks.making", description="Build the towns and write the suites.")
+    parser = argparse.ArgumentParser(prog="python -m wrongturn_networks.making", description=__doc__)
     parser.add_argument("what", nargs="?", choices=("towns", "suites", "all"), default="all")
     parser.add_argument("--check", action="store_true", help="change nothing; list the files that differ")
     arguments = parser.parse_args()
