@@ -95,9 +95,9 @@ class Drive(DriveConnection):
 
     def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result], patience: float | None = None) -> None:
         """Repeat the calls that met a busy service, and replace their results."""
+        if ServiceBusyError not in map(type, results):
+            return  # as nearly always, so this check is quick
         busy = [at for at, result in enumerate(results) if isinstance(result, ServiceBusyError)]
-        if not busy:
-            return
         first = True
         with contextlib.suppress(ServiceBusyError):  # the results say so
             for attempt in attempts(self.patience if patience is None else patience, self._availability):
