@@ -68,6 +68,6 @@ def validated(kind: type[M], message: Any) -> M:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise ProtocolError(
-            f"the answer is no {kind.__name__} ({where}: {first['msg']}); "
+            f"the answer is not a valid {kind.__name__} ({where}: {first['msg']}); "
             "are the service and this client of the same version?",
         ) from error

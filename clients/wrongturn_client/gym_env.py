@@ -54,7 +54,7 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         **options: Unpack[TrialKeywords],
     ) -> None:
         if render_mode is not None:
-            raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
+            raise ValueError(f"render_mode: {render_mode!r} is not supported; leave it None, pictures are observations")
         self.render_mode = None
         trials = TrialOptions.of(town, track, **options)
         self.track = trials.track

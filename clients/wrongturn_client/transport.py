@@ -53,8 +53,8 @@ class Reply:
             return json.loads(self.content)
         except (ValueError, msgpack.UnpackException) as error:
             raise ProtocolError(
-                f"the answer is no {'msgpack' if self.media_type == MSGPACK else 'JSON'}, though status "
-                f"{self.status} says that all is well; is there a Wrongturn service at this URL?",
+                f"the answer has status {self.status} but is not "
+                f"{'msgpack' if self.media_type == MSGPACK else 'JSON'}; is there a Wrongturn service at this URL?",
             ) from error
 
 
@@ -228,7 +228,7 @@ def _split(url: str) -> SplitResult:
             return parts
     except ValueError:
         pass
-    raise WrongturnError(f"url: {url!r} is no URL of a service; give one such as http://127.0.0.1:8000")
+    raise WrongturnError(f"url: {url!r} is not the URL of a service; give one such as http://127.0.0.1:8000")
 
 
 def path_of(*parts: str) -> str:

@@ -75,7 +75,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         **options: Unpack[TrialKeywords],
     ) -> None:
         if render_mode is not None:
-            raise ValueError(f"render_mode: {render_mode!r} is not there; leave it None, pictures are observations")
+            raise ValueError(f"render_mode: {render_mode!r} is not supported; leave it None, pictures are observations")
         self.render_mode = None
         self.num_envs = count = whole_number("num_envs", num_envs)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -213,8 +213,8 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
                 raise first
             if left <= 0:
                 raise ServiceFullError(
-                    f"num_envs: is {self.num_envs}, and {len(begun)} of {len(chosen)} episodes could be begun at once "
-                    f"({first}); make fewer environments, or come back when the service is less busy",
+                    f"num_envs: is {self.num_envs}, and {len(begun)} of {len(chosen)} episodes could begin "
+                    f"({first}); make fewer environments, or try again when the service is less busy",
                 ) from first
             for i in begun:
                 self._calls[i] = self._practice.again(self._calls[i])
