@@ -100,3 +100,11 @@ def test_paths_and_modules_in_the_text_exist(page: Path) -> None:
     modules = re.findall(r"python -m (wrongturn_[\w.]+)", text)
     unknown = [module for module in modules if importlib.util.find_spec(module) is None]
     assert missing + unknown == []
+
+
+@pytest.mark.parametrize(("length", "status"), [(1, 0), (71, 0), (72, 1)])
+def test_a_long_subject_is_refused(tmp_path: Path, length: int, status: int) -> None:
+    message = tmp_path / "message"
+    message.write_text("ü" * length + "\n\n" + "body " * 40)
+    done = subprocess.run([ROOT / "script/check-subject", message], env={"LC_ALL": "C.UTF-8"}, check=False)
+    assert done.returncode == status
