@@ -67,6 +67,7 @@ def ways_to(town: Town, lane_id: str) -> Mapping[str, Way]:
     return MappingProxyType(ways)
 
 
+@lru_cache(maxsize=256)
 def exits_towards(town: Town, lane_id: str) -> Mapping[str, Command | None]:
     """Return, for each lane of the town, the exit at its end that lies on the shortest way to a lane.
 
@@ -75,11 +76,6 @@ def exits_towards(town: Town, lane_id: str) -> Mapping[str, Command | None]:
     Raises:
         UnknownLaneError: the town has no such lane.
     """
-    return _exits_towards(town, lane_id)
-
-
-@lru_cache(maxsize=256)
-def _exits_towards(town: Town, lane_id: str) -> Mapping[str, Command | None]:
     ways = ways_to(town, lane_id)
     return MappingProxyType({lane: ways[lane].commands[0] if lane in ways else None for lane in town.lanes})
 

@@ -123,13 +123,6 @@ def test_trials_are_drawn_at_approaches_that_are_long_enough():
     assert len({env.reset(seed=k)[1]["trial"].split(".")[1] for k in range(60)}) > 12
 
 
-def test_a_fault_that_is_not_there_yet_is_refused_when_the_environment_is_made():
-    with pytest.raises(FaultNotApplicableError, match=r"flicker"):
-        gymnasium.make(ID, town="junctions", fault="flicker")
-    with pytest.raises(FaultNotApplicableError, match=r"none, infeasible, omission"):
-        gymnasium.make(ID, town="junctions", approach="J1-S", fault="flicker")
-
-
 @pytest.mark.slow
 def test_vector_environments_are_the_remedy_that_the_displaced_are_told_of():
     envs = gymnasium.vector.AsyncVectorEnv(

@@ -143,11 +143,11 @@ def judge_row(tables: Tables, egos: Egos, i: int, command: int) -> bool:
     if egos.states.shape[1] > 0:
         for k in range(5):
             egos.states[i, row, k] = egos.state[i, k]
-    one = egos.approaches[i]
+    geometry = egos.approaches[i]
     bases = tables.bases
-    floats = tables.floats[bases[one, 0] : bases[one + 1, 0]]
-    ints = tables.ints[bases[one, 1] : bases[one + 1, 1]]
-    cells = tables.cells[bases[one, 2] : bases[one + 1, 2]]
+    floats = tables.floats[bases[geometry, 0] : bases[geometry + 1, 0]]
+    ints = tables.ints[bases[geometry, 1] : bases[geometry + 1, 1]]
+    cells = tables.cells[bases[geometry, 2] : bases[geometry + 1, 2]]
     if egos.journeys[i]:
         found = journey_kernels.observe(
             floats, ints, cells, tables.lanes, tables.numbers, tables.nobody, egos.terms[i],
