@@ -1,7 +1,7 @@
 """Cars and people: tapered boxes with wheels, glass and lamps; a figure on legs."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from wrongturn_protocol import SegmentationClass
 from wrongturn_sim.camera.kernels import (
@@ -67,6 +67,19 @@ USER_X, USER_Y, USER_YAW, USER_LENGTH, USER_WIDTH, USER_HEIGHT, USER_KIND, USER_
 FRONT, BACK, LEFT, RIGHT, TOP, BOTTOM = range(6)
 """Faces of a box."""
 
+PAINTS: Final = (
+    (176.0, 30.0, 34.0),
+    (232.0, 232.0, 230.0),
+    (40.0, 42.0, 48.0),
+    (150.0, 156.0, 164.0),
+    (34.0, 70.0, 140.0),
+    (214.0, 166.0, 40.0),
+    (40.0, 104.0, 70.0),
+    (92.0, 132.0, 168.0),
+    (198.0, 98.0, 40.0),
+    (110.0, 92.0, 78.0),
+)
+"""Colours of cars and of coats: red, green, blue."""
 WHEEL = 0.32
 """Radius of a wheel, metres."""
 SILL = 0.26
@@ -121,27 +134,7 @@ def row_of_other(other: Any, row: Any) -> None:
     colour = int(other[USER_COLOUR])
     row[SEED] = colour & 0xFFFF
     row[KIND] = CAR if other[USER_KIND] < 0.5 else WALKER
-    pick = int(noise(colour, 3, 1) * 9.999)
-    red, green, blue = 176.0, 30.0, 34.0
-    if pick == 1:
-        red, green, blue = 232.0, 232.0, 230.0
-    elif pick == 2:
-        red, green, blue = 40.0, 42.0, 48.0
-    elif pick == 3:
-        red, green, blue = 150.0, 156.0, 164.0
-    elif pick == 4:
-        red, green, blue = 34.0, 70.0, 140.0
-    elif pick == 5:
-        red, green, blue = 214.0, 166.0, 40.0
-    elif pick == 6:
-        red, green, blue = 40.0, 104.0, 70.0
-    elif pick == 7:
-        red, green, blue = 92.0, 132.0, 168.0
-    elif pick == 8:
-        red, green, blue = 198.0, 98.0, 40.0
-    elif pick == 9:
-        red, green, blue = 110.0, 92.0, 78.0
-    row[R], row[G], row[B] = red, green, blue
+    row[R], row[G], row[B] = PAINTS[int(noise(colour, 3, 1) * 9.999)]
     legs = 40.0 + 60.0 * noise(colour, 5, 2)
     row[R2], row[G2], row[B2] = legs, legs, legs * 1.25
 
