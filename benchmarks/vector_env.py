@@ -55,7 +55,7 @@ def batch(town: str, track: str, egos: int, steps: int) -> dict[str, float]:
     timed(envs._fleet, "step", spent, LOGIC)
     timed(envs, "_begin", spent, RESETS)
     if envs._camera is not None:
-        timed(envs._camera, "paint", spent, PICTURES)
+        timed(envs._camera, "render", spent, PICTURES)
     begin = time.thread_time()
     for action in actions[2:]:
         envs.step(action)

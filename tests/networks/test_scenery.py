@@ -1,4 +1,4 @@
-"""What stands beside the road."""
+"""Tests of the objects beside the road."""
 
 import math
 from collections import Counter

@@ -30,12 +30,12 @@ PINNED = {
     "smoke@1": "dbc30ea90e4c8eb2f473a22cd9e7b4ff35b09ec566f623d054ba4467d4b952bc",
     "wrong-command@1": "cd8f5ca30c1275c7bb784b7ae67f88a05b682293e786a50f6e381f8a7d1a0001",
 }
-"""Whoever has to change one of these gives the suite a new version instead."""
+"""Suites never change: a change to one of them needs a new version."""
 TOWN_PINNED = {
     "Town01": "b2d09dfbb02da00ad9de76f7f7d12a5aa1ccc373e9011a8dc5a08529b4b2152c",
     "Town02": "132364253d662fcb919faa0893eb548dbec0d2a5d16a14848ec808813e4da3c6",
 }
-"""A town below a suite is part of what the suite measures: changed streets or houses mean a new version too."""
+"""A suite measures its towns too: changed streets or houses need a new version of the suite."""
 FAULTS = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 
 

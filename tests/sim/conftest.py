@@ -34,7 +34,7 @@ def _make_trial(
 
 @pytest.fixture(scope="session")
 def make_trial() -> Callable[..., Trial]:
-    """Draw a trial: of the first T approach of the small town unless told otherwise."""
+    """Draw a trial, by default at the first T approach of the small town."""
     return _make_trial
 
 
@@ -54,7 +54,7 @@ def _steer(pose: np.ndarray, path: np.ndarray, reach: float = 4.5) -> float:
 
 
 def _drive(trial: Trial, direction: Command | None = None, steps: int = 400) -> Episode:
-    """Drive a trial by the privileged observation's paths, by the route's exit unless told otherwise."""
+    """Drive a trial by the privileged observation's paths, by default to the route's exit."""
     episode = Episode(trial, Track.PRIVILEGED)
     observation = episode.reset()
     exit_row = DIRECTIONS.index(direction or trial.route)

@@ -1,4 +1,4 @@
-"""Every function that numba keeps on the disk must be kept under a name that changes with all it was compiled from.
+"""Tests that the cached name of each compiled function changes with all files that it was compiled from.
 
 Numba itself looks at a function's own file alone. What else a function is compiled from, the functions that it calls
 and the constants that are frozen into it, is found here in the sources, and held against what ``compiled_with`` lists.
@@ -81,7 +81,7 @@ def used(node: ast.AST) -> Iterator[tuple[str, str | None]]:
 
 
 def made_from(source: Source, node: ast.AST, seen: set[tuple[str, str]]) -> set[str]:
-    """The modules whose text has a part in what a statement comes to, apart from its own."""
+    """Return the other modules whose text affects the value of a statement."""
     found: set[str] = set()
     for name, attribute in used(node):
         if name in source.imported:

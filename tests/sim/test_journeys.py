@@ -85,7 +85,7 @@ def actions_of(episode):
 
 
 def replayed(episodes, **arguments):
-    """The same drives among many egos of one town: the environment, and what was told of each end."""
+    """The same drives among many egos of one town: the environment, and the outcome of each end."""
     trials = [episode.trial for episode in episodes]
     envs = WrongturnVectorEnv(len(trials), trials[0].town, "privileged", autoreset_mode="Disabled", **arguments)
     envs.reset(options={"trial": trials})

@@ -37,7 +37,7 @@ def drawn_actions(count, steps, seed=3):
 
 
 def alone(actions, seed, mode, **arguments):
-    """What single environments give, one after another, begun anew as the mode says: a list of turns for each."""
+    """Return what single environments give under the same autoreset mode, a list of steps for each."""
     env = WrongturnSimEnv(**arguments)
     turns = []
     for i in range(actions.shape[1]):
