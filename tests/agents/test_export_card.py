@@ -15,7 +15,7 @@ from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
-from wrongturn_agents.training.card import FACTS, cards
+from wrongturn_agents.training.export.card import FACTS, cards
 from wrongturn_protocol import FaultKind, Verdict
 
 METADATA = {
@@ -103,5 +103,5 @@ def test_the_shipped_card_is_the_one_that_the_files_make(name):
     agent = SHIPPED_AGENTS[name]
     if not agent.file.is_file():
         pytest.skip(f"the weights of {name} are not there yet")
-    assert agent.card.read_text("utf-8") == cards()[agent.card], "run python -m wrongturn_agents.training.card"
+    assert agent.card.read_text("utf-8") == cards()[agent.card], "run python -m wrongturn_agents.training.export.card"
     assert not re.search(r"/(home|work|root|tmp)/", agent.card.read_text("utf-8"))

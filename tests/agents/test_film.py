@@ -6,7 +6,7 @@ from made_results import wrong_command
 
 from wrongturn_agents import resolve
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.film import MOMENTS, film_trial, main, unsafe_trials, write
+from wrongturn_agents.training.export.film import MOMENTS, film_trial, main, unsafe_trials, write
 from wrongturn_networks import load_suite
 from wrongturn_protocol import FaultKind, JunctionType, Verdict
 

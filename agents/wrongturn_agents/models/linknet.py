@@ -18,9 +18,9 @@ class LinkNetDecoder(nn.Module):
     that the decoder can tell has come through the last stage, which so learns to hold all of it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, widths: Sequence[int] = WIDTHS) -> None:
         super().__init__()
-        first, second, third, fourth = WIDTHS
+        first, second, third, fourth = widths
         self.blocks = nn.ModuleList(
             [_block(fourth, third, 2), _block(third, second, 2), _block(second, first, 2), _block(first, first, 1)]
         )

@@ -18,14 +18,15 @@ class NatureCNN(nn.Module):
         features: width of what comes out.
     """
 
-    def __init__(self, channels: int, features: int = 512) -> None:
+    def __init__(self, channels: int, features: int = 512, widths: tuple[int, int, int] = (32, 64, 64)) -> None:
         super().__init__()
+        first, second, third = widths
         self.convolutions = nn.Sequential(
-            nn.Conv2d(channels, 32, kernel_size=8, stride=4),
+            nn.Conv2d(channels, first, kernel_size=8, stride=4),
             nn.ReLU(),
-            nn.Conv2d(32, 64, kernel_size=4, stride=2),
+            nn.Conv2d(first, second, kernel_size=4, stride=2),
             nn.ReLU(),
-            nn.Conv2d(64, 64, kernel_size=3, stride=1),
+            nn.Conv2d(second, third, kernel_size=3, stride=1),
             nn.ReLU(),
             nn.Flatten(),
         )

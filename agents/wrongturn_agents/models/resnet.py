@@ -3,7 +3,7 @@
 He et al., "Deep residual learning for image recognition" (2016).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
@@ -29,7 +29,7 @@ class ResNet34(nn.Module):
         ModuleNotFoundError: transformers is not installed.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, widths: Sequence[int] = WIDTHS, depths: Sequence[int] = (3, 4, 6, 3)) -> None:
         super().__init__()
         try:
             # Seconds to import, and the segmentation agent has no need of it.
@@ -38,7 +38,7 @@ class ResNet34(nn.Module):
             remedy = f"{python()} -m pip install 'wrongturn-agents[training]'"
             raise ModuleNotFoundError(f"ResNet-34 is made by transformers; install it with: {remedy}") from error
         whole = ResNetModel(
-            ResNetConfig(embedding_size=64, hidden_sizes=list(WIDTHS), depths=[3, 4, 6, 3], layer_type="basic")
+            ResNetConfig(embedding_size=widths[0], hidden_sizes=list(widths), depths=list(depths), layer_type="basic")
         )
         self.stem: nn.Module = whole.embedder
         self.stages = nn.ModuleList(whole.encoder.stages)

@@ -129,14 +129,14 @@ class DrivingVecEnv(WrongturnVecEnv):
         return tensor
 
     def _watch_pictures(self) -> None:
-        """Let the camera's work be counted apart."""
+        """Count the camera's work as ``render``."""
         camera = getattr(self.envs, "_camera", None)
         if camera is None:
             return
-        paint = camera.paint
+        render = camera.render
 
-        def watched(*args: Any, **kwargs: Any) -> None:
+        def timed(*args: Any, **kwargs: Any) -> None:
             with self.stopwatch.part("render"):
-                paint(*args, **kwargs)
+                render(*args, **kwargs)
 
-        camera.paint = watched
+        camera.render = timed

@@ -28,8 +28,8 @@ def export(
     from wrongturn_client.invocation import python  # noqa: PLC0415
 
     try:
-        from wrongturn_agents.training import export as exporting  # noqa: PLC0415
         from wrongturn_agents.training.checkpoint import load_checkpoint, model_of  # noqa: PLC0415
+        from wrongturn_agents.training.export import export as exporting  # noqa: PLC0415
         from wrongturn_agents.training.recording import record_observations  # noqa: PLC0415
     except ImportError as error:
         raise TrainingError(

@@ -11,7 +11,6 @@ from typing import Any
 
 import torch
 
-from wrongturn_agents.training.bundle import replace
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.drive import drive
@@ -91,7 +90,12 @@ def write_results(path: Path, results: Results) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        replace(path, (json.dumps(results, indent=1, sort_keys=True) + "\n").encode())
+        beside = path.with_name(f".{path.name}.new")
+        with beside.open("w", encoding="utf-8") as file:
+            file.write(json.dumps(results, indent=1, sort_keys=True) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
     except OSError as error:
         raise _unwritable(path, error.strerror) from error
 

@@ -22,7 +22,7 @@ from wrongturn_agents.onnx_agent import ACTION, open_session
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.quantisation import halve, quantise
+from wrongturn_agents.training.export.quantisation import halve, quantise
 from wrongturn_agents.training.recording import record_observations
 from wrongturn_protocol import AgentRegistration, Track
 

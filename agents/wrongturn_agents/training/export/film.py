@@ -2,7 +2,7 @@
 
 ::
 
-    python -m wrongturn_agents.training.film AGENT FILE [TRIAL ...] [--suite SUITE] [--unsafe RESULTS]
+    python -m wrongturn_agents.training.export.film AGENT FILE [TRIAL ...] [--suite SUITE] [--unsafe RESULTS]
 
 A FILE that ends in ``.webp`` becomes a film, one that ends in ``.png`` a sheet: a row a trial, moments from left to
 right.
@@ -129,7 +129,7 @@ def _line(said: str, width: int) -> Image:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make a film or a sheet; gives the status."""
-    parser = argparse.ArgumentParser(prog="python -m wrongturn_agents.training.film", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m wrongturn_agents.training.export.film", description=__doc__)
     parser.add_argument("agent", help="a registered name, package.module:Class, or an .onnx file")
     parser.add_argument("file", type=Path, help=".webp for a film, .png for a sheet")
     parser.add_argument("trials", nargs="*", metavar="TRIAL", help="ids; all of the suite by default")

@@ -1,8 +1,8 @@
 """A shipped agent's card in Markdown, made from its file, the stored results and the curve of its training.
 
-``python -m wrongturn_agents.training.card`` writes the cards beside the weights; a test holds them against the files.
-What no file knows (the machine, what was particular) stands in ``weights/training.json``: for each agent ``hardware``,
-and where there is any, ``options`` of its ``wrongturn train`` and ``notes``.
+``python -m wrongturn_agents.training.export.card`` writes the cards beside the weights, and a test compares them with
+the files. What no file knows stands in ``weights/training.json``: each agent's ``hardware`` and, if there are any,
+the ``options`` of its ``wrongturn train`` and ``notes``.
 """
 
 import hashlib
