@@ -8,6 +8,7 @@ from typing import Any
 from unittest.mock import patch
 
 import httpx
+import structlog
 from fake_pool import FakePool
 from service_harness import GAS, expect
 
@@ -37,6 +38,11 @@ class Clock:
             yield
 
 
+def _unrendered_logs() -> contextlib.AbstractContextManager[object]:
+    """Keep structlog from rendering each line for a terminal, which takes seconds for a traceback."""
+    return contextlib.nullcontext() if structlog.is_configured() else structlog.testing.capture_logs()
+
+
 @contextlib.asynccontextmanager
 async def application(
     folder: Path, pool: FakePool, track: str = "privileged", **settings: Any
@@ -45,7 +51,7 @@ async def application(
     database = settings.pop("database", f"sqlite+aiosqlite:///{folder / 'a.db'}")
     given = Settings(database=database, home=folder, **settings)
     clock = Clock()
-    with clock.used():
+    with clock.used(), _unrendered_logs():
         app = create_app(given, pool=pool)
         async with app.router.lifespan_context(app):
             transport = httpx.ASGITransport(app)

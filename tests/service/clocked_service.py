@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import structlog
 from app_harness import Clock
 from fake_pool import FakePool
 from service_harness import Service
@@ -50,8 +51,10 @@ class ClockedService(Service):
         given = Settings(database=f"sqlite+aiosqlite:///{database}", home=database.parent, simulators=slots, **settings)
         self._loop = ClockedLoop()
         self._clock = Clock()
-        self._clocked = contextlib.ExitStack()
-        self._clocked.enter_context(self._clock.used())
+        self._exit = contextlib.ExitStack()
+        self._exit.enter_context(self._clock.used())
+        self.logs = self._exit.enter_context(structlog.testing.capture_logs())
+        """What this service has logged."""
         bound = socket.create_server(("127.0.0.1", 0))
         self.url = f"http://127.0.0.1:{bound.getsockname()[1]}"
         self._app = create_app(given, pool=FakePool(slots))
@@ -115,7 +118,7 @@ class ClockedService(Service):
             with contextlib.suppress(RuntimeError):  # it may have ended meanwhile
                 self.signal()
         self.join()
-        self._clocked.close()
+        self._exit.close()
         gc.unfreeze()
 
 

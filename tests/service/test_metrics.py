@@ -159,14 +159,13 @@ def test_the_log_carries_the_ids(tmp_path: Path) -> None:
             assert "token" not in json.dumps(lines)
 
     lines: list[dict[str, object]] = []
-    before = structlog.get_config()
     structlog.configure(
         processors=[structlog.contextvars.merge_contextvars, lambda *now: lines.append(now[2]) or drop()]
     )
     try:
         play(story)
     finally:
-        structlog.configure(**before)
+        structlog.reset_defaults()
 
 
 def drop() -> None:

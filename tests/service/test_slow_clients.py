@@ -8,7 +8,6 @@ from pathlib import Path
 
 import httpx
 import pytest
-import structlog
 from clocked_service import ClockedService
 from drive_socket import DriveSocket
 from raw_socket import connected, frame, http_problem, rest, upgrade
@@ -226,34 +225,33 @@ def _answers(service: ClockedService) -> bool:
 
 
 def test_a_stop_lets_agents_come_to_their_end_and_begins_nothing(tmp_path: Path) -> None:
-    with structlog.testing.capture_logs() as logs:
-        service = ClockedService(tmp_path / "wrongturn.db", shutdown_grace_s=600)
-        with service.agent() as agent, DriveSocket(service, agent.token) as drive:
-            evaluation = agent.evaluate()["id"]
-            episode = expect(agent.reset(evaluation), 201)["id"]
-            idle = agent.practise()["id"]
-            service.pass_time(2)  # the stop waits for no agent that is silent
-            expect(agent.step(episode, 1, COAST), 200)
-            service.signal()
-            _stopping(agent)
-            refused = agent.reset(evaluation)
-            problem(refused, 503, "shutting-down")
-            assert int(refused.headers["Retry-After"]) >= 1
-            result = drive.one("next", evaluation, None)
-            assert (result[0], result[1]["type"], result[1]["retry_after_s"]) == (503, "/problems/shutting-down", 5)
-            seq, over = 1, False
-            while not over:
-                assert service.running
-                seq += 1
-                if seq % 2:
-                    last = expect(agent.step(episode, seq, COAST), 200)
-                else:
-                    status, last, _ = drive.one("step", episode, seq, *COAST.values())
-                    assert status == 200, last
-                over = last["terminated"] or last["truncated"]
-            service.join()
-        service.close()
-    assert [log["count"] for log in logs if log["event"].startswith("episodes are lost by the stop")] == [1]
+    service = ClockedService(tmp_path / "wrongturn.db", shutdown_grace_s=600)
+    with service.agent() as agent, DriveSocket(service, agent.token) as drive:
+        evaluation = agent.evaluate()["id"]
+        episode = expect(agent.reset(evaluation), 201)["id"]
+        idle = agent.practise()["id"]
+        service.pass_time(2)  # the stop waits for no agent that is silent
+        expect(agent.step(episode, 1, COAST), 200)
+        service.signal()
+        _stopping(agent)
+        refused = agent.reset(evaluation)
+        problem(refused, 503, "shutting-down")
+        assert int(refused.headers["Retry-After"]) >= 1
+        result = drive.one("next", evaluation, None)
+        assert (result[0], result[1]["type"], result[1]["retry_after_s"]) == (503, "/problems/shutting-down", 5)
+        seq, over = 1, False
+        while not over:
+            assert service.running
+            seq += 1
+            if seq % 2:
+                last = expect(agent.step(episode, seq, COAST), 200)
+            else:
+                status, last, _ = drive.one("step", episode, seq, *COAST.values())
+                assert status == 200, last
+            over = last["terminated"] or last["truncated"]
+        service.join()
+    service.close()
+    assert [log["count"] for log in service.logs if log["event"].startswith("episodes are lost by the stop")] == [1]
     again = ClockedService(tmp_path / "wrongturn.db")
     try:
         headers = {"Authorization": f"Bearer {agent.token}"}
