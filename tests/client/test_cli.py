@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
@@ -88,17 +87,12 @@ def _program(*args: str, **environment: str) -> subprocess.CompletedProcess[str]
     )
 
 
-def test_help_lists_the_commands_and_is_quick() -> None:
-    times = []
-    for _ in range(3):
-        begin = time.perf_counter()
-        done = _program("--help")
-        times.append(time.perf_counter() - begin)
+def test_help_lists_the_commands() -> None:
+    done = _program("--help")
     assert done.returncode == 0
     assert done.stderr == ""
     for command in ("agents", "suites", "towns", "leaderboard", "doctor"):
         assert f" {command} " in done.stdout
-    assert min(times) < 2.0, "generous, for busy machines; alone it takes 0.3 s"
 
 
 def test_help_imports_nothing_heavy() -> None:

@@ -37,8 +37,11 @@ def check(report: Report, kills: int) -> None:
     assert set(report.gave_up) <= {"ServiceUnreachableError"}
 
 
-def test_a_few_kills_with_sqlite(tmp_path: Path) -> None:
-    check(run(File(tmp_path), tmp_path, moments(19, 6, NO_SERVER), FEW_SEATS), 6)
+@pytest.mark.slow
+@pytest.mark.parametrize("kills", [3, pytest.param(6, marks=pytest.mark.soak)])
+def test_a_few_kills_with_sqlite(tmp_path: Path, kills: int) -> None:
+    """Three kills have one of each kind."""
+    check(run(File(tmp_path), tmp_path, moments(19, kills, NO_SERVER), FEW_SEATS), kills)
 
 
 @pytest.mark.soak

@@ -6,8 +6,9 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -124,18 +125,19 @@ class Agent:
         body = {"town": "Town01", "approach": "J3-S", "seed": 3, **fields}
         if "suite" in fields:
             del body["town"], body["approach"], body["seed"]
-        episode = expect(self.http.post("/v1/episodes", json=body), 201)
+        episode = expect(patiently(lambda: self.http.post("/v1/episodes", json=body)), 201)
         self._open.append(episode["id"])
         return episode
 
     def step(self, episode: str, seq: int, action: dict[str, float] = GAS) -> httpx.Response:
-        return self.http.post(f"/v1/episodes/{episode}/step", json={"seq": seq, "action": action})
+        body = {"seq": seq, "action": action}
+        return patiently(lambda: self.http.post(f"/v1/episodes/{episode}/step", json=body))
 
     def evaluate(self, suite: str = "smoke@1") -> dict[str, Any]:
         return expect(self.http.post("/v1/evaluations", json={"suite": suite}), 201)
 
     def reset(self, evaluation: str, **headers: str) -> httpx.Response:
-        return self.http.post(f"/v1/evaluations/{evaluation}/episodes", headers=headers)
+        return patiently(lambda: self.http.post(f"/v1/evaluations/{evaluation}/episodes", headers=headers))
 
     def drive(self, episode: str, action: dict[str, float] = GAS, begin: int = 1) -> tuple[int, dict[str, Any]]:
         """Step until the end; the number of the last step and its reply."""
@@ -150,6 +152,16 @@ class Agent:
         response = self.http.get(f"/v1/episodes/{episode}/trajectory")
         assert response.status_code == 200, response.text
         return response.content
+
+
+def patiently(call: Callable[[], httpx.Response], seconds: float = 240) -> httpx.Response:
+    """Call again as long as simulators are being started, which takes long on a busy machine; the last response."""
+    deadline = time.monotonic() + seconds
+    while True:
+        response = call()
+        if response.status_code != 503 or "are being started" not in response.text or time.monotonic() > deadline:
+            return response
+        time.sleep(0.5)
 
 
 def expect(response: httpx.Response, status: int) -> dict[str, Any]:

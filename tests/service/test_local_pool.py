@@ -2,7 +2,6 @@
 
 import asyncio
 import sys
-import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
@@ -173,9 +172,7 @@ def test_no_process_outlives_the_pool() -> None:
     async def story(pool: LocalPool) -> None:
         pids.extend([(await pool.acquire("Town01")).process.pid for _ in range(2)])
 
-    began = time.monotonic()
     run(story, slots=2)
-    assert time.monotonic() - began < 20
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
 
 
