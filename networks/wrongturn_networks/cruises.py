@@ -92,13 +92,13 @@ def draw_cruise(
     if not (min(shares) >= 0.0 and sum(shares) <= 1.0):
         raise CruiseError(
             f"near_junctions, near_bends, inside_junctions: {near_junctions}, {near_bends} and {inside_junctions} are "
-            "not shares of a whole; give three of at least 0 that add up to at most 1",
+            "not shares of a whole; give three of at least 0 that add up to at most 1"
         )
     if not 0.0 <= speed[0] <= speed[1] <= 22.0:
         raise CruiseError(f"speed: {speed} is not a range within 0 and 22 m/s; give the least and the greatest speed")
     if not (0.0 <= lateral <= 0.7 and 0.0 <= yaw <= 0.3):
         raise CruiseError(
-            f"lateral, yaw: {lateral} m and {yaw} rad would start cars off their lane; give at most 0.7 m and 0.3 rad",
+            f"lateral, yaw: {lateral} m and {yaw} rad would start cars off their lane; give at most 0.7 m and 0.3 rad"
         )
     stretches = _stretches(town)
     kind, which, where, fast, turn = random.random(5).tolist()

@@ -15,18 +15,7 @@ from wrongturn_networks.errors import ApproachTooShortError, NoJourneyError
 from wrongturn_networks.starts import LANE_RESERVE, SHORTEST
 from wrongturn_networks.town import Town
 from wrongturn_networks.ways import ways_to
-from wrongturn_protocol import (
-    CORL_TASKS,
-    Command,
-    Fault,
-    FaultKind,
-    Journey,
-    Start,
-    Task,
-    Traffic,
-    Trial,
-    Weather,
-)
+from wrongturn_protocol import CORL_TASKS, Command, Fault, FaultKind, Journey, Start, Task, Traffic, Trial, Weather
 
 GOAL_AFTER: Final = 10.0
 """Least distance of a goal past an exit line, metres: there the whole car has left the junction."""
@@ -108,7 +97,7 @@ def draw_journey(
         if length < LANE_RESERVE + SHORTEST:
             raise ApproachTooShortError(
                 f"approach: its lane is {length:.1f} m long and a start needs {SHORTEST + LANE_RESERVE:.0f} m; "
-                "choose another approach",
+                "choose another approach"
             )
         pairs = tuple(pair for pair in pairs if pair.approach == approach)
     if not pairs:
@@ -138,11 +127,7 @@ def draw_journey(
         fault=Fault(kind=FaultKind.NONE),
         seed=seed,
         journey=Journey(
-            task=task,
-            goal=pair.goal,
-            goal_at=goal_at,
-            length=round(length, 3),
-            time_limit=round(length / PACE, 1),
+            task=task, goal=pair.goal, goal_at=goal_at, length=round(length, 3), time_limit=round(length / PACE, 1)
         ),
     )
 

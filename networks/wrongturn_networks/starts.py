@@ -32,7 +32,7 @@ def draw_start(lane_length: float, seed: int) -> Start:
     if distance < SHORTEST:
         raise ApproachTooShortError(
             f"approach: its lane is {lane_length:.1f} m long and a start needs {SHORTEST + LANE_RESERVE:.0f} m; "
-            "choose another approach",
+            "choose another approach"
         )
     return Start(
         distance=round(distance, 3),

@@ -71,11 +71,9 @@ class Suite:
         """Return the trials as the service lists them, each with its twin's id if it has one."""
         return TrialList(
             trials=tuple(
-                TrialDetail.model_validate(
-                    {**trial.model_dump(), "twin": None if trial.journey else trial.twin().id},
-                )
+                TrialDetail.model_validate({**trial.model_dump(), "twin": None if trial.journey else trial.twin().id})
                 for trial in self.trials
-            ),
+            )
         )
 
 
@@ -120,11 +118,11 @@ def read_suite(path: Path) -> Suite:
         if hashlib.sha256(canonical(content)).hexdigest() != sha256:
             raise CorruptFileError(
                 f"suite {path.stem}: the file was changed, and suites never change; "
-                "restore it, or give the changed one a new version",
+                "restore it, or give the changed one a new version"
             )
         if f"{content['name']}@{content['version']}" != path.stem:
             raise CorruptFileError(
-                f"suite {path.stem}: the file holds {content['name']}@{content['version']}; give it its own name back",
+                f"suite {path.stem}: the file holds {content['name']}@{content['version']}; give it its own name back"
             )
         return Suite(
             id=path.stem,

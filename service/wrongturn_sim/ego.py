@@ -78,15 +78,7 @@ v (m/s, along the axis), steering (applied, -1 full left to 1 full right)."""
 
 @njit(cache=True)
 def advance(
-    x: float,
-    y: float,
-    yaw: float,
-    v: float,
-    steering: float,
-    steer: float,
-    throttle: float,
-    brake: float,
-    dt: float,
+    x: float, y: float, yaw: float, v: float, steering: float, steer: float, throttle: float, brake: float, dt: float
 ) -> State:
     """Return the car's state ``dt`` seconds later.
 

@@ -78,7 +78,7 @@ def _check_action(steer: SupportsFloat, throttle: SupportsFloat, brake: Supports
             right = low <= float(value) <= high
         except (TypeError, ValueError):
             raise InvalidActionError(
-                f"action.{name}: {value!r} is not a number; give one from {low:g} to {high:g}",
+                f"action.{name}: {value!r} is not a number; give one from {low:g} to {high:g}"
             ) from None
         if not right:
             raise InvalidActionError(f"action.{name}: is {float(value)}; give a number from {low:g} to {high:g}")

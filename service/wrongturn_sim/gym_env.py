@@ -64,10 +64,7 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """The last episode, with its trajectory; None before the first reset."""
 
     def reset(
-        self,
-        *,
-        seed: int | None = None,
-        options: dict[str, Any] | None = None,
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin a trial: ``options["trial"]`` (a Trial, or an id of the suite), else a drawn one.
 

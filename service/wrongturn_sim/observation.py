@@ -20,10 +20,7 @@ def observe_state(state: State, command: Command) -> Observation:
 
 
 def observe_privileged(
-    state: State,
-    command: Command,
-    navigator: Navigator,
-    road_users: Sequence[RoadUser],
+    state: State, command: Command, navigator: Navigator, road_users: Sequence[RoadUser]
 ) -> Observation:
     """Return all keys of the privileged track, as new arrays; they reveal neither the route nor the fault."""
     observation = observe_state(state, command)

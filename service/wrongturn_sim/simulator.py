@@ -14,11 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_sim.ego import SUB_STEP, VEHICLE
-from wrongturn_sim.errors import (
-    SimulatorFailedError,
-    SimulatorInUseError,
-    SimulatorUnavailableError,
-)
+from wrongturn_sim.errors import SimulatorFailedError, SimulatorInUseError, SimulatorUnavailableError
 from wrongturn_sim.traffic.crowd import OTHERS, Crowd
 from wrongturn_sim.traffic.plan import TrafficPlan
 from wrongturn_sim.trajectory import RoadUser
@@ -73,7 +69,7 @@ def load_libsumo() -> ModuleType:
         except ImportError as error:
             raise SimulatorUnavailableError(
                 f"libsumo cannot be loaded ({error}); install the Debian packages {' '.join(DEBIAN_PACKAGES)} "
-                "and `pip install libsumo`",
+                "and `pip install libsumo`"
             ) from error
     return _Process.sumo
 
@@ -120,7 +116,7 @@ class Simulation:
             raise SimulatorInUseError(
                 "another environment of this process took its only simulator: reset this environment to take it "
                 "back, or give each environment a process of its own with "
-                "gymnasium.vector.AsyncVectorEnv (Stable-Baselines3: SubprocVecEnv)",
+                "gymnasium.vector.AsyncVectorEnv (Stable-Baselines3: SubprocVecEnv)"
             )
         try:
             # SUMO's angle runs clockwise from north, its position is the front bumper's centre.
@@ -189,15 +185,7 @@ class Simulator:
     """The process's only simulator: SUMO, as an episode uses it."""
 
     def begin(
-        self,
-        net: Path,
-        edge: str,
-        x: float,
-        y: float,
-        yaw: float,
-        *,
-        seed: int,
-        traffic: TrafficPlan | None = None,
+        self, net: Path, edge: str, x: float, y: float, yaw: float, *, seed: int, traffic: TrafficPlan | None = None
     ) -> Simulation:
         """Take the process's simulator, load a net and place a new car.
 

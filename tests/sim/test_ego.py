@@ -15,9 +15,7 @@ states = st.tuples(
     st.floats(-1, 1, **FINITE),
 )
 actions = st.tuples(
-    st.floats(-1, 1, width=32, **FINITE),
-    st.floats(0, 1, width=32, **FINITE),
-    st.floats(0, 1, width=32, **FINITE),
+    st.floats(-1, 1, width=32, **FINITE), st.floats(0, 1, width=32, **FINITE), st.floats(0, 1, width=32, **FINITE)
 )
 
 

@@ -126,8 +126,7 @@ def test_trials_are_drawn_at_approaches_that_are_long_enough():
 @pytest.mark.slow
 def test_vector_environments_are_the_remedy_that_the_displaced_are_told_of():
     envs = gymnasium.vector.AsyncVectorEnv(
-        [lambda: gymnasium.make(ID, town="junctions", track="privileged")] * 2,
-        context="spawn",
+        [lambda: gymnasium.make(ID, town="junctions", track="privileged")] * 2, context="spawn"
     )
     try:
         first, _ = envs.reset(seed=[1, 1])

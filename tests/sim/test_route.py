@@ -30,7 +30,7 @@ def test_the_command_is_named_in_the_nominal_window_on_every_approach(town_name,
     for approach in town.approaches.values():
         for route in approach.exits:
             trial = any_trial.model_copy(
-                update={"approach": approach.id, "junction_type": approach.type, "route": route},
+                update={"approach": approach.id, "junction_type": approach.type, "route": route}
             )
             for taken in approach.exits:
                 navigator = Navigator(town, trial)

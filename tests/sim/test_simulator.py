@@ -6,13 +6,7 @@ import pytest
 
 from wrongturn_networks import load_town
 from wrongturn_protocol import Track
-from wrongturn_sim import (
-    Episode,
-    Simulator,
-    SimulatorFailedError,
-    SimulatorInUseError,
-    SimulatorUnavailableError,
-)
+from wrongturn_sim import Episode, Simulator, SimulatorFailedError, SimulatorInUseError, SimulatorUnavailableError
 from wrongturn_sim import simulator as bridge
 
 

@@ -50,10 +50,7 @@ def build(recipe: Recipe, folder: Path) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         raw = Path(scratch) / net.name
         done = subprocess.run(
-            [netconvert(), "-n", nodes, "-e", edges, "-o", raw, *OPTIONS],
-            capture_output=True,
-            text=True,
-            check=False,
+            [netconvert(), "-n", nodes, "-e", edges, "-o", raw, *OPTIONS], capture_output=True, text=True, check=False
         )
         if done.returncode:
             raise RuntimeError(f"netconvert rejects {recipe.name}: {done.stderr.strip()}")

@@ -114,7 +114,7 @@ class _Placer:
         """Return how far from a junction's middle road and sidewalk end in a direction, metres."""
         reach = 1.0
         while reach < 40 and self.free_of.intersects(
-            Point(position[0] + reach * math.cos(heading), position[1] + reach * math.sin(heading)),
+            Point(position[0] + reach * math.cos(heading), position[1] + reach * math.sin(heading))
         ):
             reach += 0.25
         return reach
@@ -162,7 +162,7 @@ class _Placer:
             self._tree(*right(kerb + draw.uniform(0.6, 2.5)))
             return draw.uniform(4.0, 8.0)
         kind, thick, low, high = draw.choice(
-            ((SceneryKind.WALL, 0.4, 1.4, 2.4), (SceneryKind.HEDGE, 1.0, 0.9, 1.8), (SceneryKind.FENCE, 0.1, 0.9, 1.4)),
+            ((SceneryKind.WALL, 0.4, 1.4, 2.4), (SceneryKind.HEDGE, 1.0, 0.9, 1.8), (SceneryKind.FENCE, 0.1, 0.9, 1.4))
         )
         length = draw.uniform(5.0, 12.0)
         self.put(kind, *right(kerb + 0.2 + thick / 2), yaw, (length, thick, draw.uniform(low, high)))

@@ -30,10 +30,7 @@ def edges_xml(recipe: Recipe) -> str:
     root = ET.Element("edges")
     for street in recipe.streets:
         centreline = centreline_of(recipe, street)
-        for start, end, line in (
-            (street.start, street.end, centreline),
-            (street.end, street.start, centreline[::-1]),
-        ):
+        for start, end, line in ((street.start, street.end, centreline), (street.end, street.start, centreline[::-1])):
             edge = ET.SubElement(
                 root,
                 "edge",
@@ -77,7 +74,7 @@ def rounded(before: Point, corner: Point, after: Point, radius: float) -> list[P
             (
                 centre[0] + x * math.cos(angle) - y * math.sin(angle),
                 centre[1] + x * math.sin(angle) + y * math.cos(angle),
-            ),
+            )
         )
     return arc
 

@@ -75,14 +75,7 @@ class Fleet:
     """
 
     def __init__(
-        self,
-        town: Town,
-        count: int,
-        track: Track,
-        *,
-        threads: int = 1,
-        strict: bool = False,
-        record: bool = True,
+        self, town: Town, count: int, track: Track, *, threads: int = 1, strict: bool = False, record: bool = True
     ) -> None:
         self.town = town
         self.count = count
@@ -277,7 +270,7 @@ class Fleet:
         if trial.traffic.vehicles or trial.traffic.pedestrians:
             raise TrialNotAloneError(
                 "trial.traffic: the cars of one batch drive alone; take a trial without other road users, "
-                "or gymnasium.vector.AsyncVectorEnv of single environments",
+                "or gymnasium.vector.AsyncVectorEnv of single environments"
             )
         return trial
 

@@ -113,10 +113,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self._over = np.zeros(num_envs, np.bool_)
 
     def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin the next trials.
 
@@ -158,7 +155,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         driven = ~waiting
         if (self._over & driven).any():
             raise EpisodeAlreadyFinishedError(
-                f"environments {np.flatnonzero(self._over).tolist()} ended; reset them with options reset_mask",
+                f"environments {np.flatnonzero(self._over).tolist()} ended; reset them with options reset_mask"
             )
         fleet = self._fleet
         fleet.step(checked_actions(actions, driven, InvalidActionError).astype(np.float32), driven)

@@ -186,6 +186,6 @@ def _sample(
     if count > len(free):
         raise TrafficTooDenseError(
             f"traffic.{field}: {town.name} has room for {len(free)} besides the car at its start, not for {count}; "
-            "ask for fewer",
+            "ask for fewer"
         )
     return [slots.places[k] for k in draw.sample(free, count)]

@@ -63,7 +63,5 @@ def sidewalks_of(town: Town) -> Sidewalks:
         for area in ends[edge]:
             meeting[area].append(edge)
     return Sidewalks(
-        {edge: lines[lanes[edge]] for edge in ends},
-        ends,
-        {area: tuple(edges) for area, edges in meeting.items()},
+        {edge: lines[lanes[edge]] for edge in ends}, ends, {area: tuple(edges) for area, edges in meeting.items()}
     )

@@ -67,7 +67,7 @@ def terms_of(geometry: JourneyGeometry, trial: Trial, *, strict: bool) -> tuple[
         if found is None or journey.goal_at > geometry.town.lanes[journey.goal].length:
             raise GeometryMismatchError(
                 f"journey.goal: {geometry.town.name} has no lane {journey.goal} with a place {journey.goal_at:.1f} m "
-                "along it; take a trial of this town",
+                "along it; take a trial of this town"
             )
         goal = found
     return journey.time_limit - CLOCK_TOLERANCE, float(goal), journey.goal_at, float(strict)

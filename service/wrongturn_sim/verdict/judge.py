@@ -53,11 +53,7 @@ class Judge(BaseJudge):
     """
 
     def __init__(
-        self,
-        geometry: JudgeGeometry,
-        trial: Trial,
-        thresholds: Thresholds = THRESHOLDS,
-        vehicle: Vehicle = VEHICLE,
+        self, geometry: JudgeGeometry, trial: Trial, thresholds: Thresholds = THRESHOLDS, vehicle: Vehicle = VEHICLE
     ) -> None:
         if trial.journey is not None:
             raise GeometryMismatchError(

@@ -11,16 +11,7 @@ import numpy as np
 from shapely import Point, box, unary_union
 from shapely.geometry.base import BaseGeometry
 
-from wrongturn_protocol import (
-    DIRECTIONS,
-    Command,
-    Fault,
-    FaultKind,
-    JunctionType,
-    Outcome,
-    Start,
-    Trial,
-)
+from wrongturn_protocol import DIRECTIONS, Command, Fault, FaultKind, JunctionType, Outcome, Start, Trial
 from wrongturn_sim.trajectory import RoadUser, Row, Trajectory
 from wrongturn_sim.verdict import ExitLane, Judge, JudgeGeometry, LaneStrip, Thresholds, judge
 

@@ -3,18 +3,7 @@
 import math
 
 import pytest
-from handmade_junction import (
-    FOLLOW,
-    LEFT,
-    RIGHT,
-    STRAIGHT,
-    arc,
-    drive,
-    junction,
-    trial,
-    verdict_of,
-    way,
-)
+from handmade_junction import FOLLOW, LEFT, RIGHT, STRAIGHT, arc, drive, junction, trial, verdict_of, way
 from shapely import box
 
 from wrongturn_protocol import DIRECTIONS, Command, Flag, JunctionType, Verdict
@@ -66,10 +55,7 @@ def test_the_heading_must_be_within_thirty_degrees(
 ) -> None:
     turned = math.radians(degrees) * side
     rows = drive(
-        way(direction),
-        [(12.0, 8.0)],
-        command=direction,
-        yaw=lambda s: turned if s > WAYS[direction] + 6.0 else 0.0,
+        way(direction), [(12.0, 8.0)], command=direction, yaw=lambda s: turned if s > WAYS[direction] + 6.0 else 0.0
     )
     outcome = verdict_of(rows, CROSS, trial())
     assert outcome.verdict is (Verdict.EXIT_COMMANDED if reached else Verdict.WRONG_WAY)

@@ -10,16 +10,7 @@ from handmade_junction import Points, drive, verdict_of
 
 from wrongturn_networks import Approach, Town, load_town, town_names
 from wrongturn_networks.errors import UnknownApproachError
-from wrongturn_protocol import (
-    Command,
-    Fault,
-    FaultKind,
-    Flag,
-    Reaction,
-    Start,
-    Trial,
-    Verdict,
-)
+from wrongturn_protocol import Command, Fault, FaultKind, Flag, Reaction, Start, Trial, Verdict
 from wrongturn_sim.trajectory import Trajectory
 from wrongturn_sim.verdict import GeometryMismatchError, Judge, JudgeGeometry, RowError, judge
 
