@@ -59,11 +59,11 @@ class Emulated:
 
 def simulator() -> None:
     """The service's simulator process around it."""
-    from wrongturn_service.simulators import process  # noqa: PLC0415
+    from wrongturn_service.simulators import worker  # noqa: PLC0415
 
-    process.Episode = Emulated  # type: ignore[misc, assignment]
-    process.Server.warm_up = lambda _: None  # type: ignore[method-assign]
-    process.main()
+    worker.Episode = Emulated  # type: ignore[misc, assignment]
+    worker.Server.warm_up = lambda _: None  # type: ignore[method-assign]
+    worker.main()
 
 
 class Asked:

@@ -86,6 +86,17 @@ def service(folder: str, emulated: bool, simulators: int, ready: Any) -> None:
     server.run(settings, bound)
 
 
+class _Noting:
+    """Keeps what is observed, and passes it on."""
+
+    def __init__(self, series: Any, noted: list[float]) -> None:
+        self._series, self._noted = series, noted
+
+    def observe(self, value: float) -> None:
+        self._noted.append(value)
+        self._series.observe(value)
+
+
 def _overheads(kind: Any) -> list[float]:
     """Every step's seconds beyond its simulation, as they are noted."""
     noted: list[float] = []
@@ -93,16 +104,8 @@ def _overheads(kind: Any) -> list[float]:
 
     def make(self: Any) -> None:
         made(self)
-        series = self._by_call["step"][1]
-
-        class Noting(type(series)):  # type: ignore[misc]
-            def observe(self, value: float) -> None:
-                noted.append(value)
-                super().observe(value)
-
-        simulation = self._by_call["step"][0]
-        bounds = series._bounds
-        self._by_call["step"] = (simulation, Noting(bounds))
+        simulation, overhead = self._by_call["step"]
+        self._by_call["step"] = (simulation, _Noting(overhead, noted))
 
     kind.__init__ = make
     return noted
