@@ -21,28 +21,19 @@ from wrongturn_sim.camera.kernels import (
     kernel,
     noise,
     put,
+    triple,
 )
 from wrongturn_sim.camera.pinhole import CY, FOCAL, LEVEL, PITCH_COS, PITCH_SIN, UP
 from wrongturn_sim.camera.weathers import (
-    CLOUD_B,
-    CLOUD_G,
-    CLOUD_R,
+    CLOUD,
     CLOUDS,
     GLOW,
     GROUND_COLOURS,
-    HAZE_B,
-    HAZE_G,
-    HAZE_R,
-    HORIZON_B,
-    HORIZON_G,
-    HORIZON_R,
-    SUN_X,
-    SUN_Y,
-    SUN_Z,
+    HAZE_COLOUR,
+    HORIZON,
+    SUN,
     WETNESS,
-    ZENITH_B,
-    ZENITH_G,
-    ZENITH_R,
+    ZENITH,
 )
 
 _SKY = int(SegmentationClass.SKY)
@@ -62,9 +53,13 @@ def sky_colour(column: Column, flat: float, slope: float, cover: Any) -> Colour:
     look, dx, dy = column.look, column.dx, column.dy
     rise = max(slope, 0.0)
     share = rise / (rise + 0.16 * flat)
-    red = look[HORIZON_R] + (look[ZENITH_R] - look[HORIZON_R]) * share
-    green = look[HORIZON_G] + (look[ZENITH_G] - look[HORIZON_G]) * share
-    blue = look[HORIZON_B] + (look[ZENITH_B] - look[HORIZON_B]) * share
+    red, green, blue = triple(look, HORIZON)
+    zenith_r, zenith_g, zenith_b = triple(look, ZENITH)
+    red, green, blue = (
+        red + (zenith_r - red) * share,
+        green + (zenith_g - green) * share,
+        blue + (zenith_b - blue) * share,
+    )
     # Clouds lie on a plane far above. Towards the horizon they become flat and fade into its haze.
     scale = 52.0 / (rise + 0.09 * flat)
     value = cover[int(dy * scale + 8192.0) & 511, int(dx * scale + 8192.0) & 511] * (1.0 / 255.0)
@@ -72,11 +67,13 @@ def sky_colour(column: Column, flat: float, slope: float, cover: Any) -> Colour:
     # Their undersides are darker.
     thick = 1.0 - 0.16 * clamp((value - 0.6) * 3.0, 0.0, 1.0)
     cloud *= 0.92
-    red += (look[CLOUD_R] * thick - red) * cloud
-    green += (look[CLOUD_G] * thick - green) * cloud
-    blue += (look[CLOUD_B] * thick - blue) * cloud
+    cloud_r, cloud_g, cloud_b = triple(look, CLOUD)
+    red += (cloud_r * thick - red) * cloud
+    green += (cloud_g * thick - green) * cloud
+    blue += (cloud_b * thick - blue) * cloud
     if look[GLOW] > 0.0:
-        toward = (dx * look[SUN_X] + dy * look[SUN_Y] + slope * look[SUN_Z]) / math.sqrt(flat * flat + slope * slope)
+        sun_x, sun_y, sun_z = triple(look, SUN)
+        toward = (dx * sun_x + dy * sun_y + slope * sun_z) / math.sqrt(flat * flat + slope * slope)
         if toward > 0.0:
             glow = toward * toward
             glow *= glow
@@ -111,16 +108,17 @@ def kind_of(code: int) -> int:
 def ground_colour(column: Column, code: int, t: float, upper: float, lower: float, scene: Scene) -> Colour:
     """Return the colour of the ground at depth t; ``upper`` and ``lower`` are the depths a third of a row away."""
     look, px, py = column.look, column.px, column.py
-    at = GROUND_COLOURS + 3 * code
-    red, green, blue = look[at], look[at + 1], look[at + 2]
+    red, green, blue = triple(look, GROUND_COLOURS + 3 * code)
     if t > 10.0:
         # A far pixel covers much ground: take two more samples of the colour.
         dx, dy, ex, ey = column.dx, column.dy, column.ex, column.ey
-        at = GROUND_COLOURS + 3 * code_at(px + upper * (dx + ex), py + upper * (dy + ey), scene.ground, scene.frame)
-        more = GROUND_COLOURS + 3 * code_at(px + lower * (dx - ex), py + lower * (dy - ey), scene.ground, scene.frame)
-        red = (red + look[at] + look[more]) * (1.0 / 3.0)
-        green = (green + look[at + 1] + look[more + 1]) * (1.0 / 3.0)
-        blue = (blue + look[at + 2] + look[more + 2]) * (1.0 / 3.0)
+        above = code_at(px + upper * (dx + ex), py + upper * (dy + ey), scene.ground, scene.frame)
+        below = code_at(px + lower * (dx - ex), py + lower * (dy - ey), scene.ground, scene.frame)
+        above_r, above_g, above_b = triple(look, GROUND_COLOURS + 3 * above)
+        below_r, below_g, below_b = triple(look, GROUND_COLOURS + 3 * below)
+        red = (red + above_r + below_r) * (1.0 / 3.0)
+        green = (green + above_g + below_g) * (1.0 / 3.0)
+        blue = (blue + above_b + below_b) * (1.0 / 3.0)
     return red, green, blue
 
 
@@ -164,15 +162,9 @@ def ground_pixel(column: Column, v: int, flat: float, base: float, rows: Any, sc
         green += (mirrored_g - green) * share
         blue += (mirrored_b - blue) * share
     haze = rows[HAZE, v]
-    put(
-        column.canvas,
-        column.u,
-        v,
-        red + (look[HAZE_R] - red) * haze,
-        green + (look[HAZE_G] - green) * haze,
-        blue + (look[HAZE_B] - blue) * haze,
-        kind if kind > 0 else _VEGETATION,
-    )
+    haze_r, haze_g, haze_b = triple(look, HAZE_COLOUR)
+    red, green, blue = red + (haze_r - red) * haze, green + (haze_g - green) * haze, blue + (haze_b - blue) * haze
+    put(column.canvas, column.u, v, red, green, blue, kind if kind > 0 else _VEGETATION)
 
 
 @kernel

@@ -14,6 +14,7 @@ from wrongturn_sim.camera.kernels import (
     noise,
     put,
     put_lit,
+    triple,
     turned,
 )
 from wrongturn_sim.camera.solids import (
@@ -40,23 +41,7 @@ from wrongturn_sim.camera.solids import (
     G,
     R,
 )
-from wrongturn_sim.camera.weathers import (
-    HAZE_B,
-    HAZE_G,
-    HAZE_R,
-    HORIZON_B,
-    HORIZON_G,
-    HORIZON_R,
-    LAMPS,
-    SKYLIGHT_B,
-    SKYLIGHT_G,
-    SKYLIGHT_R,
-    SUN_X,
-    SUN_Y,
-    SUNLIGHT_B,
-    SUNLIGHT_G,
-    SUNLIGHT_R,
-)
+from wrongturn_sim.camera.weathers import HAZE_COLOUR, HORIZON, LAMPS, SKYLIGHT, SUN, SUNLIGHT
 
 _BUILDING = int(SegmentationClass.BUILDING)
 _WALL = int(SegmentationClass.WALL)
@@ -138,7 +123,7 @@ def overlap(up: float, down: float, low: float, high: float) -> float:
 @kernel
 def lit(row: Any, along_x: bool, sign: float, look: Any) -> float:
     """Return the sun's share on a face, 0 to 1, whose normal is the local x or y axis times the sign."""
-    facing_x, facing_y = turned(row, look[SUN_X], look[SUN_Y])
+    facing_x, facing_y = turned(row, look[SUN], look[SUN + 1])
     return max(0.0, sign * (facing_x if along_x else facing_y))
 
 
@@ -256,11 +241,12 @@ def house_run(column: Column, a: int, b: int, face: Face, row: Any, shops: Any) 
     house = house_of(face, foot, row)
     haze = haze_at(t, look)
     clear = 1.0 - haze
-    light_r = (look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]) * clear
-    light_g = (look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]) * clear
-    light_b = (look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]) * clear
-    haze_r, haze_g, haze_b = look[HAZE_R] * haze, look[HAZE_G] * haze, look[HAZE_B] * haze
-    sky, lamps = (look[HORIZON_R], look[HORIZON_G], look[HORIZON_B]), look[LAMPS]
+    sky, lamps = triple(look, HORIZON), look[LAMPS]
+    skylight, sunlight, fade = triple(look, SKYLIGHT), triple(look, SUNLIGHT), triple(look, HAZE_COLOUR)
+    light_r = (skylight[0] + sun * sunlight[0]) * clear
+    light_g = (skylight[1] + sun * sunlight[1]) * clear
+    light_b = (skylight[2] + sun * sunlight[2]) * clear
+    haze_r, haze_g, haze_b = fade[0] * haze, fade[1] * haze, fade[2] * haze
     per_storey = 1.0 / house.storey
     glazed, glass = -1000, (0.0, 0.0, 0.0)
     for v in range(a, b):

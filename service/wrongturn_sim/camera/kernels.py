@@ -13,18 +13,7 @@ import numba
 
 from wrongturn_sim.camera.pinhole import CAMERA_YAW, FORWARD, LEFT
 from wrongturn_sim.camera.solids import COS, SIN
-from wrongturn_sim.camera.weathers import (
-    HAZE_B,
-    HAZE_G,
-    HAZE_R,
-    HAZE_RATE,
-    SKYLIGHT_B,
-    SKYLIGHT_G,
-    SKYLIGHT_R,
-    SUNLIGHT_B,
-    SUNLIGHT_G,
-    SUNLIGHT_R,
-)
+from wrongturn_sim.camera.weathers import HAZE_COLOUR, HAZE_RATE, SKYLIGHT, SUNLIGHT
 from wrongturn_sim.home import set_cache
 
 set_cache()
@@ -178,19 +167,27 @@ def put(canvas: Any, u: int, v: int, red: float, green: float, blue: float, seen
 
 
 @kernel
+def triple(look: Any, first: int) -> Colour:
+    """Return three numbers of a look that belong together, from position ``first`` on."""
+    return look[first], look[first + 1], look[first + 2]
+
+
+@kernel
+def put_hazed(column: Column, v: int, red: float, green: float, blue: float, haze: float, seen: int) -> None:
+    """Write a pixel whose colour is faded by haze."""
+    clear = 1.0 - haze
+    haze_r, haze_g, haze_b = triple(column.look, HAZE_COLOUR)
+    red, green, blue = red * clear + haze_r * haze, green * clear + haze_g * haze, blue * clear + haze_b * haze
+    put(column.canvas, column.u, v, red, green, blue, seen)
+
+
+@kernel
 def put_lit(column: Column, v: int, red: float, green: float, blue: float, sun: float, haze: float, seen: int) -> None:
     """Write a pixel of a surface: lit by the sky and by this share of the sun, then faded by haze."""
-    look = column.look
-    clear = 1.0 - haze
-    put(
-        column.canvas,
-        column.u,
-        v,
-        red * (look[SKYLIGHT_R] + sun * look[SUNLIGHT_R]) * clear + look[HAZE_R] * haze,
-        green * (look[SKYLIGHT_G] + sun * look[SUNLIGHT_G]) * clear + look[HAZE_G] * haze,
-        blue * (look[SKYLIGHT_B] + sun * look[SUNLIGHT_B]) * clear + look[HAZE_B] * haze,
-        seen,
-    )
+    sky_r, sky_g, sky_b = triple(column.look, SKYLIGHT)
+    sun_r, sun_g, sun_b = triple(column.look, SUNLIGHT)
+    red, green, blue = red * (sky_r + sun * sun_r), green * (sky_g + sun * sun_g), blue * (sky_b + sun * sun_b)
+    put_hazed(column, v, red, green, blue, haze, seen)
 
 
 @kernel

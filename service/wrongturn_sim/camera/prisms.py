@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 from wrongturn_sim.camera.backdrop import code_at
 from wrongturn_sim.camera.facades import Face, house_run, lit, top_pixel, wall_run
-from wrongturn_sim.camera.kernels import Column, Scene, first_row, kernel, turned
+from wrongturn_sim.camera.kernels import Column, Scene, first_row, kernel, triple, turned
 from wrongturn_sim.camera.solids import COS, HALF_X, HALF_Y, HEIGHT, HOUSE, KIND, RISE, SIN
-from wrongturn_sim.camera.weathers import SHADOW_BIT, SUN_X, SUN_Y, SUN_Z
+from wrongturn_sim.camera.weathers import SHADOW_BIT, SUN
 
 
 class Hit(NamedTuple):
@@ -81,9 +81,10 @@ def pitched_roof(column: Column, hidden: int, hit: Hit, row: Any) -> int:
     steep = (high - top) / (ridge - t)
     first = first_row((high - column.eye) / ridge, column)
     sign = 1.0 if ly > 0.0 else -1.0
+    sun_x, sun_y, sun_z = triple(look, SUN)
     lean = row[RISE] / row[HALF_Y]
     norm = 1.0 / math.sqrt(1.0 + lean * lean)
-    sun = lean * sign * (row[COS] * look[SUN_Y] - row[SIN] * look[SUN_X]) + look[SUN_Z]
+    sun = lean * sign * (row[COS] * sun_y - row[SIN] * sun_x) + sun_z
     sun = max(0.0, sun * norm)
     for v in range(first, hidden):
         far = (top - steep * t - column.eye) / (column.slopes[v] - steep)
@@ -100,7 +101,7 @@ def flat_top(column: Column, hidden: int, hit: Hit, row: Any) -> int:
     for v in range(first, hidden):
         far = rise / column.slopes[v]
         column.depth[v] = far
-        top_pixel(column, v, far, hit.x + far * hit.dx, hit.y + far * hit.dy, column.look[SUN_Z], row)
+        top_pixel(column, v, far, hit.x + far * hit.dx, hit.y + far * hit.dy, column.look[SUN + 2], row)
     return min(hidden, max(first, column.v0))
 
 

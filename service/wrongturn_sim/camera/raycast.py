@@ -36,7 +36,7 @@ from wrongturn_sim.camera.road_users import car, row_of_other, shade_below, walk
 from wrongturn_sim.camera.sight import in_sight
 from wrongturn_sim.camera.solids import CAR, FENCE, HALF_X, HALF_Y, KIND, TREE
 from wrongturn_sim.camera.thin import fence, tree
-from wrongturn_sim.camera.weathers import HORIZON_R, RAIN, STREAK
+from wrongturn_sim.camera.weathers import HORIZON, RAIN, STREAK
 from wrongturn_sim.compiling import compiled_with
 
 
@@ -165,7 +165,7 @@ def streak(drop: int, begin: int, end: int, look: Any, seed: int, tick: int, rgb
         if row >= 0 and row < height and column >= begin and column < end:
             for channel in range(3):
                 value = rgb[row, column, channel] + 0.0
-                rgb[row, column, channel] = int(value + (0.5 * look[HORIZON_R + channel] + 112.0 - value) * alpha)
+                rgb[row, column, channel] = int(value + (0.5 * look[HORIZON + channel] + 112.0 - value) * alpha)
 
 
 @kernel

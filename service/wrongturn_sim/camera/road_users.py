@@ -13,8 +13,9 @@ from wrongturn_sim.camera.kernels import (
     haze_at,
     kernel,
     noise,
-    put,
+    put_hazed,
     put_lit,
+    triple,
     turned,
 )
 from wrongturn_sim.camera.solids import (
@@ -37,26 +38,7 @@ from wrongturn_sim.camera.solids import (
     X,
     Y,
 )
-from wrongturn_sim.camera.weathers import (
-    HAZE_B,
-    HAZE_G,
-    HAZE_R,
-    HORIZON_B,
-    HORIZON_G,
-    HORIZON_R,
-    SKYLIGHT_B,
-    SKYLIGHT_G,
-    SKYLIGHT_R,
-    SUN_X,
-    SUN_Y,
-    SUN_Z,
-    SUNLIGHT_B,
-    SUNLIGHT_G,
-    SUNLIGHT_R,
-    ZENITH_B,
-    ZENITH_G,
-    ZENITH_R,
-)
+from wrongturn_sim.camera.weathers import HORIZON, SKYLIGHT, SUN, SUNLIGHT, ZENITH
 
 _VEHICLE = int(SegmentationClass.VEHICLE)
 _PEDESTRIAN = int(SegmentationClass.PEDESTRIAN)
@@ -305,7 +287,7 @@ def car(column: Column, x: float, y: float, row: Any) -> None:
     a = first_row(0.0 if body.height < eye else (body.height - eye) / nearest, column)
     b = column.v1 if above else first_row(-eye / nearest, column)
     haze = haze_at(0.0 if above else nearest, look)
-    sun_x, sun_y = turned(row, look[SUN_X], look[SUN_Y])
+    sun_x, sun_y = turned(row, look[SUN], look[SUN + 1])
     lower = Box(body.half_x, body.half_y, SILL, body.belt, 0.10, 0.06, 0.05)
     for v in range(a, b):
         slope = column.slopes[v]
@@ -320,7 +302,7 @@ def car(column: Column, x: float, y: float, row: Any) -> None:
             t = wheel_at(x, y, eye, dx, dy, slope, body)
             red = green = blue = 26.0
         else:
-            facing = facing_of(face, cabin, sun_x, sun_y, look[SUN_Z])
+            facing = facing_of(face, cabin, sun_x, sun_y, look[SUN + 2])
             spot = Spot(face, x + t * dx, y + t * dy, eye + t * slope)
             if not cabin:
                 red, green, blue = body_colour(spot, body, (red, green, blue))
@@ -339,22 +321,15 @@ def car(column: Column, x: float, y: float, row: Any) -> None:
 def car_pixel(column: Column, v: int, paint: Colour, sun: float, gloss: float, haze: float) -> None:
     """Write a pixel of a vehicle, which mirrors the sky with this share of its colour."""
     look = column.look
-    clear = 1.0 - haze
-    red = paint[0] * (0.9 * look[SKYLIGHT_R] + sun * look[SUNLIGHT_R])
-    green = paint[1] * (0.9 * look[SKYLIGHT_G] + sun * look[SUNLIGHT_G])
-    blue = paint[2] * (0.9 * look[SKYLIGHT_B] + sun * look[SUNLIGHT_B])
-    red += (0.5 * (look[HORIZON_R] + look[ZENITH_R]) - red) * gloss
-    green += (0.5 * (look[HORIZON_G] + look[ZENITH_G]) - green) * gloss
-    blue += (0.5 * (look[HORIZON_B] + look[ZENITH_B]) - blue) * gloss
-    put(
-        column.canvas,
-        column.u,
-        v,
-        red * clear + look[HAZE_R] * haze,
-        green * clear + look[HAZE_G] * haze,
-        blue * clear + look[HAZE_B] * haze,
-        _VEHICLE,
-    )
+    skylight, sunlight = triple(look, SKYLIGHT), triple(look, SUNLIGHT)
+    horizon, zenith = triple(look, HORIZON), triple(look, ZENITH)
+    red = paint[0] * (0.9 * skylight[0] + sun * sunlight[0])
+    green = paint[1] * (0.9 * skylight[1] + sun * sunlight[1])
+    blue = paint[2] * (0.9 * skylight[2] + sun * sunlight[2])
+    red += (0.5 * (horizon[0] + zenith[0]) - red) * gloss
+    green += (0.5 * (horizon[1] + zenith[1]) - green) * gloss
+    blue += (0.5 * (horizon[2] + zenith[2]) - blue) * gloss
+    put_hazed(column, v, red, green, blue, haze, _VEHICLE)
 
 
 @kernel

@@ -21,7 +21,7 @@ from wrongturn_sim.camera.solids import (
     X,
     Y,
 )
-from wrongturn_sim.camera.weathers import SUN_X, SUN_Y, SUN_Z
+from wrongturn_sim.camera.weathers import SUN
 
 _VEGETATION = int(SegmentationClass.VEGETATION)
 _WALL = int(SegmentationClass.WALL)
@@ -56,7 +56,7 @@ def trunk(column: Column, ox: float, oy: float, along: float, reach: float, row:
     haze = haze_at(t, column.look)
     # The normal tells which side of the trunk the sun is on.
     nx, ny = (ox + t * dx) / radius, (oy + t * dy) / radius
-    sun = max(0.0, nx * column.look[SUN_X] + ny * column.look[SUN_Y])
+    sun = max(0.0, nx * column.look[SUN] + ny * column.look[SUN + 1])
     cross = floor((dx * oy - dy * ox) * 12.0)
     for v in range(a, b):
         if t < column.depth[v]:
@@ -103,7 +103,7 @@ def crown(column: Column, ox: float, oy: float, along: float, reach: float, row:
             continue
         column.depth[v] = t
         nx, ny, nz = wx * inv_r * radius, wy * inv_r * radius, wz * inv_z * half_z
-        facing = nx * look[SUN_X] + ny * look[SUN_Y] + nz * look[SUN_Z]
+        facing = nx * look[SUN] + ny * look[SUN + 1] + nz * look[SUN + 2]
         sun = clamp(0.35 + 0.65 * facing, 0.0, 1.0)
         tone = (0.66 + 0.28 * nz) * (1.0 + strength * (0.62 * (leaf - 0.5) + 0.5 * (bough - 0.5)))
         put_lit(column, v, row[R] * tone, row[G] * tone, row[B] * tone, sun, haze, _VEGETATION)
@@ -130,7 +130,7 @@ def fence(column: Column, x: float, y: float, row: Any) -> None:
     look, eye, height = column.look, column.eye, row[HEIGHT]
     a = first_row((height - eye) / t, column)
     b = first_row(-eye / t, column)
-    _, facing = turned(row, look[SUN_X], look[SUN_Y])
+    _, facing = turned(row, look[SUN], look[SUN + 1])
     sun = max(0.0, facing if y > 0.0 else -facing)
     haze = haze_at(t, look)
     place = (s + row[HALF_X]) / 1.7

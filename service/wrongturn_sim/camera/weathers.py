@@ -140,16 +140,13 @@ LOOKS: Final[Mapping[Weather, WeatherLook]] = MappingProxyType(
 )
 
 # Positions in the array that `look_of` returns and the kernels read. Plain integers, so that numba freezes them.
-SUN_X, SUN_Y, SUN_Z = range(3)
-"""Unit vector from the ground to the sun."""
-SUNLIGHT_R, SUNLIGHT_G, SUNLIGHT_B, SKYLIGHT_R, SKYLIGHT_G, SKYLIGHT_B = range(3, 9)
-"""Shares of full white."""
-ZENITH_R, ZENITH_G, ZENITH_B, HORIZON_R, HORIZON_G, HORIZON_B, HAZE_R, HAZE_G, HAZE_B = range(9, 18)
-"""Colours, 0 to 255."""
+SUN, SUNLIGHT, SKYLIGHT, ZENITH, HORIZON, HAZE_COLOUR = range(0, 18, 3)
+"""Each is the position of the first of three numbers. SUN is the unit vector to the sun. SUNLIGHT and SKYLIGHT are red,
+green and blue as shares of full white. The others are colours, 0 to 255."""
 HAZE_RATE, WETNESS, CLOUDS = range(18, 21)
 """The first is 1 / view; the others are fields of :class:`WeatherLook`, as are RAIN to LAMPS."""
-CLOUD_R, CLOUD_G, CLOUD_B = range(21, 24)
-"""Colour of the clouds, 0 to 255."""
+CLOUD = 21
+"""Likewise the colour of the clouds, 0 to 255."""
 RAIN, STREAK, GLOW, LAMPS = range(24, 28)
 SHADOW_BIT = 28
 """The bit of the ground's codes that this weather's sun sets in the shade, as a value: 64 or 128."""
@@ -191,17 +188,11 @@ def _packed(weather: Weather) -> NDArray[np.float64]:
     look = LOOKS[weather]
     elevation, bearing = look.sun
     packed = np.zeros(SIZE)
-    packed[SUN_X] = math.cos(elevation) * math.cos(bearing)
-    packed[SUN_Y] = math.cos(elevation) * math.sin(bearing)
-    packed[SUN_Z] = math.sin(elevation)
-    packed[SUNLIGHT_R : SUNLIGHT_B + 1] = look.sunlight
-    packed[SKYLIGHT_R : SKYLIGHT_B + 1] = look.skylight
-    for first, colour in (
-        (ZENITH_R, look.zenith),
-        (HORIZON_R, look.horizon),
-        (HAZE_R, look.haze),
-        (CLOUD_R, look.cloud),
-    ):
+    flat = math.cos(elevation)
+    packed[SUN : SUN + 3] = flat * math.cos(bearing), flat * math.sin(bearing), math.sin(elevation)
+    packed[SUNLIGHT : SUNLIGHT + 3], packed[SKYLIGHT : SKYLIGHT + 3] = look.sunlight, look.skylight
+    colours = {ZENITH: look.zenith, HORIZON: look.horizon, HAZE_COLOUR: look.haze, CLOUD: look.cloud}
+    for first, colour in colours.items():
         packed[first : first + 3] = [255 * part for part in colour]
     packed[HAZE_RATE] = 1.0 / look.view
     packed[WETNESS], packed[CLOUDS], packed[RAIN] = look.wetness, look.clouds, look.rain
