@@ -1,4 +1,4 @@
-"""The line for simulators: who is next, what a position means, and whose place is kept."""
+"""The queue for simulators: who is next, what a position means, and whose place is kept."""
 
 import pytest
 

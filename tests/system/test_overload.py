@@ -42,7 +42,7 @@ class Size:
 
 
 SIZES = [
-    pytest.param(Size(slots=2, connections=100, seconds=6.0), id="short"),
+    pytest.param(Size(slots=2, connections=40, seconds=3.0), id="short"),
     pytest.param(
         Size(slots=16, connections=1000, seconds=120.0), id="full", marks=[pytest.mark.soak, pytest.mark.timeout(1200)]
     ),
