@@ -4,7 +4,7 @@ import contextlib
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final
@@ -41,6 +41,9 @@ _STALLED_AFTER: Final = 900.0
 _PAUSE: Final = 1.0
 """Seconds, if the service does not say when to ask for a trial again."""
 _LONGEST_PAUSE: Final = 10.0
+
+_Map = Callable[[Callable[["_OpenEpisode"], None], "list[_OpenEpisode]"], Iterable[None]]
+"""``map``, or its counterpart in threads if several episodes are driven at a time."""
 
 
 @dataclass
@@ -97,11 +100,12 @@ class EvaluationDriver:
 
     def run(self) -> None:
         """Drive until no trial is left; raise as :meth:`wrongturn_client.Client.evaluate`."""
-        with _decisions(self._parallel) as decide_all:
+        with contextlib.ExitStack() as stack:
+            each: _Map = map if self._parallel == 1 else stack.enter_context(ThreadPoolExecutor(self._parallel)).map
             while True:
                 self._ask()
                 if self._ready and not self._stepping:
-                    self._step(decide_all)
+                    self._step(each)
                 if self._asked or self._stepping:
                     self._take(*self._connection.receive())
                 elif self._no_trial_left and not self._resumed:
@@ -121,9 +125,9 @@ class EvaluationDriver:
                 call = next_call(self._evaluation)
             self._asked[self._connection.submit([call])] = call
 
-    def _step(self, decide_all: "_DecideAll") -> None:
+    def _step(self, each: _Map) -> None:
         episodes, self._ready = self._ready, []
-        decide_all(self._decide, episodes)
+        list(each(self._decide, episodes))
         self._stepping[self._connection.submit([_call(episode) for episode in episodes])] = episodes
 
     def _decide(self, episode: _OpenEpisode) -> None:
@@ -256,21 +260,3 @@ def _call(episode: _OpenEpisode) -> EpisodeCall:
 def _check_seq(episode: str, wanted: int, got: int) -> None:
     if got != wanted:
         raise ProtocolError(f"seq: the reply to step {wanted} of episode {episode} has {got}")
-
-
-_DecideAll = Callable[[Callable[[_OpenEpisode], None], list[_OpenEpisode]], None]
-
-
-@contextlib.contextmanager
-def _decisions(parallel: int) -> Iterator[_DecideAll]:
-    """Yield what decides for a list of episodes: in threads if several are driven at a time."""
-    if parallel == 1:
-        yield lambda decide, episodes: decide(episodes[0])
-        return
-    with ThreadPoolExecutor(parallel) as threads:
-
-        def decide_all(decide: Callable[[_OpenEpisode], None], episodes: list[_OpenEpisode]) -> None:
-            for _ in threads.map(decide, episodes):
-                pass
-
-        yield decide_all
