@@ -17,18 +17,18 @@ _STD = (0.24, 0.40)  # of steering and accelerating, to begin with
 
 
 class ActorCritic(nn.Module):
-    """The paper's branched actor-critic, over any of the encoders.
+    """The paper's branched actor-critic, with any of the encoders.
 
-    An observation is a dict of tensors with a batch axis: ``speed`` (B, 1) in m/s, ``steering`` (B, 1), ``command``
-    (B, 1) int64, and ``rgb`` (B, 64, 192, 3) or ``segmentation`` (B, 64, 192), uint8 as the environments give them. An
-    action of the policy is (steer, accelerate), each meant for [-1, 1] and not bounded here.
+    An observation is a dict of tensors with a batch axis: ``speed`` (B, 1) in m/s, ``steering`` (B, 1), ``command`` (B,
+    1) int64, and ``rgb`` (B, 64, 192, 3) or ``segmentation`` (B, 64, 192), uint8 as from the environments. The policy's
+    action is (steer, accelerate). Both are meant for [-1, 1], and not clipped here.
 
-    Under bf16 autocast the encoder alone takes part; the layers after it stay in float32.
+    Under bf16 autocast only the encoder changes its precision; the layers after it stay in float32.
 
     Attributes:
-        algorithm: what it was built as.
+        algorithm: name of the algorithm.
         features_width: F, the width of :meth:`features`.
-        log_std: (2,), logarithms of the standard deviations of steer and accelerate, learned.
+        log_std: (2,), learned logarithms of the standard deviations of steer and accelerate.
     """
 
     def __init__(self, algorithm: str, encoder: Encoder, *, activation: str = "tanh") -> None:
@@ -43,9 +43,9 @@ class ActorCritic(nn.Module):
         self.log_std = nn.Parameter(torch.tensor(_STD).log())
 
     def disturb(self, observation: Observation, generator: torch.Generator | None = None) -> Observation:
-        """The same observation, its image changed at random (RGB augmented, or classes hidden), still uint8.
+        """Return the observation with its image changed at random (RGB augmented, or classes hidden), still uint8.
 
-        ``features(..., augment=True)`` is this and then ``features``; called apart, what was seen can be kept.
+        ``features(..., augment=True)`` calls this first. Call it separately to keep what the policy saw.
         """
         with torch.no_grad():
             return self.encoder.disturb(observation, generator)
@@ -53,63 +53,64 @@ class ActorCritic(nn.Module):
     def features(
         self, observation: Observation, *, augment: bool = False, generator: torch.Generator | None = None
     ) -> Tensor:
-        """What the heads take, (B, F) float32.
+        """Return the input of the heads, (B, F) float32.
 
         Args:
             observation: the batch.
-            augment: whether its image is changed at random first.
-            generator: where the random numbers come from, on the batch's device.
+            augment: change its image at random first.
+            generator: random generator on the batch's device.
 
         Raises:
-            ValueError: the observation lacks the image that this agent looks at, or it has another shape.
+            ValueError: the observation lacks this agent's image, or the image has another shape.
         """
         if augment:
             observation = self.disturb(observation, generator)
         return self.join(self.encode(observation), observation)
 
     def encode(self, observation: Observation) -> Tensor:
-        """What the encoder makes of the image, (B, ``encoder.width``) in autocast's dtype.
+        """Encode the image as (B, ``encoder.width``) in autocast's dtype.
 
-        While the encoder is frozen this can be kept instead of the picture, and joined as often as one likes.
+        While the encoder is frozen, you can keep this instead of the picture and pass it to :meth:`join` again and
+        again.
         """
         encoded: Tensor = self.encoder(observation)
         return encoded
 
     def join(self, encoded: Tensor, observation: Observation) -> Tensor:
-        """Features (B, F) float32 of what was encoded (B, ``encoder.width``) and of ``speed`` and ``steering``."""
+        """Return features (B, F) float32 from an encoding (B, ``encoder.width``), ``speed`` and ``steering``."""
         with _float32(encoded):
             measured = torch.cat([observation["speed"] / _SPEED, observation["steering"]], 1).float()
             return torch.cat([self.encoder.project(encoded.float()), self.measurements(measured)], 1)
 
     def forward(self, features: Tensor, command: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean actions (B, 2) and values (B,), together; cheaper than :meth:`act` and :meth:`value`."""
+        """Return mean actions (B, 2) and values (B,) together, faster than :meth:`act` and :meth:`value`."""
         with _float32(features):
             both: tuple[Tensor, Tensor] = self.branches(features, command)
             return both
 
     def act(self, features: Tensor, command: Tensor) -> Tensor:
-        """Mean actions (B, 2) of the commanded branch, for features (B, F) and commands (B, 1) or (B,)."""
+        """Return the commanded branch's mean actions (B, 2) for features (B, F) and commands (B, 1) or (B,)."""
         with _float32(features):
             return self.branches.act(features, command)
 
     def value(self, features: Tensor, command: Tensor) -> Tensor:
-        """Values (B,) by the commanded branch."""
+        """Return the commanded branch's values (B,)."""
         with _float32(features):
             return self.branches.estimate(features, command)
 
     def drive(self, observation: Observation) -> Tensor:
-        """Steer, throttle, brake (B, 3), in range: the mean action, clipped; accelerate is throttle or brake."""
+        """Return steer, throttle and brake (B, 3): the mean action, clipped, with accelerate as throttle or brake."""
         return controls(self.act(self.features(observation), observation["command"]))
 
     def segmentation_logits(
         self, observation: Observation, *, augment: bool = False, generator: torch.Generator | None = None
     ) -> Tensor:
-        """Logits (B, 11, 64, 192) of each pixel's class, from ``rgb``; arguments as :meth:`features`'.
+        """Return logits (B, 11, 64, 192) of each pixel's class, from ``rgb``. Arguments as for :meth:`features`.
 
-        In training mode this is what teaches batch normalisation its statistics; nothing else does.
+        In training mode, batch normalisation learns its statistics here and nowhere else.
 
         Raises:
-            ValueError: the agent looks at segmentation itself.
+            ValueError: the agent's input is the segmentation itself.
         """
         if augment:
             observation = self.disturb(observation, generator)
@@ -118,28 +119,28 @@ class ActorCritic(nn.Module):
     def segmentation_loss(
         self, observation: Observation, *, augment: bool = False, generator: torch.Generator | None = None
     ) -> Tensor:
-        """Mean cross-entropy of :meth:`segmentation_logits` with the observation's ``segmentation``."""
+        """Return the mean cross-entropy of :meth:`segmentation_logits` with the observation's ``segmentation``."""
         logits = self.segmentation_logits(observation, augment=augment, generator=generator)
         return functional.cross_entropy(logits, wanted(observation, "segmentation").long())
 
     def update_statistics(self, observation: Observation) -> None:
-        """Teach the driving path's batch normalisation by one batch, without gradients.
+        """Update the batch normalisation of the driving path with one batch, without gradients.
 
-        A ResNet that starts from nothing needs a few dozen of these before it drives; without a loss of segmentation
-        it needs them all along.
+        A ResNet that starts from nothing needs a few dozen of these before it drives. Without a segmentation loss it
+        needs them all the time.
         """
         self.encoder.update_statistics(observation)
 
 
 def controls(action: Tensor) -> Tensor:
-    """Steer, throttle, brake (..., 3) of the policy's (..., 2), clipped to what a car takes."""
+    """Turn the policy's (..., 2) into steer, throttle and brake (..., 3), clipped to their ranges."""
     steer, accelerate = action.clamp(-1.0, 1.0).unbind(-1)
     return torch.stack([steer, accelerate.clamp(min=0.0), (-accelerate).clamp(min=0.0)], -1)
 
 
 @contextmanager
 def _float32(like: Tensor) -> Iterator[None]:
-    # Only within autocast, so that an exported graph holds no trace of it.
+    # Only within autocast, so that an exported graph does not contain it.
     device = like.device.type
     if torch.is_autocast_enabled(device):
         with torch.autocast(device, enabled=False):

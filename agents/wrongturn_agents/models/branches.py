@@ -11,31 +11,31 @@ from torch.nn import functional
 from wrongturn_protocol import Command
 
 COMMANDS: Final = (Command.LEFT, Command.RIGHT, Command.STRAIGHT, Command.LANE_FOLLOW)
-"""The order of the branches."""
+"""Order of the branches."""
 
 ACTIVATIONS: Final[Mapping[str, Callable[[Tensor], Tensor]]] = {
     "tanh": torch.tanh,
     "elu": functional.elu,
     "relu": functional.relu,
 }
-"""What layers of the heads end with.
+"""Activations of the heads' layers.
 
-A branch is taught by the frames of its own command alone, and these have much in common: a few steps too large, and
-its ReLUs are all silent for all of them, for good. That was seen: one command of an agent that never learned, while
-the other three drove. The first two always have a slope.
+A branch learns only from the frames of its own command, which resemble each other. After a few large steps, all its
+ReLUs can be silent for all of them, for good: one agent never learned one command while the other three drove. The
+first two activations always have a slope.
 """
 
 
 class Branches(nn.Module):
-    """Policy and value heads, once for each command; the delivered command's is used, and it alone is taught.
+    """Policy and value heads, one pair for each command. Only the delivered command's pair is used and trained.
 
-    As in the paper's figure of the architecture: in each branch one layer that both share, then one for each of them.
-    VOID, and any number that is no command, drives by LANE_FOLLOW's branch.
+    As in the paper's figure, each branch has one layer that both heads share, then one layer for each head. VOID, and
+    any number that is no command, uses LANE_FOLLOW's branch.
 
     Args:
-        features: width of what goes in.
+        features: width of the input.
         hidden: units of each layer.
-        actions: how many numbers a mean action has.
+        actions: numbers in a mean action.
         activation: ``tanh``, ``elu`` or ``relu``.
 
     Raises:
@@ -55,16 +55,16 @@ class Branches(nn.Module):
         self.value = _BranchedLinear(hidden, 1, 1.0)
 
     def forward(self, features: Tensor, command: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean actions (B, ``actions``) and values (B,) for features (B, F) and commands (B, 1)."""
+        """Return mean actions (B, ``actions``) and values (B,) for features (B, F) and commands (B, 1)."""
         common = self._common(features)
         return self._mean(common, command), self._value(common, command)
 
     def act(self, features: Tensor, command: Tensor) -> Tensor:
-        """Mean actions (B, ``actions``) alone."""
+        """Return only the mean actions (B, ``actions``)."""
         return self._mean(self._common(features), command)
 
     def estimate(self, features: Tensor, command: Tensor) -> Tensor:
-        """Values (B,) alone."""
+        """Return only the values (B,)."""
         return self._value(self._common(features), command)
 
     def _common(self, features: Tensor) -> Tensor:
@@ -78,7 +78,7 @@ class Branches(nn.Module):
 
 
 class _BranchedLinear(nn.Module):
-    """Linear layers side by side: (4, B, inputs) to (4, B, outputs) in one product."""
+    """Four linear layers side by side: (4, B, inputs) to (4, B, outputs) in one product."""
 
     def __init__(self, inputs: int, outputs: int, gain: float) -> None:
         super().__init__()
@@ -92,7 +92,7 @@ class _BranchedLinear(nn.Module):
 
 
 def _commanded(outputs: Tensor, command: Tensor) -> Tensor:
-    """Of (4, B, N) the commanded branch's (B, N)."""
+    """Select the commanded branch's (B, N) of (4, B, N)."""
     command = command.reshape(1, -1, 1)
     follow = int(Command.LANE_FOLLOW)
     known = (command >= int(Command.LEFT)) & (command <= follow)

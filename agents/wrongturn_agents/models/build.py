@@ -1,4 +1,4 @@
-"""An agent's networks by the algorithm's name."""
+"""Build an agent's networks by the algorithm's name."""
 
 from typing import Final
 
@@ -21,19 +21,20 @@ def build(
     augmentation: AugmentationConfig | None = None,
     activation: str = "tanh",
 ) -> ActorCritic:
-    """Make an agent's networks, untrained, on the CPU, their convolutions with the channels last.
+    """Build an agent's networks, untrained, on the CPU, with their convolutions' channels last in memory.
 
     Args:
         algorithm: one of :data:`ALGORITHMS`.
-        seed: of the first weights; torch's own random state where none is given, which stays as it is otherwise.
-        masked_classes: ``ppo-segmentation``: probability that a class is hidden from it where it is augmented.
-        frozen: ``ppo-image``: whether its ResNet stays as it is (it does, unless told otherwise). It learns
-            segmentation unfrozen, drives frozen: ``encoder.freeze(...)``.
-        augmentation: of the two that look at RGB: how much pictures are changed.
-        activation: of the heads, ``tanh``, ``elu`` or ``relu``.
+        seed: seed of the first weights. Without one, torch's own random state is used. With one, that state stays as it
+            is.
+        masked_classes: for ``ppo-segmentation``: probability that a class is hidden when observations are disturbed.
+        frozen: for ``ppo-image``: whether its ResNet stays as it is; True by default. It learns segmentation unfrozen
+            and drives frozen: ``encoder.freeze(...)``.
+        augmentation: for the two agents that see RGB: how much pictures are changed.
+        activation: activation of the heads: ``tanh``, ``elu`` or ``relu``.
 
     Raises:
-        ValueError: there is no such algorithm, or an argument is none of its.
+        ValueError: there is no such algorithm, or it does not take one of the arguments.
     """
     if algorithm not in ALGORITHMS:
         raise ValueError(f"algorithm: {algorithm!r} is none of {', '.join(ALGORITHMS)}")

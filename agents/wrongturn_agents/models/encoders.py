@@ -1,4 +1,4 @@
-"""What the three agents see with: each an encoder of one image of the observation, and what makes it different."""
+"""What the three agents see with: encoders of one image of the observation."""
 
 import copy
 from abc import ABC, abstractmethod
@@ -14,21 +14,21 @@ from wrongturn_agents.models.nature_cnn import NatureCNN
 from wrongturn_agents.models.resnet import WIDTHS, ResNet34, updated_statistics
 
 FEATURES = 512
-"""Width of what a picture comes to."""
+"""Width of a picture's features."""
 _DEEP = WIDTHS[-1] * 2 * 6
 
 
 class Encoder(nn.Module, ABC):
-    """The part of an agent that looks.
+    """The part of an agent that sees.
 
     Attributes:
-        width: numbers that :meth:`forward` gives for a picture.
+        width: numbers that :meth:`forward` returns for a picture.
     """
 
     width = FEATURES
 
     def disturb(self, observation: Observation, generator: torch.Generator | None = None) -> Observation:  # noqa: ARG002
-        """The same observation, its image changed at random, for training."""
+        """Return the observation with its image changed at random, for training."""
         return observation
 
     @abstractmethod
@@ -36,19 +36,19 @@ class Encoder(nn.Module, ABC):
         """Encode (B, 64, 192[, 3]) as (B, ``width``), in autocast's dtype."""
 
     def project(self, encoded: Tensor) -> Tensor:
-        """What the agent learns to make of (B, ``width``): (B, 512) float32."""
+        """Turn the encoding (B, ``width``) into features (B, 512) float32, by layers that PPO trains."""
         return encoded
 
     def segmentation_logits(self, observation: Observation) -> Tensor:  # noqa: ARG002 - here it is refused
-        """Logits (B, 11, 64, 192) of each pixel's class.
+        """Return logits (B, 11, 64, 192) of each pixel's class.
 
         Raises:
-            ValueError: the encoder looks at segmentation itself.
+            ValueError: the encoder's input is the segmentation itself.
         """
         raise ValueError(f"{type(self).__name__}: it is given the segmentation and tells none; ask another agent")
 
     def update_statistics(self, observation: Observation) -> None:
-        """Let batch normalisation learn the statistics of a batch, where there is any."""
+        """Update batch normalisation with a batch, if there is any."""
 
 
 class SegmentationEncoder(Encoder):
@@ -64,7 +64,7 @@ class SegmentationEncoder(Encoder):
         self.network = NatureCNN(CLASSES, FEATURES)
 
     def disturb(self, observation: Observation, generator: torch.Generator | None = None) -> Observation:
-        """Hide classes, where that was asked for."""
+        """Hide classes, if that was asked for."""
         if self.mask.probability == 0.0:
             return observation
         return {**observation, "segmentation": self.mask(wanted(observation, "segmentation"), generator)}
@@ -77,7 +77,7 @@ class SegmentationEncoder(Encoder):
 
 
 class PictureEncoder(Encoder):
-    """ResNet-34 on RGB, and a decoder that it learns segmentation by.
+    """ResNet-34 on RGB, with a decoder from which it learns segmentation.
 
     Args:
         augmentation: how much pictures are changed in training.
@@ -93,7 +93,7 @@ class PictureEncoder(Encoder):
         self.projection = nn.Sequential(nn.LayerNorm(_DEEP), nn.Linear(_DEEP, FEATURES), nn.ReLU())
 
     def disturb(self, observation: Observation, generator: torch.Generator | None = None) -> Observation:
-        """Change the picture; segmentation stays."""
+        """Change the picture; the segmentation stays."""
         return {**observation, "rgb": self.augmentation(wanted(observation, "rgb"), generator)}
 
     def forward(self, observation: Observation) -> Tensor:
@@ -102,17 +102,17 @@ class PictureEncoder(Encoder):
         return encoded
 
     def project(self, encoded: Tensor) -> Tensor:
-        """Make (B, 512) of (B, 6144)."""
+        """Project (B, 6144) to (B, 512)."""
         projected: Tensor = self.projection(encoded)
         return projected
 
     def planes(self, observation: Observation) -> Tensor:
-        """The picture as the ResNet takes it: (B, 3, 64, 192)."""
+        """Return the picture as the ResNet's input, (B, 3, 64, 192)."""
         return planes(wanted(observation, "rgb"), encoding_dtype(next(self.network.parameters())))
 
 
 class ImageEncoder(PictureEncoder):
-    """ResNet-34 that has learned segmentation beforehand, by a decoder without links, and then is frozen.
+    """ResNet-34 that learns segmentation first, through a decoder without links, and is then frozen.
 
     Args:
         frozen: whether the ResNet stays as it is.
@@ -124,13 +124,13 @@ class ImageEncoder(PictureEncoder):
         self.freeze(frozen)
 
     def freeze(self, frozen: bool = True) -> None:
-        """Let nothing, or all, of the ResNet and its decoder be learned."""
+        """Freeze or unfreeze the ResNet and its decoder."""
         self.frozen = frozen
         self.network.requires_grad_(not frozen)
         self.decoder.requires_grad_(not frozen)
 
     def segmentation_logits(self, observation: Observation) -> Tensor:
-        """Logits (B, 11, 64, 192); in training mode batch normalisation learns, unless it is frozen."""
+        """Return logits (B, 11, 64, 192). In training mode batch normalisation learns, unless it is frozen."""
         with updated_statistics(self.network, updated=self.training and not self.frozen):
             deep = self.network(self.planes(observation))
         logits: Tensor = self.decoder(deep)
@@ -138,13 +138,13 @@ class ImageEncoder(PictureEncoder):
 
     @torch.no_grad()
     def update_statistics(self, observation: Observation) -> None:
-        """Let batch normalisation learn the statistics of a batch, unless it is frozen."""
+        """Update batch normalisation with a batch, unless it is frozen."""
         with updated_statistics(self.network, updated=not self.frozen):
             self.network(self.planes(observation))
 
 
 class AuxiliaryEncoder(PictureEncoder):
-    """ResNet-34 whose last stage is there twice, for driving and for segmentation, with a decoder with links.
+    """ResNet-34 with its last stage twice, for driving and for segmentation, and a decoder with links.
 
     Args:
         augmentation: how much pictures are changed in training.
@@ -156,9 +156,10 @@ class AuxiliaryEncoder(PictureEncoder):
         self.segmenting.train()
 
     def segmentation_logits(self, observation: Observation) -> Tensor:
-        """Logits (B, 11, 64, 192) by the shared stages and segmentation's own; batch normalisation learns in training.
+        """Return logits (B, 11, 64, 192) by the shared stages and segmentation's own.
 
-        The driving stage's statistics learn from the same pictures, since nothing else may teach them.
+        In training mode batch normalisation learns, and so do the driving stage's statistics: nothing else updates
+        them.
         """
         with updated_statistics(self.network, updated=self.training):
             stem, first, second, third = self.network.shared(self.planes(observation))
@@ -170,6 +171,6 @@ class AuxiliaryEncoder(PictureEncoder):
 
     @torch.no_grad()
     def update_statistics(self, observation: Observation) -> None:
-        """Let batch normalisation on the driving path learn the statistics of a batch."""
+        """Update batch normalisation on the driving path with a batch."""
         with updated_statistics(self.network):
             self.network(self.planes(observation))

@@ -1,4 +1,4 @@
-"""Two losses in one, weighed by what is learned."""
+"""Two losses joined with learned weights."""
 
 from torch import Tensor, nn, zeros
 
@@ -6,9 +6,9 @@ from torch import Tensor, nn, zeros
 class Homoscedastic(nn.Module):
     """The paper's equation 1, after Kendall et al., "Multi-task learning using uncertainty to weigh losses" (2017).
 
-    l = exp(-sigma_rl) l_rl + sigma_rl + exp(-sigma_aux) l_aux + sigma_aux, both sigmas learned, from 0 on.
-    A sigma falls without end while its loss is negative, as the policy's may be: see to the sign of what goes in, or
-    clip what comes out.
+    l = exp(-sigma_rl) l_rl + sigma_rl + exp(-sigma_aux) l_aux + sigma_aux. Both sigmas are learned, from 0 on. A sigma
+    falls without end while its loss is negative, which the policy's loss may be: clip the result, or keep the loss
+    positive.
     """
 
     def __init__(self) -> None:

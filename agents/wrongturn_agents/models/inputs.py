@@ -1,4 +1,4 @@
-"""An observation's arrays as a network takes them, so that an exported graph is the whole agent."""
+"""An observation's arrays as a network's input, so that an exported graph holds the whole agent."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -13,18 +13,18 @@ Observation = Mapping[str, Tensor]
 """A batch of observations: one tensor for each key of the track's space, with a batch axis in front."""
 
 CLASSES: Final = len(SegmentationClass)
-"""How many segmentation classes there are."""
+"""Number of segmentation classes."""
 
 
 def wanted(observation: Observation, key: str) -> Tensor:
-    """One image of a batch of observations.
+    """Return one image of a batch of observations.
 
     Args:
         observation: the batch.
         key: ``rgb`` (B, 64, 192, 3) or ``segmentation`` (B, 64, 192).
 
     Raises:
-        ValueError: it is missing, or has another shape.
+        ValueError: the image is missing, or has another shape.
     """
     image = observation.get(key)
     if image is None:
@@ -36,18 +36,18 @@ def wanted(observation: Observation, key: str) -> Tensor:
 
 
 def encoding_dtype(like: Tensor) -> torch.dtype:
-    """What a convolution computes in here: autocast's dtype, or its own weights'."""
+    """Return the dtype in which a convolution computes here: autocast's, or its weights'."""
     device = like.device.type
     return torch.get_autocast_dtype(device) if torch.is_autocast_enabled(device) else like.dtype
 
 
 def planes(rgb: Tensor, dtype: torch.dtype) -> Tensor:
-    """Pictures (B, 64, 192, 3) uint8 as (B, 3, 64, 192) in [-1, 1], with the channels last in memory."""
+    """Return pictures (B, 64, 192, 3) uint8 as (B, 3, 64, 192) in [-1, 1], with the channels last in memory."""
     return rgb.permute(0, 3, 1, 2).to(dtype) * (2.0 / 255.0) - 1.0
 
 
 def one_hot(segmentation: Tensor, dtype: torch.dtype) -> Tensor:
-    """Class numbers (B, 64, 192) uint8 as (B, 11, 64, 192) of 0 and 1, with the channels last in memory."""
-    # torch's own one_hot would go by way of int64: eight times the memory of the widest tensor of the network.
+    """Return class numbers (B, 64, 192) uint8 as (B, 11, 64, 192) of 0 and 1, with the channels last in memory."""
+    # torch's own one_hot uses int64: eight times the memory of the network's widest tensor.
     classes = torch.arange(CLASSES, dtype=segmentation.dtype, device=segmentation.device)
     return (segmentation.unsqueeze(-1) == classes).to(dtype).permute(0, 3, 1, 2)

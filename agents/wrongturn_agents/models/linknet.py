@@ -12,10 +12,13 @@ from wrongturn_agents.models.resnet import WIDTHS
 
 
 class LinkNetDecoder(nn.Module):
-    """From the last stage's features back to a class for each pixel.
+    """Decoder from the last stage's features to a class for each pixel.
 
-    Each block doubles the picture; what the encoder had at that size is added to it, where it is given. Without, all
-    that the decoder can tell has come through the last stage, which so learns to hold all of it.
+    Each block doubles the picture's size and adds the encoder's output of that size, if it is given. Without these
+    links, all that the decoder knows has come through the last stage, which learns to hold it.
+
+    Args:
+        widths: channels of the encoder's four stages.
     """
 
     def __init__(self, widths: Sequence[int] = WIDTHS) -> None:
@@ -34,8 +37,8 @@ class LinkNetDecoder(nn.Module):
         """Decode (B, 512, 2, 6) to logits (B, 11, 64, 192).
 
         Args:
-            deep: what came out of the last stage.
-            links: what came out of the third, second and first stage and of the stem, in this order; or nothing.
+            deep: output of the last stage.
+            links: outputs of the third, second and first stage and of the stem, in this order; or nothing.
         """
         for number, block in enumerate(self.blocks):
             deep = block(deep)

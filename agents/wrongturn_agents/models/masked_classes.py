@@ -1,4 +1,4 @@
-"""Segmentation with classes hidden: the paper's proposal against agents that lean on one of them."""
+"""Segmentation with hidden classes: the paper's proposal against agents that depend on a single class."""
 
 import torch
 from torch import Tensor, nn
@@ -11,10 +11,10 @@ class MaskedClasses(nn.Module):
     """Hides whole classes of a picture: their pixels become void. Sky is never hidden.
 
     Args:
-        probability: of each class of each picture.
+        probability: probability for each class of each picture.
 
     Raises:
-        ValueError: it is no probability.
+        ValueError: the probability is not from 0 to 1.
     """
 
     def __init__(self, probability: float) -> None:

@@ -9,13 +9,14 @@ from wrongturn_protocol.observations import IMAGE_SHAPE
 
 
 class NatureCNN(nn.Module):
-    """Three convolutions and a linear layer, with the sizes that Stable-Baselines3 gives them.
+    """Three convolutions and a linear layer, with the sizes that Stable-Baselines3 uses.
 
-    (B, ``channels``, 64, 192) goes in, (B, ``features``) comes out.
+    The input is (B, ``channels``, 64, 192), the output (B, ``features``).
 
     Args:
         channels: planes of the picture.
-        features: width of what comes out.
+        features: width of the output.
+        widths: channels of the three convolutions.
     """
 
     def __init__(self, channels: int, features: int = 512, widths: tuple[int, int, int] = (32, 64, 64)) -> None:

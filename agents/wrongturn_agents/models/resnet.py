@@ -1,4 +1,4 @@
-"""ResNet-34, from a configuration, never from a hub.
+"""ResNet-34, built from a configuration, never downloaded.
 
 He et al., "Deep residual learning for image recognition" (2016).
 """
@@ -12,14 +12,20 @@ from torch import Tensor, nn
 from wrongturn_client.invocation import python
 
 WIDTHS: Final = (64, 128, 256, 512)
-"""Channels after each of the four stages; on a 64 x 192 picture they measure 16 x 48, 8 x 24, 4 x 12 and 2 x 6."""
+"""Channels after each of the four stages. For a picture of 64 x 192 their sizes are 16 x 48, 8 x 24, 4 x 12 and 2 x
+6.
+"""
 
 
 class ResNet34(nn.Module):
-    """The stem and the four stages, apart, so that a stage can be doubled.
+    """The stem and the four stages, kept apart so that a stage can be doubled.
 
-    Batch normalisation goes by its running statistics, also while training: the policy that is improved must be the
-    one that drove. Only within :func:`updated_statistics` does it use the batch's and learn from them.
+    Batch normalisation uses its running statistics even in training, so that PPO improves exactly the policy that
+    drove. Only within :func:`updated_statistics` does it use a batch's statistics and learn from them.
+
+    Args:
+        widths: channels after each stage.
+        depths: blocks in each stage.
 
     Attributes:
         stem: (B, 3, 64, 192) to (B, 64, 16, 48).
@@ -32,7 +38,7 @@ class ResNet34(nn.Module):
     def __init__(self, widths: Sequence[int] = WIDTHS, depths: Sequence[int] = (3, 4, 6, 3)) -> None:
         super().__init__()
         try:
-            # Seconds to import, and the segmentation agent has no need of it.
+            # Imported here, because it takes seconds and the segmentation agent does not need it.
             from transformers import ResNetConfig, ResNetModel  # noqa: PLC0415
         except ImportError as error:
             remedy = f"{python()} -m pip install 'wrongturn-agents[training]'"
@@ -45,12 +51,12 @@ class ResNet34(nn.Module):
         self.eval()
 
     def train(self, mode: bool = True) -> "ResNet34":  # noqa: ARG002 - torch's signature
-        """Stay in evaluation mode; nothing here but batch normalisation knows the difference."""
+        """Stay in evaluation mode. Only batch normalisation would behave differently."""
         super().train(False)
         return self
 
     def shared(self, picture: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """What comes out of the stem and of the first three stages."""
+        """Return the outputs of the stem and of the first three stages."""
         stem = self.stem(picture)
         first = self.stages[0](stem)
         second = self.stages[1](first)
@@ -64,7 +70,7 @@ class ResNet34(nn.Module):
 
 @contextmanager
 def updated_statistics(*parts: nn.Module, updated: bool = True) -> Iterator[None]:
-    """Let the batch normalisation of these parts use and learn the statistics of the batches that pass in here."""
+    """Let the batch normalisation of these parts use and learn the statistics of the batches in this block."""
     norms = [norm for part in parts for norm in part.modules() if isinstance(norm, nn.BatchNorm2d)] if updated else []
     for norm in norms:
         norm.training = True

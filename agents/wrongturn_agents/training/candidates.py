@@ -1,4 +1,4 @@
-"""The agents among which a run's best is chosen: none is lost, whatever the next update does."""
+"""The agents from which a run selects its best one. None is lost, whatever the next update does."""
 
 import copy
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ class Candidate:
 
     model: ActorCritic
     steps: int
-    """Environment steps that it had learnt from."""
+    """Environment steps that it had learned from."""
     reward: float = float("-inf")
-    """Mean of the episodes before, in training."""
+    """Mean reward of the training episodes before."""
     evaluation: Evaluation | None = None
 
 
 class Candidates:
-    """The agent that drove best in training since the last evaluation, and the best that was evaluated.
+    """The best agent in training since the last evaluation, and the best evaluated agent.
 
     Args:
         model: the agent that learns.
@@ -32,13 +32,13 @@ class Candidates:
         self._model = model
         self._spare: list[ActorCritic] = []
         self.promising: Candidate | None = None
-        """The best in training since the last evaluation, as it was before the update that followed."""
+        """Best agent in training since the last evaluation, as it was before the update that followed."""
         self.best: Candidate | None = None
 
     def drove(self, reward: float, steps: int) -> None:
-        """Remember the agent as it is, if no other drove better since the last evaluation.
+        """Remember the agent as it is, unless another one drove better since the last evaluation.
 
-        Called before an update: what comes out of it did not drive yet.
+        Call it before an update: the agent after the update has not driven yet.
         """
         if self.promising is None:
             self.promising = Candidate(self._copy(), steps, reward)
@@ -47,7 +47,7 @@ class Candidates:
             self.promising.steps, self.promising.reward = steps, reward
 
     def to_judge(self, steps: int, *, again: bool) -> list[Candidate]:
-        """The agent as it is now, and those remembered: the promising one and, if asked for ``again``, the best."""
+        """Return the current agent, the promising one and, if ``again``, also the best one."""
         found = [Candidate(self._model, steps)]
         for other in (self.promising, self.best if again else None):
             if other is not None and other.steps not in {one.steps for one in found}:
@@ -55,14 +55,14 @@ class Candidates:
         return found
 
     def judged(self, candidate: Candidate, evaluation: Evaluation) -> None:
-        """Keep the one that an evaluation chose as the best, and forget what was promising."""
+        """Keep the best agent of an evaluation as the run's best."""
         kept = Candidate(self._copy(candidate.model), candidate.steps, candidate.reward, evaluation)
         if self.best is not None:
             self._spare.append(self.best.model)
         self.best = kept
 
     def begin_anew(self) -> None:
-        """Forget what was promising: it was judged."""
+        """Forget the promising agent after its evaluation."""
         if self.promising is not None:
             self._spare.append(self.promising.model)
         self.promising = None

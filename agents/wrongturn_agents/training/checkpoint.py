@@ -1,4 +1,4 @@
-"""Files of a run: the agent's weights, and the state from which a run goes on."""
+"""A run's files: weights of agents, and the state from which a run continues."""
 
 import contextlib
 import platform
@@ -25,13 +25,13 @@ _FIELDS: Final[dict[str, type]] = {
 }
 
 UNDRIVEN: Final = ("encoder.decoder.", "encoder.segmenting.")
-"""How the weights' names begin that only learning needs; a checkpoint may lack them."""
+"""First parts of the names of weights that only learning needs. A checkpoint may lack these weights."""
 
 
 def save_checkpoint(
     path: Path, model: nn.Module, config: PPOConfig, *, seed: int, steps: int, evaluation: dict[str, float]
 ) -> None:
-    """Write an agent: its weights, what it was trained with, and its held-out evaluation."""
+    """Write an agent: its weights, its configuration and its held-out evaluation."""
     write(
         path,
         {
@@ -47,10 +47,10 @@ def save_checkpoint(
 
 
 def load_checkpoint(path: Path | str) -> dict[str, Any]:
-    """What :func:`save_checkpoint` wrote, on the CPU.
+    """Load on the CPU what :func:`save_checkpoint` wrote.
 
     Raises:
-        TrainingError: the file is missing, or is no checkpoint of this version's.
+        TrainingError: the file is missing, or is no checkpoint of this version.
     """
     found = read(Path(path), "checkpoint", "a run's best.pt or last.pt")
     if not isinstance(found, dict) or not found.keys() >= _FIELDS.keys():
@@ -66,12 +66,12 @@ def load_checkpoint(path: Path | str) -> dict[str, Any]:
 
 
 def model_of(checkpoint: dict[str, Any], device: torch.device | str = "cpu") -> ActorCritic:
-    """The agent of a checkpoint, ready to drive.
+    """Build the agent of a checkpoint, ready to drive.
 
     Raises:
-        TrainingError: its weights are other ones.
+        TrainingError: its weights do not fit this version's networks, or are not finite.
     """
-    # The first checkpoints do not tell: theirs were ReLUs.
+    # The first checkpoints do not name their activation: it was ReLU.
     model = build(checkpoint["algorithm"], activation=checkpoint["config"].get("activation", "relu"))
     weights = checkpoint["state_dict"]
     try:
@@ -88,10 +88,10 @@ def model_of(checkpoint: dict[str, Any], device: torch.device | str = "cpu") -> 
 
 
 def write(path: Path, content: Any) -> None:
-    """Write a file in one go: one that was interrupted leaves the old one as it was.
+    """Write a file all at once: if the process is interrupted, the old file stays.
 
     Raises:
-        TrainingError: it cannot be written, as on a full disk.
+        TrainingError: the file cannot be written, for example because the disk is full.
     """
     beside = path.with_name(path.name + ".part")
     try:
@@ -105,32 +105,32 @@ def write(path: Path, content: Any) -> None:
 
 
 def read(path: Path, what: str = "file", wanted: str = "one that a run wrote") -> Any:
-    """What :func:`write` wrote, on the CPU; nothing in it is executed.
+    """Load on the CPU what :func:`write` wrote. Nothing in the file is executed.
 
     Args:
-        path: of the file.
-        what: the argument that named it.
-        wanted: what is to be named.
+        path: the file.
+        what: argument that named the file, for the error.
+        wanted: what the user should name instead, for the error.
 
     Raises:
-        TrainingError: the file is missing or broken.
+        TrainingError: the file is missing or damaged.
     """
     try:
         if not path.is_file():
             raise TrainingError(f"{what} {path}: there is no such file; name {wanted}")
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # torch's, of what it makes of files that are not its own
+            warnings.simplefilter("ignore")  # torch's warnings about other programs' files
             return torch.load(path, map_location="cpu", weights_only=True)
     except TrainingError:
         raise
     except OSError as error:
         raise TrainingError(f"{what} {path}: cannot be read ({error.strerror or error}); name {wanted}") from error
-    except Exception as error:  # torch raises another for each way of being broken
+    except Exception as error:  # torch raises different exceptions for different damage
         raise TrainingError(f"{what} {path}: is damaged, or none of a run's files; name {wanted}") from error
 
 
 def versions() -> dict[str, str]:
-    """Of what the result hangs on."""
+    """Return the versions that a result depends on, by package."""
     found = {"python": platform.python_version()}
     for name in ("torch", "stable-baselines3", "numpy", "numba", "wrongturn-agents", "wrongturn-service"):
         try:

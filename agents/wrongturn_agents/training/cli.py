@@ -1,4 +1,4 @@
-"""``wrongturn train`` and ``wrongturn score``; nothing heavy is imported before one of them runs."""
+"""``wrongturn train`` and ``wrongturn score``. Nothing heavy is imported before one of them runs."""
 
 import time
 from importlib.util import find_spec
@@ -9,23 +9,23 @@ import typer
 
 from wrongturn_agents.training.errors import TrainingError
 
-_Threads = Annotated[int | None, typer.Option(min=1, help="Of the simulation and of torch on the CPU; all by default.")]
-_Device = Annotated[str, typer.Option(help="cpu, cuda or auto.")]
+_Threads = Annotated[int | None, typer.Option(min=1, help="Threads of simulation and torch; all cores by default.")]
+_Device = Annotated[str, typer.Option(help="Device: cpu, cuda or auto.")]
 
 
 def train(
-    algorithm: Annotated[str, typer.Argument(help="ppo-segmentation, ppo-image or ppo-auxiliary.")],
+    algorithm: Annotated[str, typer.Argument(help="Algorithm: ppo-segmentation, ppo-image or ppo-auxiliary.")],
     seed: Annotated[
-        int | None, typer.Option(help="Of weights, drives and actions; 1 by default.", show_default=False)
+        int | None, typer.Option(help="Seed of weights, drives and actions; 1 by default.", show_default=False)
     ] = None,
-    steps: Annotated[int | None, typer.Option(min=1, help="Environment steps; the algorithm's own by default.")] = None,
-    minutes: Annotated[float | None, typer.Option(help="Wall clock for everything, kept exactly.")] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Environment steps. Example: 2000000")] = None,
+    minutes: Annotated[float | None, typer.Option(help="Wall clock for everything, in minutes. Example: 60")] = None,
     device: _Device = "auto",
-    directory: Annotated[Path | None, typer.Option(help="Of the run; runs/ALGORITHM-SEED by default.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the directory.")] = False,
-    num_envs: Annotated[int | None, typer.Option(min=1, help="Egos driven side by side.")] = None,
+    directory: Annotated[Path | None, typer.Option(help="Run's directory; runs/ALGORITHM-SEED by default.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the run in the directory.")] = False,
+    num_envs: Annotated[int | None, typer.Option(min=1, help="Number of cars that drive side by side.")] = None,
     threads: _Threads = None,
-    option: Annotated[list[str] | None, typer.Option(help="name=value of the algorithm's configuration.")] = None,
+    option: Annotated[list[str] | None, typer.Option(help="A setting of the algorithm. Example: gamma=0.98")] = None,
 ) -> None:
     """Train one of the paper's agents: overnight on a laptop, in minutes on a GPU."""
     _require_extra()
@@ -52,20 +52,20 @@ def train(
 
 
 def score(
-    checkpoint: Annotated[Path, typer.Argument(help="best.pt or last.pt of a run.")],
-    suite: Annotated[str, typer.Option(help="The suite's id.")] = "wrong-command@1",
-    json: Annotated[Path | None, typer.Option(help="Write the results there.")] = None,
+    checkpoint: Annotated[Path, typer.Argument(help="A run's best.pt or last.pt.")],
+    suite: Annotated[str, typer.Option(help="Id of the suite.")] = "wrong-command@1",
+    json: Annotated[Path | None, typer.Option(help="File to write the results to. Example: results.json")] = None,
     device: _Device = "auto",
     threads: _Threads = None,
-    batch: Annotated[int | None, typer.Option(min=1, help="Trials driven side by side.")] = None,
+    batch: Annotated[int | None, typer.Option(min=1, help="Number of trials at once.")] = None,
 ) -> None:
-    """Drive a suite with a checkpoint in this process, and tell what each trial came to."""
+    """Drive a suite with a checkpoint in this process, and report how each trial ended."""
     _require_extra()
+    from wrongturn_agents.training.score import check_writable, summary, write_results  # noqa: PLC0415
     from wrongturn_agents.training.score import score as run  # noqa: PLC0415
-    from wrongturn_agents.training.score import see_writable, summary, write_results  # noqa: PLC0415
 
     if json is not None:
-        see_writable(json)
+        check_writable(json)
     begin = time.monotonic()
     results = run(checkpoint, suite, device=device, threads=threads, batch=batch)
     for line in summary(results):
@@ -76,10 +76,10 @@ def score(
 
 
 def _require_extra() -> None:
-    """See to it that what only training needs is there.
+    """Check that the packages of the extra *training* are installed.
 
     Raises:
-        TrainingError: it is not.
+        TrainingError: a package is missing.
     """
     missing = [name for name in ("torch", "stable_baselines3", "wrongturn_sim") if find_spec(name) is None]
     if missing:

@@ -1,7 +1,7 @@
-"""What each algorithm is trained with: one dataclass an algorithm, every field explained.
+"""Settings of each algorithm: one dataclass for each, with every field explained.
 
-The architectures and the reward are the paper's (Carton et al., IV 2021); what the paper leaves open was found here.
-Fields whose comment says *ablation* change what is learnt and give a run its ``variant``; the others change the pace.
+The architectures and the reward are the paper's (Carton et al., IV 2021). What the paper leaves open was found here.
+Fields marked *ablation* change what is learned and give a run its ``variant``. The others change how fast it learns.
 """
 
 import dataclasses
@@ -25,74 +25,77 @@ _BEFORE: Final[Mapping[str, Any]] = {"inside_junctions": 0.0, "projection_learni
 
 @dataclass(frozen=True, kw_only=True)
 class PPOConfig:
-    """What the three algorithms have in common."""
+    """Settings that the three algorithms have in common."""
 
     algorithm: ClassVar[str]
     track: ClassVar[str]
-    """Whose observation the environments give."""
+    """Track whose observation the environments return."""
     keys: ClassVar[tuple[str, ...]]
-    """What of it is kept in the rollout buffer."""
+    """Keys of the observation that the rollout buffer keeps."""
 
     steps: int = 3_000_000
-    """Environment steps of the whole run; the learning rate falls over them."""
+    """Environment steps of the whole run. The learning rate falls over them."""
     num_envs: int = 512
-    """Egos driven side by side."""
+    """Number of cars that drive side by side."""
     n_steps: int = 32
-    """Decisions of each ego between two updates."""
+    """Decisions of each car between two updates."""
     batch_size: int = 2_048
-    """Frames of a minibatch."""
+    """Frames in a minibatch."""
     n_epochs: int = 4
     """Passes over a rollout."""
     learning_rate: float = 1e-3
-    """Of Adam at the start; it falls linearly to ``final_learning_rate`` times that."""
+    """Adam's learning rate at the start. It falls linearly to this times ``final_learning_rate``."""
     encoder_learning_rate: float = 1.0
-    """Share of the learning rate for the encoder's convolutions; what follows them has the whole of it."""
+    """Share of the learning rate for the encoder's convolutions. The layers after them get all of it."""
     projection_learning_rate: float = 1.0
-    """Share of the learning rate for the layer from 6,144 to 512 numbers behind a ResNet; ``ppo-segmentation`` has
-    none."""
+    """Share of the learning rate for the layer from 6,144 to 512 numbers behind a ResNet. ``ppo-segmentation`` has
+    no such layer.
+    """
     final_learning_rate: float = 0.1
     """Share of the learning rate that is left at the end."""
     gamma: float = 0.97
-    """Discount: at ten decisions a second it looks some three seconds ahead."""
+    """Discount. At ten decisions a second, 0.97 looks about three seconds ahead."""
     gae_lambda: float = 0.95
-    """Of the generalised advantage estimation (Schulman et al. 2016)."""
+    """Lambda of the generalised advantage estimation (Schulman et al. 2016)."""
     clip_range: float = 0.2
-    """Of the policy's ratio."""
+    """Clip range of the policy's ratio."""
     ent_coef: float = 0.0
     """Weight of the entropy bonus."""
     vf_coef: float = 0.5
-    """Weight of the value's loss."""
+    """Weight of the value loss."""
     max_grad_norm: float = 0.5
-    """Longest gradient; a longer one is shortened."""
+    """Greatest norm of the gradient. A longer gradient is shortened."""
     kl_stop: float = 0.03
-    """Passes over a rollout end where the policy's divergence from the one that drove is above this."""
+    """An update's passes end when the policy's divergence from the policy that drove exceeds this."""
     kl_revert: float = 5.0
-    """An update is undone where that divergence comes to be above this many times ``kl_stop``."""
+    """An update is undone when that divergence exceeds this many times ``kl_stop``."""
 
     reward_divisor: float = 300.0
-    """The paper's reward divided by it is what is learnt: returns are then of the order of 1."""
+    """Divisor of the paper's reward, so that returns are about 1."""
     failure_penalty: float = 0.0
-    """Taken off the (divided) reward of a drive that ends off the road, in a collision or in an oncoming lane.
+    """Taken off the divided reward when a drive ends off the road, in a collision or in an oncoming lane.
 
-    What a failure costs is all that would have been earned after it; with more than that, cars were seen to learn to
-    stand still before junctions.
+    A failure already costs everything that would have been earned after it. With a greater cost, cars learned to stand
+    still before junctions.
     """
     standing_penalty: float = 1.0
-    """Taken off where a drive ends because the car stood still.
+    """Taken off the divided reward when a drive ends because the car stands still.
 
-    Not in the paper: by its formula a car that stands still earns reward for as long as it does.
+    Not in the paper, whose formula rewards a car for standing still.
     """
     standing_cost: float = 0.05
-    """Taken off the (divided) reward of each decision after which the car stands; at 0.04 standing earns nothing.
+    """Taken off the divided reward of each decision after which the car stands. At 0.04, standing earns nothing.
 
-    Nor is this in the paper. Unlike a penalty at the end, it is felt at once, however little the future counts.
+    Not in the paper. Unlike a penalty at the end, the policy feels it at once, whatever the discount.
     """
     activation: str = "tanh"
-    """Of the heads: ``tanh``, ``elu`` or ``relu``; with the last, a command's whole head was seen to die."""
+    """Activation of the heads: ``tanh``, ``elu`` or ``relu``. With ``relu``, a command's whole head died in some
+    runs.
+    """
     accelerate: float = 0.5
-    """Mean of the action accelerate to begin with.
+    """Mean of the action *accelerate* at the start.
 
-    Brakes are stronger than the motor: a policy that begins at 0 stands still, and sees nothing of the town.
+    Brakes are stronger than the motor, so a policy that starts at 0 stands still and sees nothing of the town.
     """
     near_junctions: float = 0.3
     """Share of the drives that start shortly before a junction."""
@@ -101,37 +104,38 @@ class PPOConfig:
     inside_junctions: float = 0.2
     """Share of the drives that start inside a junction, on the route's path, at 5 m/s or less.
 
-    Without them a command's head first learns to leave the road before the junction: a random crossing earns as little
-    as -302, and the head sees few good ones. These starts show it what comes after a turn.
+    A random crossing earns as little as -302, so without these starts a turn's head first learns to leave the road
+    before the junction. These starts show it what comes after.
     """
     lateral: float = 0.4
-    """Sigma of the start's offset from the lane's centre, metres."""
+    """Standard deviation of the start's offset from the lane's centre, metres."""
     yaw: float = 0.06
-    """Sigma of the start's heading, radians."""
+    """Standard deviation of the start's heading, radians."""
     time_limit: float = 60.0
-    """Of a drive, seconds; the value of what comes after is then bootstrapped."""
+    """Time limit of a drive, seconds. The value of what would follow is bootstrapped."""
 
     evaluate_every: int = 600_000
     """Steps between two evaluations on held-out journeys."""
     journeys: int = 50
-    """Held-out journeys of the last evaluation, which decides among the best ones before it, too."""
+    """Held-out journeys of the last evaluation, which also decides between the best agents before it."""
     brief_journeys: int = 20
-    """Of these the shortest, for the evaluations before it."""
+    """Held-out journeys of the earlier evaluations: the shortest ones."""
     strict_evaluation: bool = True
-    """A held-out journey fails where the car leaves its road or lane, or stands: stricter than CoRL 2017, and quicker.
+    """A held-out journey fails when the car leaves its road or lane, or stands: stricter than CoRL 2017, and
+    quicker.
 
-    So the best is one that drives cleanly; the suites' journeys go on, and count it.
+    So the best agent drives cleanly. In the suites such a journey continues and the infraction is counted.
     """
     patience: float = 30.0
-    """Seconds for which a car may stand still in an evaluation before its journey is given up as failed."""
+    """An evaluation gives a journey up after its car stood still for this long, seconds."""
 
     save_every: float = 10.0
-    """Minutes after which ``last.pt`` and the state to resume from are written, beside each evaluation."""
+    """Minutes between two saves of ``last.pt`` and ``state.pt``. Each evaluation saves them as well."""
 
     bf16: bool = True
-    """Encoders compute in bfloat16 where the device is CUDA; heads and losses always in float32."""
+    """Compute encoders in bfloat16 on CUDA. Heads and losses are always float32."""
     compile: bool = False
-    """Compile the encoder with ``torch.compile``: a minute at the start, worth it in long runs on CUDA."""
+    """Compile the encoder with ``torch.compile``. It costs a minute at the start and pays off in long runs on CUDA."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -141,7 +145,7 @@ class PPOConfig:
                 raise TrainingError(f"option {field.name}: is {value!r}; give a {kind.__name__}")
             if isinstance(value, bool | str):
                 continue
-            # A negative divergence stops each update at once.
+            # A negative limit of the divergence stops each update at once.
             least = -math.inf if field.name == "kl_stop" else 1 if kind is int else 0.0
             if kind is int and value > _MOST:
                 raise TrainingError(f"option {field.name}: is {value}; give at most {_MOST}")
@@ -166,7 +170,7 @@ class PPOConfig:
 
     @property
     def frozen(self) -> bool:
-        """Whether the encoder is not trained by PPO; each frame is then encoded once, and features are buffered."""
+        """Whether PPO leaves the encoder as it is. Each frame is then encoded once, and the buffer keeps features."""
         return False
 
     @property
@@ -176,12 +180,12 @@ class PPOConfig:
 
     @property
     def masked(self) -> float:
-        """Probability of each class of a segmentation to be masked."""
+        """Probability that each class of a segmentation is masked."""
         return 0.0
 
     @property
     def auxiliary_loss(self) -> bool:
-        """Whether the segmentation's loss joins PPO's."""
+        """Whether the segmentation loss joins PPO's loss."""
         return False
 
     @property
@@ -191,24 +195,24 @@ class PPOConfig:
 
     @property
     def statistics(self) -> bool:
-        """Whether batch normalisation learns its statistics from what is driven."""
+        """Whether batch normalisation learns its statistics while driving."""
         return False
 
     @property
     def disturbed(self) -> bool:
-        """Whether what the policy sees is changed at random."""
+        """Whether the policy's pictures are changed at random."""
         return self.augmented or self.masked > 0.0
 
     @property
     def variant(self) -> str | None:
-        """What was left out or added, in words for a table; None for the algorithm as it is meant."""
+        """Name of the ablation for tables; None for the unchanged algorithm."""
         return None
 
     def with_options(self, options: Iterable[str]) -> "PPOConfig":
-        """This configuration with fields of ``name=value`` changed.
+        """Return this configuration with the fields of ``name=value`` options changed.
 
         Raises:
-            TrainingError: there is no such field, or the value is none of its kind.
+            TrainingError: there is no such field, or the value has another type.
         """
         fields = {field.name: field for field in dataclasses.fields(self)}
         changed: dict[str, Any] = {}
@@ -220,7 +224,7 @@ class PPOConfig:
         return dataclasses.replace(self, **changed)
 
     def as_dict(self) -> dict[str, Any]:
-        """The fields by name, as JSON takes them."""
+        """Return the fields by name, ready for JSON."""
         return dataclasses.asdict(self)
 
 
@@ -233,11 +237,11 @@ class SegmentationConfig(PPOConfig):
     keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "segmentation")
 
     masked_classes: float = 0.0
-    """Ablation, the paper's own proposal: probability of each class but the road's to be unseen in a frame."""
+    """Ablation, proposed in the paper: probability that each class but the road is hidden in a frame."""
 
     @property
     def masked(self) -> float:
-        """As :attr:`masked_classes`."""
+        """Same as :attr:`masked_classes`."""
         return self.masked_classes
 
     @property
@@ -248,49 +252,52 @@ class SegmentationConfig(PPOConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class ImageConfig(PPOConfig):
-    """``ppo-image``: ResNet-34 pretrained on segmentation, frozen while PPO trains what follows it."""
+    """``ppo-image``: ResNet-34 pretrained on segmentation and frozen; PPO trains the layers after it."""
 
     algorithm: ClassVar[str] = "ppo-image"
     track: ClassVar[str] = "camera"
     keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb")
 
     steps: int = 4_000_000
-    """Environment steps of the whole run; the learning rate falls over them."""
+    """Environment steps of the whole run. The learning rate falls over them."""
     learning_rate: float = 4e-4
-    """Of Adam at the start: a layer over 6,144 normalised numbers takes smaller steps than one over 512."""
+    """Adam's learning rate at the start. A layer over 6,144 normalised numbers needs smaller steps than one over
+    512.
+    """
     encoder_learning_rate: float = 0.25
-    """Share of it for the encoder's convolutions, where they are trained at all."""
+    """Share of the learning rate for the encoder's convolutions, if they are trained at all."""
     projection_learning_rate: float = 0.1
-    """Share of it for the layer from 6,144 to 512. At 1, 65 to 70 % of the layer's outputs die, and many runs never
-    learn one of the turns."""
+    """Share of the learning rate for the layer from 6,144 to 512. At 1, 65 to 70 % of its outputs die, and many runs
+    never learn one of the turns.
+    """
     pretrained: bool = True
-    """Ablation: without it the encoder begins at random and is trained by PPO's loss alone."""
+    """Ablation: without it the encoder starts at random and learns from PPO's loss alone."""
     augment: bool = True
-    """Ablation: RGB is augmented (erasing, blur, hue, saturation, brightness), in pretraining and while driving."""
+    """Ablation: augment RGB (erasing, blur, hue, saturation, brightness), in pretraining and while driving."""
     pretraining_frames: int = 131_000
-    """Frames of random places in Town01 that the encoder is pretrained on."""
+    """Frames of random places in Town01 for the encoder's pretraining."""
     pretraining_passes: float = 3.0
-    """How often each of them is seen on average."""
+    """Number of times that each frame is used, on average."""
     pretraining_batch: int = 512
-    """Frames of a minibatch in pretraining; with fewer a GPU waits for what launches its kernels."""
+    """Frames of a minibatch in pretraining. With fewer, a GPU mostly waits for its kernels to be launched."""
     pretraining_rate: float = 1e-3
-    """Highest learning rate of pretraining (AdamW, one cycle)."""
+    """Greatest learning rate of pretraining (AdamW, one cycle)."""
     encoder: str = ""
-    """A run's ``encoder.pt`` to take instead of pretraining anew."""
+    """Path of a run's ``encoder.pt`` to use instead of a new pretraining."""
 
     @property
     def frozen(self) -> bool:
-        """The pretrained encoder is."""
+        """True with pretraining."""
         return self.pretrained
 
     @property
     def augmented(self) -> bool:
-        """As :attr:`augment`."""
+        """Same as :attr:`augment`."""
         return self.augment
 
     @property
     def statistics(self) -> bool:
-        """Those of a pretrained encoder stay as they are."""
+        """False with pretraining: the statistics stay as they are."""
         return not self.pretrained
 
     @property
@@ -301,47 +308,47 @@ class ImageConfig(PPOConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class AuxiliaryConfig(PPOConfig):
-    """``ppo-auxiliary``: ResNet-34 trained end to end by PPO and by predicting the segmentation."""
+    """``ppo-auxiliary``: ResNet-34 trained end to end, by PPO and by predicting the segmentation."""
 
     algorithm: ClassVar[str] = "ppo-auxiliary"
     track: ClassVar[str] = "segmentation"
     keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb", "segmentation")
 
     steps: int = 3_000_000
-    """Environment steps of the whole run; the learning rate falls over them."""
+    """Environment steps of the whole run. The learning rate falls over them."""
     n_epochs: int = 3
-    """Passes over a rollout; a ResNet learns slowly enough to count them."""
+    """Passes over a rollout. Few, because a pass through a ResNet is slow."""
     learning_rate: float = 5e-4
-    """Of Adam at the start, for what follows the ResNet and for the decoder."""
+    """Adam's learning rate at the start, for the decoder and the layers after the ResNet."""
     encoder_learning_rate: float = 0.2
-    """Share of it for the ResNet's convolutions: they take smaller steps than what follows them."""
+    """Share of the learning rate for the ResNet's convolutions, which need smaller steps."""
     projection_learning_rate: float = 0.1
-    """Share of it for the layer from 6,144 to 512, as in ``ppo-image``."""
+    """Share of the learning rate for the layer from 6,144 to 512, as in ``ppo-image``."""
     auxiliary: bool = True
     """Ablation: without it there is no segmentation loss."""
     auxiliary_share: float = 0.25
-    """Share of each minibatch whose segmentation is predicted: that pass costs more than the policy's."""
+    """Share of each minibatch whose segmentation is predicted. This pass costs more than the policy's."""
     augment: bool = True
-    """Ablation: RGB is augmented (erasing, blur, hue, saturation, brightness)."""
+    """Ablation: augment RGB (erasing, blur, hue, saturation, brightness)."""
 
     @property
     def augmented(self) -> bool:
-        """As :attr:`augment`."""
+        """Same as :attr:`augment`."""
         return self.augment
 
     @property
     def auxiliary_loss(self) -> bool:
-        """As :attr:`auxiliary`."""
+        """Same as :attr:`auxiliary`."""
         return self.auxiliary
 
     @property
     def predicted_share(self) -> float:
-        """As :attr:`auxiliary_share`."""
+        """Same as :attr:`auxiliary_share`."""
         return self.auxiliary_share
 
     @property
     def statistics(self) -> bool:
-        """They are learned all along."""
+        """Always True."""
         return True
 
     @property
@@ -353,7 +360,7 @@ class AuxiliaryConfig(PPOConfig):
 ALGORITHMS: Final[Mapping[str, type[PPOConfig]]] = {
     config.algorithm: config for config in (SegmentationConfig, ImageConfig, AuxiliaryConfig)
 }
-"""The configurations by the names of their algorithms."""
+"""The configurations by algorithm."""
 
 
 def config_of(algorithm: str, fields: Mapping[str, Any] | None = None) -> PPOConfig:
@@ -382,14 +389,14 @@ def _without(**present: bool) -> str | None:
 
 
 def _is(value: Any, kind: type) -> bool:
-    """Whether a value is one of a field's kind; whole numbers are floats, and truth is no number."""
+    """Return whether a value has a field's type. A whole number is also a float, and a boolean is no number."""
     if kind is float:
         kind = int if isinstance(value, int) else float
     return isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
 
 
 def _parsed(name: str, text: str, kind: type) -> Any:
-    """A field's value from its text."""
+    """Return a field's value from its text."""
     if kind is bool:
         values = {"true": True, "false": False, "1": True, "0": False, "yes": True, "no": False}
         if text.lower() not in values:

@@ -1,4 +1,4 @@
-"""What a run looks like while it runs: a bar in a terminal, a line now and then elsewhere."""
+"""Progress of a run on the screen: a bar in a terminal, otherwise a line now and then."""
 
 import sys
 import time
@@ -6,14 +6,14 @@ from types import TracebackType
 from typing import Any, Self
 
 _EVERY = 10.0
-"""Seconds between two lines where there is no terminal."""
+"""Seconds between two lines outside a terminal."""
 
 
 class Display:
-    """Tells of a run's rows.
+    """Shows the rows of a run.
 
     Args:
-        title: of the run.
+        title: name of the run.
     """
 
     def __init__(self, title: str) -> None:
@@ -24,7 +24,7 @@ class Display:
 
     def __enter__(self) -> Self:
         if sys.stdout.isatty():
-            # Machines without a terminal need not have it.
+            # Imported here, because machines without a terminal may not have it.
             from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
 
             columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
@@ -40,7 +40,7 @@ class Display:
             self._bar.stop()
 
     def row(self, row: dict[str, Any]) -> None:
-        """Tell of a row of ``progress.csv``, and of ``done``, the share of the run that is over."""
+        """Show a row of ``progress.csv`` and its ``done``, the share of the run that is over."""
         reward = row["reward_mean"]
         text = (
             f"{row['minutes']:.1f} min, {row['step']:,} steps, {row['steps_per_second']:,.0f}/s, reward of an episode "
@@ -52,7 +52,7 @@ class Display:
         self._tell(text, row.get("done"), keep=held_out is not None)
 
     def pretraining(self, frames: int, loss: float) -> None:
-        """Tell of the encoder."""
+        """Show how far the encoder's pretraining is."""
         self._tell(f"pretraining, {frames:,} frames, loss {loss:.3f}", None, keep=False)
 
     def _tell(self, text: str, done: float | None, *, keep: bool) -> None:

@@ -1,4 +1,4 @@
-"""Drive given trials by an agent's mean action, many side by side in this process."""
+"""Drive given trials with trained agents, many at once, in this process."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
@@ -13,43 +13,32 @@ from wrongturn_protocol import Outcome, Track, Trial
 from wrongturn_sim import WrongturnVectorEnv
 
 _STANDING = 0.3
-"""Slower than this a car stands, m/s."""
+"""A slower car counts as standing, m/s."""
 _PER_SECOND = 10
-"""Decisions."""
+"""Decisions in a second."""
 _ROWS = 64
-"""What a network is given on CUDA is a multiple of this many pictures, or all."""
+"""On CUDA a network gets a multiple of this many pictures, or all of them."""
 
 
-class Driver(Protocol):
-    """What drives: an agent of ``wrongturn_agents.models``."""
+class DrivingModel(Protocol):
+    """A network that drives, such as an agent of ``wrongturn_agents.models``."""
 
     def drive(self, observation: Mapping[str, Tensor]) -> Tensor:
-        """Steer, throttle and brake, (b, 3)."""
+        """Return steer, throttle and brake, (b, 3)."""
 
 
-class Drive(NamedTuple):
-    """A trial that was driven."""
+class DrivenTrial(NamedTuple):
+    """A trial and how it ended."""
 
     trial: Trial
     outcome: Outcome | None
-    """None where the drive was given up."""
+    """None if the drive was given up."""
     reward: float
-    """The sum of the paper's reward."""
+    """Sum of the paper's reward."""
 
 
-def drive(model: Driver, trials: Sequence[Trial], **options: Any) -> list[tuple[Trial, Outcome]]:
-    """What each trial came to, in their order; the options are :func:`drive_all`'s."""
-    driven = drive_all(model, trials, **options)
-    return [(one.trial, one.outcome) for one in driven if one.outcome is not None]
-
-
-def drive_all(model: Driver, trials: Sequence[Trial], **options: Any) -> list[Drive]:
-    """What each trial came to, in their order; the options are :func:`drive_each`'s."""
-    return drive_each([model], trials, **options)[0]
-
-
-def drive_each(
-    models: Sequence[Driver],
+def drive_trials(
+    models: Sequence[DrivingModel],
     trials: Sequence[Trial],
     *,
     track: Track | str,
@@ -60,122 +49,120 @@ def drive_each(
     patience: float | None = None,
     strict: bool = False,
     stop: Callable[[], bool] = lambda: False,
-    on_end: Callable[[Drive], None] = lambda _: None,
-) -> list[list[Drive]]:
-    """Drive trials of one or more towns, none with other road users, by each of some models, all side by side.
+) -> list[list[DrivenTrial]]:
+    """Drive every trial with every model, all side by side.
 
-    Several together take little longer than one: it is the longest drive that is waited for.
+    Several models together take little longer than one, because the longest drive decides how long it takes.
 
     Args:
-        models: drive by their mean actions, in float32.
-        trials: any.
-        track: what they are shown.
-        device: where they compute.
-        backend: where pictures are made; on the device's kind by default.
-        threads: share the simulation.
-        batch: how many are driven side by side; 16 on the CPU, else 256.
-        patience: give a drive up whose car stood still for so many seconds running; None never does.
-        strict: a journey fails where the car leaves its road or lane, or stands for 10 s, as in training; what is
-            scored never is.
-        stop: give up all that is not over yet.
-        on_end: told of each drive when it is over.
+        models: networks that drive with their mean actions, in float32.
+        trials: trials in any towns, without other road users.
+        track: track whose observations the models get.
+        device: device of the models.
+        backend: where pictures are rendered; the kind of ``device`` by default.
+        threads: threads that share the simulation.
+        batch: number of cars at once; by default 16 on the CPU and 256 on CUDA.
+        patience: a drive is given up after its car stood still for this long, seconds. None never gives up.
+        strict: as in training, a journey fails when the car leaves its road or lane, or stands for 10 s. Scores never
+            use it.
+        stop: called before each decision; True gives up all drives that have not ended.
 
     Returns:
-        For each model its drives, in the order of the trials.
+        One list for each model: its drives in the order of the trials.
     """
     device = torch.device(device)
-    kind = device.type
     options = {
         "track": Track(track),
         "threads": threads,
         "strict": strict,
-        **({"backend": "cuda"} if (backend or kind) == "cuda" else {}),
+        **({"backend": "cuda"} if (backend or device.type) == "cuda" else {}),
     }
-    width = batch or (256 if kind == "cuda" else 16)
-    wanted = [_Wanted(model, trial) for model in models for trial in trials]
-    found: list[Drive | None] = [None] * len(wanted)
-    by_town = sorted(range(len(wanted)), key=lambda i: wanted[i].trial.town)
-    for town, numbers in groupby(by_town, key=lambda i: wanted[i].trial.town):
-        for i, driven in _in_town(town, list(numbers), wanted, device, width, patience, stop, options):
+    width = batch or (256 if device.type == "cuda" else 16)
+    assigned = [_Assignment(model, trial) for model in models for trial in trials]
+    found: list[DrivenTrial | None] = [None] * len(assigned)
+    by_town = sorted(range(len(assigned)), key=lambda i: assigned[i].trial.town)
+    for town, numbers in groupby(by_town, key=lambda i: assigned[i].trial.town):
+        for i, driven in _in_town(town, list(numbers), assigned, device, width, patience, stop, options):
             found[i] = driven
-            on_end(driven)
-    driven_all = [driven for driven in found if driven is not None]
-    return [driven_all[i * len(trials) : (i + 1) * len(trials)] for i in range(len(models))]
+    ended = [driven for driven in found if driven is not None]
+    return [ended[i * len(trials) : (i + 1) * len(trials)] for i in range(len(models))]
 
 
-class _Wanted(NamedTuple):
-    """A drive to be driven."""
+class _Assignment(NamedTuple):
+    """A trial and the model that drives it."""
 
-    model: Driver
+    model: DrivingModel
     trial: Trial
 
 
 def _in_town(
     town: str,
     numbers: list[int],
-    wanted: Sequence[_Wanted],
+    assigned: Sequence[_Assignment],
     device: torch.device,
     width: int,
     patience: float | None,
     stop: Callable[[], bool],
     options: dict[str, Any],
-) -> Iterator[tuple[int, Drive]]:
+) -> Iterator[tuple[int, DrivenTrial]]:
     count = min(width, len(numbers))
     envs = WrongturnVectorEnv(count, town, **options, record=False, copy=False, autoreset_mode=AutoresetMode.DISABLED)
-    # The longest first: so fewer egos idle while the last ones finish.
-    waiting = sorted(numbers, key=lambda i: -_time_limit(wanted[i].trial))
+    # The longest trials come first, so that fewer cars wait for the last ones.
+    waiting = sorted(numbers, key=lambda i: -_time_limit(assigned[i].trial))
     driving: list[int | None] = [waiting.pop(0) for _ in range(count)]
-    current = [wanted[i] for i in driving if i is not None]
+    current = [assigned[i] for i in driving if i is not None]
     rewards, stood = np.zeros(count), np.zeros(count, np.int64)
     observation, _ = envs.reset(seed=0, options={"trial": [one.trial for one in current]})
     try:
         while any(number is not None for number in driving):
-            who = [None if number is None else wanted[number].model for number in driving]
-            actions = _actions(who, observation, device)
+            models = [None if number is None else assigned[number].model for number in driving]
+            actions = _actions(models, observation, device)
             observation, earned, terminated, truncated, infos = envs.step(actions)
             ended = terminated | truncated
             rewards += earned
             stood = np.where(np.asarray(observation["speed"])[:, 0] < _STANDING, stood + 1, 0)
             if stop():
                 left = [number for number in (*driving, *waiting) if number is not None]
-                yield from ((number, Drive(wanted[number].trial, None, 0.0)) for number in left)
+                yield from ((number, DrivenTrial(assigned[number].trial, None, 0.0)) for number in left)
                 return
             given_up = np.zeros(count, np.bool_) if patience is None else stood >= patience * _PER_SECOND
-            anew = np.zeros(count, np.bool_)
+            restarted = np.zeros(count, np.bool_)
             for k in np.flatnonzero(ended | given_up).tolist():
                 number = driving[k]
                 if number is not None:
                     outcome = Outcome.model_validate(infos["outcome"][k]) if ended[k] else None
-                    yield number, Drive(wanted[number].trial, outcome, float(rewards[k]))
+                    yield number, DrivenTrial(assigned[number].trial, outcome, float(rewards[k]))
                     driving[k] = waiting.pop(0) if waiting else None
-                # One that has nothing left to drive drives its last trial again, to no avail: egos share their steps.
+                # All cars step together, so a car without a trial drives its last one again, and nobody counts it.
                 following = driving[k]
                 if ended[k] or following is not None:
-                    current[k] = current[k] if following is None else wanted[following]
-                    anew[k], rewards[k], stood[k] = True, 0.0, 0
-            if anew.any() and any(number is not None for number in driving):
+                    current[k] = current[k] if following is None else assigned[following]
+                    restarted[k], rewards[k], stood[k] = True, 0.0, 0
+            if restarted.any() and any(number is not None for number in driving):
                 trials = [one.trial for one in current]
-                observation, _ = envs.reset(options={"trial": trials, "reset_mask": anew})
+                observation, _ = envs.reset(options={"trial": trials, "reset_mask": restarted})
     finally:
         envs.close()
 
 
 @torch.inference_mode()
-def _actions(models: list[Driver | None], observation: dict[str, Any], device: torch.device) -> np.ndarray[Any, Any]:
-    """Of each car by its own model; those that nobody drives any more brake."""
+def _actions(
+    models: list[DrivingModel | None], observation: dict[str, Any], device: torch.device
+) -> np.ndarray[Any, Any]:
+    """Return each car's action from its own model; a car without a model brakes."""
     tensors = {name: torch.as_tensor(array, device=device) for name, array in observation.items()}
     actions = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (len(models), 1))
     for model in dict.fromkeys(models):
         if model is None:
             continue
         rows = [i for i, other in enumerate(models) if other is model]
-        its = tensors
+        own = tensors
         if len(rows) < len(models):
-            # In few sizes, for cuDNN chooses its algorithms anew for each.
+            # Few sizes only, because cuDNN selects its algorithms again for each size.
             more = -len(rows) % _ROWS if device.type == "cuda" else 0
             chosen = torch.as_tensor(rows + rows[:1] * more, device=device)
-            its = {name: tensor[chosen] for name, tensor in tensors.items()}
-        actions[rows] = model.drive(its)[: len(rows)].float().cpu().numpy()
+            own = {name: tensor[chosen] for name, tensor in tensors.items()}
+        actions[rows] = model.drive(own)[: len(rows)].float().cpu().numpy()
     return actions
 
 

@@ -1,4 +1,4 @@
-"""Many egos for PPO: two actions, tensors on the device, the reward divided, failures penalised."""
+"""Many cars for PPO: two actions, tensors on the device, a divided reward and penalties for failures."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -15,33 +15,33 @@ from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_agents.training.vec_env import WrongturnVecEnv
 
 FAILURES: Final = frozenset({"off_road", "collision", "wrong_way"})
-"""Verdicts by which a drive failed."""
+"""Verdicts of a failed drive."""
 STANDING: Final = "not_engaged"
-"""Verdict by which it ended because the car stood still."""
+"""Verdict of a drive that ended because the car stood still."""
 VERDICTS: Final = (*sorted(FAILURES), STANDING, "timeout")
-"""By which a drive may end in training."""
+"""Verdicts with which a drive may end in training."""
 SLOW: Final = 0.3
-"""Slower than this a car stands, m/s."""
+"""A slower car counts as standing, m/s."""
 _NOTHING: Final[dict[str, Any]] = {}
 
 
 class DrivingVecEnv(WrongturnVecEnv):
-    """The egos of a town as PPO drives them.
+    """The cars of a town as PPO drives them.
 
-    ``infos[i]`` of an environment that ended hold ``episode`` (``r``: the sum of the paper's reward as it is, ``l``:
-    decisions), ``verdict``, ``TimeLimit.truncated`` and, only where time ran out, ``terminal_observation``.
+    For a car whose drive ended, ``infos[i]`` has ``episode`` (``r``: sum of the paper's reward, not divided; ``l``:
+    number of decisions), ``verdict``, ``TimeLimit.truncated`` and, only if time ran out, ``terminal_observation``.
 
     Args:
-        num_envs: how many.
-        keys: what of the observation is given, in this order.
-        device: where its tensors are.
-        reward_divisor: the reward is divided by it.
-        failure_penalty: taken off the divided reward of the decision with which a drive failed.
-        standing_penalty: likewise, where the car stood still.
-        standing_cost: taken off the divided reward of each decision after which a car stands.
-        stopwatch: counts pictures as ``render`` and the rest as ``env``.
-        options: as the vectorised environment's. ``backend="cuda"`` makes pictures on the device: they are not
-            carried.
+        num_envs: number of cars.
+        keys: keys of the observation to return, in this order.
+        device: device of the tensors.
+        reward_divisor: divisor of the reward.
+        failure_penalty: taken off the divided reward when a drive fails.
+        standing_penalty: taken off the divided reward when a drive ends because the car stands still.
+        standing_cost: taken off the divided reward of each decision after which the car stands.
+        stopwatch: counts rendering as ``render`` and the rest as ``env``.
+        options: options of the vectorised environment. With ``backend="cuda"`` pictures are rendered on the device and
+            never leave it.
     """
 
     def __init__(
@@ -73,14 +73,14 @@ class DrivingVecEnv(WrongturnVecEnv):
         self._watch_pictures()
 
     def reset(self) -> Observations:
-        """Begin all trials anew."""
+        """Start new drives."""
         self._returns[:] = 0.0
         self._lengths[:] = 0
         with self.stopwatch.part("env"):
             return self._tensors(super().reset())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Drive on for 0.1 s by (n, 2) actions, steer and accelerate.
+        """Drive on for 0.1 s with the (n, 2) actions, steer and accelerate.
 
         Raises:
             RuntimeError: there are no actions.
@@ -89,17 +89,17 @@ class DrivingVecEnv(WrongturnVecEnv):
             raise RuntimeError("step_wait: there are no actions; call step_async first, or step")
         actions, self._waiting = self._waiting, None
         with self.stopwatch.part("env"):
-            observation, rewards, terminated, truncated, told = self.envs.step(controls(actions))
+            observation, rewards, terminated, truncated, found = self.envs.step(controls(actions))
             tensors = self._tensors(observation)
         ended = terminated | truncated
         self._returns += rewards
         self._lengths += 1
         scaled = (rewards / self._divisor).astype(np.float32)
         stands = np.asarray(observation["speed"])[:, 0] < SLOW
-        scaled -= self._standing_cost * (stands & ~ended)  # of those that ended it is the next drive's speed
+        scaled -= self._standing_cost * (stands & ~ended)  # an ended car's speed is already that of its next drive
         infos: list[dict[str, Any]] = [_NOTHING] * self.num_envs
         for i in np.flatnonzero(ended).tolist():
-            verdict = told["final_info"]["verdict"][i]
+            verdict = found["final_info"]["verdict"][i]
             infos[i] = {
                 "episode": {"r": float(self._returns[i]), "l": int(self._lengths[i])},
                 "verdict": verdict,
@@ -107,7 +107,7 @@ class DrivingVecEnv(WrongturnVecEnv):
             }
             scaled[i] -= self._penalties.get(verdict, 0.0)
             if truncated[i]:
-                infos[i]["terminal_observation"] = self._terminal(told["final_obs"][i])
+                infos[i]["terminal_observation"] = self._terminal(found["final_obs"][i])
         self._returns[ended] = 0.0
         self._lengths[ended] = 0
         return tensors, scaled, ended, infos
@@ -116,11 +116,11 @@ class DrivingVecEnv(WrongturnVecEnv):
         return {key: torch.as_tensor(observation[key], device=self.device) for key in self.keys}
 
     def _tensors(self, observation: Any) -> Observations:
-        """Copies on the device, for the next step writes the arrays over; those made there never leave it."""
+        """Return copies on the device, because the next step overwrites the arrays."""
         return {key: self._shared_tensor(key, observation[key]).to(self.device, copy=True) for key in self.keys}
 
     def _shared_tensor(self, key: str, array: Any) -> Tensor:
-        """The memory of an array of the environments; they fill the same ones again and again."""
+        """Return a tensor that shares an array's memory; the environments reuse their arrays."""
         known, tensor = self._shared.get(key, (None, None))
         if known is not array or tensor is None:
             there = hasattr(type(array), "__cuda_array_interface__")

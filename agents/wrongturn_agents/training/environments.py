@@ -1,4 +1,4 @@
-"""The environments that an agent learns in."""
+"""The environments in which an agent learns."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,13 +16,13 @@ _JOURNEYS = ("near_junctions", "near_bends", "inside_junctions", "lateral", "yaw
 
 
 def environments(config: PPOConfig, agent: ActorCritic, stopwatch: Stopwatch, *, threads: int) -> SeenVecEnv:
-    """Cars that cruise about Town01 in the training weathers, alone, every command right, as the agent sees them.
+    """Make cars that cruise about Town01 alone in the training weathers, with correct commands, as the agent sees them.
 
     Args:
-        config: how many, where they start, what they are rewarded for.
-        agent: on the device where pictures are wanted; what disturbs them, or encodes them for good, is its.
-        stopwatch: counts environments, pictures and the frozen encoder.
-        threads: share the simulation.
+        config: number of cars, their starts and rewards.
+        agent: agent on the device of the pictures. It augments them, and encodes them if its encoder is frozen.
+        stopwatch: counts the environments, the pictures and the frozen encoder.
+        threads: threads that share the simulation.
     """
     device = agent.log_std.device
     driving = DrivingVecEnv(
@@ -54,7 +54,7 @@ def environments(config: PPOConfig, agent: ActorCritic, stopwatch: Stopwatch, *,
 
 
 def rendered_on(device: torch.device) -> dict[str, Any]:
-    """The option of the vectorised environment by which pictures are made on the device."""
+    """Return the vectorised environment's option that renders pictures on the device."""
     return {"backend": "cuda"} if device.type == "cuda" else {}
 
 

@@ -1,7 +1,7 @@
-"""What can go wrong in training."""
+"""Errors of training."""
 
 from wrongturn_agents.errors import AgentsError
 
 
 class TrainingError(AgentsError, ValueError):
-    """A setting of a run that cannot be: it names the setting and the remedy."""
+    """Error about a setting or file of a run. The message names it and the remedy."""

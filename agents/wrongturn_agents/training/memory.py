@@ -1,4 +1,4 @@
-"""Runs that want more memory than there is."""
+"""Errors for runs that need more memory than the machine has."""
 
 import os
 from collections.abc import Iterator
@@ -18,13 +18,13 @@ _REMEDY: Final = "give a smaller --num-envs, or fewer n_steps or frames of a min
 
 @contextmanager
 def memory_named(config: PPOConfig) -> Iterator[None]:
-    """Say in words where memory is short, rather than let the system end the process.
+    """Report a lack of memory in words, before the system ends the process.
 
     Raises:
-        TrainingError: a rollout's pictures alone are more than this machine's memory, or an allocation failed.
+        TrainingError: the pictures of one rollout exceed this machine's memory, or an allocation failed.
     """
     kept = _FEATURES if config.frozen else sum(_BYTES.get(key, 0) for key in config.keys)
-    # Each ego has a picture of each kind at hand, whatever is kept of it.
+    # Each car has a current picture of each kind, besides what the rollout keeps.
     wanted = config.num_envs * (config.n_steps * kept + sum(_BYTES.values()))
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if wanted > there:
@@ -37,6 +37,6 @@ def memory_named(config: PPOConfig) -> Iterator[None]:
     except (MemoryError, torch.OutOfMemoryError) as error:
         raise TrainingError(f"option num_envs: there is not memory enough; {_REMEDY}") from error
     except RuntimeError as error:
-        if "allocate memory" not in str(error):  # the words of torch's allocator on the CPU
+        if "allocate memory" not in str(error):  # wording of torch's allocator on the CPU
             raise
         raise TrainingError(f"option num_envs: there is not memory enough; {_REMEDY}") from error

@@ -1,4 +1,4 @@
-"""The policy that Stable-Baselines3 trains: a model of ours as an ``ActorCriticPolicy``."""
+"""The policy that Stable-Baselines3 trains: one of our networks as an ``ActorCriticPolicy``."""
 
 import math
 from collections.abc import Callable
@@ -20,7 +20,7 @@ _LOG_ROOT = 0.5 * math.log(2.0 * math.pi)
 
 
 class _NoExtractor(BaseFeaturesExtractor):
-    """In the place of Stable-Baselines3's own, which would be made in vain."""
+    """Stands in for Stable-Baselines3's feature extractor, which is not needed."""
 
     def __init__(self, observation_space: spaces.Space[Any]) -> None:
         super().__init__(observation_space, features_dim=1)
@@ -30,13 +30,13 @@ class WrongturnPolicy(ActorCriticPolicy):
     """An actor-critic of ``wrongturn_agents.models`` with a Gaussian over steer and accelerate.
 
     Args:
-        observation_space: of the environments.
+        observation_space: space of the environments' observations.
         action_space: (2,).
-        lr_schedule: of the remaining share of the run.
-        model: makes the actor-critic.
-        bf16: the encoder computes in bfloat16 on CUDA; what follows it in float32 everywhere.
-        compiled: the encoder is compiled.
-        joined: another loss is joined to PPO's, by weights that are learned.
+        lr_schedule: learning rate by the remaining share of the run.
+        model: function that makes the actor-critic.
+        bf16: compute the encoder in bfloat16 on CUDA. Everything after it always computes in float32.
+        compiled: compile the encoder.
+        joined: join another loss to PPO's, with learned weights.
         encoder_share: share of the learning rate for the encoder's convolutions; see ``PPOConfig``.
         projection_share: the same for the layer between a ResNet and the heads.
         stopwatch: counts forward passes while driving as ``policy``.
@@ -88,46 +88,46 @@ class WrongturnPolicy(ActorCriticPolicy):
             self._encode = torch.compile(self.model.encode)
 
     def features(self, observation: Observations) -> Tensor:
-        """(b, F) float32 of pictures, or of what a frozen encoder made of them."""
+        """Return features (b, F) float32 of pictures, or of a frozen encoder's output."""
         return self.model.join(self.encode(observation), observation)
 
     def encode(self, observation: Observations) -> Tensor:
-        """(b, width) of pictures; what is encoded already is given back."""
+        """Encode pictures as (b, width). Observations that are already encoded pass through."""
         if FEATURES in observation:
             return observation[FEATURES]
         with self.precision(observation):
             return self._encode(observation)
 
     def precision(self, observation: Observations) -> torch.autocast:
-        """In which the encoder computes."""
+        """Return the context with the precision in which the encoder computes."""
         kind = observation["speed"].device.type
         return torch.autocast(kind, torch.bfloat16, enabled=self._bf16 and kind == "cuda")
 
     def forward(self, obs: Observations, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
-        """Actions (b, 2), values (b,) and log-probabilities (b,)."""
+        """Return actions (b, 2), values (b,) and log-probabilities (b,)."""
         with self._stopwatch.part("policy"):
             mean, values = self.model(self.features(obs), obs["command"])
             actions = mean if deterministic else mean + torch.exp(self.model.log_std) * torch.randn_like(mean)
             return actions, values, self._log_prob(mean, actions)
 
     def evaluate_actions(self, obs: Observations, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Values (b,), log-probabilities (b,) of these actions, and the entropy ()."""
+        """Return values (b,), log-probabilities (b,) of these actions, and the entropy ()."""
         mean, values = self.model(self.features(obs), obs["command"])
         entropy = (self.model.log_std + 0.5 + _LOG_ROOT).sum()
         return values, self._log_prob(mean, actions), entropy
 
     def predict_values(self, obs: Observations) -> Tensor:
-        """Values (b,)."""
+        """Return values (b,)."""
         value: Tensor = self.model.value(self.features(obs), obs["command"])
         return value
 
     def get_distribution(self, obs: Observations) -> Distribution:
-        """Of the actions, as Stable-Baselines3 has it."""
+        """Return the distribution of the actions, as Stable-Baselines3 represents it."""
         mean = self.model.act(self.features(obs), obs["command"])
         return DiagGaussianDistribution(2).proba_distribution(mean, self.model.log_std)
 
     def obs_to_tensor(self, observation: dict[str, Any]) -> tuple[Observations, bool]:
-        """A single observation as a batch of one."""
+        """Return a single observation as a batch of one."""
         device = self.model.log_std.device
         return {name: torch.as_tensor(value, device=device)[None] for name, value in observation.items()}, False
 
@@ -136,6 +136,6 @@ class WrongturnPolicy(ActorCriticPolicy):
         return actions
 
     def _log_prob(self, mean: Tensor, actions: Tensor) -> Tensor:
-        # By hand: torch.distributions checks its arguments, and waits for the device to do so.
+        # Not with torch.distributions: it checks its arguments, which waits for the device.
         log_std = self.model.log_std
         return (-0.5 * ((actions - mean) * torch.exp(-log_std)) ** 2 - log_std - _LOG_ROOT).sum(-1)

@@ -1,4 +1,4 @@
-"""PPO (Schulman et al. 2017) as Stable-Baselines3 has it, with the paper's auxiliary loss."""
+"""PPO (Schulman et al. 2017) from Stable-Baselines3, with the paper's auxiliary loss."""
 
 from typing import Any
 
@@ -19,21 +19,25 @@ _LEAST_CAUTION = 1.0 / 64
 
 
 class WrongturnPPO(PPO):
-    """Stable-Baselines3's PPO, whose loop over minibatches is written anew.
+    """Stable-Baselines3's PPO with its own loop over minibatches.
 
-    That is for four things: the segmentation's loss joins PPO's (paper, equation for l); a run's budget is kept
-    between minibatches too; nothing is fetched from the device but once a minibatch, for the divergence; and an update
-    after which the policy is another one altogether is undone.
+    The loop is different for four reasons:
 
-    A single step of Adam was seen to do that to a ResNet whose batch normalisation goes by running statistics. After
-    an update that was undone the learning rate is halved, and finds its way back over the next dozens of updates.
+    - The segmentation loss joins PPO's loss (the paper's equation for l).
+    - A run's budget is also checked between minibatches.
+    - Only the divergence is fetched from the device, once for each minibatch.
+    - An update that changes the policy beyond recognition is undone.
+
+    A single step of Adam can do the last to a ResNet whose batch normalisation uses running statistics. After such an
+    update the learning rate is halved, and recovers over the next dozens of updates.
 
     Args:
-        config: of the algorithm.
-        env: gives tensors on the device.
-        budget: the learning rate falls with what is used of it.
+        config: the algorithm's configuration.
+        env: environments that return tensors on the device.
+        model: function that makes the actor-critic.
+        budget: the learning rate falls as it is used up.
         stopwatch: counts updates as ``learn``.
-        more: as ``PPO``'s.
+        more: further arguments of ``PPO``.
     """
 
     policy: WrongturnPolicy
@@ -44,10 +48,10 @@ class WrongturnPPO(PPO):
         self.config = config
         self.budget = budget
         self.stopwatch = stopwatch
-        self.told: dict[str, float] = {}
-        """Of the last update, by name."""
+        self.figures: dict[str, float] = {}
+        """Figures of the last update, by name."""
         self.caution = 1.0
-        """Factor of the learning rate: less than 1 after updates that were undone."""
+        """Factor of the learning rate; below 1 after updates that were undone."""
         self._snapshot: Snapshot | None = None
 
         def learning_rate(remaining: float) -> float:
@@ -84,14 +88,14 @@ class WrongturnPPO(PPO):
 
     @staticmethod
     def _wrap_env(env: VecEnv, verbose: int = 0, monitor_wrapper: bool = True) -> VecEnv:  # noqa: ARG004
-        """As it is: the models take pictures as they come, and Stable-Baselines3 would turn them over in numpy."""
+        """Return the environments unchanged: Stable-Baselines3 would transpose pictures in numpy."""
         return env
 
     def _update_current_progress_remaining(self, num_timesteps: int, total_timesteps: int) -> None:  # noqa: ARG002
         self._current_progress_remaining = 1.0 - self.budget.fraction(num_timesteps)
 
     def _update_learning_rate(self, optimizers: Any) -> None:
-        """By the schedule, each group's own share of it."""
+        """Set each parameter group's share of the scheduled learning rate."""
         rate = self.caution * self.lr_schedule(self._current_progress_remaining)
         for group in optimizers.param_groups:
             group["lr"] = rate * group["share"]
@@ -117,7 +121,7 @@ class WrongturnPPO(PPO):
             for samples in self.rollout_buffer.get(config.batch_size):
                 loss, terms, divergences = self._loss(samples)
                 divergence = divergences.item()
-                # As Stable-Baselines3 has it, half as much again: one minibatch's estimate is a noisy one.
+                # 1.5 times the limit, as in Stable-Baselines3, because one minibatch's estimate is noisy.
                 stopped = not divergence <= 1.5 * config.kl_stop or self.budget.over()
                 if stopped:
                     break
@@ -141,7 +145,7 @@ class WrongturnPPO(PPO):
         buffer = self.rollout_buffer
         unexplained = (buffer.returns - buffer.values).var() / buffer.returns.var().clamp_min(1e-8)
         steer, accelerate = policy.model.log_std.detach().exp().tolist()
-        self.told = {
+        self.figures = {
             "divergence": divergence,
             "reverted": float(reverted),
             "epochs": float(epochs),
@@ -152,7 +156,7 @@ class WrongturnPPO(PPO):
             "learning_rate": policy.optimizer.param_groups[0]["lr"],
             **{name: (term / max(batches, 1)).item() for name, term in sums.items()},
         }
-        for name, value in self.told.items():
+        for name, value in self.figures.items():
             self.logger.record(f"train/{name}", value)
 
     def _too_far(self, divergence: float) -> bool:
@@ -160,7 +164,7 @@ class WrongturnPPO(PPO):
 
     @torch.no_grad()
     def _final_divergence(self) -> float:
-        """Of the policy that will drive next, after the last step and with the statistics that it goes by."""
+        """Return the divergence of the policy that will drive next, with its new statistics."""
         samples = next(self.rollout_buffer.get(self.config.batch_size))
         if self.config.statistics:
             with self.policy.precision(samples.observations):
@@ -169,7 +173,7 @@ class WrongturnPPO(PPO):
         return _divergence(log_prob - samples.old_log_prob).item()
 
     def _loss(self, samples: Samples) -> tuple[Tensor, dict[str, Tensor], Tensor]:
-        """The loss of a minibatch, its terms, and how far the policy has gone from the one that drove."""
+        """Return a minibatch's loss, its terms, and the divergence from the policy that drove."""
         config = self.config
         values, log_prob, entropy = self.policy.evaluate_actions(samples.observations, samples.actions)
         advantages = samples.advantages
@@ -191,7 +195,7 @@ class WrongturnPPO(PPO):
         return loss, {name: term.detach() for name, term in terms.items()}, divergence
 
     def _auxiliary_loss(self, observations: Observations) -> Tensor:
-        """Cross-entropy of the segmentation that is predicted for the first frames of a minibatch."""
+        """Return the cross-entropy of the predicted segmentation for the first frames of a minibatch."""
         count = max(1, round(self.config.predicted_share * len(observations["speed"])))
         chosen = {name: tensor[:count] for name, tensor in observations.items()}
         with self.policy.precision(chosen):
@@ -200,5 +204,5 @@ class WrongturnPPO(PPO):
 
 
 def _divergence(log_ratio: Tensor) -> Tensor:
-    """Schulman's estimator of low variance, ()."""
+    """Return Schulman's low-variance estimate of the divergence, ()."""
     return (log_ratio.exp() - 1.0 - log_ratio).mean()

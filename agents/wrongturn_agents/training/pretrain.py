@@ -19,23 +19,23 @@ from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_protocol import TRAINING_WEATHERS
 
 POOL = 16_384
-"""Frames that are kept at a time; each new one takes the place of the oldest."""
+"""Number of frames kept at a time. A new frame replaces the oldest one."""
 _CLASSES = 11
 
 
 @dataclass(frozen=True)
 class Pretraining:
-    """What came of it, on frames that were not learnt from."""
+    """Result of a pretraining, on frames that were not learned from."""
 
     frames: int
-    """Rendered."""
+    """Rendered frames."""
     minibatches: int
     loss: float
     """Mean cross-entropy of a pixel."""
     accuracy: float
-    """Share of pixels whose class was told."""
+    """Share of pixels with the right class."""
     iou: float
-    """Intersection over union, the mean over classes that occur."""
+    """Mean intersection over union of the classes that occur."""
 
 
 def pretrain(
@@ -48,18 +48,18 @@ def pretrain(
     on_progress: Callable[[int, float], None] = lambda *_: None,
     **options: Any,
 ) -> Pretraining:
-    """Train an agent's encoder, and the decoder that is thrown away after it, by cross-entropy.
+    """Train an agent's encoder with cross-entropy, together with a decoder that is not used afterwards.
 
-    Cars begin anywhere, off the lane's centre and askew, drive by random actions for a second, and begin elsewhere.
+    Cars start anywhere, off the lane's centre and askew, drive with random actions for a second, and start elsewhere.
 
     Args:
-        model: an image agent on the device; its encoder is frozen when it comes back.
-        config: how many frames, how often, how fast.
-        device: where it computes.
-        seed: of the frames.
-        budget: what is learnt ends with it.
-        on_progress: told of frames and loss now and then.
-        options: of the vectorised environment: ``threads``, ``backend``.
+        model: an image agent on the device. Its encoder is frozen afterwards.
+        config: number of frames, passes and learning rate.
+        device: device of the model.
+        seed: seed of the frames.
+        budget: pretraining stops when it is over.
+        on_progress: called with the number of frames and the loss now and then.
+        options: options of the vectorised environment: ``threads``, ``backend``.
     """
     envs = DrivingVecEnv(
         config.num_envs,
@@ -71,7 +71,7 @@ def pretrain(
         strict=True,
         record=False,
         weather=TRAINING_WEATHERS,
-        # A stopwatch of the device would have it wait for each step: learning is to go on meanwhile.
+        # A stopwatch of the GPU would wait after each step, and learning could not continue meanwhile.
         stopwatch=Stopwatch(torch.device("cpu")),
         journeys={"time_limit": 1.0, "lateral": 0.7, "yaw": 0.2, "near_bends": 0.25, "near_junctions": 0.4},
         **options,
@@ -88,7 +88,7 @@ def pretrain(
     optimizer = torch.optim.AdamW(
         [parameter for parameter in model.encoder.parameters() if parameter.requires_grad],
         lr=config.pretraining_rate,
-        fused=device.type == "cuda",  # one kernel for all weights: such a network's step is mostly launches
+        fused=device.type == "cuda",  # one kernel for all weights, because launches take most of the time
     )
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, config.pretraining_rate, total_steps=total + 1)
     done, rendered, loss = 0, 0, torch.zeros((), device=device)
@@ -149,7 +149,7 @@ def _wander(random: np.random.Generator, count: int) -> Any:
 def _examined(
     model: ActorCritic, envs: DrivingVecEnv, random: np.random.Generator, config: ImageConfig
 ) -> tuple[float, float, float]:
-    """Loss, accuracy and mean IoU on frames that come after those learnt from."""
+    """Return loss, accuracy and mean IoU on frames that come after those learned from."""
     losses: list[float] = []
     confusion = torch.zeros((_CLASSES, _CLASSES), dtype=torch.int64, device=envs.device)
     for _ in range(12):

@@ -1,4 +1,4 @@
-"""``progress.csv``: a row for each update of a run."""
+"""``progress.csv``: one row for each update of a run."""
 
 import csv
 from pathlib import Path
@@ -40,16 +40,17 @@ COLUMNS: Final = (
     "std_steer",
     "std_accelerate",
 )
-"""Rewards are the paper's, of an episode or a decision; verdicts are shares of the episodes that ended; seconds are
-those of the row."""
+"""Rewards are the paper's, for an episode or a decision. Verdicts are shares of the episodes that ended. Seconds are
+those of the row.
+"""
 
 
 class ProgressFile:
-    """Rows that are on the disk as soon as they are told.
+    """Rows that are on the disk as soon as they are added.
 
     Args:
-        path: of the file.
-        resumed_at: rows after so many steps are of the run that was interrupted, and dropped; None begins anew.
+        path: the file.
+        resumed_at: steps at which an interrupted run continues; later rows are dropped. None starts a new file.
     """
 
     def __init__(self, path: Path, *, resumed_at: int | None = None) -> None:
@@ -61,14 +62,14 @@ class ProgressFile:
             writer.writerows(kept)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Write a row; what it lacks stays empty."""
+        """Write a row. Missing values stay empty."""
         known = {name: _short(row[name]) for name in COLUMNS if row.get(name) is not None}
         with self.path.open("a", newline="", encoding="utf-8") as file:
             csv.DictWriter(file, COLUMNS, restval="").writerow(known)
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
-    """The rows of a file; none where there is none."""
+    """Return the rows of a file; an empty list if there is no file."""
     if not path.is_file():
         return []
     with path.open(newline="", encoding="utf-8") as file:

@@ -1,4 +1,4 @@
-"""Observations to calibrate by and to compare with, drawn anew each time they are wanted rather than kept in files."""
+"""Observations for calibration and comparison, drawn again each time instead of kept in files."""
 
 from typing import Any, Final
 
@@ -11,20 +11,20 @@ from wrongturn_sim import WrongturnVectorEnv
 
 _EGOS: Final = 20
 _APART: Final = 4
-"""Decisions between two observations of an ego that are kept."""
+"""Decisions between two recorded observations of a car."""
 
 
 def record_observations(track: Track | str, number: int, *, seed: int = 0, town: str = "Town01") -> dict[str, Any]:
-    """What cars see that cruise about a town, steered by chance; the same for the same arguments.
+    """Record what cars see that cruise about a town with random steering.
 
-    They start beside the lane's centre, aslant and at any speed, near junctions and bends above all, in the weathers of
-    the training, and begin anew where they leave the road: so the road is seen from everywhere a driver gets to.
+    They start beside the lane's centre, askew and at any speed, mostly near junctions and bends, in the training
+    weathers. They restart after they leave the road. So they see the road from everywhere that a driver can get to.
 
     Args:
-        track: whose observations.
-        number: how many, at least 1.
-        seed: of starts, weathers, commands and steering.
-        town: where.
+        track: track of the observations.
+        number: number of observations, at least 1.
+        seed: seed of starts, weathers, commands and steering. The same arguments give the same observations.
+        town: name of the town.
 
     Returns:
         One array (``number``, ...) for each key of the track.

@@ -1,4 +1,4 @@
-"""A rollout on the device: pictures stay the bytes that they are."""
+"""A rollout on the device, whose pictures stay bytes."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -26,9 +26,9 @@ class Samples(NamedTuple):
     """A minibatch of b frames, on the device."""
 
     observations: Observations
-    """(b, ...) by key, in the kinds of the observation space."""
+    """(b, ...) for each key, in the dtypes of the observation space."""
     actions: Tensor
-    """(b, 2) as sampled, before they were taken to their borders."""
+    """(b, 2) as sampled, before clipping."""
     old_values: Tensor
     """(b,)"""
     old_log_prob: Tensor
@@ -40,10 +40,10 @@ class Samples(NamedTuple):
 
 
 class DeviceRolloutBuffer(RolloutBuffer):
-    """What ``DictRolloutBuffer`` is, as tensors of one device, made once.
+    """``DictRolloutBuffer`` with tensors on one device, allocated once.
 
-    Stable-Baselines3's own keeps numpy arrays, so that every minibatch of pictures would be carried to the device
-    anew, and it makes pictures float32 there: four times their size.
+    Stable-Baselines3's own buffer keeps numpy arrays. It would copy every minibatch of pictures to the device, and
+    convert them to float32, four times their size.
     """
 
     observation_space: spaces.Dict
@@ -53,7 +53,7 @@ class DeviceRolloutBuffer(RolloutBuffer):
         super().__init__(*arguments, **options)
 
     def reset(self) -> None:
-        """Begin anew; the tensors stay where they are."""
+        """Start a new rollout in the same tensors."""
         if not hasattr(self, "_tensors"):
             self._allocate()
         self.pos = 0
@@ -83,7 +83,7 @@ class DeviceRolloutBuffer(RolloutBuffer):
         value: Tensor,
         log_prob: Tensor,
     ) -> None:
-        """Keep one decision of all environments, (n_envs, ...) each."""
+        """Store one decision of all environments, (n_envs, ...) each."""
         with self._stopwatch.part("buffer"):
             for name, tensor in self.observations.items():
                 tensor[self.pos].copy_(torch.as_tensor(obs[name]))
@@ -96,11 +96,11 @@ class DeviceRolloutBuffer(RolloutBuffer):
         self.full = self.pos == self.buffer_size
 
     def compute_returns_and_advantage(self, last_values: Tensor, dones: NDArray[np.bool_]) -> None:
-        """Fill returns and advantages by GAE (Schulman et al. 2016).
+        """Fill returns and advantages with GAE (Schulman et al. 2016).
 
         Args:
-            last_values: (n_envs,) or (n_envs, 1): of what comes after the last decision.
-            dones: (n_envs,): whether an episode ended with it.
+            last_values: (n_envs,) or (n_envs, 1): values after the last decision.
+            dones: (n_envs,): whether an episode ended with the last decision.
         """
         following = last_values.flatten().float()
         lasting = 1.0 - torch.as_tensor(dones, dtype=torch.float32, device=self.device)
@@ -114,7 +114,7 @@ class DeviceRolloutBuffer(RolloutBuffer):
         torch.add(self.advantages, self.values, out=self.returns)
 
     def get(self, batch_size: int | None = None) -> Iterator[Samples]:
-        """Every frame once, in minibatches of a random order (by torch's generator of the device)."""
+        """Yield every frame once, in minibatches in random order (from the device's torch generator)."""
         assert self.full, "the rollout is not complete"
         count = self.buffer_size * self.n_envs
         order = torch.randperm(count, device=self.device)

@@ -1,4 +1,4 @@
-"""What happens beside learning: rows, evaluations, checkpoints, the end."""
+"""What a run does besides learning: rows, evaluations, checkpoints and its end."""
 
 import time
 from collections import Counter, deque
@@ -21,27 +21,28 @@ from wrongturn_agents.training.progress_file import ProgressFile
 
 Row = dict[str, Any]
 Evaluate = Callable[[Sequence[ActorCritic], bool], list[Evaluation] | None]
-"""Drives held-out journeys by each of some agents: all of the journeys if it is the last time, else few; None where
-time ran out."""
+"""Drives held-out journeys with several agents. The flag asks for all journeys, at the end, instead of a few. Returns
+None if time ran out.
+"""
 _EPISODES = 100
-"""Over which the reward of training is averaged."""
+"""Number of episodes over which the training reward is averaged."""
 _LATE = 0.93
-"""Share of a run after which only the last evaluation is waited for."""
+"""Share of a run after which only the last evaluation is left."""
 
 
 class RunCallback(BaseCallback):
-    """Keeps a run's files, and ends it in time.
+    """Keeps a run's files and ends the run in time.
 
     Args:
-        directory: of the run.
-        seed: of the run.
+        directory: directory of the run.
+        seed: seed of the run.
         evaluate: see :data:`Evaluate`.
-        candidates: among which the best is chosen; a run that is resumed knows its best.
+        candidates: agents from which the best is selected. A resumed run brings its best one.
         rows: ``progress.csv``.
-        brief: journeys of the evaluations before the last.
-        longer: how much longer than theirs the last one's longest journey is.
-        on_row: told of each row.
-        evaluated_at: the steps at which it was evaluated last.
+        brief: number of journeys of the evaluations before the last.
+        longer: time limit of the last evaluation's longest journey, divided by that of the brief ones.
+        on_row: called with each row.
+        evaluated_at: steps at the last evaluation.
     """
 
     model: WrongturnPPO
@@ -88,7 +89,7 @@ class RunCallback(BaseCallback):
         return not self.model.budget.over()
 
     def _on_rollout_end(self) -> None:
-        """Before an update: the agent that drove may be worth keeping."""
+        """Consider the agent that drove as a candidate, before an update changes it."""
         if len(self._recent) == _EPISODES:
             learnt = self.model.num_timesteps - self.model.n_steps * self.model.n_envs
             self._candidates.drove(self._reward(), max(0, learnt))
@@ -97,22 +98,22 @@ class RunCallback(BaseCallback):
         return float(np.mean([reward for reward, _ in self._recent]))
 
     def _on_rollout_start(self) -> None:
-        """Between two rollouts: what was learnt from the last one is told, judged and written."""
+        """Report, evaluate and save what was learned from the last rollout."""
         model = self.model
         if model.num_timesteps == self._row_at:
             return
         due = model.num_timesteps - self._evaluated_at >= model.config.evaluate_every
         late = model.budget.fraction(model.num_timesteps) >= _LATE
-        self._told(self._judged() if due and not late else None)
+        self._report(self._judged() if due and not late else None)
         if model.budget.used - self._saved_at > 60.0 * model.config.save_every:
             self._save("last.pt", Candidate(model.policy.model, model.num_timesteps, evaluation=self.last))
             self._save_state()
 
     def _on_training_end(self) -> None:
-        self._told(self._judged(last=True))
+        self._report(self._judged(last=True))
 
     def _judged(self, *, last: bool = False) -> Evaluation | None:
-        """Evaluate the agent and whichever drove best, and keep what is to be kept; of the agent as it is now."""
+        """Evaluate the agent and its candidates, and save them. Return the current agent's evaluation."""
         model, candidates = self.model, self._candidates
         begin = time.monotonic()
         known = candidates.best.evaluation if candidates.best else None
@@ -135,12 +136,12 @@ class RunCallback(BaseCallback):
         self._save("last.pt", Candidate(model.policy.model, model.num_timesteps, evaluation=now))
         self._save_state()
         if model.budget.seconds is not None and not last:
-            # The last evaluation comes after learning: what it will take is kept back.
+            # Keep time for the last evaluation, which comes after learning.
             needed = 1.3 * self._longer * (time.monotonic() - begin)
             model.budget.reserve = min(needed, 0.3 * model.budget.seconds)
         return now
 
-    def _told(self, evaluation: Evaluation | None) -> None:
+    def _report(self, evaluation: Evaluation | None) -> None:
         model = self.model
         seconds = model.stopwatch.lap()
         whole, steps = seconds.pop("whole"), model.num_timesteps - self._row_at
@@ -157,7 +158,7 @@ class RunCallback(BaseCallback):
             **{verdict: self._verdicts[verdict] / ended for verdict in VERDICTS},
             "steps_per_second": steps / max(whole - seconds.get("evaluate", 0.0), 1e-9),
             **{f"seconds_{part}": value for part, value in seconds.items()},
-            **model.told,
+            **model.figures,
         }
         if evaluation is not None:
             row |= {f"{name}_heldout": getattr(evaluation, name) for name in ("success", "clean", "reward")}
@@ -165,7 +166,7 @@ class RunCallback(BaseCallback):
         self._verdicts.clear()
         self._rows.add(row)
         for name, value in row.items():
-            if value is not None and name not in model.told:
+            if value is not None and name not in model.figures:
                 self.logger.record(f"run/{name}", value)
         self.logger.dump(model.num_timesteps)
         self._on_row(row)
@@ -182,7 +183,7 @@ class RunCallback(BaseCallback):
         )
 
     def _save_state(self) -> None:
-        """What a run goes on from: all but the episodes that are being driven."""
+        """Save what a run continues from: everything except the drives in progress."""
         model = self.model
         self._saved_at = model.budget.used
         write(

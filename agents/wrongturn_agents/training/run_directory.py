@@ -1,4 +1,4 @@
-"""The directory of a run: that it can be written, whose it is, and what its run was begun with."""
+"""A run's directory: whether it can be written, whose it is, and how its run began."""
 
 import fcntl
 import json
@@ -24,7 +24,7 @@ _ENCODER = "encoder.pt"
 
 @dataclass(frozen=True)
 class Begun:
-    """What a run was begun with."""
+    """Configuration, seed and limits of a run."""
 
     config: PPOConfig
     seed: int
@@ -35,7 +35,7 @@ class Begun:
         """Write ``config.json``.
 
         Raises:
-            TrainingError: it cannot be written.
+            TrainingError: the file cannot be written.
         """
         content = {
             "algorithm": self.config.algorithm,
@@ -54,7 +54,7 @@ class Begun:
 
     @classmethod
     def read(cls, folder: Path) -> "Begun":
-        """Read it.
+        """Read ``config.json``.
 
         Raises:
             TrainingError: the folder holds no run, or the file is damaged.
@@ -85,12 +85,13 @@ class Begun:
 
 @contextmanager
 def held(folder: Path, *, resume: bool) -> Iterator[None]:
-    """Hold a directory, made where it is missing, while the block runs.
+    """Lock a directory while the block runs. The directory is made if it is missing.
 
-    A run that came to no checkpoint leaves nothing that could be gone on with: another may begin in its place.
+    A run without a checkpoint has nothing to continue from, so another run may start in its place.
 
     Raises:
-        TrainingError: it cannot be written; another process trains there; it holds a run that would be lost.
+        TrainingError: the directory cannot be written, another process trains there, or it holds a run that would be
+        lost.
     """
     if not resume:
         _refuse_to_lose(folder)
@@ -101,7 +102,7 @@ def held(folder: Path, *, resume: bool) -> Iterator[None]:
     except OSError as error:
         raise _unwritable(folder, error) from error
     try:
-        # The directory itself is locked, so that no file tells of it; whatever ends the process frees it.
+        # Lock the directory itself: there is no lock file to clean up, and the end of the process releases it.
         try:
             fcntl.flock(directory, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:

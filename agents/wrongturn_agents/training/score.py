@@ -1,4 +1,4 @@
-"""Drive whole suites with a checkpoint in this process: for figures over many seeds, without a service."""
+"""Drive a whole suite with a checkpoint in this process, without a service."""
 
 import argparse
 import json
@@ -13,7 +13,7 @@ import torch
 
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
 from wrongturn_agents.training.config import config_of
-from wrongturn_agents.training.drive import drive
+from wrongturn_agents.training.drive import drive_trials
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_networks import load_suite
 
@@ -28,16 +28,23 @@ def score(
     threads: int | None = None,
     batch: int | None = None,
 ) -> Results:
-    """What each trial and twin of a suite comes to, driven by the mean action in float32.
+    """Drive each trial and twin of a suite with the mean action, in float32.
 
     Trials with other road users need SUMO and are left out.
 
+    Args:
+        checkpoint: a run's ``best.pt`` or ``last.pt``.
+        suite: id of the suite. Example: ``wrong-command@1``.
+        device: ``cpu``, ``cuda`` or ``auto``.
+        threads: threads that share the simulation; all cores by default.
+        batch: number of trials at once; by default 16 on the CPU and 256 on CUDA.
+
     Returns:
         ``agent``, ``seed``, ``variant``, ``suite``, ``suite_sha256``, ``driven``, ``steps``, ``device`` and
-        ``trials``: by id ``verdict``, ``reaction`` and ``clean``.
+        ``trials``, which has ``verdict``, ``reaction`` and ``clean`` for each id.
 
     Raises:
-        TrainingError: the checkpoint is none, or the device cannot be.
+        TrainingError: the file is no checkpoint, or the device is not there.
         UnknownSuiteError: there is no such suite.
     """
     for name, value in (("threads", threads), ("batch", batch)):
@@ -52,10 +59,10 @@ def score(
         raise TrainingError("device: torch finds no CUDA device here; give cpu, or install torch for CUDA")
     chosen = load_suite(suite)
     trials = [trial for trial in chosen.episodes if not (trial.traffic.vehicles or trial.traffic.pedestrians)]
-    # What is scored is float32 throughout, as in the exported file.
+    # Everything in float32, as in the exported file.
     with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
-        driven = drive(
-            model_of(found, place),
+        (driven,) = drive_trials(
+            [model_of(found, place)],
             trials,
             track="segmentation" if config.track == "segmentation" and "rgb" not in config.keys else "camera",
             device=place,
@@ -77,16 +84,17 @@ def score(
                 "reaction": str(outcome.reaction) if outcome.reaction else None,
                 "clean": outcome.journey.clean if outcome.journey else None,
             }
-            for trial, outcome in driven
+            for trial, outcome, _ in driven
+            if outcome is not None
         },
     }
 
 
 def write_results(path: Path, results: Results) -> None:
-    """Write results as JSON in one go, the same bytes for the same results.
+    """Write results as JSON, all at once or not at all. The same results give the same bytes.
 
     Raises:
-        TrainingError: it cannot be written.
+        TrainingError: the file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -100,11 +108,11 @@ def write_results(path: Path, results: Results) -> None:
         raise _unwritable(path, error.strerror) from error
 
 
-def see_writable(path: Path) -> None:
-    """See to it, before anything is driven, that results can be written there.
+def check_writable(path: Path) -> None:
+    """Check before the drives that results can be written to a file.
 
     Raises:
-        TrainingError: they cannot.
+        TrainingError: they cannot be written.
     """
     if path.is_dir():
         raise _unwritable(path, "it is a directory")
@@ -121,19 +129,19 @@ def _unwritable(path: Path, reason: str | None) -> TrainingError:
 
 
 def summary(results: Results) -> Iterator[str]:
-    """Verdicts by town and kind of trial, a line each."""
+    """Return one line for each town and kind of trial, with its verdicts."""
     counts: dict[tuple[str, str], Counter[str]] = {}
     for trial, found in results["trials"].items():
         town, _, rest = trial.partition(".")
         kind = next((part for part in rest.split(".") if part.islower()), rest)
         counts.setdefault((town, kind), Counter())[found["verdict"]] += 1
     for (town, kind), verdicts in sorted(counts.items()):
-        told = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.most_common())
-        yield f"{town} {kind}: {told}"
+        text = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.most_common())
+        yield f"{town} {kind}: {text}"
 
 
 def _main() -> None:
-    """As ``wrongturn score``, where there is this package and no program."""
+    """Do what ``wrongturn score`` does, without the program."""
     parser = argparse.ArgumentParser(prog="python -m wrongturn_agents.training.score")
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("--suite", default="wrong-command@1")
@@ -144,7 +152,7 @@ def _main() -> None:
     arguments = vars(parser.parse_args())
     path = arguments.pop("json")
     if path is not None:
-        see_writable(path)
+        check_writable(path)
     results = score(**arguments)
     print("\n".join(summary(results)))
     if path is not None:

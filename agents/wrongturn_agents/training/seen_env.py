@@ -1,4 +1,4 @@
-"""What the policy sees of the environments: pictures augmented or masked, and encoded where the encoder is frozen."""
+"""Observations as the policy sees them: augmented or masked, and encoded if the encoder is frozen."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,21 +14,21 @@ from wrongturn_agents.training.rollout import Observations
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 FEATURES = "features"
-"""The key of a frozen encoder's features, in the place of the picture."""
+"""Key of a frozen encoder's features, in place of the picture."""
 
 
 class SeenVecEnv(VecEnvWrapper):
     """Environments as the policy sees them.
 
-    It is the frame that the policy acted on that is kept and learnt from: augmentation belongs to the world that is
-    driven in, not to the loss, so that the policy's ratio is 1 where nothing was learnt yet.
+    The buffer keeps exactly the frame that the policy acted on. So augmentation is part of the world, not of the loss,
+    and the policy's ratio is 1 before anything is learned.
 
     Args:
-        envs: give tensors on the device.
-        disturb: changes the pictures of observations at random, or masks classes; None leaves them.
-        encode: the frozen encoder: observations to (b, width); each frame is encoded once, and RGB is not kept.
-        width: of what it encodes.
-        stopwatch: counts all of it as ``encode``.
+        envs: environments that return tensors on the device.
+        disturb: changes pictures at random, or masks classes. None leaves them.
+        encode: the frozen encoder, from observations to (b, width). Each frame is encoded once, and RGB is not kept.
+        width: width of the encoder's output.
+        stopwatch: counts all of this as ``encode``.
     """
 
     def __init__(
@@ -50,11 +50,11 @@ class SeenVecEnv(VecEnvWrapper):
         super().__init__(envs, observation_space=spaces.Dict(space))
 
     def reset(self) -> Observations:
-        """Begin all trials anew."""
+        """Start new drives."""
         return self._seen(self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """As the environments', with what is seen."""
+        """Step the environments and return what the policy sees."""
         observation, rewards, dones, infos = self.venv.step_wait()
         last = [i for i in np.flatnonzero(dones).tolist() if "terminal_observation" in infos[i]]
         if last and self._encode is not None:

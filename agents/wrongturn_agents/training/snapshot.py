@@ -1,4 +1,4 @@
-"""What an update starts from, kept on the device, so that it can be undone."""
+"""A copy of the state before an update, so that the update can be undone."""
 
 from typing import Any
 
@@ -7,13 +7,13 @@ from torch import Tensor, nn
 
 
 class Snapshot:
-    """A copy of a module's weights and statistics and of its optimiser's state.
+    """A copy of a module's weights and statistics, and of its optimiser's state, on the device.
 
-    Its memory is made once. What is never trained is not copied.
+    Its memory is allocated once. Weights that are never trained are not copied.
 
     Args:
-        module: whose parameters and buffers are kept.
-        optimizer: whose moments and counts are kept.
+        module: module with the parameters and buffers.
+        optimizer: optimiser with the moments and counts.
     """
 
     def __init__(self, module: nn.Module, optimizer: torch.optim.Optimizer) -> None:
@@ -26,7 +26,7 @@ class Snapshot:
 
     @torch.no_grad()
     def take(self) -> None:
-        """Keep what there is now."""
+        """Copy the current state."""
         for kept, live in zip(self._kept, self._live, strict=True):
             kept.copy_(live)
         state = self._optimizer.state
@@ -37,12 +37,12 @@ class Snapshot:
 
     @torch.no_grad()
     def restore(self) -> None:
-        """Put back what was kept last."""
+        """Put the last copied state back."""
         for kept, live in zip(self._kept, self._live, strict=True):
             live.copy_(kept)
         state = self._optimizer.state
         for parameter in [known for known in state if known not in self._moments]:
-            del state[parameter]  # its first step came later
+            del state[parameter]  # its first step came after the copy
         for parameter, values in self._moments.items():
             _put(values, state[parameter])
 

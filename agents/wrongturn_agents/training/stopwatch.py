@@ -1,4 +1,4 @@
-"""Where a run's time goes."""
+"""Measurement of where a run's time goes."""
 
 import time
 from collections import defaultdict
@@ -9,14 +9,14 @@ import torch
 
 
 class Stopwatch:
-    """Seconds by part; a part within another counts for the inner one alone.
+    """Seconds spent in each part of a run. Time in a nested part counts only for the nested part.
 
-    On CUDA work is waited for at the end of a part, else it would be counted for whoever needs its result first. In
-    the training loop that costs nothing: each part's result is needed by the next.
+    On CUDA the end of a part waits for the device; otherwise the time would count for the next part that needs the
+    result. This costs nothing in the training loop, where each part needs the result of the one before.
 
     Args:
-        device: whose work is waited for.
-        clock: seconds that only go up.
+        device: device to wait for.
+        clock: monotonic clock, in seconds.
     """
 
     def __init__(self, device: torch.device, clock: Callable[[], float] = time.perf_counter) -> None:
@@ -28,7 +28,7 @@ class Stopwatch:
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:
-        """Count what is done within for this part."""
+        """Count the time within the block for a part."""
         begin = self._clock()
         self._inner.append(0.0)
         try:
@@ -41,7 +41,7 @@ class Stopwatch:
             self._inner[-1] += whole
 
     def lap(self) -> dict[str, float]:
-        """The seconds since the last lap by part, ``rest`` for what no part covers, ``whole`` for all; begins anew."""
+        """Return the seconds by part since the last lap, with ``rest`` and ``whole``, and start again at 0."""
         now = self._clock()
         whole = now - self._begin
         found = dict(self.seconds)

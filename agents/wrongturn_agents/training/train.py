@@ -57,28 +57,28 @@ def train(
 ) -> Path:
     """Train an agent in Town01, in the training weathers, with correct commands.
 
-    The directory then holds ``best.pt`` (by the held-out journeys), ``last.pt``, ``state.pt`` (to resume from),
-    ``progress.csv``, ``config.json`` and ``tensorboard/``. A run that is resumed goes on with its weights, optimiser,
-    random numbers of torch, schedule and steps; its cars begin new drives, of seeds drawn from the run's and the steps.
+    The directory then holds ``best.pt`` (best by held-out journeys), ``last.pt``, ``state.pt`` (to resume from),
+    ``progress.csv``, ``config.json`` and ``tensorboard/``. A resumed run continues with its weights, optimiser, torch's
+    random state, schedule and steps. Its cars start new drives, with seeds drawn from the run's seed and steps.
 
     Args:
         algorithm: ``ppo-segmentation``, ``ppo-image`` or ``ppo-auxiliary``.
-        directory: of the run; made where it is missing.
-        seed: of weights, drives and actions; 1 by default, and a resumed run's is its own.
-        steps: environment steps; the configuration's where neither these nor minutes are given.
-        minutes: of wall clock, with everything; the learning rate falls by whichever of the two is further on.
+        directory: directory of the run; made if it is missing.
+        seed: seed of weights, drives and actions; 1 by default. A resumed run keeps its own.
+        steps: environment steps; the configuration's if neither steps nor minutes are given.
+        minutes: wall clock for everything. The learning rate falls with steps or minutes, whichever is further on.
         device: ``cpu``, ``cuda`` or ``auto``.
-        resume: go on with the run in the directory.
-        threads: share the simulation and torch's work on the CPU; all of the processor's by default.
+        resume: continue the run in the directory.
+        threads: threads of the simulation, and of torch on the CPU; all cores by default.
         options: ``name=value`` of the configuration's fields.
-        on_row: told of each row of ``progress.csv``.
-        on_pretraining: told of frames and loss.
+        on_row: called with each row of ``progress.csv``.
+        on_pretraining: called with the number of frames and the loss.
 
     Returns:
-        Where the best is.
+        Path of the best checkpoint.
 
     Raises:
-        TrainingError: an argument cannot be, a file of the run is damaged or cannot be written, or memory is short.
+        TrainingError: an argument is invalid, a file of the run is damaged or cannot be written, or memory is short.
     """
     folder = Path(directory)
     config = config_of(algorithm).with_options(options)
@@ -91,7 +91,7 @@ def train(
         raise TrainingError(f"seed: is {seed}; give a whole number from 0 to {_SEEDS - 1}")
     if threads is not None and not 1 <= threads <= _THREADS:
         raise TrainingError(f"threads: is {threads}; give a whole number from 1 to {_THREADS}")
-    Budget(begun.steps, begun.minutes)  # names what cannot be, before a directory is made
+    Budget(begun.steps, begun.minutes)  # reports invalid limits before a directory is made
     place = _device(device)
     encoder = None
     if isinstance(begun.config, ImageConfig) and begun.config.encoder and not resume:
@@ -118,7 +118,7 @@ def _train(
     if place.type == "cpu":
         torch.set_num_threads(cores)
     else:
-        torch.backends.cudnn.benchmark = True  # few shapes, again and again
+        torch.backends.cudnn.benchmark = True  # pays off with few shapes
         torch.set_float32_matmul_precision("high")
     agent = _agent(config, seed).to(place)
     if encoder is not None:
@@ -178,7 +178,7 @@ def _train(
 
 
 def _stream(seed: int, steps: int) -> int:
-    """The first of the environments' seeds, which count up from it: far from those of other runs."""
+    """Return the first of the environments' seeds, which count up from it, far from those of other runs."""
     return int(np.random.SeedSequence([seed, steps]).generate_state(1)[0]) >> 1
 
 
@@ -203,7 +203,7 @@ def _agent(config: PPOConfig, seed: int) -> ActorCritic:
 
 
 def _encoder_of(path: Path) -> dict[str, torch.Tensor]:
-    """The weights of a run's ``encoder.pt``."""
+    """Return the weights in a run's ``encoder.pt``."""
     found = read(path, "option encoder:", "a run's encoder.pt")
     weights = found.get("state_dict") if isinstance(found, dict) else None
     if not isinstance(weights, dict):
@@ -212,7 +212,7 @@ def _encoder_of(path: Path) -> dict[str, torch.Tensor]:
 
 
 def _take(weights: dict[str, torch.Tensor], agent: ActorCritic, config: PPOConfig) -> None:
-    """Take another run's encoder; what follows it is each run's own."""
+    """Load another run's encoder. The layers after it are each run's own."""
     try:
         agent.encoder.load_state_dict(agent.encoder.state_dict() | weights)
     except (RuntimeError, TypeError, AttributeError) as error:
@@ -231,7 +231,7 @@ def _pretrain(
     *,
     threads: int,
 ) -> None:
-    """Pretrain the encoder, and keep it for other runs."""
+    """Pretrain the encoder, and save it for other runs."""
     torch.manual_seed(seed)
     options = {"threads": threads, **rendered_on(device)}
     found = pretrain(agent, config, device=device, seed=seed, budget=budget, on_progress=on_progress, **options)
@@ -242,7 +242,7 @@ def _pretrain(
 
 
 def _warm(model: WrongturnPPO, envs: SeenVecEnv) -> None:
-    """Let batch normalisation see what is driven through by chance, before it drives."""
+    """Let batch normalisation see random drives before the policy drives."""
     observation = envs.reset()
     for _ in range(_WARMING):
         with model.policy.precision(observation):
@@ -269,7 +269,7 @@ def _restore(model: WrongturnPPO, state: dict[str, Any]) -> None:
 
 
 def _candidates(agent: ActorCritic, best: Path | None) -> Candidates:
-    """Those of a run, with the best that it had when it was interrupted."""
+    """Return a run's candidates, with the best one from before an interruption."""
     found = Candidates(agent)
     if best is not None and best.is_file():
         told = load_checkpoint(best)
@@ -285,7 +285,7 @@ def _longest(journeys: Sequence[Trial]) -> float:
 
 
 def _state(folder: Path) -> dict[str, Any]:
-    """What a run goes on from."""
+    """Return the state from which a run continues."""
     path = folder / STATE
     if not path.is_file():
         raise TrainingError(f"resume: the run in {folder} has saved nothing to go on from; begin it without --resume")
@@ -303,7 +303,7 @@ def _going_on(
     minutes: float | None,
     options: tuple[str, ...],
 ) -> Begun:
-    """What a run is gone on with; steps and minutes may be given anew, to go on for longer."""
+    """Return what a resumed run continues with. Steps and minutes may be given again, to train for longer."""
     if begun.config.algorithm != config.algorithm:
         raise TrainingError(f"algorithm: the run is of {begun.config.algorithm}, not {config.algorithm}; name its own")
     if options:
@@ -316,7 +316,7 @@ def _going_on(
 
 
 def _main() -> None:
-    """As ``wrongturn train``, where there is this package and no program."""
+    """Do what ``wrongturn train`` does, without the program."""
     parser = argparse.ArgumentParser(prog="python -m wrongturn_agents.training.train")
     parser.add_argument("algorithm")
     parser.add_argument("--seed", type=int)

@@ -1,4 +1,4 @@
-"""Many egos in one process, or of a service, for Stable-Baselines3."""
+"""Many cars for Stable-Baselines3, in this process or of a service."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -15,19 +15,19 @@ from wrongturn_sim import WrongturnVectorEnv
 
 
 class WrongturnVecEnv(VecEnv):
-    """A :class:`~wrongturn_sim.WrongturnVectorEnv` as a ``VecEnv``; over the wire where ``url`` is given.
+    """A :class:`~wrongturn_sim.fleet.vector_env.WrongturnVectorEnv` as a ``VecEnv``; with ``url``, over the network.
 
-    An episode that ended is followed by the next one at once, as Stable-Baselines3 wants it: ``infos[i]`` then holds
-    ``terminal_observation`` and ``TimeLimit.truncated``, beside what the one that ended came to (``verdict``, and
-    ``outcome`` in process) and the ``trial`` of the one that began.
+    After an episode ends, the next one starts at once, as Stable-Baselines3 expects. ``infos[i]`` then has
+    ``terminal_observation`` and ``TimeLimit.truncated``, the ended episode's ``verdict`` (and ``outcome`` in process),
+    and the new episode's ``trial``.
 
     Args:
-        num_envs: how many.
-        options: as the vectorised environment's, such as ``town``, ``track``, ``fault``, ``weather``, ``threads``; with
-            ``url``, of a service, as :class:`wrongturn_client.RemoteVectorEnv`'s.
+        num_envs: number of cars.
+        options: options of the vectorised environment, such as ``town``, ``track``, ``fault``, ``weather``,
+            ``threads``; with a service's ``url``, those of :class:`wrongturn_client.RemoteVectorEnv`.
 
     Raises:
-        ValueError: names that do not exist, or do not go together.
+        ValueError: an option does not exist, or does not fit the others.
     """
 
     def __init__(self, num_envs: int, **options: Any) -> None:
@@ -37,7 +37,7 @@ class WrongturnVecEnv(VecEnv):
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
 
     def reset(self) -> VecEnvObs:
-        """Begin all trials anew; ``seed`` and ``set_options`` before it hold for it."""
+        """Start new episodes, with the ``seed`` and ``set_options`` given before."""
         options = [given for given in self._options if given]
         if options and any(given != options[0] for given in self._options):
             raise ValueError("options: differ between environments; give one for all of them")
@@ -58,37 +58,37 @@ class WrongturnVecEnv(VecEnv):
         """Drive on for 0.1 s.
 
         Raises:
-            InvalidActionError: a field is no number, not finite or out of its range.
+            InvalidActionError: a field is not a finite number in its range.
             RuntimeError: there are no actions.
         """
         if self._waiting is None:
             raise RuntimeError("step_wait: there are no actions; call step_async first, or step")
         actions, self._waiting = self._waiting, None
-        observation, rewards, terminated, truncated, told = self.envs.step(actions)
+        observation, rewards, terminated, truncated, found = self.envs.step(actions)
         ended = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.flatnonzero(ended).tolist():
             infos[i] = {
-                "terminal_observation": told["final_obs"][i],
+                "terminal_observation": found["final_obs"][i],
                 "TimeLimit.truncated": bool(truncated[i]),
-                **_of(told["final_info"], i),
-                "trial": told["trial"][i],
-                "town": told["town"][i],
+                **_of(found["final_info"], i),
+                "trial": found["trial"][i],
+                "town": found["town"][i],
             }
         return observation, rewards.astype(np.float32), ended, infos
 
     def close(self) -> None:
-        """End the threads."""
+        """Stop the threads."""
         self.envs.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """An attribute of the batch, once for each environment; one with a value for each of them is shared out."""
+        """Return an attribute of the batch for each environment; a sequence with one value each is split."""
         value = getattr(self.envs, attr_name)
         shared = isinstance(value, tuple | np.ndarray) and len(value) == self.num_envs
         return [value[i] if shared else value for i in self._chosen(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Refused: environments of a batch have no attributes of their own.
+        """Refuse to set an attribute: single environments have none.
 
         Raises:
             NotImplementedError: always.
@@ -98,7 +98,7 @@ class WrongturnVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of the batch that takes an environment's number, such as ``episode``, for each of them."""
+        """Call a method of the batch that takes an environment's number, such as ``episode``, for each environment."""
         method = getattr(self.envs, method_name)
         return [method(i, *method_args, **method_kwargs) for i in self._chosen(indices)]
 
@@ -107,11 +107,11 @@ class WrongturnVecEnv(VecEnv):
         wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]],  # noqa: ARG002
         indices: VecEnvIndices = None,
     ) -> list[bool]:
-        """None is."""
+        """Return False for each environment: none is wrapped."""
         return [False for _ in self._chosen(indices)]
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """None: pictures are observations."""
+        """Return None for each environment: pictures are observations."""
         return [None] * self.num_envs
 
     def _chosen(self, indices: VecEnvIndices) -> Iterable[int]:
@@ -120,7 +120,7 @@ class WrongturnVecEnv(VecEnv):
 
 
 def _of(infos: dict[str, Any], i: int) -> dict[str, Any]:
-    """What is told of one environment."""
+    """Return the infos of one environment."""
     return {name: infos[name][i] for name in infos if not name.startswith("_") and infos[f"_{name}"][i]}
 
 

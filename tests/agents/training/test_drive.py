@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from wrongturn_agents.training.drive import drive, drive_all
+from wrongturn_agents.training.drive import drive_trials
 from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, shortest
 from wrongturn_networks import draw_journey, load_suite, load_town
 from wrongturn_protocol import Task, Verdict
@@ -25,28 +25,30 @@ def short_journeys():
 
 def test_trials_of_several_towns_come_back_in_their_order():
     trials = short_journeys()
-    driven = drive(Constant(0.5, 0.8, 0.0), trials, track="state", batch=2)
-    assert [trial.id for trial, _ in driven] == [trial.id for trial in trials]
-    assert {outcome.verdict for _, outcome in driven} <= {Verdict.COLLISION, Verdict.TIMEOUT}
-    assert all(outcome.journey is not None for _, outcome in driven)
+    (driven,) = drive_trials([Constant(0.5, 0.8, 0.0)], trials, track="state", batch=2)
+    assert [one.trial.id for one in driven] == [trial.id for trial in trials]
+    assert {one.outcome.verdict for one in driven} <= {Verdict.COLLISION, Verdict.TIMEOUT}
+    assert all(one.outcome.journey is not None for one in driven)
 
 
 def test_how_many_are_driven_side_by_side_changes_nothing():
     trials = list(load_suite("smoke@1").episodes)
-    one, many = (drive(Constant(0.05, 0.5, 0.0), trials, track="state", batch=batch) for batch in (1, 5))
+    one, many = (drive_trials([Constant(0.05, 0.5, 0.0)], trials, track="state", batch=batch) for batch in (1, 5))
     assert one == many
 
 
 def test_standing_cars_are_given_up():
     driver = Constant(0.0, 0.0, 1.0)
-    driven = drive_all(driver, short_journeys()[:3], track="state", batch=2, patience=3.0)
+    (driven,) = drive_trials([driver], short_journeys()[:3], track="state", batch=2, patience=3.0)
     assert [one.outcome for one in driven] == [None] * 3
     assert len(driver.batches) <= 70
 
 
 def test_what_is_not_over_in_time_is_given_up():
     calls = iter([False] * 5 + [True] * 100)
-    driven = drive_all(Constant(0.0, 0.3, 0.0), short_journeys(), track="state", batch=2, stop=lambda: next(calls))
+    (driven,) = drive_trials(
+        [Constant(0.0, 0.3, 0.0)], short_journeys(), track="state", batch=2, stop=lambda: next(calls)
+    )
     assert [one.outcome for one in driven] == [None] * 6
 
 
@@ -62,9 +64,8 @@ def test_held_out_journeys_are_in_no_suite():
 def test_an_evaluation_counts_what_arrived():
     trials = [draw_journey(load_town("Town01"), Task.STRAIGHT, seed) for seed in range(4)]
     found = Evaluation.of(Constant(0.0, 0.6, 0.0), trials, track="state")
-    arrived = [
-        outcome.verdict is Verdict.ARRIVED for _, outcome in drive(Constant(0.0, 0.6, 0.0), trials, track="state")
-    ]
+    (driven,) = drive_trials([Constant(0.0, 0.6, 0.0)], trials, track="state")
+    arrived = [one.outcome.verdict is Verdict.ARRIVED for one in driven]
     assert found.success == pytest.approx(sum(arrived) / 4)
     assert found.clean <= found.success
     assert Evaluation(4, 0.5, 0.5, 1.0).rank < Evaluation(4, 0.75, 0.0, -9.0).rank

@@ -20,11 +20,11 @@ def test_an_update_changes_the_policy_and_tells_of_it():
     before = weights(ppo)
     ppo.train()
     assert changed(ppo, before)
-    assert ppo.told["minibatches"] == 4
-    assert ppo.told["epochs"] == 2
-    assert ppo.told["std_steer"] == pytest.approx(0.24, abs=0.01)
-    assert ppo.told["reverted"] == 0
-    assert 0 < ppo.told["divergence"] < 0.1
+    assert ppo.figures["minibatches"] == 4
+    assert ppo.figures["epochs"] == 2
+    assert ppo.figures["std_steer"] == pytest.approx(0.24, abs=0.01)
+    assert ppo.figures["reverted"] == 0
+    assert 0 < ppo.figures["divergence"] < 0.1
 
 
 def test_the_policy_that_drove_has_not_diverged():
@@ -39,19 +39,19 @@ def test_an_update_stops_where_the_policy_has_gone_too_far():
     ppo = rolled(small_ppo("ppo-segmentation", "kl_stop=-1"))
     before = weights(ppo)
     ppo.train()
-    assert ppo.told["minibatches"] == 0
+    assert ppo.figures["minibatches"] == 0
     assert not changed(ppo, before)
 
 
 def test_an_update_that_loses_the_policy_is_undone():
     ppo = rolled(small_ppo("ppo-segmentation", "learning_rate=1e-5"))
     ppo.train()
-    assert ppo.told["reverted"] == 0
+    assert ppo.figures["reverted"] == 0
     before, moments = weights(ppo), copy.deepcopy(ppo.policy.optimizer.state_dict()["state"])
     ppo.lr_schedule = lambda _: 10.0
     ppo.train()
-    assert ppo.told["reverted"] == 1
-    assert ppo.told["minibatches"] > 0
+    assert ppo.figures["reverted"] == 1
+    assert ppo.figures["minibatches"] > 0
     assert not changed(ppo, before)
     after = ppo.policy.optimizer.state_dict()["state"]
     assert after.keys() == moments.keys()
@@ -59,8 +59,8 @@ def test_an_update_that_loses_the_policy_is_undone():
     assert ppo.caution == 0.5
     ppo.lr_schedule = lambda _: 1e-6
     ppo.train()
-    assert ppo.told["reverted"] == 0
-    assert ppo.told["learning_rate"] == pytest.approx(0.5e-6)
+    assert ppo.figures["reverted"] == 0
+    assert ppo.figures["learning_rate"] == pytest.approx(0.5e-6)
     assert changed(ppo, before)
 
 
@@ -68,7 +68,7 @@ def test_the_very_first_update_can_be_undone():
     ppo = rolled(small_ppo("ppo-segmentation", "learning_rate=100"))
     before = weights(ppo)
     ppo.train()
-    assert ppo.told["reverted"] == 1
+    assert ppo.figures["reverted"] == 1
     assert not changed(ppo, before)
     assert not ppo.policy.optimizer.state
 
@@ -77,8 +77,8 @@ def test_the_last_step_is_looked_at_too():
     ppo = rolled(small_ppo("ppo-segmentation", "learning_rate=100", "batch_size=12", "n_epochs=1"))
     before = weights(ppo)
     ppo.train()
-    assert ppo.told["minibatches"] == 1
-    assert ppo.told["reverted"] == 1
+    assert ppo.figures["minibatches"] == 1
+    assert ppo.figures["reverted"] == 1
     assert not changed(ppo, before)
 
 

@@ -1,4 +1,4 @@
-"""A checkpoint as one ONNX file that holds the whole agent; its contract is ``docs/models.md``."""
+"""Write a checkpoint as one ONNX file that holds the whole agent. Its contract is ``docs/models.md``."""
 
 import hashlib
 import json
@@ -27,10 +27,10 @@ from wrongturn_agents.training.recording import record_observations
 from wrongturn_protocol import AgentRegistration, Track
 
 OPSET: Final = 18
-"""Of the files: torch's exporter writes it without a conversion, and every onnxruntime since 1.14 reads it."""
+"""Opset of the files. Torch writes it without a conversion, and every onnxruntime since 1.14 reads it."""
 LICENCE: Final = "Apache-2.0"
 CALIBRATION: Final = 200
-"""Observations that int8's ranges are taken from."""
+"""Number of observations that determine int8's ranges."""
 _CALIBRATION_SEED: Final = 20_001
 _BATCH: Final = 50
 _MEASURED: Final = ("speed", "steering", "command")
@@ -39,19 +39,19 @@ Observations = Mapping[str, NDArray[Any]]
 
 
 class Precision(StrEnum):
-    """How weights are stored, and what is computed in."""
+    """How weights are stored, and in which precision the file computes."""
 
     FP32 = "fp32"
     """As trained."""
     FP16 = "fp16"
     """Weights stored in half precision, computed in single: half the file, the same speed."""
     INT8 = "int8"
-    """Convolutions and the wide layer behind them in 8 bits, the rest as fp16: a quarter of the file, faster."""
+    """Convolutions and the wide layer after them in 8 bits, the rest as fp16: a quarter of the file, and faster."""
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far a file's actions are from the checkpoint's, over some observations: steer, throttle, brake."""
+    """Difference between a file's actions and the checkpoint's, as steer, throttle and brake."""
 
     mean: tuple[float, float, float]
     """Mean absolute differences."""
@@ -60,8 +60,8 @@ class Agreement:
     observations: int
 
 
-class _Driver(nn.Module):
-    """The agent as the graph has it: an observation in, steer, throttle and brake out."""
+class _ExportedAgent(nn.Module):
+    """The agent as the graph holds it, from an observation to steer, throttle and brake."""
 
     def __init__(self, model: nn.Module) -> None:
         super().__init__()
@@ -85,17 +85,18 @@ def export(
 
     Args:
         checkpoint: a run's ``best.pt`` or ``last.pt``.
-        file: what to write.
-        precision: of the weights.
-        name: of the agent, for the leaderboard; the algorithm's by default.
-        observations: what int8 is calibrated by, (n, ...) for each input; recorded by default.
-        compared: observations on which the file's actions are compared with the checkpoint's; its metadata tells.
+        file: the file to write.
+        precision: precision of the weights.
+        name: the agent's name on the leaderboard; the algorithm by default.
+        observations: (n, ...) for each input, to calibrate int8 with; recorded by default.
+        compared: observations on which to compare the file's actions with the checkpoint's. The file's metadata keeps
+            the result.
 
     Returns:
-        How the actions compare, where that was asked for.
+        The comparison, if there was one.
 
     Raises:
-        TrainingError: the checkpoint is none, or the file cannot be written.
+        TrainingError: the file is no checkpoint, or the ONNX file cannot be written.
     """
     file = Path(file)
     if file.is_dir() or not file.absolute().parent.is_dir():
@@ -103,7 +104,7 @@ def export(
     if file.suffix != ".onnx":
         raise TrainingError(f"FILE: {file} would not be known by its name; let it end with .onnx")
     told = load_checkpoint(Path(checkpoint))
-    _see_name(name)
+    _check_name(name)
     algorithm, precision = told["algorithm"], Precision(precision)
     keys = inputs_of(algorithm)
     graph = _graph(model_of(told), keys)
@@ -134,7 +135,7 @@ def export(
     return found
 
 
-def _see_name(name: str | None) -> None:
+def _check_name(name: str | None) -> None:
     if name is None:
         return
     try:
@@ -147,7 +148,7 @@ def _see_name(name: str | None) -> None:
 
 
 def _write(file: Path, graph: onnx.ModelProto, facts: dict[str, str]) -> None:
-    """Write it in one go, with these words about itself."""
+    """Write the file all at once, with its metadata."""
     onnx.helper.set_model_props(graph, facts)
     beside = file.with_name(file.name + ".part")
     try:
@@ -158,7 +159,7 @@ def _write(file: Path, graph: onnx.ModelProto, facts: dict[str, str]) -> None:
 
 
 def inputs_of(algorithm: str) -> tuple[str, ...]:
-    """The observation keys that an algorithm's agent drives by."""
+    """Return the observation keys that an algorithm's agent needs."""
     seen = "segmentation" if SHIPPED_AGENTS[algorithm].track is Track.SEGMENTATION else "rgb"
     return (*_MEASURED, seen)
 
@@ -167,7 +168,7 @@ def agreement(checkpoint: Path | str, file: Path | str, observations: Observatio
     """Compare a file's actions with its checkpoint's.
 
     Args:
-        checkpoint: what the file was made from.
+        checkpoint: checkpoint of which the file was made.
         file: the ONNX file.
         observations: (n, ...) for each input.
     """
@@ -181,7 +182,7 @@ def agreement(checkpoint: Path | str, file: Path | str, observations: Observatio
         batch = {key: array[first : first + _BATCH] for key, array in inputs.items()}
         with torch.inference_mode():
             wanted = model.drive({key: torch.from_numpy(array) for key, array in batch.items()}).numpy()
-        for i, action in enumerate(wanted):  # the file one at a time, as an agent drives
+        for i, action in enumerate(wanted):  # one at a time, as an agent drives
             one = {key: array[i : i + 1] for key, array in batch.items()}
             differences.append(np.abs(session.run([ACTION], one)[0][0] - action))
     mean, greatest = np.mean(differences, 0).tolist(), np.max(differences, 0).tolist()
@@ -189,20 +190,20 @@ def agreement(checkpoint: Path | str, file: Path | str, observations: Observatio
 
 
 def sha256(file: Path | str) -> str:
-    """Of a file's bytes, in hexadecimal."""
+    """Return the SHA-256 of a file, in hexadecimal."""
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
 def _graph(model: nn.Module, keys: tuple[str, ...]) -> onnx.ModelProto:
-    """The agent's graph in single precision, its batch axis free."""
+    """Return the agent's graph in single precision, with a free batch axis."""
     shapes = {"speed": (1,), "steering": (1,), "command": (1,), "rgb": (64, 192, 3), "segmentation": (64, 192)}
     dtypes = {"speed": torch.float32, "steering": torch.float32, "command": torch.int64}
-    # Two of them: an axis of one would be taken for one that is always one.
+    # A batch of two, because the exporter takes an axis of length one as fixed.
     example = {key: torch.ones((2, *shapes[key]), dtype=dtypes.get(key, torch.uint8)) for key in keys}
     batch = torch.export.Dim("batch", min=1, max=4096)
     with _quiet():
         program = torch.onnx.export(
-            _Driver(model.to(memory_format=torch.contiguous_format)).eval(),  # type: ignore[call-overload]
+            _ExportedAgent(model.to(memory_format=torch.contiguous_format)).eval(),  # type: ignore[call-overload]
             kwargs={"observation": example},
             dynamo=True,
             opset_version=OPSET,
@@ -218,7 +219,7 @@ def _graph(model: nn.Module, keys: tuple[str, ...]) -> onnx.ModelProto:
 
 
 def _strip(proto: onnx.ModelProto) -> None:
-    """Drop the notes of where in which source each node came from: they name this machine's folders."""
+    """Remove the notes about each node's source, which name this machine's folders."""
     proto.producer_name, proto.producer_version, proto.doc_string = "wrongturn", "", ""
     graph = proto.graph
     graph.doc_string = ""
@@ -230,7 +231,7 @@ def _strip(proto: onnx.ModelProto) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the exporter from telling of packages that it does without, and of its own deprecations."""
+    """Silence the exporter's messages about optional packages and its own deprecations."""
     logger = logging.getLogger("torch.onnx._internal.exporter._registration")
     level = logger.level
     logger.setLevel(logging.ERROR)

@@ -1,4 +1,4 @@
-"""Smaller weights in an ONNX graph: halves, and 8 bits where convolutions are."""
+"""Smaller weights in an ONNX graph: 16 bits, and 8 bits for convolutions."""
 
 import logging
 import tempfile
@@ -13,15 +13,18 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 _WORTH: Final = 1_000
-"""Weights of fewer numbers stay as they are."""
+"""Tensors with fewer numbers stay as they are."""
 _WIDE: Final = 1_000_000
-"""A linear layer of more weights than this is quantised too: it is the one between a picture and the heads."""
+"""A linear layer with more weights than this is quantised too: the one between a picture and the heads."""
 
 
 def halve(model: onnx.ModelProto) -> None:
-    """Store float32 weights as float16, in place; a cast before each makes them float32 again when it is loaded.
+    """Store float32 weights as float16, in place.
 
-    onnxruntime has no half-precision convolutions on most processors: they would be slower, not faster.
+    A cast before each makes them float32 again when the file is
+    loaded.
+
+    onnxruntime has no half-precision convolutions on most processors, so computing in float16 would be slower.
     """
     graph = model.graph
     casts = []
@@ -38,15 +41,15 @@ def halve(model: onnx.ModelProto) -> None:
 
 
 def quantise(model: onnx.ModelProto, observations: Mapping[str, NDArray[Any]]) -> onnx.ModelProto:
-    """The graph with its convolutions, and the wide layer behind them, in 8 bits; the heads stay in float.
+    """Return the graph with its convolutions, and the wide layer after them, in 8 bits. The heads stay float.
 
-    Static, by quantise-dequantise pairs, weights per output channel. Weights take 7 of the 8 bits: on processors
-    without instructions of their own for it (VNNI), sums of 8-bit products saturate, and an agent would drive
-    differently there.
+    Quantisation is static, with quantise-dequantise pairs and weights per output channel. Weights take 7 of the 8 bits:
+    on processors without special instructions (VNNI), sums of 8-bit products saturate, and an agent would drive
+    differently.
 
     Args:
-        model: in float32.
-        observations: (n, ...) for each input; the range of each activation is what it takes on over them.
+        model: the graph in float32.
+        observations: (n, ...) for each input. The range of each activation is its range over them.
     """
     from onnxruntime.quantization import (  # noqa: PLC0415 - slow to load
         CalibrationDataReader,
@@ -94,7 +97,7 @@ def _is_wide(node: onnx.NodeProto, graph: onnx.GraphProto) -> bool:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep onnxruntime from advising what the exporter has done already."""
+    """Silence onnxruntime's advice about steps that the exporter has already done."""
     logger = logging.getLogger()
     level = logger.level
     logger.setLevel(logging.ERROR)
