@@ -1,6 +1,12 @@
-"""What all tests share: the order in which they run."""
+"""What all tests share: the order in which they run, and certificates that are loaded once."""
 
+import functools
+
+import httpx._transports.default
 import pytest
+
+# Each new client of httpx loads all certificates anew, which takes 30 ms. The tests make thousands and need none.
+httpx._transports.default.create_ssl_context = functools.cache(httpx._transports.default.create_ssl_context)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
