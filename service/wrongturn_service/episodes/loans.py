@@ -1,75 +1,108 @@
-"""Lends clients' connections to the simulators that drive their episodes, and takes in what was done meanwhile."""
+"""Lends clients' connections to the simulators that drive their episodes, and takes over what they did there."""
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.episodes.steps import Done, Steps, step_reply_of
-from wrongturn_service.simulators.interface import LastStep, LoanRequest, LoanResult, StepResult
-
-if TYPE_CHECKING:
-    import asyncio
+from wrongturn_service.simulators.action_log import Seconds
+from wrongturn_service.simulators.interface import LastStep, Loan, LoanEnd, Simulator, StepResult
 
 
-class Lendable(Protocol):
-    """A connection that can be lent."""
+class LendableConnection(Protocol):
+    """A client's connection that can be lent."""
 
     def lend(self, recall: Callable[[], None]) -> int | None:
-        """Leave it alone from now on.
+        """Stop using the connection.
 
         Args:
-            recall: to be called when something has to be done with it.
+            recall: ends the loan soon.
 
         Returns:
-            Its file descriptor; None where it cannot be lent, and nothing has happened.
+            Its file descriptor; None, without any effect, if it cannot be lent now.
         """
+
+    def count_steps(self, seconds: Sequence[Seconds]) -> None:
+        """Count steps that the simulator answered."""
 
     def answer(self, last: LastStep) -> Done:
-        """Who is told the reply to the step that ended the episode."""
+        """Return what sends the reply to the step that ended the episode."""
 
-    def returned(self, came: LoanResult) -> None:
-        """Use it again.
+    def returned(self, end: LoanEnd) -> None:
+        """Use the connection again, or close it if the simulator died."""
 
-        Args:
-            came: what is left to be done with it.
-        """
+
+class _OpenLoan:
+    """A loan, and how many of its steps are counted."""
+
+    def __init__(self, episode: OpenEpisode, simulator: Simulator, connection: LendableConnection) -> None:
+        self.simulator = simulator
+        self._episode = episode
+        self._connection = connection
+        self._counted = 0
+
+    def count(self, steps: Sequence[Seconds]) -> None:
+        """Count further steps; the client that took them is not silent."""
+        if steps:
+            self._counted += len(steps)
+            self._connection.count_steps(steps)
+            self._episode.lease.renew()
+
+    def look(self) -> None:
+        """Count the steps since the last look; without any, end the loan, since the client or the simulator hangs."""
+        steps = self.simulator.answered(self._counted)
+        self.count(steps)
+        if not steps:
+            self.simulator.recall()
+
+    def count_rest(self, end: LoanEnd) -> None:
+        """Count the steps between the last look and the loan's end."""
+        self.count(end.steps.seconds[self._counted :])
 
 
 class Loans:
-    """Lends while an agent does nothing but take steps in one episode."""
+    """Lends while an agent does nothing on its connection but take steps in one episode."""
 
     def __init__(self, registry: Registry, steps: Steps) -> None:
         self._registry = registry
         self._steps = steps
-        self._lent: set[OpenEpisode] = set()
+        self._loans: dict[OpenEpisode, _OpenLoan] = {}
 
     def __len__(self) -> int:
-        """How many there are."""
-        return len(self._lent)
+        """Return the number of loans."""
+        return len(self._loans)
 
     async def recall(self) -> None:
-        """Have all of them back."""
-        lent = list(self._lent)
-        for episode in lent:
-            if episode.lock.recall is not None:
-                episode.lock.recall()
-        for episode in lent:
+        """End all loans."""
+        for loan in self._loans.values():
+            loan.simulator.recall()
+        for episode in list(self._loans):
             async with episode.lock:
                 pass
 
-    def begin(self, agent: str, episode_id: str, connection: Lendable) -> bool:
-        """Lend a connection; the episode's lock is held until it is back.
+    async def look(self) -> None:
+        """Count the steps that were answered since the last look, and end the loans without any."""
+        for episode in list(self._loans):
+            loan = self._loans.get(episode)
+            if loan is not None:
+                loan.look()
+            # The steps of one loan take milliseconds to count.
+            await asyncio.sleep(0)
+
+    def begin(self, agent: str, episode_id: str, connection: LendableConnection) -> bool:
+        """Lend a connection. The episode's lock is held until it is back.
 
         Args:
             agent: who asks.
-            episode_id: whose steps come next.
-            connection: over which.
+            episode_id: the episode of the next steps.
+            connection: where they come.
 
         Returns:
-            Whether it is lent; if not, nothing has happened.
+            Whether it is lent; otherwise nothing has happened.
         """
         episode = self._registry.get(episode_id)
         if (
@@ -87,23 +120,21 @@ class Loans:
             episode.lock.release()
             return False
         episode.lock.recall = simulator.recall
-        self._lent.add(episode)
-        loan = simulator.lend(LoanRequest(handle, episode.id, episode.track, episode.seq, episode.practice))
-        loan.add_done_callback(partial(self._back, episode, connection))
+        self._loans[episode] = _OpenLoan(episode, simulator, connection)
+        over = simulator.lend(Loan(handle, episode.id, episode.track, episode.seq, episode.practice))
+        over.add_done_callback(partial(self._end, episode, connection))
         return True
 
-    def _back(self, episode: OpenEpisode, connection: Lendable, loan: "asyncio.Future[LoanResult]") -> None:
-        came = loan.result()
+    def _end(self, episode: OpenEpisode, connection: LendableConnection, over: "asyncio.Future[LoanEnd]") -> None:
+        end, last = over.result(), over.result().last
         episode.lock.recall = None
-        self._lent.discard(episode)
-        episode.lease.renew(came.silence_s)
-        if came.observation is not None:
-            episode.actions += came.actions
-            shown = StepResult(came.observation, came.reward, terminated=False, truncated=False, final=None)
-            episode.last = step_reply_of(episode, shown, Encoding.RAW)
-        if came.last is None:
+        self._loans.pop(episode).count_rest(end)
+        if end.observation is not None:
+            episode.actions += end.steps.actions
+            result = StepResult(end.observation, end.steps.reward, terminated=False, truncated=False, final=None)
+            episode.last = step_reply_of(episode, result, Encoding.RAW)
+        if last is None:
             episode.lock.release()
         else:
-            last = came.last
-            self._steps.take_in(episode, last.action, Encoding.RAW, last.frame, last.seconds, connection.answer(last))
-        connection.returned(came)
+            self._steps.take_in(episode, last.action, Encoding.RAW, last.result, last.seconds, connection.answer(last))
+        connection.returned(end)

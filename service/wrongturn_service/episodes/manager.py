@@ -11,7 +11,7 @@ from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.endings import Endings
 from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled
 from wrongturn_service.episodes.lease import Terms
-from wrongturn_service.episodes.loans import Lendable, Loans
+from wrongturn_service.episodes.loans import LendableConnection, Loans
 from wrongturn_service.episodes.open_episode import OpenEpisode, as_float32
 from wrongturn_service.episodes.openings import Beginnings, Openings, Remember
 from wrongturn_service.episodes.registry import Limits, Registry
@@ -58,7 +58,7 @@ class EpisodeManager:
         self._steps = steps = Steps(registry, driver, endings)
         self._loans = Loans(registry, steps)
         self._openings = Openings(store, driver, evaluations, registry, endings, terms)
-        self._watch = Watch(registry, driver, endings, terms)
+        self._watch = Watch(registry, driver, endings, self._loans, terms)
 
     @property
     def open(self) -> int:
@@ -151,7 +151,7 @@ class EpisodeManager:
         """Begin a plain step, see :meth:`Steps.begin`."""
         return self._steps.begin(agent, episode_id, seq, action, encoding, done)
 
-    def lend(self, agent: str, episode_id: str, connection: Lendable) -> bool:
+    def lend(self, agent: str, episode_id: str, connection: LendableConnection) -> bool:
         """Let the simulator answer the next steps itself, see :meth:`Loans.begin`."""
         return self._loans.begin(agent, episode_id, connection)
 

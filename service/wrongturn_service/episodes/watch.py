@@ -8,6 +8,7 @@ import structlog
 from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.endings import Endings
 from wrongturn_service.episodes.lease import Standing, Terms
+from wrongturn_service.episodes.loans import Loans
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.errors import UnavailableError
@@ -16,10 +17,11 @@ from wrongturn_service.errors import UnavailableError
 class Watch:
     """Checks every lease at regular intervals."""
 
-    def __init__(self, registry: Registry, driver: EpisodeDriver, endings: Endings, terms: Terms) -> None:
+    def __init__(self, registry: Registry, driver: EpisodeDriver, endings: Endings, loans: Loans, terms: Terms) -> None:
         self._registry = registry
         self._driver = driver
         self._endings = endings
+        self._loans = loans
         self._terms = terms
         self._background: set[asyncio.Task[None]] = set()
         self._log = structlog.get_logger("episodes")
@@ -28,6 +30,7 @@ class Watch:
         """Check the leases until cancelled."""
         while True:
             await asyncio.sleep(self._terms.period_s)
+            await self._loans.look()
             for episode in self._registry:
                 if episode.lock.locked():
                     continue

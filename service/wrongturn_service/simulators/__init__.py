@@ -6,7 +6,7 @@
 - :mod:`~wrongturn_service.simulators.worker`: the program that runs in the process.
 - :mod:`~wrongturn_service.simulators.handover`: how the process answers steps on a client's connection.
 - :mod:`~wrongturn_service.simulators.shared_memory`: memory that the service and the process share.
-- :mod:`~wrongturn_service.simulators.action_log`: the actions that the process notes there.
+- :mod:`~wrongturn_service.simulators.action_log`: the log of these steps, in that memory.
 - :mod:`~wrongturn_service.simulators.frames`: messages between the service and the process.
 - :mod:`~wrongturn_service.simulators.memory`: how much memory a process has.
 - :mod:`~wrongturn_service.simulators.check`: the check of simulators for ``wrongturn doctor``.

@@ -1,4 +1,4 @@
-"""What a simulator of this machine takes, for ``wrongturn doctor``."""
+"""The check of simulators for ``wrongturn doctor``."""
 
 import asyncio
 import time
@@ -12,15 +12,15 @@ _MIB = 2**20
 
 
 class TooLittleMemoryError(Exception):
-    """As many simulators as are set do not fit into this machine's memory."""
+    """The simulators that are set do not fit into this machine's memory."""
 
 
 def examine(settings: Settings) -> str:
-    """Start one simulator and say how long that took and what memory it has.
+    """Start one simulator, and return how long its start took and how much memory it has.
 
     Raises:
         SimulatorStartError: it does not start.
-        TooLittleMemoryError: as many as are set do not fit.
+        TooLittleMemoryError: the number of simulators that is set does not fit.
     """
     return asyncio.run(_examine(settings))
 
@@ -40,10 +40,10 @@ async def _examine(settings: Settings) -> str:
     finally:
         await simulator.close()
     count = settings.simulators + settings.spare_simulators
-    found = (
+    report = (
         f"one was ready after {seconds:.1f} s and has {memory / _MIB:.0f} MiB; {count} of them, with the spare, "
         f"{count * memory / _MIB:.0f} MiB of {available / _MIB:.0f} that are free"
     )
     if available and count * memory > available:
-        raise TooLittleMemoryError(found)
-    return found
+        raise TooLittleMemoryError(report)
+    return report

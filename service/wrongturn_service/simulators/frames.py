@@ -12,32 +12,31 @@ from typing import Any, Final
 import msgpack
 
 _HEAD: Final = struct.Struct("<I")
-_PIECE: Final = 1 << 16
-"""Bytes that are asked of a blocking socket at a time."""
+_READ_SIZE: Final = 1 << 16
 OK: Final = 0
-"""A reply's first item: it worked."""
+"""First item of a reply to a request that worked."""
 REFUSED: Final = 1
-"""A reply's first item: the trial cannot be driven as asked."""
+"""First item of a reply that refuses a trial."""
 FAILED: Final = 2
-"""A reply's first item: the simulation broke."""
+"""First item of a reply that says that the simulation failed."""
 
 
 def pack(value: object) -> bytes:
-    """A value as one frame."""
+    """Return a value as one frame."""
     body: bytes = msgpack.packb(value)
     return _HEAD.pack(len(body)) + body
 
 
 class Splitter:
-    """Takes bytes as they come, gives values as they are complete."""
+    """Splits a stream into values."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Any]:
-        """The values that are complete with this piece."""
+        """Take the next bytes of the stream, and return the values that are complete with them."""
         if not self._buffer and len(data) > _HEAD.size and _HEAD.unpack_from(data)[0] == len(data) - _HEAD.size:
-            return [msgpack.unpackb(memoryview(data)[_HEAD.size :])]  # as nearly always: all of one, and no more
+            return [msgpack.unpackb(memoryview(data)[_HEAD.size :])]  # nearly always: exactly one frame
         self._buffer += data
         values = []
         while len(self._buffer) >= _HEAD.size:
@@ -52,7 +51,7 @@ class Splitter:
 
 
 class Receiver:
-    """Gives the values of a blocking socket."""
+    """Receives values, and file descriptors beside them, from a blocking socket."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
@@ -60,25 +59,29 @@ class Receiver:
         self._values: deque[Any] = deque()
         self._handle: int | None = None
 
+    def fileno(self) -> int:
+        """Return the socket's file descriptor."""
+        return self._connection.fileno()
+
     @property
     def waiting(self) -> bool:
-        """Whether a value has come that nobody has received."""
+        """Whether a value can be received without reading from the socket."""
         return bool(self._values)
 
     def take_handle(self) -> int:
-        """The file descriptor that came with the last value, the caller's from now on."""
+        """Return the file descriptor that came with the last value; the caller closes it."""
         handle, self._handle = self._handle, None
         assert handle is not None
         return handle
 
     def receive(self) -> Any:
-        """The next value.
+        """Return the next value.
 
         Raises:
-            EOFError: the other side is gone.
+            EOFError: the other side has closed the stream.
         """
         while not self._values:
-            data, handles, _, _ = socket.recv_fds(self._connection, _PIECE, 1)
+            data, handles, _, _ = socket.recv_fds(self._connection, _READ_SIZE, 1)
             if not data:
                 raise EOFError
             if handles:
@@ -88,16 +91,16 @@ class Receiver:
 
 
 def write_now(transport: asyncio.WriteTransport, handle: int, pieces: Sequence[bytes | memoryview]) -> None:
-    """Hand bytes to the kernel at once, from where they lie; what it does not take is copied for the transport.
+    """Write pieces without copying them first; the transport gets a copy of what the kernel does not take at once.
 
     Args:
-        transport: of a plain stream.
-        handle: the file descriptor beneath it.
-        pieces: what is written, one after the other; the caller's again when this returns.
+        transport: of an unencrypted stream.
+        handle: the stream's file descriptor.
+        pieces: bytes to write one after the other; they may change as soon as this returns.
     """
     sent = 0
     if transport.get_write_buffer_size() == 0 and not transport.is_closing():
-        # What goes wrong here goes wrong for the transport too, which tells its protocol.
+        # The transport meets the same error, and tells its protocol.
         with contextlib.suppress(OSError):
             sent = os.writev(handle, pieces)
     left = []

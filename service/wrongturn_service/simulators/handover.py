@@ -1,30 +1,34 @@
-"""How a simulator process answers steps on a client's connection."""
+"""How a simulator process answers steps on a connection that the service lends to it."""
 
+import contextlib
+import fcntl
 import select
+import signal
 import socket
+import termios
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from wrongturn_protocol import Track, framing, wire
 from wrongturn_service.encoding import step_tail
-from wrongturn_service.simulators import action_log
 from wrongturn_service.simulators.action_log import Action, rounded
 from wrongturn_service.simulators.frames import Receiver
-from wrongturn_service.simulators.interface import LOAN_S, SENDING_S
 from wrongturn_service.simulators.shared_memory import PLACES, SharedMemoryWriter
 
 if TYPE_CHECKING:
     from wrongturn_sim import Episode
 
-
+_SEND_S: Final = 1.0
+"""Seconds in which the kernel has to take a reply. It takes one at once, unless it holds others for a slow client."""
+_READ_SIZE: Final = 1 << 16
 _NUMBERS: Final = {float, int}
-"""Some clients' languages know no other zero than the integer."""
+"""Some clients' languages write 0.0 as the integer 0."""
+_NOTHING: Final = bytes(4)
 
 
 class PlainStep(NamedTuple):
-    """A step that asks for nothing but that."""
+    """A step whose values are all valid."""
 
     episode: str
     seq: int
@@ -32,10 +36,10 @@ class PlainStep(NamedTuple):
 
 
 def plain_step(call: Any) -> PlainStep | None:
-    """A call of ``WS /v1/drive`` as a step; None for any other, and for one with which something is wrong.
+    """Return a call of ``WS /v1/drive`` as a step, or None if it is another call or not valid.
 
     Args:
-        call: any of a message's.
+        call: one item of a message.
     """
     if type(call) is not list or len(call) != 6 or call[0] != "step":
         return None
@@ -49,165 +53,117 @@ def plain_step(call: Any) -> PlainStep | None:
     return PlainStep(episode, seq, rounded(steer, throttle, brake))
 
 
-_PIECE: Final = 1 << 16
-
-
-@dataclass(slots=True)
-class Loan:
-    """A loan as the process knows it.
-
-    Attributes:
-        connection: the client's; it does not block.
-        episode: its id.
-        seq: of its last reply.
-        place: where the next observation is written.
-        practice: whether rewards are told.
-    """
-
-    connection: socket.socket
-    episode: str
-    seq: int
-    place: int
-    practice: bool
-
-
-class Handover:
-    """Answers steps until somebody else has to."""
+class LentConnection:
+    """A client's connection, for as long as this process answers the steps of one episode on it."""
 
     def __init__(
-        self,
-        service: socket.socket,
-        requests: Receiver,
-        writer: SharedMemoryWriter,
+        self, client: socket.socket, writer: SharedMemoryWriter, place: int, episode: str, seq: int, practice: bool
     ) -> None:
-        """Nothing is lent yet.
+        """Take over a connection.
 
         Args:
-            service: the stream to the service; whatever comes there ends a loan.
-            requests: what reads it.
-            writer: where observations are written.
+            client: the connection; it does not block.
+            writer: where observations and steps are written.
+            place: where the next observation goes.
+            episode: its id.
+            seq: of the episode's last reply.
+            practice: whether replies carry rewards.
         """
-        self._service = service
-        self._requests = requests
+        self._client = client
         self._writer = writer
+        self._place = place
+        self._episode = episode
+        self._seq = seq
+        self._practice = practice
 
-    def drive(self, loan: Loan, driven: "Episode", track: Track, finished: Callable[..., list[Any]]) -> list[Any]:
-        """Answer steps.
+    def answer_steps(
+        self, driven: "Episode", track: Track, service: Receiver, limit_s: int, end: Callable[..., list[Any]]
+    ) -> list[Any]:
+        """Answer steps until the service wants the connection back, or has to answer what came.
 
         Args:
-            loan: what is lent.
             driven: the episode.
             track: what is observed.
-            finished: puts together the frame of the step that ended the episode.
+            service: the stream from the service; a request there ends the loan.
+            limit_s: whole seconds after which a step that hangs ends this process.
+            end: returns the worker's reply to the step that ends the episode.
 
         Returns:
-            What is handed back: seconds of silence, what is unread, what is unsent, the step that ended the episode as
-            ``[number, action, seconds, frame]`` or None, and whether it was only for its length that it ended.
+            Bytes that were read and are not answered; and the step that ended the episode, as
+            ``[number of its message, action, seconds, reply]``, or None.
         """
-        book, connection = self._writer.action_log, loan.connection
+        log = self._writer.action_log
         poll = select.poll()
-        poll.register(self._service, select.POLLIN)
-        poll.register(connection, select.POLLIN)
-        service = self._service.fileno()
-        heard = time.monotonic()
-        deadline = heard + LOAN_S
-        unread, unsent, last = b"", b"", None
-        again = False
-        while not self._requests.waiting:
-            left = deadline - time.monotonic()
-            ready = poll.poll(left * 1000) if left > 0 and book.count < action_log.STEPS else []
-            if not ready:
-                again = book.count > 0
-                break
-            if len(ready) > 1 or ready[0][0] == service:
+        poll.register(service, select.POLLIN)
+        poll.register(self._client, select.POLLIN)
+        while not service.waiting and not log.full:
+            ready = poll.poll()
+            if len(ready) > 1 or ready[0][0] == service.fileno():
                 break
             began = time.perf_counter()
-            book.read()
             try:
-                data = connection.recv(_PIECE)
-            except BlockingIOError:
-                book.wait()
-                continue
+                data = self._client.recv(_READ_SIZE)
             except OSError:
-                break  # the service finds out for itself
-            if not data:
-                break
-            heard = time.monotonic()
-            found = _taken(data, loan)
-            if found is None:
-                unread = data
-                break
-            number, step = found
-            book.take(data)
-            observation, reward, terminated, truncated = driven.step(*step.action)
+                break  # the service meets the same error
+            step = self._next_step(data)
+            if step is None or self._has_unread_replies():
+                return [data, None]
+            number, action = step
+            signal.alarm(limit_s)
+            observation, reward, terminated, truncated = driven.step(*action)
             if terminated or truncated:
-                simulated = time.perf_counter() - began
-                last = [number, step.action, simulated, finished(observation, reward, terminated, truncated)]
+                simulated_s = time.perf_counter() - began
+                # The reply carries this observation itself: both places may hold one that the client was sent.
+                return [b"", [number, action, simulated_s, end(observation, reward, terminated, truncated)]]
+            block = self._writer.write(observation, track, self._place)
+            self._place = (self._place + 1) % PLACES
+            simulated_s = time.perf_counter() - began
+            self._seq += 1
+            message = self._reply(number, reward, block)
+            log.add(action, reward, simulated_s, time.perf_counter() - began)
+            signal.alarm(0)
+            if not self._send(message):
                 break
-            unsent = self._answer(loan, number, step.action, track, observation, reward, began)
-            if unsent:
-                break
-        return [time.monotonic() - heard, unread, unsent, last, again]
+        return [b"", None]
 
-    def _answer(
-        self, loan: Loan, number: int, action: Action, track: Track, observation: Any, reward: float, began: float
-    ) -> bytes:
-        """Note a step and tell of it; what of the reply was not taken."""
-        shown = self._writer.write(observation, track, loan.place)
-        loan.place = (loan.place + 1) % PLACES
-        simulated = time.perf_counter() - began
-        book = self._writer.action_log
-        book.commit(action, reward)
-        loan.seq += 1
-        told = reward if loan.practice else None
-        fields = dict((("seq", loan.seq), *step_tail(terminated=False, truncated=False, reward=told, verdict=None)))
-        head = wire.results_head(number, 1) + wire.result_head(200, fields, len(shown))
-        book.send()
-        unsent = self._send(loan.connection, (framing.head(len(head) + len(shown)) + head, shown))
-        book.finish(simulated, time.perf_counter() - began, sent=not unsent)
-        return unsent
-
-    def _send(self, connection: socket.socket, pieces: tuple[bytes | memoryview, ...]) -> bytes:
-        """Send as much as is taken in time; what is left of it."""
-        left = sum(map(len, pieces))
+    def _next_step(self, data: bytes) -> tuple[int, Action] | None:
+        """Return the message's number and its action, if the data is one message with just the episode's next step."""
+        if not data or data[0] != framing.BINARY:
+            return None
+        begin, end = framing.extent(data, 0, len(data))
+        if end != len(data) or not data[1] & framing.MASKED:
+            return None
         try:
-            left -= connection.sendmsg(pieces)
-            if not left:
-                return b""
-        except BlockingIOError:
-            pass
+            number, calls = wire.unpack_calls(framing.apply_mask(data[begin:end], data[begin - 4 : begin]))
+        except wire.MalformedMessageError:
+            return None
+        step = plain_step(calls[0]) if len(calls) == 1 else None
+        if step is None or step.episode != self._episode or step.seq != self._seq + 1:
+            return None
+        return number, step.action
+
+    def _has_unread_replies(self) -> bool:
+        """Whether the client sends steps before it has received the replies: only the service can wait for that."""
+        return fcntl.ioctl(self._client, termios.TIOCOUTQ, _NOTHING) != _NOTHING
+
+    def _reply(self, number: int, reward: float, block: memoryview) -> tuple[bytes, memoryview]:
+        tail = step_tail(terminated=False, truncated=False, reward=reward if self._practice else None, verdict=None)
+        fields = dict((("seq", self._seq), *tail))
+        head = wire.results_head(number, 1) + wire.result_head(200, fields, len(block))
+        return framing.head(len(head) + len(block)) + head, block
+
+    def _send(self, message: tuple[bytes, memoryview]) -> bool:
+        """Send a message, or end the connection of a client that is too slow to take it; return whether it is sent."""
+        size = sum(map(len, message))
+        try:
+            sent = self._client.sendmsg(message)
+            if sent < size:
+                self._client.settimeout(_SEND_S)
+                self._client.sendall(b"".join(message)[sent:])
+                self._client.settimeout(0)
         except OSError:
-            return b""  # nobody is there any more to take it
-        rest = memoryview(b"".join(pieces))[-left:]
-        poll = select.poll()
-        poll.register(connection, select.POLLOUT)
-        poll.register(self._service, select.POLLIN)
-        deadline = time.monotonic() + SENDING_S
-        while rest and (left_s := deadline - time.monotonic()) > 0:
-            ready = poll.poll(left_s * 1000)
-            if any(handle == self._service.fileno() for handle, _ in ready):
-                break
-            try:
-                rest = rest[connection.send(rest) :]
-            except BlockingIOError:
-                continue
-            except OSError:
-                return b""
-        return bytes(rest)
-
-
-def _taken(data: bytes, loan: Loan) -> tuple[int, PlainStep] | None:
-    """The number and the step of what has come, where it is one message with the episode's next step, and no more."""
-    if len(data) > action_log.MESSAGE or data[0] != framing.BINARY:
-        return None
-    begin, end = framing.extent(data, 0, len(data))
-    if end != len(data) or not data[1] & framing.MASKED:
-        return None
-    try:
-        number, calls = wire.unpack_calls(framing.apply_mask(data[begin:end], data[begin - 4 : begin]))
-    except wire.MalformedMessageError:
-        return None
-    step = plain_step(calls[0]) if len(calls) == 1 else None
-    if step is None or step.episode != loan.episode or step.seq != loan.seq + 1:
-        return None
-    return number, step
+            # The client has left, or has half a message: it connects again and asks for the step by its seq.
+            with contextlib.suppress(OSError):
+                self._client.shutdown(socket.SHUT_RDWR)
+            return False
+        return True

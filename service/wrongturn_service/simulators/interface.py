@@ -1,41 +1,35 @@
-"""What the service asks of simulators, whoever runs them: this machine's processes, or a cluster's actors.
+"""What the service asks of simulators, whether they are processes of this machine or actors of a cluster.
 
 ::
 
     SimulatorError
     ├── SimulatorsBusyError       every slot is taken
     ├── SimulatorStartError       no simulator could be started
-    ├── SimulatorDiedError        it ended, hung or broke: replay the episode in another one
+    ├── SimulatorDiedError        it ended, hung or failed: replay the episode in another one
     └── EpisodeRefusedError       the trial cannot be driven as asked: the caller's mistake
 """
 
 import asyncio
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Final
 
 from wrongturn_protocol import Outcome, Track
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.simulators.action_log import ACTION, Action
+from wrongturn_service.simulators.action_log import ACTION, Action, LogEntries, Seconds
 from wrongturn_service.simulators.shared_memory import ObservationView
-
-LOAN_S: Final = 1.0
-"""Seconds of a loan at most: so old are figures and leases that are told of meanwhile."""
-SENDING_S: Final = 0.5
-"""Seconds in which a reply has to be taken, before it is the service that waits for a slow client."""
 
 
 def replay_s(actions: bytes) -> float:
-    """Seconds that a simulator gets to repeat actions, on top of those for any call: a journey has thousands.
+    """Return the seconds that a simulator gets to repeat actions, on top of those for any call.
 
     Args:
-        actions: little-endian float32 [n, 3].
+        actions: little-endian float32 [n, 3]; a journey has thousands.
     """
     return 0.02 * (len(actions) // ACTION.size)
 
 
 class SimulatorError(Exception):
-    """Anything that concerns simulators."""
+    """Base of all errors of simulators."""
 
 
 class SimulatorsBusyError(SimulatorError):
@@ -44,7 +38,7 @@ class SimulatorsBusyError(SimulatorError):
     def __init__(self, message: str, position: int = 1) -> None:
         super().__init__(message)
         self.position = position
-        """How many simulators have to become free, or ready, until it is the caller's turn."""
+        """Number of simulators that have to become free, or ready, before it is the caller's turn."""
 
 
 class SimulatorStartError(SimulatorError):
@@ -52,7 +46,7 @@ class SimulatorStartError(SimulatorError):
 
 
 class SimulatorDiedError(SimulatorError):
-    """The simulator ended, hung or broke."""
+    """The simulator ended, hung or failed."""
 
 
 class EpisodeRefusedError(SimulatorError):
@@ -61,12 +55,12 @@ class EpisodeRefusedError(SimulatorError):
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)
         self.name = name
-        """The error's class in the simulation."""
+        """Class of the error in the simulation."""
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeEnd:
-    """What is left of an episode at its end."""
+    """What remains of an episode that is over."""
 
     outcome: Outcome
     steps: int
@@ -78,7 +72,7 @@ class EpisodeEnd:
 
 @dataclass(slots=True)
 class StepResult:
-    """What a simulator shows after a reset or a step. Nobody changes it: to have that checked takes too long."""
+    """Result of a reset or a step. Treat it as frozen: Python's own check takes too long here."""
 
     observation: bytes | ObservationView
     """Encoded for the wire."""
@@ -89,15 +83,15 @@ class StepResult:
 
 
 @dataclass(frozen=True, slots=True)
-class LoanRequest:
-    """What a simulator has to know.
+class Loan:
+    """A client's connection on which a simulator answers the steps of one episode.
 
     Attributes:
         handle: the connection's file descriptor.
         episode: its id.
         track: what is observed.
-        seq: of its last reply.
-        practice: whether rewards are told.
+        seq: of the episode's last reply.
+        practice: whether replies carry rewards.
     """
 
     handle: int
@@ -109,48 +103,38 @@ class LoanRequest:
 
 @dataclass(frozen=True, slots=True)
 class LastStep:
-    """The step that ended the episode; the service answers it, once it is stored.
+    """The step that ended an episode; the service answers it when the verdict is stored.
 
     Attributes:
-        number: of the message.
-        action: what was done.
-        frame: what came of it.
+        number: of the client's message.
+        action: of the step.
+        result: of the step.
         seconds: of the simulation.
     """
 
     number: int
     action: Action
-    frame: StepResult
+    result: StepResult
     seconds: float
 
 
 @dataclass(frozen=True, slots=True)
-class LoanResult:
-    """What came of a loan.
+class LoanEnd:
+    """What happened during a loan.
 
     Attributes:
-        actions: of the steps that were answered, little-endian float32 [n, 3].
-        seconds: of each of them, those of its simulation and all; zeros where nobody knows.
-        reward: of the last of them.
-        observation: of the last of them; None where there was none.
-        silence_s: seconds since the client was heard of.
-        unread: what has come and is not answered.
-        unsent: what is left of a reply.
-        last: the step after them, where it ended the episode.
-        again: whether it was only for its length that it ended.
-        broken: whether nobody knows what was read, or sent of a reply: the connection is of no more use.
+        steps: the steps that were answered.
+        observation: of the last of them; None without steps.
+        unread: bytes that were read from the connection and are not answered.
+        last: the step after them, if it ended the episode.
+        died: whether the simulator died: nobody knows what it has read or sent, so the connection has to be closed.
     """
 
-    actions: bytes = b""
-    seconds: tuple[tuple[float, float], ...] = ()
-    reward: float = 0.0
-    observation: ObservationView | None = None
-    silence_s: float = 0.0
+    steps: LogEntries
+    observation: ObservationView | None
     unread: bytes = b""
-    unsent: bytes = b""
     last: LastStep | None = None
-    again: bool = False
-    broken: bool = False
+    died: bool = False
 
 
 class Simulator(ABC):
@@ -159,20 +143,17 @@ class Simulator(ABC):
     @property
     @abstractmethod
     def dead(self) -> bool:
-        """Whether it is gone; what it drove has to be replayed elsewhere."""
+        """Whether it has ended; its episode has to be replayed in another one."""
 
     @abstractmethod
     async def reset(self, trial: str, track: Track, actions: bytes, encoding: Encoding) -> StepResult:
-        """Begin an episode, and repeat actions that were taken before.
+        """Begin an episode, repeat actions that were taken before, and return the result of the last one.
 
         Args:
             trial: JSON of Trial.
             track: what is observed.
             actions: little-endian float32 [n, 3].
-            encoding: how the observation is encoded.
-
-        Returns:
-            What it shows after the last of the actions.
+            encoding: of the observation.
 
         Raises:
             SimulatorDiedError, EpisodeRefusedError.
@@ -180,10 +161,10 @@ class Simulator(ABC):
 
     @abstractmethod
     async def step(self, action: Action, encoding: Encoding) -> StepResult:
-        """One decision. Raises SimulatorDiedError."""
+        """Drive one decision. Raises SimulatorDiedError."""
 
     def begin_step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
-        """The same without a task, where that is possible; not to be cancelled."""
+        """Begin a step, if possible without a task. The future must not be cancelled."""
         return asyncio.ensure_future(self.step(action, encoding))
 
     @property
@@ -191,19 +172,20 @@ class Simulator(ABC):
         """Whether a client's connection can be lent to it now."""
         return False
 
-    def lend(self, loan: LoanRequest) -> "asyncio.Future[LoanResult]":
-        """Let it answer the steps that come on a connection; nothing else may be asked of it until that is returned.
-
-        Args:
-            loan: what is lent, where :attr:`lends` says that it can be.
+    def lend(self, loan: Loan) -> "asyncio.Future[LoanEnd]":
+        """Let it answer the steps on a client's connection. Make no other call until the loan is over.
 
         Returns:
-            What comes of it, also where the simulator dies of it; not to be cancelled.
+            The loan's end, also if the simulator dies. It must not be cancelled.
         """
         raise NotImplementedError
 
+    def answered(self, first: int) -> tuple[Seconds, ...]:
+        """Return the seconds of the steps that were answered during the current loan, from a certain one on."""
+        raise NotImplementedError
+
     def recall(self) -> None:
-        """Have what is lent returned soon; where nothing is, nothing happens."""
+        """End the current loan soon. Does nothing without one."""
         raise NotImplementedError
 
     @abstractmethod
@@ -216,19 +198,19 @@ class SimulatorPool(ABC):
 
     @abstractmethod
     async def start(self) -> None:
-        """Have a first one ready. Raises SimulatorStartError."""
+        """Make a first simulator ready. Raises SimulatorStartError."""
 
     @abstractmethod
     async def stop(self) -> None:
-        """End all of them."""
+        """End all simulators."""
 
     @abstractmethod
     async def acquire(self, town: str, *, wait: bool = False) -> Simulator:
-        """A simulator for one's own, best one that has the town loaded.
+        """Return a simulator for the caller alone, preferably one that has the town loaded.
 
         Args:
-            town: what it will drive in.
-            wait: until one is free, instead of refusing.
+            town: where it will drive.
+            wait: wait for a free slot instead of refusing.
 
         Raises:
             SimulatorsBusyError, SimulatorStartError.
@@ -241,33 +223,33 @@ class SimulatorPool(ABC):
     @property
     @abstractmethod
     def slots(self) -> int:
-        """Simulators at most."""
+        """Number of simulators that can drive at a time."""
 
     @property
     @abstractmethod
     def running(self) -> int:
-        """Simulators that are there, or about to be."""
+        """Number of simulators that are started or being started."""
 
     @property
     def idle(self) -> int:
-        """Simulators that are ready and nobody has."""
+        """Number of simulators that are ready and not acquired."""
         return self.running - self.busy
 
     @property
     def waiting(self) -> int:
-        """Calls that wait for a simulator."""
+        """Number of calls that wait for a simulator."""
         return 0
 
     @property
     def failure(self) -> str | None:
-        """Why the last simulator that was to be started did not start; None where it did."""
+        """Why the last start of a simulator failed; None if it did not."""
         return None
 
     def memory(self) -> int:
-        """Bytes of memory that the simulators have, what they share counted once; takes a while to find out."""
+        """Return the memory of all simulators, bytes, what they share counted once. Takes a while."""
         return 0
 
     @property
     @abstractmethod
     def busy(self) -> int:
-        """Simulators that somebody has."""
+        """Number of simulators that are acquired."""

@@ -1,11 +1,12 @@
 """One simulator as a process of this machine."""
 
 import asyncio
+import math
 import os
 import socket
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from typing_extensions import override
 
@@ -13,15 +14,13 @@ from wrongturn_protocol import Outcome, Track
 from wrongturn_protocol.wire import layout
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.simulators import frames
-from wrongturn_service.simulators.action_log import Action
+from wrongturn_service.simulators.action_log import Action, Seconds
 from wrongturn_service.simulators.interface import (
-    LOAN_S,
-    SENDING_S,
     EpisodeEnd,
     EpisodeRefusedError,
     LastStep,
-    LoanRequest,
-    LoanResult,
+    Loan,
+    LoanEnd,
     Simulator,
     SimulatorDiedError,
     SimulatorError,
@@ -32,70 +31,71 @@ from wrongturn_service.simulators.interface import (
 from wrongturn_service.simulators.shared_memory import SharedMemory
 
 _T = TypeVar("_T")
-_RECALL = frames.pack(["recall"])
-_STEP_S = 5.0
-"""Seconds after which a step hangs: it takes milliseconds, where a reset may have a town to load."""
+_RECALL: Final = frames.pack(["recall"])
+_STEP_S: Final = 5.0
+"""Seconds after which a step counts as hung. It takes milliseconds; only a reset may have to load a town."""
+_ENDED: Final = "the simulator process ended"
 
 
-class _Stream(asyncio.Protocol):
-    """The stream to a process: one request out, one reply in."""
+class _ProcessConnection(asyncio.Protocol):
+    """Connection to a process, which answers one request at a time."""
 
     def __init__(self) -> None:
         self.closed = False
-        self._waiting: asyncio.Future[Any] | None = None
+        self._reply: asyncio.Future[Any] | None = None
         self._read: Callable[[list[Any]], Any] = list
         self._splitter = frames.Splitter()
 
     @property
-    def waiting(self) -> "asyncio.Future[Any] | None":
-        """What a reply is waited for by, where one is."""
-        return None if self._waiting is None or self._waiting.done() else self._waiting
+    def awaited(self) -> "asyncio.Future[Any] | None":
+        """The reply that has not come yet."""
+        return None if self._reply is None or self._reply.done() else self._reply
 
-    def expect(self, waiting: "asyncio.Future[_T]", read: Callable[[list[Any]], _T]) -> None:
-        """Let the next reply be read and given to somebody."""
-        self._waiting, self._read = waiting, read
+    def expect(self, reply: "asyncio.Future[_T]", read: Callable[[list[Any]], _T]) -> None:
+        """Read the next frame as a reply."""
+        self._reply, self._read = reply, read
         if self.closed:
-            self.fail("the simulator process ended")
+            self.fail(_ENDED)
 
     def fail(self, reason: str) -> None:
-        """Tell who waits that nothing comes."""
-        if self.waiting is not None:
-            self.waiting.set_exception(SimulatorDiedError(reason))
+        """Let the awaited reply fail."""
+        if self.awaited is not None:
+            self.awaited.set_exception(SimulatorDiedError(reason))
 
     @override
     def data_received(self, data: bytes) -> None:
-        for value in self._splitter.feed(data):
-            waiting = self.waiting
-            if waiting is not None:
+        for frame in self._splitter.feed(data):
+            reply = self.awaited
+            if reply is not None:
                 try:
-                    waiting.set_result(self._read(value))
+                    reply.set_result(self._read(frame))
                 except SimulatorError as error:
-                    waiting.set_exception(error)
+                    reply.set_exception(error)
 
     @override
     def connection_lost(self, exc: Exception | None) -> None:
         self.closed = True
-        self.fail("the simulator process ended")
+        self.fail(_ENDED)
 
 
 class LocalSimulator(Simulator):
-    """One process; use :meth:`start`."""
+    """One process; make it by :meth:`start`."""
 
     def __init__(
         self,
         process: subprocess.Popen[bytes],
         stream: socket.socket,
         transport: asyncio.Transport,
-        line: _Stream,
+        connection: _ProcessConnection,
         shared: SharedMemory,
         timeout_s: float,
     ) -> None:
         self.process = process
         self.town = ""
-        """What it has loaded."""
+        """The town that is loaded."""
         self._stream = stream
         self._transport = transport
-        self._line = line
+        self._connection = connection
         self._shared = shared
         self._timeout_s = timeout_s
         self._step_s = min(timeout_s, _STEP_S)
@@ -103,7 +103,7 @@ class LocalSimulator(Simulator):
         self._alarm: asyncio.TimerHandle | None = None
         self._limit_s = timeout_s
         self._deadline = 0.0
-        self._loans = 0
+        self._loan = 0
 
     @classmethod
     async def start(
@@ -116,12 +116,19 @@ class LocalSimulator(Simulator):
     ) -> "LocalSimulator":
         """Start a process and wait until it is ready.
 
+        Args:
+            command: the program; the socket's descriptor, whole seconds of a call, and the shared memory's descriptor
+                are added.
+            environment: variables to add to this process's.
+            start_timeout_s: seconds until it has to be ready.
+            timeout_s: seconds after which a call counts as hung.
+
         Raises:
             SimulatorStartError: it ended, or was not ready in time.
         """
         ours, theirs = socket.socketpair()
         shared = SharedMemory()
-        with theirs, shared.lent() as shared_handle:
+        with theirs, shared.inherited() as shared_handle:
             handle = theirs.fileno()
 
             def spawn() -> subprocess.Popen[bytes]:
@@ -129,7 +136,7 @@ class LocalSimulator(Simulator):
                     [*command, str(handle), str(int(timeout_s) + 1), str(shared_handle)],
                     pass_fds=[handle, shared_handle],
                     stdin=subprocess.DEVNULL,
-                    # What SUMO prints must not get between the lines of the service's own stdout.
+                    # What SUMO prints must not mix with what the service prints on stdout.
                     stdout=2,
                     env={**os.environ, **environment},
                 )
@@ -140,10 +147,10 @@ class LocalSimulator(Simulator):
                 ours.close()
                 raise SimulatorStartError(f"no simulator process could be started: {error}") from error
         ours.setblocking(False)
-        transport, line = await asyncio.get_running_loop().create_unix_connection(_Stream, sock=ours)
-        simulator = cls(process, ours, transport, line, shared, timeout_s)
+        transport, connection = await asyncio.get_running_loop().create_unix_connection(_ProcessConnection, sock=ours)
+        simulator = cls(process, ours, transport, connection, shared, timeout_s)
         try:
-            await simulator._finished(simulator._expected(lambda reply: reply, start_timeout_s))
+            await simulator._finished(simulator._expect(lambda reply: reply, start_timeout_s))
         except SimulatorDiedError as error:
             await simulator.close()
             status = process.returncode
@@ -159,12 +166,12 @@ class LocalSimulator(Simulator):
     @property
     @override
     def dead(self) -> bool:
-        return self._line.closed
+        return self._connection.closed
 
     @override
     async def reset(self, trial: str, track: Track, actions: bytes, encoding: Encoding) -> StepResult:
         request: list[object] = ["reset", trial, track.value, actions, encoding.value, self._shared.next_place()]
-        return await self._finished(self._asked(request, self._frame, self._timeout_s + replay_s(actions)))
+        return await self._finished(self._ask(request, self._step_result, self._timeout_s + replay_s(actions)))
 
     @override
     async def step(self, action: Action, encoding: Encoding) -> StepResult:
@@ -172,11 +179,17 @@ class LocalSimulator(Simulator):
 
     @override
     def begin_step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
-        return self._asked(["step", *action, encoding.value, self._shared.next_place()], self._frame, self._step_s)
+        request = ["step", *action, encoding.value, self._shared.next_place()]
+        return self._ask(request, self._step_result, self._step_s)
 
     @override
     async def abort(self) -> EpisodeEnd:
-        return await self._finished(self._asked(["abort"], lambda reply: _final(reply[1]), self._timeout_s))
+        return await self._finished(self._ask(["abort"], lambda reply: _episode_end(reply[1]), self._timeout_s))
+
+    async def prepare(self, town: str) -> None:
+        """Load a town, so that its first reset is as quick as any other. Raises SimulatorDiedError."""
+        await self._finished(self._ask(["prepare", town], lambda _: None, self._timeout_s))
+        self.town = town
 
     @property
     @override
@@ -184,63 +197,48 @@ class LocalSimulator(Simulator):
         return not self.dead and not self._transport.get_write_buffer_size()
 
     @override
-    def lend(self, loan: LoanRequest) -> "asyncio.Future[LoanResult]":
-        self._loans += 1
-        first = self._shared.clear()
-        request = frames.pack(["lend", self._loans, first, loan.episode, loan.seq, loan.practice])
-        returned: asyncio.Future[LoanResult] = self._loop.create_future()
-
-        def done(answered: "asyncio.Future[list[Any]]") -> None:
-            if answered.exception() is None:
-                returned.set_result(self._returned(loan, first, answered.result()))
-            else:
-                # As long as it lives it may note, and tell the client, what would be answered here again.
-                self.kill()
-                self._loop.run_in_executor(None, self.process.wait).add_done_callback(ended)
-
-        def ended(_: "asyncio.Future[int]") -> None:
-            returned.set_result(self._returned(loan, first, None))
-
-        self._expected(self._sound, LOAN_S + SENDING_S + self._step_s).add_done_callback(done)
+    def lend(self, loan: Loan) -> "asyncio.Future[LoanEnd]":
+        self._loan += 1
+        place = self._shared.free_all()
+        request = frames.pack(["lend", self._loan, place, loan.episode, loan.seq, loan.practice])
+        reply = self._expect(self._checked, math.inf)
         try:
             socket.send_fds(self._stream, [request], [loan.handle])
         except OSError as error:
-            self._line.fail(f"the simulator process could not be asked: {error}")
-            self.kill()
-        return returned
+            self._connection.fail(f"the simulator process could not be asked: {error}")
+        return self._loop.create_task(self._loan_end(loan, place, reply))
+
+    @override
+    def answered(self, first: int) -> tuple[Seconds, ...]:
+        return self._shared.action_log.read(self._loan, first).seconds
 
     @override
     def recall(self) -> None:
-        if not self.dead:
+        if self._connection.awaited is not None and self._deadline == math.inf and not self.dead:
             frames.write_now(self._transport, self._stream.fileno(), [_RECALL])
+            self._set_deadline(self._step_s)
 
-    def _returned(self, loan: LoanRequest, first: int, reply: list[Any] | None) -> LoanResult:
-        """What came of a loan, by the reply and by what is noted; without one it has died of it."""
-        book = self._shared.book(self._loans)
-        observation = self._shared.last_view(first, book.steps, layout(loan.track).size) if book.steps else None
-        if reply is None:
-            return LoanResult(
-                book.actions,
-                book.seconds,
-                book.reward,
-                observation,
-                unread=book.message,
-                broken=book.broken,
-            )
-        _, silence_s, unread, unsent, last, again = reply
+    async def _loan_end(self, loan: Loan, place: int, reply: "asyncio.Future[list[Any]]") -> LoanEnd:
+        try:
+            _, unread, last = await reply
+        except SimulatorError:
+            # While it lives it can still log a step and answer it.
+            self.kill()
+            await asyncio.to_thread(self.process.wait)
+            unread, last, died = b"", None, True
+        else:
+            died = False
+        steps = self._shared.action_log.read(self._loan)
+        count = len(steps.seconds)
+        observation = self._shared.last_view(place, count, layout(loan.track).size) if count else None
         if last is not None:
-            number, action, seconds, frame = last
-            last = LastStep(number, tuple(action), self._frame(frame), seconds)
-        return LoanResult(book.actions, book.seconds, book.reward, observation, silence_s, unread, unsent, last, again)
-
-    async def prepare(self, town: str) -> None:
-        """Load a town, so that the first reset there takes no longer than any. Raises SimulatorDiedError."""
-        await self._finished(self._asked(["prepare", town], lambda _: None, self._timeout_s))
-        self.town = town
+            number, action, seconds, result = last
+            last = LastStep(number, tuple(action), self._step_result(result), seconds)
+        return LoanEnd(steps, observation, unread, last, died)
 
     def kill(self) -> None:
-        """End it at once; whoever waits for it hears of it."""
-        self._line.closed = True
+        """End the process at once; an awaited reply fails."""
+        self._connection.closed = True
         self._transport.abort()
         self.process.kill()
         if self._alarm is not None:
@@ -248,65 +246,73 @@ class LocalSimulator(Simulator):
             self._alarm = None
 
     async def close(self) -> None:
-        """End it and wait until it is gone."""
+        """End the process and wait until it has ended."""
         self.kill()
         await asyncio.to_thread(self.process.wait)
 
-    def _asked(self, request: list[object], read: Callable[[list[Any]], _T], timeout_s: float) -> "asyncio.Future[_T]":
-        """Send a request; what comes of its reply."""
+    def _ask(
+        self, request: Sequence[object], read: Callable[[list[Any]], _T], timeout_s: float
+    ) -> "asyncio.Future[_T]":
+        """Send a request, and return its reply."""
         if not self.dead:
             frames.write_now(self._transport, self._stream.fileno(), [frames.pack(request)])
-        return self._expected(lambda reply: read(self._sound(reply)), timeout_s)
+        return self._expect(lambda reply: read(self._checked(reply)), timeout_s)
 
-    def _sound(self, reply: list[Any]) -> list[Any]:
-        """A reply that is none of an error. Raises EpisodeRefusedError, SimulatorDiedError."""
+    def _checked(self, reply: list[Any]) -> list[Any]:
+        """Return a reply to a request that worked. Raises EpisodeRefusedError, SimulatorDiedError."""
         if reply[0] == frames.REFUSED:
             raise EpisodeRefusedError(reply[1], reply[2])
         if reply[0] != frames.OK:
-            # What state it is in nobody knows: the next episode must not inherit it.
+            # Its state is unknown, and the next episode must not inherit it.
             self.kill()
             raise SimulatorDiedError(f"{reply[1]}: {reply[2]}")
         return reply
 
-    def _expected(self, read: Callable[[list[Any]], _T], timeout_s: float) -> "asyncio.Future[_T]":
-        waiting: asyncio.Future[_T] = self._loop.create_future()
-        self._line.expect(waiting, read)
-        self._limit_s, self._deadline = timeout_s, self._loop.time() + timeout_s
-        self._set_alarm()
-        return waiting
+    def _expect(self, read: Callable[[list[Any]], _T], timeout_s: float) -> "asyncio.Future[_T]":
+        reply: asyncio.Future[_T] = self._loop.create_future()
+        self._connection.expect(reply, read)
+        self._set_deadline(timeout_s)
+        return reply
 
-    async def _finished(self, waiting: "asyncio.Future[_T]") -> _T:
+    async def _finished(self, reply: "asyncio.Future[_T]") -> _T:
         try:
-            return await waiting
+            return await reply
         except asyncio.CancelledError:
-            # Its reply would be taken for the next request's.
+            # This reply would be taken for that to the next request.
             self.kill()
             raise
 
+    def _set_deadline(self, timeout_s: float) -> None:
+        self._limit_s, self._deadline = timeout_s, self._loop.time() + timeout_s
+        self._set_alarm()
+
     def _set_alarm(self) -> None:
-        """Look when the deadline has come; an alarm that rings earlier is left to be set again then, not each time."""
+        """Call :meth:`_look` at the deadline. An earlier alarm stays: moving it takes time each step."""
+        if self._deadline == math.inf:
+            return
         if self._alarm is not None:
             if self._alarm.when() <= self._deadline:
                 return
             self._alarm.cancel()
-        self._alarm = self._loop.call_at(self._deadline, self._ring)
+        self._alarm = self._loop.call_at(self._deadline, self._look)
 
-    def _ring(self) -> None:
+    def _look(self) -> None:
         self._alarm = None
-        if self._line.waiting is None:
+        if self._connection.awaited is None:
             return
         if self._loop.time() < self._deadline:
             self._set_alarm()
             return
-        self._line.fail(f"the simulator process did not answer within {self._limit_s:g} s")
+        self._connection.fail(f"the simulator process did not answer within {self._limit_s:g} s")
         self.kill()
 
-    def _frame(self, reply: list[Any]) -> StepResult:
+    def _step_result(self, reply: list[Any]) -> StepResult:
         _, observation, reward, terminated, truncated, final = reply
-        shown = self._shared.view(observation) if isinstance(observation, int) else observation
-        return StepResult(shown, reward, terminated, truncated, None if final is None else _final(final))
+        if isinstance(observation, int):
+            observation = self._shared.view(observation)
+        return StepResult(observation, reward, terminated, truncated, None if final is None else _episode_end(final))
 
 
-def _final(values: list[Any]) -> EpisodeEnd:
+def _episode_end(values: list[Any]) -> EpisodeEnd:
     outcome, steps, trajectory, trajectory_sha256, actions_sha256 = values
     return EpisodeEnd(Outcome.model_validate_json(outcome), steps, trajectory, trajectory_sha256, actions_sha256)

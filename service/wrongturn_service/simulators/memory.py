@@ -1,4 +1,4 @@
-"""How much memory a process has, so that what it shares with others is counted once."""
+"""Memory of processes and of this machine."""
 
 import re
 from pathlib import Path
@@ -10,21 +10,21 @@ _AVAILABLE: Final = re.compile(rb"^MemAvailable:\s+(\d+) kB", re.MULTILINE)
 
 
 def memory_of(pid: int) -> int:
-    """Bytes; 0 of a process that is gone.
+    """Return a process's own memory and its part of what it shares, bytes; 0 if the process has ended.
 
-    Its own pages and its part of those that it shares; all that is resident where the kernel does not tell parts.
+    Where the kernel does not tell the parts, the result is the process's resident memory.
     """
     return _read(f"/proc/{pid}/smaps_rollup", _SHARE) or _read(f"/proc/{pid}/status", _RESIDENT)
 
 
 def available_memory() -> int:
-    """Bytes that this machine can still give; 0 where it does not tell."""
+    """Return the memory that new processes can use, bytes; 0 if the machine does not tell."""
     return _read("/proc/meminfo", _AVAILABLE)
 
 
 def _read(path: str, pattern: re.Pattern[bytes]) -> int:
     try:
-        found = pattern.search(Path(path).read_bytes())
+        match = pattern.search(Path(path).read_bytes())
     except OSError:
         return 0
-    return 1024 * int(found[1]) if found else 0
+    return 1024 * int(match[1]) if match else 0

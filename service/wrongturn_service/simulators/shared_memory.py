@@ -1,8 +1,8 @@
 """Memory that the service shares with one simulator process, so that an observation is written once and never sent.
 
-It holds two observations, which are written in turn: the last can be told again while the next is being made, even
-after the process has died of it. Whoever still has the one before when its place is needed gets a copy of its own.
-Behind them lies the action log of what the process does on a connection that is lent to it.
+It has two places for observations, which are written by turns. So the last observation can be sent again while the
+next one is written, even after the process has died. Whoever still uses an older observation when its place is needed
+gets a copy. The action log lies behind the places.
 """
 
 import contextlib
@@ -18,25 +18,24 @@ from wrongturn_protocol import Track
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.wire import Block, layout
 from wrongturn_service.simulators import action_log
+from wrongturn_service.simulators.action_log import ActionLog
 
 PLACES: Final = 2
-_ROOM: Final = -(-max(layout(track).size for track in Track) // mmap.PAGESIZE) * mmap.PAGESIZE
-"""Bytes for one observation."""
-_BOOK: Final = PLACES * _ROOM
-"""Where the action log begins."""
-_SIZE: Final = _BOOK + action_log.SIZE
+_PLACE_SIZE: Final = -(-max(layout(track).size for track in Track) // mmap.PAGESIZE) * mmap.PAGESIZE
+_LOG_AT: Final = PLACES * _PLACE_SIZE
+_SIZE: Final = _LOG_AT + action_log.SIZE
 
 
 class ObservationView:
-    """An observation on a screen; equal to bytes of the same content."""
+    """An observation in shared memory; equal to bytes of the same content."""
 
     __slots__ = ("__weakref__", "data")
 
     def __init__(self, data: memoryview) -> None:
         self.data: bytes | memoryview = data
 
-    def keep(self) -> None:
-        """Its place is written to again: have a copy."""
+    def copy(self) -> None:
+        """Move to a copy, since the place is needed."""
         self.data = bytes(self.data)
 
     def __bytes__(self) -> bytes:
@@ -53,70 +52,76 @@ class ObservationView:
 
 
 class SharedMemory:
-    """The service's side."""
+    """The service's side: it reads."""
 
     def __init__(self) -> None:
         self._handle = os.memfd_create("observations")
         os.ftruncate(self._handle, _SIZE)
         self._memory = memoryview(mmap.mmap(self._handle, _SIZE, prot=mmap.PROT_READ))
-        self._shown: list[ReferenceType[ObservationView] | None] = [None] * PLACES
+        self._views: list[ReferenceType[ObservationView] | None] = [None] * PLACES
         self._place = 0
+        self.action_log = ActionLog(self._memory[_LOG_AT:])
 
     @contextlib.contextmanager
-    def lent(self) -> Iterator[int]:
-        """The descriptor, for a process to inherit; closed at the end."""
+    def inherited(self) -> Iterator[int]:
+        """Give the file descriptor to a process that is started within the block; then close it here."""
         try:
             yield self._handle
         finally:
             os.close(self._handle)
 
     def next_place(self) -> int:
-        """The place for the next observation, free to be written to."""
+        """Free the place for the next observation, and return its number."""
         self._place = place = (self._place + 1) % PLACES
-        before = self._shown[place]
-        if before is not None:
-            shown = before()
-            if shown is not None:
-                shown.keep()
-            self._shown[place] = None
+        before = self._views[place]
+        view = before() if before is not None else None
+        if view is not None:
+            view.copy()
+        self._views[place] = None
         return place
 
     def view(self, size: int) -> ObservationView:
-        """What was written to that place."""
-        begin = self._place * _ROOM
-        found = ObservationView(self._memory[begin : begin + size])
-        self._shown[self._place] = ref(found)
-        return found
+        """Return the observation of so many bytes at the last place that was freed."""
+        begin = self._place * _PLACE_SIZE
+        view = ObservationView(self._memory[begin : begin + size])
+        self._views[self._place] = ref(view)
+        return view
 
-    def clear(self) -> int:
-        """Free all places, to be written to in turn; the first of them."""
+    def free_all(self) -> int:
+        """Free all places, and return the number of the one to write to first."""
         for _ in range(PLACES):
             self.next_place()
         return (self._place + 1) % PLACES
 
     def last_view(self, first: int, count: int, size: int) -> ObservationView:
-        """The last of so many observations that were written in turn."""
+        """Return the last of so many observations that were written by turns.
+
+        Args:
+            first: the place of the first one.
+            count: how many there are, at least one.
+            size: bytes of each.
+        """
         self._place = (first + count - 1) % PLACES
         return self.view(size)
 
-    def book(self, loan: int) -> action_log.LogEntries:
-        """What is noted of a loan."""
-        return action_log.read(self._memory[_BOOK:], loan)
-
 
 class SharedMemoryWriter:
-    """The process's side."""
+    """The process's side: it writes."""
 
     def __init__(self, handle: int) -> None:
-        """Take over a screen's handle."""
+        """Map the memory.
+
+        Args:
+            handle: its file descriptor, which is closed.
+        """
         memory = memoryview(mmap.mmap(handle, _SIZE))
         os.close(handle)
-        self._places = [memory[at * _ROOM : (at + 1) * _ROOM] for at in range(PLACES)]
+        self._places = [memory[at * _PLACE_SIZE : (at + 1) * _PLACE_SIZE] for at in range(PLACES)]
         self._blocks: list[Block | None] = [None] * PLACES
-        self.action_log = action_log.ActionLog(memory[_BOOK:])
+        self.action_log = ActionLog(memory[_LOG_AT:])
 
     def write(self, observation: Observation, track: Track, place: int) -> memoryview:
-        """Write an observation to a place; what stands there then."""
+        """Write an observation to a place, and return its bytes there."""
         block = self._blocks[place]
         if block is None or block.layout.track is not track:
             self._blocks[place] = block = Block(self._places[place], track)

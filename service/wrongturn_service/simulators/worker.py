@@ -1,16 +1,26 @@
-"""What runs in a simulator process: ``python -m wrongturn_service.simulators.worker FD SECONDS SCREEN``.
+"""The program of a simulator process: ``python -m wrongturn_service.simulators.worker SOCKET SECONDS MEMORY``.
 
-It serves one socket, whose other end the service has: one request at a time, one reply each. At the end of the stream
-it ends, so no simulator outlives its service; a call that takes too long ends it too, by an alarm that works even
-while SUMO does not give Python the word.
+The arguments are the file descriptor of a socket to the service, whole seconds after which a hanging request ends the
+process, and the file descriptor of the shared memory. The process answers one request at a time. It ends with the
+stream, so no simulator outlives its service. The time limit is an alarm, which works even while SUMO does not return.
 
-Requests: ``["reset", trial, track, actions, encoding, place]``, ``["step", steer, throttle, brake, encoding, place]``,
-``["abort"]``, ``["prepare", town]``, ``["lend", number, place, episode, seq, practice]`` with a connection's file
-descriptor, and ``["recall"]``, which ends a loan and has no reply.
-Replies: ``[OK, observation, reward, terminated, truncated, final]``, ``[REFUSED, name, message]``,
-``[FAILED, name, message]``; ``final`` is None or ``[outcome, steps, trajectory, its sha256, the actions' sha256]``.
-A loan's is ``[OK, …]`` with what :meth:`Handover.drive` hands back.
-An observation as raw arrays is written to the place on the screen, and the reply has its number of bytes.
+Requests:
+    | ``["reset", trial, track, actions, encoding, place]``
+    | ``["step", steer, throttle, brake, encoding, place]``
+    | ``["abort"]``
+    | ``["prepare", town]``
+    | ``["lend", loan, place, episode, seq, practice]``, with a client's connection as a file descriptor
+    | ``["recall"]``, which ends the loan and has no reply of its own
+
+Replies:
+    | ``[OK, observation, reward, terminated, truncated, end]`` to a reset or a step; ``end`` is None or
+      ``[outcome, steps, trajectory, SHA-256 of it, SHA-256 of the actions]``
+    | ``[OK, end]`` to an abort, ``[OK]`` to prepare
+    | ``[OK, unread, last step]`` to lend, see :meth:`LentConnection.answer_steps`
+    | ``[REFUSED, name, message]``
+    | ``[FAILED, name, message]``
+
+An observation as raw arrays is written to its place in the shared memory, and the reply has its number of bytes.
 """
 
 import contextlib
@@ -27,17 +37,17 @@ from wrongturn_protocol import FaultKind, Outcome, Task, Track, Trial, observati
 from wrongturn_service.encoding import Encoding, encoded
 from wrongturn_service.simulators import frames
 from wrongturn_service.simulators.action_log import ACTION
-from wrongturn_service.simulators.handover import Handover, Loan
-from wrongturn_service.simulators.interface import LOAN_S, SENDING_S, replay_s
+from wrongturn_service.simulators.handover import LentConnection
+from wrongturn_service.simulators.interface import replay_s
 from wrongturn_service.simulators.shared_memory import SharedMemoryWriter
 from wrongturn_sim import Episode
 
 REFUSALS: Final = frozenset({"FaultNotApplicableError", "TrafficTooDenseError"})
-"""Errors that are the caller's mistake and leave the simulator sound."""
+"""Errors that are the caller's mistake and leave the simulator usable."""
 
 
 class Server:
-    """The episode of this process."""
+    """Answers requests with the episode of this process."""
 
     def __init__(self, writer: SharedMemoryWriter) -> None:
         self._writer = writer
@@ -45,7 +55,7 @@ class Server:
         self._track = Track.STATE
 
     def answer(self, request: list[Any]) -> list[Any]:
-        """The reply to one request."""
+        """Return the reply to any request but a loan."""
         operation, *arguments = request
         if operation == "step":
             return self._step(*arguments)
@@ -55,10 +65,20 @@ class Server:
             self._drive_a_little(load_town(*arguments))
             return [frames.OK]
         episode = self._driven()
-        return [frames.OK, _final(episode, episode.abort())]
+        return [frames.OK, _end(episode, episode.abort())]
+
+    def lend(
+        self, service: frames.Receiver, limit_s: int, loan: int, place: int, episode: str, seq: int, practice: bool
+    ) -> list[Any]:
+        """Answer steps on a client's connection, and return the reply at the end of the loan."""
+        self._writer.action_log.begin(loan)
+        with socket.socket(fileno=service.take_handle()) as client:
+            connection = LentConnection(client, self._writer, place, episode, seq, practice)
+            driven = self._driven()
+            return [frames.OK, *connection.answer_steps(driven, self._track, service, limit_s, self._reply)]
 
     def warm_up(self) -> None:
-        """Drive a little, so that what is compiled or loaded late is there before the first agent comes."""
+        """Drive a little, so that the first agent does not wait for what is compiled or loaded late."""
         self._drive_a_little(load_town("junctions"))
 
     def _drive_a_little(self, town: Town) -> None:
@@ -81,77 +101,55 @@ class Server:
         repeated = episode.repeat(list(ACTION.iter_unpack(actions)))
         if repeated is not None:
             observation, reward, terminated, truncated = repeated
-        return self._frame(observation, reward, terminated, truncated, encoding, place)
+        return self._reply(observation, reward, terminated, truncated, encoding, place)
 
     def _step(self, steer: float, throttle: float, brake: float, encoding: str, place: int) -> list[Any]:
         observation, reward, terminated, truncated = self._driven().step(steer, throttle, brake)
-        return self._frame(observation, reward, terminated, truncated, encoding, place)
+        return self._reply(observation, reward, terminated, truncated, encoding, place)
 
-    def _frame(
+    def _reply(
         self,
         observation: observations.Observation,
         reward: float,
         terminated: bool,
         truncated: bool,
-        encoding: str,
-        place: int | None,
+        encoding: str = Encoding.RAW,
+        place: int | None = None,
     ) -> list[Any]:
         shown: bytes | int
         if encoding == Encoding.RAW and place is not None:
             shown = len(self._writer.write(observation, self._track, place))
         else:
             shown = encoded(observation, self._track, Encoding(encoding))
-        final = None
+        end = None
         if terminated or truncated:
             episode = self._driven()
             assert episode.outcome is not None
-            final = _final(episode, episode.outcome)
-        return [
-            frames.OK,
-            shown,
-            float(reward),
-            bool(terminated),
-            bool(truncated),
-            final,
-        ]
-
-    def lend(
-        self, lent: Handover, handle: int, number: int, place: int, episode: str, seq: int, practice: bool
-    ) -> list[Any]:
-        """The reply to a loan."""
-        self._writer.action_log.open(number)
-        with socket.socket(fileno=handle) as connection:
-            loan = Loan(connection, episode, seq, place, practice)
-            return [frames.OK, *lent.drive(loan, self._driven(), self._track, self._finished)]
-
-    def _finished(
-        self, observation: observations.Observation, reward: float, terminated: bool, truncated: bool
-    ) -> list[Any]:
-        return self._frame(observation, reward, terminated, truncated, Encoding.RAW, None)
+            end = _end(episode, episode.outcome)
+        return [frames.OK, shown, float(reward), bool(terminated), bool(truncated), end]
 
 
-def _final(episode: Episode, outcome: Outcome) -> list[Any]:
+def _end(episode: Episode, outcome: Outcome) -> list[Any]:
     trajectory = episode.trajectory.to_json()
     sha256 = hashlib.sha256(trajectory).hexdigest()
     return [outcome.model_dump_json(), episode.steps, trajectory, sha256, episode.actions_sha256]
 
 
 def serve(connection: socket.socket, limit_s: int, writer: SharedMemoryWriter) -> None:
-    """Answer requests until the other side is gone.
+    """Answer requests until the other side closes the stream.
 
     Args:
         connection: a blocking stream socket.
-        limit_s: whole seconds after which a request ends the process; those for a replay come on top.
+        limit_s: whole seconds after which a request ends the process; a replay gets more.
         writer: where observations are written.
     """
     server = Server(writer)
     server.warm_up()
-    # What is there by now stays: to look through it for garbage time and again would be a pause of its own.
+    # These objects stay. A full garbage collection of them would make a step wait.
     gc.collect()
     gc.freeze()
     connection.sendall(frames.pack([frames.OK]))
     requests = frames.Receiver(connection)
-    lent = Handover(connection, requests, writer)
     while True:
         try:
             request = requests.receive()
@@ -159,12 +157,12 @@ def serve(connection: socket.socket, limit_s: int, writer: SharedMemoryWriter) -
             return
         operation, *arguments = request
         if operation == "recall":
-            continue  # what it would end has just ended
-        signal.alarm(limit_s + math.ceil(_more_s(request)))
+            continue  # the loan has just ended by itself
         try:
             if operation == "lend":
-                reply = server.lend(lent, requests.take_handle(), *arguments)
+                reply = server.lend(requests, limit_s, *arguments)
             else:
+                signal.alarm(limit_s + (math.ceil(replay_s(request[3])) if operation == "reset" else 0))
                 reply = server.answer(request)
         except Exception as error:
             kind = frames.REFUSED if type(error).__name__ in REFUSALS else frames.FAILED
@@ -173,19 +171,12 @@ def serve(connection: socket.socket, limit_s: int, writer: SharedMemoryWriter) -
         connection.sendall(frames.pack(reply))
 
 
-def _more_s(request: list[Any]) -> float:
-    """Seconds that a request may take on top of those for any."""
-    if request[0] == "reset":
-        return replay_s(request[3])
-    return LOAN_S + SENDING_S if request[0] == "lend" else 0.0
-
-
 def main() -> None:
-    """Serve the socket whose file descriptor the first argument names, with the screen that the third does."""
+    """Serve the socket and the memory that the command line names."""
     # Ctrl-C goes to the whole group of processes; the service decides when its simulators end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    # Where the service was killed meanwhile, nobody is left to answer.
+    # If the service was killed, nobody is left to answer.
     with socket.socket(fileno=int(sys.argv[1])) as connection, contextlib.suppress(ConnectionError):
         serve(connection, int(sys.argv[2]), SharedMemoryWriter(int(sys.argv[3])))
 

@@ -1,8 +1,8 @@
-"""The calls of ``WS /v1/drive``: each means what its REST call means, and has a result, or a problem, of its own."""
+"""The calls of ``WS /v1/drive``: each means the same as its REST call, and has its own result or problem."""
 
 import json
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -19,12 +19,12 @@ from wrongturn_service.api.episodes import episode_detail, is_shown
 from wrongturn_service.api.errors import as_service_error
 from wrongturn_service.encoding import Encoding, Reply
 from wrongturn_service.episodes import refusals
-from wrongturn_service.episodes.loans import Lendable
+from wrongturn_service.episodes.loans import LendableConnection
 from wrongturn_service.episodes.steps import Done
 from wrongturn_service.errors import InvalidRequestError, ServiceError
 from wrongturn_service.service import Service
+from wrongturn_service.simulators.action_log import Seconds
 from wrongturn_service.simulators.handover import plain_step
-from wrongturn_service.simulators.interface import LoanResult
 
 _SHAPES: Final = {
     Call.STEP: "episode, seq, steer, throttle, brake",
@@ -53,14 +53,14 @@ class Calls:
         }
 
     def begin(self, call: Any, done: Callable[[bytes | Reply], None]) -> bool:
-        """Answer a step by the short way, which nearly every one can take.
+        """Begin a step the short way, without a task; nearly every step can go this way.
 
         Args:
-            call: any of a message's.
+            call: one item of a message.
             done: called with the result.
 
         Returns:
-            Whether it is being answered; if not, nothing has happened.
+            Whether it has begun; otherwise nothing has happened.
         """
         step = plain_step(call)
         if step is None:
@@ -68,17 +68,17 @@ class Calls:
         return self._service.episodes.begin_step(self._caller.id, *step, Encoding.RAW, self.stepped(done))
 
     def stepped(self, done: Callable[[bytes | Reply], None], ago_s: float = 0.0) -> Done:
-        """What notes that a step is over that began so long ago, and then calls somebody with the result."""
+        """Return what ends a step that began so long ago: it counts the step and passes the result on."""
         return partial(self._stepped, time.perf_counter() - ago_s, done)
 
-    def lend(self, episode: str, connection: Lendable) -> bool:
-        """Let the simulator of an episode answer its next steps itself; whether it does."""
+    def lend(self, episode: str, connection: LendableConnection) -> bool:
+        """Let an episode's simulator answer the next steps itself; return whether it does."""
         return self._service.episodes.lend(self._caller.id, episode, connection)
 
-    def note(self, came: LoanResult) -> None:
-        """Count the steps that were answered during a loan."""
-        for simulated_s, seconds in came.seconds:
-            self._service.telemetry.stepped(_STEP_ROUTE, simulated_s, seconds)
+    def count_steps(self, seconds: Sequence[Seconds]) -> None:
+        """Count steps that a simulator answered during a loan."""
+        for simulated_s, step_s in seconds:
+            self._service.telemetry.stepped(_STEP_ROUTE, simulated_s, step_s)
 
     def _stepped(
         self,
@@ -102,13 +102,13 @@ class Calls:
             telemetry.answered("WS", _STEP_ROUTE, status, seconds)
 
     async def answer(self, call: Any) -> bytes:
-        """The packed result of one call; what goes wrong with it is its result, too."""
+        """Return the packed result of one call; an error is a result too."""
         began = time.perf_counter()
         logs.begin_request()
         name: str = _UNKNOWN
         status = 200
         try:
-            name, arguments = _taken(call)
+            name, arguments = _parsed(call)
             result = await self._answers[name](*arguments)
         except Exception as error:
             problem = as_service_error(error)
@@ -172,7 +172,7 @@ class Calls:
 
 
 def problem_result(error: ServiceError) -> bytes:
-    """The packed result of a call that is refused."""
+    """Return the packed result of a call that is refused."""
     fields = error.problem().model_dump(mode="json")
     after = error.headers.get("Retry-After")
     if after is not None:
@@ -180,7 +180,7 @@ def problem_result(error: ServiceError) -> bytes:
     return pack_result(error.status, fields)
 
 
-def _taken(call: Any) -> tuple[Call, list[Any]]:
+def _parsed(call: Any) -> tuple[Call, list[Any]]:
     name = _NAMES.get(call[0]) if isinstance(call, list) and call and isinstance(call[0], str) else None
     if name is None:
         raise InvalidRequestError("call", f"has to be an array that begins with one of {', '.join(Call)}")

@@ -1,7 +1,7 @@
-"""Connections that cost more than they should: too many of them, and clients too slow to ask or to take the reply.
+"""Limits for HTTP and WebSocket connections: how many there may be, and how slow their clients may be.
 
-Uvicorn waits for a request's head, for the rest of a message and for a reply to be taken as long as the client likes;
-these protocols put an end to it. What has begun to move may take long: 64 KiB within the time suffice to go on.
+Uvicorn waits for ever for a request's head, for the rest of a message, and for a client to read its reply. These
+protocols close such a connection. A client that moves 64 KiB within the time may go on, however long it takes in all.
 """
 
 import asyncio
@@ -18,27 +18,27 @@ from wrongturn_service.errors import ServiceError, UnavailableError
 from wrongturn_service.socket.protocol import DirectWebSocket
 
 PROGRESS: Final = 65536
-"""Bytes within the time after which a client is not too slow."""
+"""Bytes that a client has to move within the time."""
 _TOO_SLOW_CLOSE: Final = 1008
 _PHRASES: Final = {408: "Request Timeout", 503: "Service Unavailable"}
 
 
 @dataclass(frozen=True)
 class Guard:
-    """What connections have to keep to.
+    """The limits.
 
     Attributes:
         most: connections at a time.
-        patience_s: seconds for a request's head, a message, and a reply to be taken.
-        closed: called with the reason for which one was closed.
+        patience_s: seconds for a request's head, for a message, and for a reply to be read.
+        closed: called with the reason whenever a connection is closed.
     """
 
     most: int
     patience_s: float
     closed: Callable[[str], None]
 
-    def close(self, reason: str, transport: asyncio.BaseTransport) -> None:
-        """Tell of a connection that is closed."""
+    def report(self, reason: str, transport: asyncio.BaseTransport) -> None:
+        """Count and log a connection that is being closed."""
         self.closed(reason)
         peer = transport.get_extra_info("peername")
         structlog.get_logger("connections").warning(
@@ -47,38 +47,38 @@ class Guard:
 
 
 class Patience:
-    """Ends what does not move."""
+    """A time limit for a client that has to do something."""
 
     def __init__(
         self,
         guard: Guard,
-        over: Callable[[], None],
+        on_timeout: Callable[[], None],
         moved: Callable[[], int] = lambda: 0,
         excused: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Nobody is waited for yet.
+        """Set the limit; it does not run yet.
 
         Args:
-            guard: how long.
-            over: called when too little has moved.
-            moved: how many bytes have so far.
-            excused: whether it is not the client's fault.
+            guard: has the seconds.
+            on_timeout: called when the client has moved too little.
+            moved: returns the number of bytes that have moved so far.
+            excused: returns whether the client is not to blame.
         """
         self._seconds = guard.patience_s
-        self._over = over
+        self._on_timeout = on_timeout
         self._moved = moved
         self._excused = excused
         self._alarm: asyncio.TimerHandle | None = None
         self._before = 0
 
     def begin(self) -> None:
-        """Wait from now on; where it is waited for already, no longer than that."""
+        """Start the limit, unless it runs already."""
         if self._alarm is None:
             self._before = self._moved()
             self._alarm = asyncio.get_running_loop().call_later(self._seconds, self._look)
 
     def end(self) -> None:
-        """It is done."""
+        """Stop the limit. Safe to call more than once."""
         if self._alarm is not None:
             self._alarm.cancel()
             self._alarm = None
@@ -88,45 +88,45 @@ class Patience:
         if self._excused() or self._moved() - self._before >= PROGRESS:
             self.begin()
         else:
-            self._over()
+            self._on_timeout()
 
 
 class GuardedWriting(asyncio.BaseProtocol):
-    """Stands before a protocol of uvicorn's: a client that takes nothing of its replies is cut off."""
+    """Mixed into a protocol of uvicorn's: closes the connection of a client that does not read its replies."""
 
     transport: asyncio.Transport
 
     def __init__(self, *arguments: Any, guard: Guard, **named: Any) -> None:
         super().__init__(*arguments, **named)
         self._guard = guard
-        self._taken = Patience(guard, self._not_taken, self._written)
+        self._reading = Patience(guard, self._not_read, self._written)
 
     @override
     def connection_lost(self, exc: Exception | None) -> None:
-        self._taken.end()
+        self._reading.end()
         super().connection_lost(exc)
 
     @override
     def pause_writing(self) -> None:
         super().pause_writing()
-        self._taken.begin()
+        self._reading.begin()
 
     @override
     def resume_writing(self) -> None:
-        self._taken.end()
+        self._reading.end()
         super().resume_writing()
 
     def _written(self) -> int:
         return -self.transport.get_write_buffer_size()
 
-    def _not_taken(self) -> None:
-        # A word of farewell would only stand behind what is not taken.
-        self._guard.close("slow-reader", self.transport)
+    def _not_read(self) -> None:
+        # A closing message would only wait behind what is not read.
+        self._guard.report("slow-reader", self.transport)
         self.transport.abort()
 
 
 class GuardedHttp(GuardedWriting, HttpToolsProtocol):
-    """Uvicorn's HTTP, for as long as the client keeps to the guard's rules."""
+    """Uvicorn's HTTP within the limits."""
 
     def __init__(self, *arguments: Any, guard: Guard, **named: Any) -> None:
         super().__init__(*arguments, guard=guard, **named)
@@ -140,7 +140,7 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
                 "too-many",
                 UnavailableError(
                     ProblemType.SERVICE_FULL,
-                    f"{self._guard.most} connections are open, which is as many as may; come back later",
+                    f"{self._guard.most} connections are open, which is the limit; come back later",
                     retry_after_s=5,
                 ),
             )
@@ -168,7 +168,7 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
         super().handle_websocket_upgrade()
 
     def _answering(self) -> bool:
-        # Meanwhile the next request's head is not read.
+        # The next request's head is not read while a reply is made.
         return self.cycle is not None and not self.cycle.response_complete
 
     def _too_slow(self) -> None:
@@ -182,7 +182,7 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
         )
 
     def _refuse(self, reason: str, error: ServiceError) -> None:
-        self._guard.close(reason, self.transport)
+        self._guard.report(reason, self.transport)
         body = error.problem().model_dump_json().encode()
         headers = {
             "Content-Type": "application/problem+json",
@@ -196,7 +196,7 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
 
 
 class GuardedWebSocket(GuardedWriting, DirectWebSocket):
-    """Uvicorn's WebSocket, for as long as the client keeps to the guard's rules."""
+    """Uvicorn's WebSocket within the limits."""
 
     def __init__(self, *arguments: Any, guard: Guard, **named: Any) -> None:
         super().__init__(*arguments, guard=guard, **named)
@@ -220,7 +220,7 @@ class GuardedWebSocket(GuardedWriting, DirectWebSocket):
     def _too_slow(self) -> None:
         if self.close_sent or self.transport.is_closing():
             return
-        self._guard.close("slow-message", self.transport)
+        self._guard.report("slow-message", self.transport)
         self.conn.fail(_TOO_SLOW_CLOSE, ProblemType.REQUEST_TIMEOUT.value)
         self.transport.write(b"".join(self.conn.data_to_send()))
         self.close_sent = True

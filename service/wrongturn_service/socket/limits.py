@@ -1,4 +1,4 @@
-"""How many connections for driving there are, and whose."""
+"""Limits for the number of connections to ``WS /v1/drive``."""
 
 import contextlib
 from collections import Counter
@@ -12,14 +12,14 @@ _COME_BACK_S = 5
 
 
 class ConnectionLimits:
-    """Counts the connections of ``WS /v1/drive``."""
+    """Counts open connections by agent and by address."""
 
     def __init__(self, *, each: int, address: int) -> None:
-        """None is there yet.
+        """Set the limits.
 
         Args:
-            each: of one agent at most.
-            address: from one address at most.
+            each: connections of one agent.
+            address: connections from one address.
         """
         self._each = each
         self._address = address
@@ -28,19 +28,19 @@ class ConnectionLimits:
 
     @property
     def open(self) -> int:
-        """How many there are."""
+        """Number of open connections."""
         return self._agents.total()
 
     @contextlib.contextmanager
     def one(self, agent: str, address: str) -> Iterator[None]:
-        """One more, until the block is left.
+        """Count one more connection until the block ends.
 
         Args:
-            agent: whose token it is of.
+            agent: whose token opens it.
             address: where it comes from.
 
         Raises:
-            UnavailableError: it is one too many.
+            UnavailableError: a limit is reached.
         """
         if self._agents[agent] >= self._each:
             raise _too_many(f"{self._each} connections of this agent")
@@ -58,7 +58,7 @@ class ConnectionLimits:
 def _too_many(which: str) -> UnavailableError:
     return UnavailableError(
         ProblemType.RATE_LIMITED,
-        f"{which} are open, which is as many as may; one carries any number of episodes, so use it, or close another",
+        f"{which} are open, which is the limit; one carries any number of episodes, so use it, or close another",
         retry_after_s=_COME_BACK_S,
         status=429,
         position=1,

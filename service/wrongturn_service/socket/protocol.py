@@ -1,8 +1,10 @@
-"""The short way of a WebSocket's binary messages: from the socket to whoever answers, and back from where they lie.
+"""A shorter path for a WebSocket's binary messages: from the socket to whoever answers, and back without a copy.
 
-Uvicorn's own way, by the library's parser, a queue, ASGI's events and a joined copy of each reply, takes several times
-as long as all else that a step costs the service. The library keeps everything that is not a whole binary message: the
-handshake, fragments, text, pings, the close and whatever is malformed.
+Uvicorn's own path takes several times as long as everything else that a step costs the service: the library's parser,
+a queue, ASGI's events, and a joined copy of each reply. The library keeps everything that is not a whole binary
+message: the handshake, fragments, text, pings, the close, and malformed frames.
+
+This module extends a private module of uvicorn's, so ``pyproject.toml`` names the versions that are tested.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,41 +19,42 @@ from wrongturn_protocol import framing
 from wrongturn_service.simulators.frames import write_now
 
 EXTENSION: Final = "wrongturn.direct"
-"""Where the ASGI scope's extensions have the connection, for the application to take."""
+"""Name of the ASGI extension that gives the application the connection's :class:`DirectWebSocket`."""
 
 
 class DirectWebSocket(WebSocketsSansIOProtocol):
-    """Uvicorn's WebSocket, whose binary messages an application may take for itself."""
+    """Uvicorn's WebSocket, whose binary messages an application can receive directly."""
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self._taker: Callable[[bytes], None] | None = None
+        self._on_message: Callable[[bytes], None] | None = None
         self._busy = False
         self._pending = bytearray()
         self._wanted = 0
         self._fragmented = False
-        self._hopeless = False
+        self._refused = False
         self._handle = -1
         self._recall: Callable[[], None] | None = None
-        self._afterwards: Callable[[], None] | None = None
+        self._after_loan: Callable[[], None] | None = None
 
-    # What the application uses
+    # For the application
 
-    def take(self, taker: Callable[[bytes], None]) -> None:
-        """Have binary messages given to somebody as they come, instead of to ASGI's ``receive``; before it accepts."""
-        self._taker = taker
+    def receive_messages(self, on_message: Callable[[bytes], None]) -> None:
+        """Call a function with each binary message, instead of queueing it. To be used before the handshake's end."""
+        self._on_message = on_message
         self._handle = self.transport.get_extra_info("socket").fileno()
 
     def set_busy(self, busy: bool) -> None:
-        """Whether no more is to be read for now."""
+        """Stop reading for as long as the application is busy."""
         if busy != self._busy:
             self._busy = busy
             self._pace()
 
     def send_message(self, pieces: Sequence[bytes | memoryview]) -> None:
-        """Send a binary message; the pieces are the caller's again when this returns.
+        """Send a binary message, unless the connection is being closed.
 
-        Nothing is sent any more once the connection closes.
+        Args:
+            pieces: of the message; they may change as soon as this returns.
         """
         if self.conn.state is not State.OPEN or self.close_sent or self.transport.is_closing():
             return
@@ -59,13 +62,13 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         write_now(self.transport, self._handle, (framing.head(length), *pieces))
 
     def lend(self, recall: Callable[[], None]) -> int | None:
-        """Let another process read and write, until it is called back or gives it back by itself.
+        """Let another process read and write, until :meth:`take_back`.
 
         Args:
-            recall: calls it back.
+            recall: asks the other process to stop.
 
         Returns:
-            The file descriptor; None where it cannot be lent: it is encrypted, closes, or something is half done.
+            The file descriptor; None if the connection is encrypted, is being closed, or holds half a message.
         """
         if (
             self.conn.state is not State.OPEN
@@ -81,31 +84,28 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         self._pace()
         return self._handle
 
-    def take_back(self, unread: bytes, unsent: bytes, *, broken: bool) -> None:
+    def take_back(self, unread: bytes, *, broken: bool) -> None:
         """Go on where the other process has stopped.
 
         Args:
-            unread: what it has read and not answered.
-            unsent: what is left of its last reply.
-            broken: whether the connection is of no more use: nobody knows what was read, or sent of a reply.
+            unread: bytes that it has read and not answered.
+            broken: close the connection, since nobody knows where the other process has stopped.
         """
         self._recall = None
         if broken or self.transport.is_closing():
             self.transport.abort()
             return
         self._pending += unread
-        if unsent:
-            self.transport.write(unsent)
-        if self._afterwards is None:
+        if self._after_loan is None:
             self._pace()
         else:
-            self._afterwards()
+            self._after_loan()
 
-    # What uvicorn and its transport use
+    # For uvicorn and the transport
 
     @property
     def incomplete(self) -> bool:
-        """Whether a message has begun to come."""
+        """Whether a part of a message has come."""
         return bool(self.frames or self._pending or self.conn.reader.buffer)
 
     @override
@@ -117,7 +117,7 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
 
     @override
     def data_received(self, data: bytes) -> None:
-        if not self.handshake_initiated or self._hopeless:
+        if not self.handshake_initiated or self._refused:
             super().data_received(data)
         elif self._pending:
             self._pending += data
@@ -129,33 +129,33 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
 
     @override
     def send_receive_event_to_app(self) -> None:
-        if self._taker is None or self.curr_msg_data_type == "text" or self.close_sent:
+        if self._on_message is None or self.curr_msg_data_type == "text" or self.close_sent:
             super().send_receive_event_to_app()
             return
         message = b"".join(self.frames)
         self.frames = []
-        self._taker(message)
+        self._on_message(message)
 
     @override
     def connection_lost(self, exc: Exception | None) -> None:
         if self._recall is not None:
-            self._recall()  # else the socket would stay open there
+            self._recall()  # otherwise the socket would stay open in the other process
         super().connection_lost(exc)
 
     @override
     def shutdown(self) -> None:
-        self._once_back(super().shutdown)
+        self._end(super().shutdown)
 
     @override
     def keepalive_timeout(self) -> None:
-        self._once_back(super().keepalive_timeout)
+        self._end(super().keepalive_timeout)
 
     @override
     def send_keepalive_ping(self) -> None:
         if self._recall is None:
             super().send_keepalive_ping()
         else:
-            self.schedule_ping()  # it would get between the other process's frames; who steps is alive
+            self.schedule_ping()  # a client that takes steps is alive, and the ping could split a reply
 
     @override
     def pause_writing(self) -> None:
@@ -167,36 +167,36 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         super().resume_writing()
         self._pace()
 
-    def _once_back(self, end: Callable[[], None]) -> None:
-        """End the connection, not in the middle of what another process says."""
+    def _end(self, end: Callable[[], None]) -> None:
+        """End the connection, but not in the middle of another process's reply."""
         if self._recall is None:
             end()
         else:
-            self._afterwards = end
+            self._after_loan = end
             self._recall()
 
     def _pace(self) -> None:
-        """Read no more while calls are being answered, or replies not taken."""
-        if self._taker is None:
+        """Read only while the application is not busy, the connection is not lent, and replies are taken."""
+        if self._on_message is None:
             return
-        held = self._busy or self._recall is not None or not self.writable.is_set()
-        if held and not self.read_paused:
+        paused = self._busy or self._recall is not None or not self.writable.is_set()
+        if paused and not self.read_paused:
             self.read_paused = True
             self.transport.pause_reading()
-        elif self.read_paused and not held:
+        elif self.read_paused and not paused:
             self.read_paused = False
             self.transport.resume_reading()
-            # What came with the last message; not from within whatever freed the way.
+            # Messages that came with the last one; later, so that no message is handled within another one.
             self.loop.call_soon(self.data_received, b"")
 
     def _split(self, data: bytes | bytearray) -> None:
-        """Take whole frames; what is left waits for the rest."""
+        """Handle whole frames; keep what follows them until the rest comes."""
         at = 0
         while at < len(data) and not self.read_paused:
             begin, end = framing.extent(data, at, len(data))
             if self.config.ws_max_size < end - begin:
-                # Refused by its head alone, which nothing follows.
-                self._hopeless = True
+                # The library refuses it by its head alone, and nothing after it counts.
+                self._refused = True
                 super().data_received(bytes(data[at:]))
                 return
             if end > len(data):
@@ -206,11 +206,11 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             if (
                 kind == framing.BINARY
                 and data[at + 1] & framing.MASKED
-                and self._taker is not None
+                and self._on_message is not None
                 and not self._fragmented
             ):
                 if self.conn.state is State.OPEN:
-                    self._taker(framing.apply_mask(data[begin:end], data[begin - 4 : begin]))
+                    self._on_message(framing.apply_mask(data[begin:end], data[begin - 4 : begin]))
             else:
                 if not kind & framing.CONTROL:
                     self._fragmented = not kind & framing.FINAL

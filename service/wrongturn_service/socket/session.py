@@ -1,9 +1,9 @@
-"""``WS /v1/drive``: many episodes over one connection, as :mod:`wrongturn_protocol.wire` has it."""
+"""``WS /v1/drive``: many episodes over one connection; :mod:`wrongturn_protocol.wire` describes the messages."""
 
 import asyncio
 import contextlib
 from collections import Counter
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -15,12 +15,14 @@ from wrongturn_protocol.wire import Call
 from wrongturn_service.accounts import Caller
 from wrongturn_service.api.dependencies import address_of
 from wrongturn_service.api.errors import as_service_error, problem_response
+from wrongturn_service.counting import one_less
 from wrongturn_service.encoding import Reply
 from wrongturn_service.episodes.refusals import stopping
 from wrongturn_service.episodes.steps import Done
 from wrongturn_service.errors import ServiceError, UnauthenticatedError
 from wrongturn_service.service import Service
-from wrongturn_service.simulators.interface import LastStep, LoanResult
+from wrongturn_service.simulators.action_log import Seconds
+from wrongturn_service.simulators.interface import LastStep, LoanEnd
 from wrongturn_service.socket.calls import Calls, problem_result
 from wrongturn_service.socket.protocol import EXTENSION, DirectWebSocket
 
@@ -32,17 +34,17 @@ _CLOSE_CODES: Final = {
     ProblemType.UNAUTHENTICATED: 1008,
     ProblemType.MESSAGE_TOO_LARGE: 1009,
 }
-"""What the connection is closed with after these (RFC 6455, 7.4.1); the close's reason is the problem's type."""
+"""Codes that close the connection after a problem (RFC 6455, 7.4.1); the close's reason is the problem's type."""
 _FAILED: Final = 1011
 _STREAK: Final = 2
-"""Steps of one episode, with nothing between them, after which its simulator answers them itself."""
+"""Repeated steps of one episode, with nothing between them, after which the connection is lent to its simulator."""
 _IN_VAIN: Final = 32
-"""As many more where the last loan ended with its first message, as with a client whose messages come in pieces."""
+"""Steps more if the last loan ended with its first message, for example since the client's messages come in pieces."""
 
 
 @router.websocket(wire.PATH)
 async def drive(websocket: WebSocket) -> None:
-    """Shake hands, or refuse as over HTTP; then answer until either side closes."""
+    """Accept the connection, or refuse it as over HTTP; then answer messages until either side closes it."""
     service: Service = websocket.app.state.service
     with contextlib.ExitStack() as stack:
         try:
@@ -54,7 +56,7 @@ async def drive(websocket: WebSocket) -> None:
             return
         direct: DirectWebSocket = websocket.scope["extensions"][EXTENSION]
         connection = Connection(websocket, direct, service, caller)
-        direct.take(connection.take)
+        direct.receive_messages(connection.receive)
         await websocket.accept(subprotocol=wire.SUBPROTOCOL)
         await connection.serve()
 
@@ -62,10 +64,10 @@ async def drive(websocket: WebSocket) -> None:
 def _check_version(websocket: WebSocket) -> None:
     offered: list[str] = websocket.scope.get("subprotocols", [])
     if wire.SUBPROTOCOL not in offered:
-        said = ", ".join(offered)[:200] or "none"
+        versions = ", ".join(offered)[:200] or "none"
         raise ServiceError(
             ProblemType.PROTOCOL_VERSION,
-            f"Sec-WebSocket-Protocol: this service speaks {wire.SUBPROTOCOL}, the client offered {said}; "
+            f"Sec-WebSocket-Protocol: this service speaks {wire.SUBPROTOCOL}, the client offered {versions}; "
             "use a client of the same version, or HTTP",
             status=426,
             headers={"Upgrade": "websocket", "Sec-WebSocket-Protocol": wire.SUBPROTOCOL},
@@ -73,22 +75,21 @@ def _check_version(websocket: WebSocket) -> None:
 
 
 class _Answer:
-    """What is still to be answered of a message, and what is."""
+    """The answer to a message: the results that are there, and how many are missing."""
 
-    __slots__ = ("left", "number", "results")
+    __slots__ = ("missing", "number", "results")
 
     def __init__(self, number: int, count: int) -> None:
         self.number = number
         self.results: list[bytes | Reply] = [b""] * count
-        self.left = count
+        self.missing = count
 
 
 class Connection:
-    """One client's.
+    """One client's connection.
 
-    Messages are answered side by side, each when all of its calls are. No more is read while as many calls as are
-    allowed are being answered, so that a client that asks without end waits in its own network buffers; nor while
-    replies are not read.
+    Messages are answered independently, each as soon as all of its calls are. The connection stops reading while
+    :data:`wire.CALLS` calls are being answered or replies are not read, so a client that sends without end has to wait.
     """
 
     def __init__(self, websocket: WebSocket, direct: DirectWebSocket, service: Service, caller: Caller) -> None:
@@ -103,36 +104,36 @@ class Connection:
         self._checking = False
         self._queued: Counter[str] = Counter()
         self._tasks: set[asyncio.Task[None]] = set()
-        self._over = False
+        self._closing = False
         self._driven, self._streak = "", 0
         self._answered_all = asyncio.Event()
 
     async def serve(self) -> None:
-        """Stay until either side closes; what was begun is brought to its end, so that it can be asked for again."""
+        """Wait until either side closes, then until all calls are answered, so that they can be repeated elsewhere."""
         try:
             while (await self._websocket.receive())["type"] != "websocket.disconnect":
-                # Binary messages do not come this way.
+                # Binary messages go to :meth:`receive`.
                 await self._refuse(
                     ServiceError(ProblemType.TEXT_MESSAGE, "messages are binary, this one was text", status=400)
                 )
         finally:
-            self._over = True
+            self._closing = True
             while self._answering:
                 self._answered_all.clear()
                 await self._answered_all.wait()
 
-    def take(self, data: bytes) -> None:
-        """Answer a message."""
-        if self._over:
+    def receive(self, data: bytes) -> None:
+        """Answer a binary message."""
+        if self._closing:
             return
         if self._service.accounts.changes != self._known_at:
             self._checking = True
             self._spawn(self._check_again(data))
         else:
             try:
-                number, calls = self._opened(data)
+                number, calls = self._unpacked(data)
             except ServiceError as error:
-                self._over = True
+                self._closing = True
                 self._spawn(self._refuse(error))
             else:
                 if self._answering and self._answering + len(calls) > wire.CALLS:
@@ -141,8 +142,8 @@ class Connection:
                     self._begin(number, calls)
         self._pace()
 
-    def _opened(self, data: bytes) -> tuple[int, list[Any]]:
-        """Number and calls of a message. Raises ServiceError."""
+    def _unpacked(self, data: bytes) -> tuple[int, list[Any]]:
+        """Return a message's number and calls. Raises ServiceError."""
         limit = self._service.settings.body_limit
         if len(data) > limit:
             raise ServiceError(
@@ -158,7 +159,7 @@ class Connection:
             raise ServiceError(ProblemType.MALFORMED_MESSAGE, str(error), status=400) from error
 
     async def _check_again(self, data: bytes) -> None:
-        """As with every request over HTTP: a token that was revoked ends what was begun with it."""
+        """Check the token again before a message, as over HTTP: a revoked one closes the connection."""
         accounts = self._service.accounts
         changes = accounts.changes
         try:
@@ -166,39 +167,37 @@ class Connection:
             if caller.id != self._caller.id:
                 raise UnauthenticatedError("the token is another agent's by now")
         except Exception as error:
-            self._over = True
+            self._closing = True
             await self._refuse(as_service_error(error))
             return
         self._known_at, self._checking = changes, False
-        self.take(data)
+        self.receive(data)
 
     def _begin(self, number: int, calls: list[Any]) -> None:
         self._answering += len(calls)
         answer = _Answer(number, len(calls))
-        self._look_at(calls)
+        self._count_streak(calls)
         for at, call in enumerate(calls):
             done = partial(self._take_result, answer, at)
-            about = _about(call)
-            # The short way must not overtake what was sent before about the same episode.
-            if about in self._queued or not self._calls.begin(call, done):
-                self._queued[about] += 1
-                self._spawn(self._answer(call, about, done))
+            episode = _episode_of(call)
+            # The short way must not overtake an earlier call on the same episode.
+            if episode in self._queued or not self._calls.begin(call, done):
+                self._queued[episode] += 1
+                self._spawn(self._answer(call, episode, done))
 
-    async def _answer(self, call: Any, about: str, done: Callable[[bytes | Reply], None]) -> None:
-        # What is told where the service ends before the answer is there.
+    async def _answer(self, call: Any, episode: str, done: Callable[[bytes | Reply], None]) -> None:
+        # The result if the service stops before there is another one.
         result = problem_result(stopping())
         try:
             result = await self._calls.answer(call)
         finally:
-            self._queued[about] -= 1
-            if not self._queued[about]:
-                del self._queued[about]
+            one_less(self._queued, episode)
             done(result)
 
     def _take_result(self, answer: _Answer, at: int, result: bytes | Reply) -> None:
         answer.results[at] = result
-        answer.left -= 1
-        if not answer.left:
+        answer.missing -= 1
+        if not answer.missing:
             pieces: list[bytes | memoryview] = [wire.results_head(answer.number, len(answer.results))]
             for one in answer.results:
                 if isinstance(one, bytes):
@@ -216,36 +215,37 @@ class Connection:
             if self._streak >= _STREAK:
                 self._lend()
 
-    def _look_at(self, calls: list[Any]) -> None:
-        """Count messages that hold nothing but one step of the same episode."""
+    def _count_streak(self, calls: list[Any]) -> None:
+        """Count messages in a row that hold nothing but one step of the same episode."""
         only = calls[0]
-        episode = _about(only) if len(calls) == 1 and isinstance(only, list) and only[:1] == [Call.STEP] else ""
+        episode = _episode_of(only) if len(calls) == 1 and isinstance(only, list) and only[:1] == [Call.STEP] else ""
         self._streak = self._streak + 1 if episode and episode == self._driven else 0
         self._driven = episode
 
+    def _lend(self) -> None:
+        """Let the simulator answer the next steps, if that is possible now."""
+        if not self._closing and self._service.accounts.changes == self._known_at:
+            self._calls.lend(self._driven, self)
+
     def lend(self, recall: Callable[[], None]) -> int | None:
-        """Have the connection used by another process."""
+        """Lend the connection; return its file descriptor, or None if that is not possible now."""
         return self._direct.lend(recall)
 
-    def returned(self, came: LoanResult) -> None:
-        """Go on where the other process has stopped, or let it go on."""
-        self._calls.note(came)
-        self._direct.take_back(came.unread, came.unsent, broken=came.broken)
-        if came.again:
-            self._lend()
-        elif came.unread and came.observation is None:
-            self._streak = -_IN_VAIN
+    def count_steps(self, seconds: Sequence[Seconds]) -> None:
+        """Count steps that the simulator answered."""
+        self._calls.count_steps(seconds)
 
     def answer(self, last: LastStep) -> Done:
-        """Answer the step that ended the other process's episode."""
+        """Return what sends the reply to the step that ended the episode during a loan."""
         self._answering += 1
         self._streak = 0
         return self._calls.stepped(partial(self._take_result, _Answer(last.number, 1), 0), last.seconds)
 
-    def _lend(self) -> None:
-        """Let the simulator answer the steps that follow, where that is possible now."""
-        if not self._over and self._service.accounts.changes == self._known_at:
-            self._calls.lend(self._driven, self)
+    def returned(self, end: LoanEnd) -> None:
+        """Use the connection again after a loan."""
+        if end.unread and end.observation is None:
+            self._streak = -_IN_VAIN
+        self._direct.take_back(end.unread, broken=end.died)
 
     def _pace(self) -> None:
         self._direct.set_busy(self._checking or self._waiting is not None or self._answering >= wire.CALLS)
@@ -256,15 +256,15 @@ class Connection:
         task.add_done_callback(self._tasks.discard)
 
     async def _refuse(self, error: ServiceError) -> None:
-        self._over = True
+        self._closing = True
         self._direct.send_message([wire.join_results(None, [problem_result(error)])])
-        # Who has left meanwhile does not hear it.
+        # The client may have left meanwhile.
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
             await self._websocket.close(_CLOSE_CODES.get(error.kind, _FAILED), error.kind.value)
 
 
-def _about(call: Any) -> str:
-    """The episode that a call is about; of an evaluation or a key no harm is done."""
+def _episode_of(call: Any) -> str:
+    """Return the episode that a call is about; for other calls, any string that they hold in its place."""
     if isinstance(call, list) and len(call) > 1 and isinstance(call[1], str):
         return call[1]
     return ""
