@@ -78,7 +78,7 @@ class Asked:
 
         ours, theirs = socket.socketpair()
         self.shared = SharedMemory()
-        with theirs, self.shared.lent() as shared:
+        with theirs, self.shared.inherited() as shared:
             subprocess.Popen([*COMMAND, str(theirs.fileno()), "60", str(shared)], pass_fds=[theirs.fileno(), shared])
         self.socket = ours
         self.replies = frames.Receiver(ours)

@@ -1,11 +1,12 @@
-"""One drive that tests repeat, and the replies to it that no loan had a hand in."""
+"""One drive that tests repeat, and its replies when every step goes through the service."""
 
 import contextlib
 import sqlite3
+from dataclasses import dataclass
 from functools import cache
 
 from lent_socket import LentSocket, lent
-from service_harness import RunningService
+from service_harness import Agent, RunningService
 
 from wrongturn_protocol import wire
 
@@ -22,9 +23,9 @@ def fields(seq: int) -> dict[str, float]:
 
 
 def over(payload: bytes) -> bool:
-    _, ((status, told, *_),) = wire.unpack_results(payload)
-    assert status == 200, told
-    return bool(told["terminated"] or told["truncated"])
+    _, ((status, reply, *_),) = wire.unpack_results(payload)
+    assert status == 200, reply
+    return bool(reply["terminated"] or reply["truncated"])
 
 
 @cache
@@ -41,20 +42,39 @@ def reference_of(service: RunningService) -> Payloads:
     return payloads
 
 
-def begin(drive: LentSocket, episode: str, reference: Payloads, seq: int = 0) -> int:
-    """Step until the connection is lent; the last step's seq."""
-    while True:
-        seq += 1
-        assert drive.step(episode, seq, action(seq)) == reference[seq]
-        if lent(drive.service):
-            return seq
-        assert seq < 40, "it is never lent"
+@dataclass
+class Story:
+    """The drive as it is repeated, and how far it has come."""
 
+    agent: Agent
+    drive: LentSocket
+    reference: Payloads
+    episode: str = ""
+    seq: int = 0
 
-def go_on(drive: LentSocket, episode: str, reference: Payloads, seq: int) -> None:
-    """From after that step to the verdict, all as it was."""
-    for later in range(seq + 1, len(reference)):
-        assert drive.step(episode, later, action(later)) == reference[later], later
+    def __post_init__(self) -> None:
+        self.episode = self.episode or self.agent.practise(**TRIAL)["id"]
+
+    def call(self, ahead: int = 1) -> list[object]:
+        return ["step", self.episode, self.seq + ahead, *action(self.seq + ahead)]
+
+    def step(self, drive: LentSocket | None = None) -> None:
+        """Take the next step; its reply is as it was."""
+        self.seq += 1
+        payload = (drive or self.drive).step(self.episode, self.seq, action(self.seq))
+        assert payload == self.reference[self.seq], self.seq
+
+    def begin_loan(self) -> None:
+        """Step until the connection is lent, and once more."""
+        while not lent(self.drive.service):
+            assert self.seq < len(self.reference) - 10, "it is never lent"
+            self.step()
+        self.step()
+
+    def go_on(self, drive: LentSocket | None = None) -> None:
+        """Drive to the verdict."""
+        while self.seq < len(self.reference) - 1:
+            self.step(drive)
 
 
 def stored(service: RunningService, episode: str) -> tuple[object, ...]:

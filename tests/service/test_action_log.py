@@ -1,5 +1,4 @@
-# ruff: noqa: B023 - the nested function is called within its own round of the loop
-"""What a simulator process notes of a loan: whenever it dies, what a client was told and what it asked for is known."""
+"""The log of a loan: whenever the process dies, every step whose reply was sent is in it."""
 
 import contextlib
 import mmap
@@ -8,7 +7,7 @@ import select
 import signal
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,90 +18,45 @@ from test_shared_memory import observed, writer_of
 
 from wrongturn_protocol import Track, framing, wire
 from wrongturn_service.simulators import action_log, frames, handover
-from wrongturn_service.simulators.action_log import ACTION, ActionLog, State, rounded
-from wrongturn_service.simulators.handover import Handover, Loan
+from wrongturn_service.simulators.action_log import ACTION, ActionLog, LogEntries, rounded
+from wrongturn_service.simulators.handover import LentConnection
 from wrongturn_service.simulators.shared_memory import SharedMemory
 
 LOAN = 7
 EPISODE = "ep_toy"
-STEPS = 2
+STEPS = 3
 OBSERVED = {track: [observed(track, seq) for seq in range(STEPS + 2)] for track in (Track.STATE, Track.CAMERA)}
-RECALL = frames.pack(["recall"])
 float32 = st.floats(0, 1, width=32)
-notes = st.tuples(
-    st.binary(min_size=1, max_size=action_log.MESSAGE),
-    st.tuples(st.floats(-1, 1, width=32), float32, float32),
-    st.floats(allow_nan=False),
-    st.tuples(float32, float32),
-    st.booleans(),
-)
+steps = st.tuples(st.tuples(float32, float32, float32), st.floats(allow_nan=False), float32, float32)
 
 
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
-@given(loans=st.lists(st.lists(notes, max_size=5), min_size=1, max_size=4))
-def test_what_is_noted_is_read(loans: list[list[tuple[bytes, tuple[float, float, float], float, tuple, bool]]]) -> None:
-    memory = memoryview(mmap.mmap(-1, action_log.SIZE))
-    book = ActionLog(memory)
-    for number, steps in enumerate(loans, 1):
-        assert action_log.read(memory, number).steps == 0  # of this loan nothing is noted yet
-        book.open(number)
-        actions, seconds, reward = b"", [], 0.0
-
-        def told(state: State, message: bytes = b"") -> bool:
-            return action_log.read(memory, number) == action_log.LogEntries(
-                state, actions, reward, tuple(seconds), message
-            )
-
-        assert told(State.WAITING)
-        for message, action, gained, spent, sent in steps:
-            book.read()
-            assert told(State.READING)
-            book.wait()
-            assert told(State.WAITING)
-            book.read()
-            book.take(message)
-            assert told(State.ANSWERING, message)
-            book.commit(action, gained)
-            actions, reward = actions + ACTION.pack(*action), gained
-            seconds.append((0.0, 0.0))
-            assert told(State.ANSWERING, message)
-            book.send()
-            assert told(State.SENDING)
-            book.finish(*spent, sent=sent)
-            seconds[-1] = spent
-            assert told(State.WAITING if sent else State.SENDING)
-            assert action_log.read(memory, number).broken is not sent
-
-
-def test_a_ledger_has_room_for_all_steps_of_a_loan() -> None:
-    memory = memoryview(mmap.mmap(-1, action_log.SIZE))
-    book = ActionLog(memory)
-    book.open(1)
-    for step in range(action_log.STEPS):
-        book.take(bytes([step % 256]) * action_log.MESSAGE)
-        book.commit((step / 1024, 0.0, 1.0), float(step))
-        book.send()
-        book.finish(step / 2, float(step))
-    entries = action_log.read(memory, 1)
-    assert entries.steps == action_log.STEPS
-    assert list(ACTION.iter_unpack(entries.actions)) == [(step / 1024, 0.0, 1.0) for step in range(action_log.STEPS)]
-    assert entries.seconds == tuple((step / 2, float(step)) for step in range(action_log.STEPS))
-    assert entries.reward == action_log.STEPS - 1
+@given(loans=st.lists(st.lists(steps, max_size=5), min_size=1, max_size=4), first=st.integers(0, 6))
+def test_what_is_added_is_read(loans: list[list[tuple[Any, float, float, float]]], first: int) -> None:
+    memory = mmap.mmap(-1, action_log.SIZE)
+    log, service = ActionLog(memoryview(memory)), ActionLog(memoryview(memory).toreadonly())
+    for number, loan in enumerate(loans, 1):
+        assert service.read(number) == LogEntries(b"", 0.0, ())  # whatever an earlier loan has left
+        log.begin(number)
+        for count, step in enumerate(loan, 1):
+            log.add(*step)
+            done, later = loan[:count], loan[first:count]
+            reward, seconds = done[-1][1], tuple(one[2:] for one in done)
+            assert service.read(number) == LogEntries(b"".join(ACTION.pack(*one[0]) for one in done), reward, seconds)
+            assert service.read(number, first).seconds == tuple(one[2:] for one in later)
 
 
 class Toy:
     """An episode that costs nothing but a fork."""
 
-    def __init__(self, track: Track, before: Callable[[int], None]) -> None:
+    def __init__(self, track: Track) -> None:
         self._track = track
-        self._before = before
         self._count = 0
 
-    def step(self, steer: float, throttle: float, brake: float) -> tuple[Any, float, bool, bool]:
-        assert (steer, throttle, brake) == action(self._count + 1)
+    def step(self, *taken: float) -> tuple[Any, float, bool, bool]:
         self._count += 1
-        self._before(self._count)
-        return OBSERVED[self._track][self._count], self._count / 2, self._count > STEPS, False
+        assert taken == action(self._count)
+        return OBSERVED[self._track][self._count], self._count / 2, False, False
 
 
 def action(seq: int) -> tuple[float, float, float]:
@@ -115,35 +69,33 @@ def message(seq: int) -> bytes:
 
 
 def reply(seq: int, track: Track) -> bytes:
-    fields = {"seq": seq, "terminated": False, "truncated": False, "reward": seq / 2}
-    payload = wire.join_results(100 + seq, [wire.pack_result(200, fields, wire.block(OBSERVED[track][seq], track))])
+    shown = {"seq": seq, "terminated": False, "truncated": False, "reward": seq / 2}
+    payload = wire.join_results(100 + seq, [wire.pack_result(200, shown, wire.block(OBSERVED[track][seq], track))])
     return framing.head(len(payload)) + payload
 
 
 @dataclass
-class Came:
-    """What came of a loan that ended by itself, or at some line."""
+class Ended:
+    """What is left of a loan that ended by itself, or at some line of code."""
 
-    entries: action_log.LogEntries
+    entries: LogEntries
     shown: bytes
-    sent: int
-    replies: bytes
-    left: bytes
+    received: bytes
     handed_back: list[Any] | None
 
 
-def driven(track: Track, lines: int, *, reads: bool, recalled_at: int = 0) -> Came:
-    """A loan of a process that is killed after so many lines of its own code.
+def lent(track: Track, lines: int = sys.maxsize, *, ahead: bool = False, reads: bool = True) -> Ended:
+    """Lend a connection to a process that is killed after so many lines of its own code.
 
     Args:
         track: what is observed.
         lines: see above.
-        reads: whether the client reads meanwhile; it sends its next step after each reply, else one alone.
-        recalled_at: the step during which the loan is recalled.
+        ahead: whether the client sends its second step before it reads the first reply.
+        reads: whether the client reads before the process has ended.
     """
     shared = SharedMemory()
     writer = writer_of(shared)
-    first = shared.clear()
+    place = shared.free_all()
     with contextlib.ExitStack() as stack:
         ours, theirs, client, connection = (
             stack.enter_context(one) for one in (*socket.socketpair(), *socket.socketpair())
@@ -152,46 +104,45 @@ def driven(track: Track, lines: int, *, reads: bool, recalled_at: int = 0) -> Ca
         connection.setblocking(False)
         pid = os.fork()
         if not pid:
-
-            def before(seq: int) -> None:
-                if seq == recalled_at:
-                    ours.sendall(RECALL)
-
             try:
+                client.close()
+                ours.close()
                 sys.settrace(_deadly(lines))
-                writer.action_log.open(LOAN)
-                loan = Loan(connection, EPISODE, 0, first, practice=True)
-                toy: Any = Toy(track, before)
-                came = Handover(theirs, frames.Receiver(theirs), writer).drive(loan, toy, track, lambda *_: [])
+                writer.action_log.begin(LOAN)
+                toy: Any = Toy(track)
+                one = LentConnection(connection, writer, place, EPISODE, 0, practice=True)
+                back = one.answer_steps(toy, track, frames.Receiver(theirs), 60, lambda *_: [])
                 sys.settrace(None)
-                theirs.sendall(frames.pack(came))
+                theirs.sendall(frames.pack(back))
             finally:
                 os._exit(0)
-        sent, replies = 1, b""
-        client.sendall(message(1))
-        with os.fdopen(os.pidfd_open(pid), "rb") as end:
-            poll = select.poll()
-            poll.register(end, select.POLLIN)
+        connection.close()
+        theirs.close()
+        received = b""
+        with contextlib.suppress(ConnectionError):
+            client.sendall(message(1))
+            if ahead:
+                select.select([client], [], [])
             if reads:
-                poll.register(client, select.POLLIN)
-            while not any(handle == end.fileno() for handle, _ in poll.poll()):
-                replies += client.recv(1 << 20)
-                if len(replies) == sum(len(reply(seq, track)) for seq in range(1, sent + 1)):
-                    if sent < STEPS:
-                        sent += 1
-                        client.sendall(message(sent))
-                    else:
-                        ours.sendall(RECALL)
-                        poll.unregister(client)
+                for seq in range(1, STEPS + 1):
+                    if seq > 1:
+                        client.sendall(message(seq))
+                    while len(received) < sum(len(reply(before, track)) for before in range(1, seq + 1)):
+                        received += (piece := client.recv(1 << 20))
+                        if not piece:
+                            raise ConnectionError
+                ours.sendall(frames.pack(["recall"]))
+            elif ahead:
+                client.sendall(message(2))
         _, status = os.waitpid(pid, 0)
         assert status in {0, signal.SIGKILL}
-        replies += b"".join(_all(client))
-        entries = shared.book(LOAN)
-        shown = bytes(shared.last_view(first, entries.steps, wire.layout(track).size)) if entries.steps else b""
-        back = frames.Receiver(ours).receive() if status == 0 else None
-        unread = entries.message if back is None else back[1]
-        left = unread + b"".join(_all(connection))
-    return Came(entries, shown, sent, replies, left, back)
+        with contextlib.suppress(ConnectionError):
+            while piece := client.recv(1 << 20):
+                received += piece
+        entries = shared.action_log.read(LOAN)
+        count = len(entries.seconds)
+        shown = bytes(shared.last_view(place, count, wire.layout(track).size)) if count else b""
+        return Ended(entries, shown, received, frames.Receiver(ours).receive() if status == 0 else None)
 
 
 def _deadly(lines: int) -> Callable[[Any, str, Any], Any]:
@@ -207,47 +158,48 @@ def _deadly(lines: int) -> Callable[[Any, str, Any], Any]:
     return lambda frame, *_: count if frame.f_code.co_filename in files else None
 
 
-def _all(connection: socket.socket) -> Iterator[bytes]:
-    connection.setblocking(False)
-    with contextlib.suppress(BlockingIOError):
-        while data := connection.recv(1 << 20):
-            yield data
+def _check(ended: Ended, track: Track) -> int:
+    """Check that the log holds each step whose reply was sent, if only in part; the number of whole replies."""
+    whole, rest = 0, ended.received
+    while rest.startswith(expected := reply(whole + 1, track)):
+        whole, rest = whole + 1, rest[len(expected) :]
+    assert reply(whole + 1, track).startswith(rest)
+    count = len(ended.entries.seconds)
+    assert whole + bool(rest) <= count <= whole + 1
+    assert ended.entries.actions == b"".join(ACTION.pack(*action(seq)) for seq in range(1, count + 1))
+    if count:
+        assert ended.entries.reward == count / 2
+        assert ended.shown == wire.block(OBSERVED[track][count], track)
+    return whole
 
 
-@pytest.mark.parametrize(
-    ("track", "reads", "recalled_at"),
-    [(Track.STATE, True, 0), (Track.STATE, True, 2), (Track.CAMERA, True, 0), (Track.CAMERA, False, 1)],
-)
-def test_a_process_may_die_at_any_line(track: Track, reads: bool, recalled_at: int) -> None:
-    lines, ended = 0, False
-    broken = 0
-    while not ended:
-        came = driven(track, lines, reads=reads, recalled_at=recalled_at)
-        ended = came.handed_back is not None
-        entries = came.entries
-        whole = 0
-        told = came.replies
-        while told.startswith(expected := reply(whole + 1, track)):
-            whole, told = whole + 1, told[len(expected) :]
-        assert reply(whole + 1, track).startswith(told), lines
-        # What was told is noted, and what was noted is shown.
-        assert entries.steps >= whole + bool(told), lines
-        assert list(ACTION.iter_unpack(entries.actions)) == [action(seq) for seq in range(1, entries.steps + 1)]
-        if entries.steps:
-            assert entries.reward == entries.steps / 2, lines
-            assert came.shown == wire.block(OBSERVED[track][entries.steps], track), lines
-        if came.handed_back is not None:
-            _, _, unsent, last, _ = came.handed_back
-            assert last is None
-            assert told + unsent in {b"", reply(whole + 1, track)}
-            assert entries.steps == whole + bool(unsent)
-            assert came.left == b""
-        elif entries.broken:
-            broken += 1
-        else:
-            # The client goes on as if nothing had been: each of its messages is answered, or still to be.
-            assert told == b"", lines
-            assert came.left == (message(came.sent) if came.sent > whole else b""), lines
+@pytest.mark.parametrize("track", [Track.STATE, Track.CAMERA])
+def test_a_process_may_die_at_any_line(track: Track) -> None:
+    lines = 0
+    while (ended := lent(track, lines)).handed_back is None:
+        _check(ended, track)
         lines += 1
-    assert lines > 20
-    assert broken
+    assert lines > 30
+    assert _check(ended, track) == STEPS
+    assert ended.handed_back == [b"", None]
+
+
+def test_a_full_log_ends_the_loan(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(action_log, "STEPS", 2)
+    ended = lent(Track.STATE)
+    assert _check(ended, Track.STATE) == 2
+    assert ended.handed_back == [b"", None]
+
+
+def test_a_client_that_does_not_read_gets_no_further_reply_from_the_simulator() -> None:
+    ended = lent(Track.STATE, ahead=True, reads=False)
+    assert _check(ended, Track.STATE) == 1
+    assert ended.handed_back == [message(2), None]
+
+
+def test_a_client_that_does_not_take_a_reply_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(handover, "_SEND_S", 0.1)
+    ended = lent(Track.CAMERA, reads=False)
+    assert _check(ended, Track.CAMERA) == 0
+    assert 0 < len(ended.received) < len(reply(1, Track.CAMERA))
+    assert len(ended.entries.seconds) == 1

@@ -27,7 +27,7 @@ def written(shared: SharedMemory, writer: SharedMemoryWriter, track: Track, seed
 
 
 def writer_of(shared: SharedMemory) -> SharedMemoryWriter:
-    with shared.lent() as handle:
+    with shared.inherited() as handle:
         return SharedMemoryWriter(os.dup(handle))
 
 

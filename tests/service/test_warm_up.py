@@ -10,7 +10,7 @@ from wrongturn_service.simulators.shared_memory import SharedMemoryWriter, Share
 from wrongturn_sim.verdict import decide, journey_kernels
 compiled = [decide.observe, journey_kernels.observe]
 assert not any(function.signatures for function in compiled)
-with SharedMemory().lent() as handle:
+with SharedMemory().inherited() as handle:
     Server(SharedMemoryWriter(os.dup(handle))).warm_up()
 print([len(function.signatures) for function in compiled])
 """

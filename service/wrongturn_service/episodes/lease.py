@@ -43,9 +43,9 @@ class Lease:
         self._clock = clock
         self._heard = clock()
 
-    def renew(self, ago_s: float = 0.0) -> None:
-        """Note that the agent sent something ``ago_s`` seconds ago. A later note stays."""
-        self._heard = max(self._heard, self._clock() - ago_s)
+    def renew(self) -> None:
+        """Start the agent's time of silence anew."""
+        self._heard = self._clock()
 
     @property
     def silence_s(self) -> float:
