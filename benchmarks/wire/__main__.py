@@ -18,7 +18,6 @@ import contextlib
 import itertools
 import json
 import os
-import statistics
 import sys
 import tempfile
 import time
@@ -28,24 +27,13 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 
 import emulation
+from rates import Rates, by_turns, medians, percentiles, ratio
 
 RAW, OURS, HTTP = "WebSocket, raw client", "WebSocket, our client", "HTTP, our client"
 BARE, HOP = "in the simulator", "with a hop"
+COUNTED_S = 1.2
+"""Seconds after which the service has counted the steps of lent connections."""
 TARGETS = [(RAW, HOP, 0.85), (OURS, HOP, 0.75), (OURS, BARE, 0.75)]
-
-
-def medians(rates: list[dict[str, float]]) -> dict[str, float]:
-    return {name: statistics.median(one[name] for one in rates) for name in rates[0]}
-
-
-def ratio(rates: list[dict[str, float]], above: str, below: str) -> float:
-    return statistics.median(one[above] / one[below] for one in rates)
-
-
-def percentiles(values: list[float]) -> dict[str, float]:
-    """Of seconds, in milliseconds."""
-    ordered = sorted(values)
-    return {f"p{part}": round(1e3 * ordered[len(ordered) * part // 100], 3) for part in (50, 99)} if ordered else {}
 
 
 def lone_steps(given: argparse.Namespace, url: str, token: str, ports: tuple[int, int], pipe: Any) -> dict[str, Any]:
@@ -68,7 +56,7 @@ def lone_steps(given: argparse.Namespace, url: str, token: str, ports: tuple[int
     found: dict[str, Any] = {}
     with crowd(make, max(given.clients)) as many:
         for clients in given.clients:
-            rates: list[dict[str, float]] = []
+            rates: Rates = []
             took: dict[str, list[float]] = {}
             overheads: dict[str, list[float]] = {}
             for _ in range(given.rounds):
@@ -76,6 +64,8 @@ def lone_steps(given: argparse.Namespace, url: str, token: str, ports: tuple[int
                 for way in (BARE, HOP, RAW, OURS, HTTP):
                     one[way], seconds = many.rate(way, clients, given.seconds)
                     took.setdefault(way, []).extend(seconds)
+                    if way in (RAW, OURS):
+                        time.sleep(COUNTED_S)
                     pipe.send(True)
                     overheads.setdefault(way, []).extend(pipe.recv())
                 rates.append(one)
@@ -94,25 +84,7 @@ def lone_steps(given: argparse.Namespace, url: str, token: str, ports: tuple[int
     return found
 
 
-def by_turns(ways: dict[str, tuple[Any, int]], rounds: int, seconds: float) -> list[dict[str, float]]:
-    """Steps a second of each way in this process, which takes so many steps a call."""
-    rates = []
-    for _ in range(rounds):
-        one = {}
-        for name, (step, each) in ways.items():
-            step()
-            begin = now = time.perf_counter()
-            count = 0
-            while now < begin + seconds:
-                step()
-                count += each
-                now = time.perf_counter()
-            one[name] = count / (now - begin)
-        rates.append(one)
-    return rates
-
-
-def shown(title: str, rates: list[dict[str, float]], below: str) -> dict[str, Any]:
+def shown(title: str, rates: Rates, below: str) -> dict[str, Any]:
     print(f"\n{title}:")
     for name, value in medians(rates).items():
         print(f"  {name:44}{value:8,.0f} steps/s   {ratio(rates, name, below):6.2f} of {below}")

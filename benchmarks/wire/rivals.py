@@ -12,6 +12,7 @@ from typing import Any
 
 import emulation
 import servers
+from rates import by_turns
 from ways import Batch
 
 from wrongturn_client import Client
@@ -53,8 +54,6 @@ def compared(given: argparse.Namespace, client: Client, folder: str) -> dict[str
 
 
 def _ours(given: argparse.Namespace, step: Any) -> list[float]:
-    from __main__ import by_turns  # noqa: PLC0415
-
     return [one["ours"] for one in by_turns({"ours": (step, 1)}, given.rounds, 2 * given.seconds)]
 
 

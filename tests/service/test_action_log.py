@@ -39,11 +39,12 @@ def test_what_is_added_is_read(loans: list[list[tuple[Any, float, float, float]]
         assert service.read(number) == LogEntries(b"", 0.0, ())  # whatever an earlier loan has left
         log.begin(number)
         for count, step in enumerate(loan, 1):
-            log.add(*step)
-            done, later = loan[:count], loan[first:count]
-            reward, seconds = done[-1][1], tuple(one[2:] for one in done)
-            assert service.read(number) == LogEntries(b"".join(ACTION.pack(*one[0]) for one in done), reward, seconds)
-            assert service.read(number, first).seconds == tuple(one[2:] for one in later)
+            log.add(*step[:3])
+            seconds = (*(one[2:] for one in loan[: count - 1]), (step[2], 0.0))
+            actions = b"".join(ACTION.pack(*one[0]) for one in loan[:count])
+            assert service.read(number) == LogEntries(actions, step[1], seconds)
+            log.sent(step[3])
+            assert service.read(number, first).seconds == tuple(one[2:] for one in loan[first:count])
 
 
 class Toy:

@@ -16,12 +16,13 @@ STEPS: Final = 1 << 14
 """Steps that fit into the log. Journeys have a few thousand; a full log ends the loan, and another one may follow."""
 _ENTRY: Final = struct.Struct("<12sd2f")
 """Action, reward, seconds of the simulation, seconds until the reply is sent."""
+_SECONDS: Final = struct.Struct("<f")
 _ENTRIES_AT: Final = 8
 SIZE: Final = _ENTRIES_AT + STEPS * _ENTRY.size
 """Size of the log, bytes."""
 _COUNT_BITS: Final = 32
 Seconds = tuple[float, float]
-"""Seconds of a step: those of its simulation, and those until its reply is sent."""
+"""Seconds of a step: those of its simulation, and those until its reply is sent; 0 if it is not sent yet."""
 
 
 def rounded(steer: float, throttle: float, brake: float) -> Action:
@@ -71,18 +72,17 @@ class ActionLog:
         self._loan, self._count = loan << _COUNT_BITS, 0
         self._head[0] = self._loan
 
-    def add(self, action: Action, reward: float, simulated_s: float, seconds: float) -> None:
+    def add(self, action: Action, reward: float, simulated_s: float) -> None:
         """Add a step whose observation is written, and whose reply is not sent yet."""
-        _ENTRY.pack_into(
-            self._memory,
-            _ENTRIES_AT + self._count * _ENTRY.size,
-            ACTION.pack(*action),
-            reward,
-            simulated_s,
-            seconds,
-        )
+        at = _ENTRIES_AT + self._count * _ENTRY.size
+        _ENTRY.pack_into(self._memory, at, ACTION.pack(*action), reward, simulated_s, 0.0)
         self._count += 1
         self._head[0] = self._loan | self._count
+
+    def sent(self, seconds: float) -> None:
+        """Note that the last step's reply is sent, so many seconds after the step came."""
+        end = _ENTRIES_AT + self._count * _ENTRY.size
+        _SECONDS.pack_into(self._memory, end - _SECONDS.size, seconds)
 
     def read(self, loan: int, first: int = 0) -> LogEntries:
         """Return the steps of a loan, from a certain one on; none if the process has not begun with the loan."""

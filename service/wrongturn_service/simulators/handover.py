@@ -117,13 +117,12 @@ class LentConnection:
                 return [b"", [number, action, simulated_s, end(observation, reward, terminated, truncated)]]
             block = self._writer.write(observation, track, self._place)
             self._place = (self._place + 1) % PLACES
-            simulated_s = time.perf_counter() - began
-            self._seq += 1
-            message = self._reply(number, reward, block)
-            log.add(action, reward, simulated_s, time.perf_counter() - began)
+            log.add(action, reward, time.perf_counter() - began)
             signal.alarm(0)
-            if not self._send(message):
+            self._seq += 1
+            if not self._send(self._reply(number, reward, block)):
                 break
+            log.sent(time.perf_counter() - began)
         return [b"", None]
 
     def _next_step(self, data: bytes) -> tuple[int, Action] | None:

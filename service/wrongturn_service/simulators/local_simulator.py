@@ -210,7 +210,8 @@ class LocalSimulator(Simulator):
 
     @override
     def answered(self, first: int) -> tuple[Seconds, ...]:
-        return self._shared.action_log.read(self._loan, first).seconds
+        steps = self._shared.action_log.read(self._loan, first).seconds
+        return steps if not steps or steps[-1][1] else steps[:-1]
 
     @override
     def recall(self) -> None:

@@ -78,7 +78,7 @@ class Calls:
     def count_steps(self, seconds: Sequence[Seconds]) -> None:
         """Count steps that a simulator answered during a loan."""
         for simulated_s, step_s in seconds:
-            self._service.telemetry.stepped(_STEP_ROUTE, simulated_s, step_s)
+            self._service.telemetry.stepped(_STEP_ROUTE, simulated_s, max(simulated_s, step_s))
 
     def _stepped(
         self,
