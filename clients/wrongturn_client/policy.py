@@ -4,7 +4,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from gymnasium import spaces
 
-from wrongturn_protocol import Action
+from wrongturn_protocol import Action as Action  # noqa: PLC0414 - public in wrongturn_client too
 from wrongturn_protocol.observations import Observation
 
 
