@@ -2,7 +2,6 @@
 
 from typing import Any, Final
 
-import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -19,15 +18,3 @@ def controls(actions: NDArray[Any]) -> NDArray[np.float32]:
     clipped = np.clip(np.asarray(actions, np.float32), -1.0, 1.0)
     accelerate = clipped[..., 1]
     return np.stack([clipped[..., 0], np.maximum(accelerate, 0.0), np.maximum(-accelerate, 0.0)], -1)
-
-
-class SteerAccelerate(gymnasium.ActionWrapper[Any, NDArray[np.float32], NDArray[np.float32]]):
-    """Wrapper of a single environment that takes steer and accelerate, like the policies' environments."""
-
-    def __init__(self, env: gymnasium.Env[Any, NDArray[np.float32]]) -> None:
-        super().__init__(env)
-        self.action_space = ACTION_SPACE
-
-    def action(self, action: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return steer, throttle and brake, (3,)."""
-        return controls(action)

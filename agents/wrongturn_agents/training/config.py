@@ -171,27 +171,27 @@ class PPOConfig:
     @property
     def frozen(self) -> bool:
         """Whether PPO leaves the encoder as it is. Each frame is then encoded once, and the buffer keeps features."""
-        return False
+        return getattr(self, "pretrained", False)
 
     @property
     def augmented(self) -> bool:
         """Whether pictures are augmented before the policy sees them."""
-        return False
+        return getattr(self, "augment", False)
 
     @property
     def masked(self) -> float:
         """Probability that each class of a segmentation is masked."""
-        return 0.0
+        return getattr(self, "masked_classes", 0.0)
 
     @property
     def auxiliary_loss(self) -> bool:
         """Whether the segmentation loss joins PPO's loss."""
-        return False
+        return getattr(self, "auxiliary", False)
 
     @property
     def predicted_share(self) -> float:
         """Share of each minibatch whose segmentation is predicted."""
-        return 0.0
+        return getattr(self, "auxiliary_share", 0.0)
 
     @property
     def statistics(self) -> bool:
@@ -240,11 +240,6 @@ class SegmentationConfig(PPOConfig):
     """Ablation, proposed in the paper: probability that each class but the road is hidden in a frame."""
 
     @property
-    def masked(self) -> float:
-        """Same as :attr:`masked_classes`."""
-        return self.masked_classes
-
-    @property
     def variant(self) -> str | None:
         """``masked-classes`` or None."""
         return "masked-classes" if self.masked_classes else None
@@ -286,16 +281,6 @@ class ImageConfig(PPOConfig):
     """Path of a run's ``encoder.pt`` to use instead of a new pretraining."""
 
     @property
-    def frozen(self) -> bool:
-        """True with pretraining."""
-        return self.pretrained
-
-    @property
-    def augmented(self) -> bool:
-        """Same as :attr:`augment`."""
-        return self.augment
-
-    @property
     def statistics(self) -> bool:
         """False with pretraining: the statistics stay as they are."""
         return not self.pretrained
@@ -330,21 +315,6 @@ class AuxiliaryConfig(PPOConfig):
     """Share of each minibatch whose segmentation is predicted. This pass costs more than the policy's."""
     augment: bool = True
     """Ablation: augment RGB (erasing, blur, hue, saturation, brightness)."""
-
-    @property
-    def augmented(self) -> bool:
-        """Same as :attr:`augment`."""
-        return self.augment
-
-    @property
-    def auxiliary_loss(self) -> bool:
-        """Same as :attr:`auxiliary`."""
-        return self.auxiliary
-
-    @property
-    def predicted_share(self) -> float:
-        """Same as :attr:`auxiliary_share`."""
-        return self.auxiliary_share
 
     @property
     def statistics(self) -> bool:

@@ -73,11 +73,6 @@ class Evaluation:
         return None if stopped else [cls._of(drives) for drives in driven]
 
     @classmethod
-    def of(cls, model: DrivingModel, trials: list[Trial], **options: Any) -> "Evaluation":
-        """Evaluate one agent; ``options`` as in :meth:`each`."""
-        return cls._of(drive_trials([model], trials, **options)[0])
-
-    @classmethod
     def _of(cls, driven: list[DrivenTrial]) -> "Evaluation":
         arrived = [one for one in driven if one.outcome is not None and one.outcome.verdict is Verdict.ARRIVED]
         clean = [one for one in arrived if one.outcome and one.outcome.journey and one.outcome.journey.clean]

@@ -1,6 +1,5 @@
 """Drive a whole suite with a checkpoint in this process, without a service."""
 
-import argparse
 import json
 import os
 import tempfile
@@ -138,26 +137,3 @@ def summary(results: Results) -> Iterator[str]:
     for (town, kind), verdicts in sorted(counts.items()):
         text = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.most_common())
         yield f"{town} {kind}: {text}"
-
-
-def _main() -> None:
-    """Do what ``wrongturn score`` does, without the program."""
-    parser = argparse.ArgumentParser(prog="python -m wrongturn_agents.training.score")
-    parser.add_argument("checkpoint", type=Path)
-    parser.add_argument("--suite", default="wrong-command@1")
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--device", default="auto")
-    parser.add_argument("--threads", type=int)
-    parser.add_argument("--batch", type=int)
-    arguments = vars(parser.parse_args())
-    path = arguments.pop("json")
-    if path is not None:
-        check_writable(path)
-    results = score(**arguments)
-    print("\n".join(summary(results)))
-    if path is not None:
-        write_results(path, results)
-
-
-if __name__ == "__main__":
-    _main()

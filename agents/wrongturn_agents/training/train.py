@@ -1,6 +1,5 @@
 """Train one of the paper's agents: ``train("ppo-segmentation", directory=..., seed=1)``, or ``wrongturn train``."""
 
-import argparse
 import copy
 import dataclasses
 import json
@@ -18,7 +17,6 @@ from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.candidates import Candidate, Candidates
 from wrongturn_agents.training.checkpoint import load_checkpoint, read, write
 from wrongturn_agents.training.config import ImageConfig, PPOConfig, SegmentationConfig, config_of
-from wrongturn_agents.training.display import Display
 from wrongturn_agents.training.environments import environments, rendered_on
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, shortest
@@ -313,25 +311,3 @@ def _going_on(
     if steps is None and minutes is None:
         return begun
     return dataclasses.replace(begun, steps=steps, minutes=minutes)
-
-
-def _main() -> None:
-    """Do what ``wrongturn train`` does, without the program."""
-    parser = argparse.ArgumentParser(prog="python -m wrongturn_agents.training.train")
-    parser.add_argument("algorithm")
-    parser.add_argument("--seed", type=int)
-    parser.add_argument("--steps", type=int)
-    parser.add_argument("--minutes", type=float)
-    parser.add_argument("--device", default="auto")
-    parser.add_argument("--directory", type=Path, required=True)
-    parser.add_argument("--resume", action="store_true")
-    parser.add_argument("--threads", type=int)
-    parser.add_argument("--option", action="append", dest="options", default=[])
-    arguments = vars(parser.parse_args())
-    with Display(arguments["algorithm"]) as display:
-        best = train(**arguments, on_row=display.row, on_pretraining=display.pretraining)
-    print(f"The best is {best}.")
-
-
-if __name__ == "__main__":
-    _main()

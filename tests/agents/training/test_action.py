@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from stable_baselines3.common.env_checker import check_env
 
-from wrongturn_agents.training.action import ACTION_SPACE, SteerAccelerate, controls
+from wrongturn_agents.training.action import controls
 from wrongturn_sim import WrongturnSimEnv
 
 
@@ -29,8 +29,7 @@ def test_many_at_once():
 @pytest.mark.slow
 @pytest.mark.parametrize("track", ["state", "segmentation"])
 def test_stable_baselines_accepts_the_single_environment(track):
-    env = SteerAccelerate(WrongturnSimEnv("junctions", track))
+    env = WrongturnSimEnv("junctions", track)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # advice on images and on symmetric actions
         check_env(env, warn=True)
-    assert env.action_space == ACTION_SPACE

@@ -63,7 +63,7 @@ def test_held_out_journeys_are_in_no_suite():
 
 def test_an_evaluation_counts_what_arrived():
     trials = [draw_journey(load_town("Town01"), Task.STRAIGHT, seed) for seed in range(4)]
-    found = Evaluation.of(Constant(0.0, 0.6, 0.0), trials, track="state")
+    (found,) = Evaluation.each([Constant(0.0, 0.6, 0.0)], trials, track="state")
     (driven,) = drive_trials([Constant(0.0, 0.6, 0.0)], trials, track="state")
     arrived = [one.outcome.verdict is Verdict.ARRIVED for one in driven]
     assert found.success == pytest.approx(sum(arrived) / 4)
@@ -76,7 +76,7 @@ def test_several_agents_drive_side_by_side_as_each_alone():
     drivers = [Constant(0.0, 0.6, 0.0), Constant(0.0, 0.0, 1.0), Constant(0.3, 0.8, 0.0)]
     options = {"track": "state", "patience": 3.0, "strict": True}
     together = Evaluation.each(drivers, trials, **options)
-    assert together == [Evaluation.of(driver, trials, **options) for driver in drivers]
+    assert together == [Evaluation.each([driver], trials, **options)[0] for driver in drivers]
     assert len({found.reward for found in together}) == 3
 
 
