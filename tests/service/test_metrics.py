@@ -134,7 +134,7 @@ def test_ready_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
                 problem(await http.get("/health/ready"), 503, "storage-failed")
             monkeypatch.undo()
             expect(await http.get("/health/ready"), 200)
-            http.app.state.service.episodes.stopping = True
+            http.app.state.service.episodes.openings.stopping = True
             problem(await http.get("/health/ready"), 503, "shutting-down")
 
     play(story)

@@ -52,7 +52,7 @@ async def practise(
     """Reset: begin a practice episode. It is never scored. Replies carry the reward, the last one the verdict."""
     async with key.once(caller.id, wanted) as once:
         trial = await catalogue.practice_trial(wanted)
-        body = await service.episodes.open_practice(
+        body = await service.episodes.openings.practice(
             caller.id,
             trial,
             wanted.track,

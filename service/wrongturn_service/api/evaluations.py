@@ -93,10 +93,12 @@ async def reset(
     service: ServiceDep, encoding: EncodingDep, caller: CallerDep, evaluation: str, key: KeyDep
 ) -> Response:
     """Reset: begin the next trial's episode. You learn which trial it was once the evaluation is finished."""
-    with service.episodes.beginnings.one(evaluation):
+    with service.episodes.openings.in_progress.one(evaluation):
         async with key.once(caller.id) as once:
             row = await owned_by(service, caller, evaluation)
-            body = await service.episodes.open_next(row, caller.track, encoding, once.remember(201, encoding), once.key)
+            body = await service.episodes.openings.next(
+                row, caller.track, encoding, once.remember(201, encoding), once.key
+            )
     return Response(body, 201, media_type=encoding)
 
 
@@ -107,7 +109,7 @@ async def episodes(
     """List the evaluation's episodes. After a crash, ``state=open`` tells which you can go on with."""
     row = await owned_by(service, caller, evaluation)
     if state is EpisodeState.OPEN:
-        await service.episodes.beginnings.over(evaluation)
+        await service.episodes.openings.in_progress.over(evaluation)
     rows = await service.store.episodes(evaluation, state)
     shown = row.state == EvaluationState.FINISHED
     return reply(EpisodeList(episodes=tuple(episode_detail(service, found, shown=shown) for found in rows)))

@@ -34,7 +34,7 @@ async def ready(service: ServiceDep) -> Response:
 
     They can if the database answers, a simulator runs or could be started, and the service is not stopping.
     """
-    if service.episodes.stopping:
+    if service.episodes.openings.stopping:
         raise UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping")
     if service.pool.failure is not None and not service.pool.running:
         raise UnavailableError(ProblemType.SIMULATOR_FAILED, "no simulator could be started", retry_after_s=30)

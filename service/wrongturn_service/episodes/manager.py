@@ -4,22 +4,22 @@ import zlib
 
 from structlog.contextvars import bind_contextvars
 
-from wrongturn_protocol import EpisodeState, EvaluationState, StepRequest, Track, Trial, Verdict
+from wrongturn_protocol import EpisodeState, EvaluationState, StepRequest, Verdict
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes import refusals
 from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.endings import Endings
 from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled
 from wrongturn_service.episodes.lease import Terms
-from wrongturn_service.episodes.loans import LendableConnection, Loans
+from wrongturn_service.episodes.loans import Loans
 from wrongturn_service.episodes.open_episode import OpenEpisode, as_float32
-from wrongturn_service.episodes.openings import Beginnings, Openings, Remember
+from wrongturn_service.episodes.openings import Openings
 from wrongturn_service.episodes.registry import Limits, Registry
-from wrongturn_service.episodes.steps import Done, Steps, stored_reply
+from wrongturn_service.episodes.steps import Steps, stored_reply
 from wrongturn_service.episodes.watch import Watch
 from wrongturn_service.errors import ConflictError, GoneError
 from wrongturn_service.simulators.action_log import ACTION, Action
-from wrongturn_service.storage.models import EpisodeRow, EvaluationRow
+from wrongturn_service.storage.models import EpisodeRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.telemetry import Telemetry
 
@@ -47,18 +47,17 @@ class EpisodeManager:
             limits: Limits on open episodes.
             telemetry: Counts the ends of episodes.
         """
-        self.stopping = False
-        """Whether new episodes are refused."""
-        self.beginnings = Beginnings()
-        """Resets in progress."""
         self._store = store
         self._driver = driver
         self._registry = registry = Registry(limits)
         self._endings = endings = Endings(store, driver, evaluations, registry, telemetry or Telemetry())
-        self._steps = steps = Steps(registry, driver, endings)
-        self._loans = Loans(registry, steps)
-        self._openings = Openings(store, driver, evaluations, registry, endings, terms)
-        self._watch = Watch(registry, driver, endings, self._loans, terms)
+        self.openings = Openings(store, driver, evaluations, registry, endings, terms)
+        """Begins episodes."""
+        self.steps = Steps(registry, driver, endings)
+        """Takes plain steps."""
+        self.loans = Loans(registry, self.steps)
+        """Lends connections to simulators."""
+        self._watch = Watch(registry, driver, endings, self.loans, terms)
 
     @property
     def open(self) -> int:
@@ -76,51 +75,12 @@ class EpisodeManager:
 
     async def stop(self) -> None:
         """Refuse new episodes and cancel the work in the background. The next start marks open episodes as lost."""
-        self.stopping = True
+        self.openings.stopping = True
         await self._watch.stop()
 
     async def watch_leases(self) -> None:
         """Check the leases until cancelled."""
         await self._watch.run()
-
-    async def open_next(
-        self, evaluation: EvaluationRow, track: Track, encoding: Encoding, remember: Remember, key: str | None = None
-    ) -> bytes:
-        """Begin an evaluation's next trial and return the reply's body.
-
-        Args:
-            evaluation: The evaluation.
-            track: What the agent observes.
-            encoding: Encoding of the reply.
-            remember: Makes the row that is stored for the request's key.
-            key: The request's key. A request that is sent again keeps its place in the queue.
-
-        Raises:
-            ConflictError: The evaluation is finished or cancelled, or has no trial for now.
-            UnavailableError: The agent has too many open episodes, other calls come first, or no simulator works.
-        """
-        self._check_stopping()
-        return await self._openings.next(evaluation, track, encoding, remember, key)
-
-    async def open_practice(
-        self, agent: str, trial: Trial, track: Track, encoding: Encoding, remember: Remember, key: str | None = None
-    ) -> bytes:
-        """Begin a practice episode and return the reply's body.
-
-        Args:
-            agent: Id of the agent.
-            trial: The trial.
-            track: What the agent observes.
-            encoding: Encoding of the reply.
-            remember: Makes the row that is stored for the request's key.
-            key: The request's key. A request that is sent again keeps its place in the queue.
-
-        Raises:
-            EpisodeRefusedError: The simulation refuses the trial.
-            UnavailableError: The agent has too many open episodes, other calls come first, or no simulator works.
-        """
-        self._check_stopping()
-        return await self._openings.practice(agent, trial, track, encoding, remember, key)
 
     async def step(self, agent: str, episode_id: str, request: StepRequest, encoding: Encoding) -> bytes:
         """Take a step and return the reply's body.
@@ -139,30 +99,13 @@ class EpisodeManager:
             if episode.closed:
                 return await self._stored_step(agent, episode_id, request.seq, action, encoding)
             if refusals.check_step(episode, agent, request.seq):
-                await self._steps.take(episode, action, encoding)
+                await self.steps.take(episode, action, encoding)
             else:
                 refusals.check_same(episode_id, request.seq, action, episode.last_action)
             if episode.end is not None:
                 await self._endings.settle(episode)
             episode.lease.renew()
             return episode.last.render(encoding)
-
-    def begin_step(self, agent: str, episode_id: str, seq: int, action: Action, encoding: Encoding, done: Done) -> bool:
-        """Begin a plain step, see :meth:`Steps.begin`."""
-        return self._steps.begin(agent, episode_id, seq, action, encoding, done)
-
-    def lend(self, agent: str, episode_id: str, connection: LendableConnection) -> bool:
-        """Let the simulator answer the next steps itself, see :meth:`Loans.begin`."""
-        return self._loans.begin(agent, episode_id, connection)
-
-    async def recall(self) -> None:
-        """Call back every lent connection, because a token may have changed hands."""
-        await self._loans.recall()
-
-    @property
-    def lent(self) -> int:
-        """Number of connections that are lent to simulators."""
-        return len(self._loans)
 
     async def look(self, agent: str | None, episode_id: str) -> tuple[OpenEpisode | None, EpisodeRow]:
         """Return an episode, None unless it is open, and its row.
@@ -234,7 +177,3 @@ class EpisodeManager:
                 return cancelled(row.evaluation_id)
         why = "its simulators failed" if row.verdict == Verdict.INVALID else "the service was restarted"
         return GoneError(f"episode {row.id} is lost: {why}; it does not count, so ask for the next trial")
-
-    def _check_stopping(self) -> None:
-        if self.stopping:
-            raise refusals.stopping()

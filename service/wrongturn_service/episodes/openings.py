@@ -16,6 +16,7 @@ from wrongturn_service.episodes.endings import Endings
 from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled, finished
 from wrongturn_service.episodes.lease import Lease, Terms
 from wrongturn_service.episodes.open_episode import OpenEpisode
+from wrongturn_service.episodes.refusals import stopping
 from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.errors import ConflictError, UnavailableError
 from wrongturn_service.simulators.shared_memory import ObservationView
@@ -105,6 +106,10 @@ class Openings:
         endings: Endings,
         terms: Terms,
     ) -> None:
+        self.in_progress = Beginnings()
+        """Resets in progress."""
+        self.stopping = False
+        """Whether new episodes are refused."""
         self._store = store
         self._driver = driver
         self._evaluations = evaluations
@@ -115,7 +120,21 @@ class Openings:
     async def next(
         self, evaluation: EvaluationRow, track: Track, encoding: Encoding, remember: Remember, key: str | None
     ) -> bytes:
-        """Begin the next trial, see :meth:`EpisodeManager.open_next`."""
+        """Begin an evaluation's next trial and return the reply's body.
+
+        Args:
+            evaluation: The evaluation.
+            track: What the agent observes.
+            encoding: Encoding of the reply.
+            remember: Makes the row that is stored for the request's key.
+            key: The request's key. A request that is sent again keeps its place in the queue.
+
+        Raises:
+            ConflictError: The evaluation is finished or cancelled, or has no trial for now.
+            UnavailableError: The service stops, the agent has too many open episodes, other calls come first, or no
+                simulator works.
+        """
+        self._check_stopping()
         schedule = await self._evaluations.schedule(evaluation)
         if schedule.finished:
             await self._evaluations.finish_if_done(evaluation.id)
@@ -145,8 +164,17 @@ class Openings:
     async def practice(
         self, agent: str, trial: Trial, track: Track, encoding: Encoding, remember: Remember, key: str | None
     ) -> bytes:
-        """Begin practice, see :meth:`EpisodeManager.open_practice`."""
+        """Begin a practice episode and return the reply's body. Arguments and errors as for :meth:`next`.
+
+        Raises:
+            EpisodeRefusedError: The simulation refuses the trial.
+        """
+        self._check_stopping()
         return await self._begin(_Wanted(agent, None, trial, track, encoding, remember, f"practice {key}"))
+
+    def _check_stopping(self) -> None:
+        if self.stopping:
+            raise stopping()
 
     async def _begin(self, wanted: _Wanted) -> bytes:
         self._registry.reserve(wanted.agent, practice=wanted.practice)

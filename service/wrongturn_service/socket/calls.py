@@ -65,7 +65,7 @@ class Calls:
         step = plain_step(call)
         if step is None:
             return False
-        return self._service.episodes.begin_step(self._caller.id, *step, Encoding.RAW, self.stepped(done))
+        return self._service.episodes.steps.begin(self._caller.id, *step, Encoding.RAW, self.stepped(done))
 
     def stepped(self, done: Callable[[bytes | Reply], None], ago_s: float = 0.0) -> Done:
         """Return what ends a step that began so long ago: it counts the step and passes the result on."""
@@ -73,7 +73,7 @@ class Calls:
 
     def lend(self, episode: str, connection: LendableConnection) -> bool:
         """Let an episode's simulator answer the next steps itself; return whether it does."""
-        return self._service.episodes.lend(self._caller.id, episode, connection)
+        return self._service.episodes.loans.begin(self._caller.id, episode, connection)
 
     def count_steps(self, seconds: Sequence[Seconds]) -> None:
         """Count steps that a simulator answered during a loan."""
@@ -127,13 +127,13 @@ class Calls:
     async def _next(self, evaluation: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
         wanted = _text("evaluation", evaluation)
-        with service.episodes.beginnings.one(wanted):
+        with service.episodes.openings.in_progress.one(wanted):
             async with service.idempotency.once(_key(key), caller.id, f"WS {Call.NEXT} {wanted}", b"") as once:
                 if once.stored is not None:
                     return once.stored.body
                 row = await owned_by(service, caller, wanted)
                 remember = once.remember(201, Encoding.RAW)
-                return await service.episodes.open_next(row, caller.track, Encoding.RAW, remember, once.key)
+                return await service.episodes.openings.next(row, caller.track, Encoding.RAW, remember, once.key)
 
     async def _practise(self, request: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
@@ -148,7 +148,7 @@ class Calls:
             if once.stored is not None:
                 return once.stored.body
             trial = await catalogue.practice_trial(wanted)
-            return await service.episodes.open_practice(
+            return await service.episodes.openings.practice(
                 caller.id, trial, wanted.track, Encoding.RAW, once.remember(201, Encoding.RAW), once.key
             )
 
