@@ -46,18 +46,18 @@ def run(
     ] = None,
     json_file: Annotated[
         Path | None,
-        typer.Option("--json", metavar="FILE", help="Write the evaluation and its metrics."),
+        typer.Option("--json", metavar="FILE", help="File for the evaluation and its metrics. Example: run.json"),
     ] = None,
     task: Annotated[
         str | None,
         typer.Option(
-            help="Drive this task's trials only, as practice that is never ranked. Drives what the file of --json "
-            "lacks. Example: --task navigation_dynamic"
+            help="Drive only this task's trials, as practice that is never ranked. Leaves out what the file of --json "
+            "already has. Example: --task navigation_dynamic"
         ),
     ] = None,
     resume: Annotated[
         str | None,
-        typer.Option(metavar="ID|FILE", help="Resume a run that was interrupted."),
+        typer.Option(metavar="ID|FILE", help="Resume an interrupted run, by the id of its evaluation or its file."),
     ] = None,
     parallel: Annotated[
         int | None,
@@ -74,9 +74,9 @@ def run(
 
     Example: wrongturn run careful --suite smoke@1
 
-    WRONGTURN_TOKEN: token of an agent that is already registered.
+    WRONGTURN_TOKEN: the token of your agent, if you have registered it already.
 
-    WRONGTURN_OPERATOR_TOKEN: operator's token; it lets a baseline be registered as one.
+    WRONGTURN_OPERATOR_TOKEN: the operator's token. With it, baselines are registered as baselines.
     """
     try:
         if task is not None:

@@ -29,7 +29,7 @@ def results(
     ] = None,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Fail if a page or the picture does not show the results. Writes nothing."),
+        typer.Option("--check", help="Fail if a page or the picture differs from the stored results. Writes nothing."),
     ] = False,
     curves: Annotated[
         bool, typer.Option("--curves", help="Draw the learning curves into docs/pictures/learning-curves.svg.")
@@ -54,7 +54,7 @@ def results(
         typer.Option(help="Training steps of the import. Example: 2000000", min=0),
     ] = None,
 ) -> None:
-    """Show the paper's two tables with our figures beside the paper's, and their spread over training seeds.
+    """Show the tables of results: ours beside the paper's, with their spread over training seeds.
 
     Example: wrongturn results --check
     """

@@ -126,7 +126,7 @@ def document(app: FastAPI) -> dict[str, Any]:
 
 
 def serve_document(request: Request) -> Response:
-    """``GET /openapi.json``. A plain function, so that it runs in a thread."""
+    """Serve ``GET /openapi.json``. It is a plain function, so that it runs in a thread."""
     return JSONResponse(document(request.app))
 
 

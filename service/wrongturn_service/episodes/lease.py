@@ -22,8 +22,8 @@ class Terms:
     """Limits of an agent's silence.
 
     Attributes:
-        release_s: Seconds after which the simulator is released.
-        abort_s: Seconds after which the episode is aborted.
+        release_s: Seconds after which the simulator is released: ``WRONGTURN_LEASE_RELEASE_S``, 10 by default.
+        abort_s: Seconds after which the episode is aborted: ``WRONGTURN_LEASE_ABORT_S``, 600 by default.
     """
 
     release_s: float

@@ -172,7 +172,7 @@ def _faults(faulted: list[tuple[Trial, Outcome]]) -> list[FaultKind]:
 
 
 def _table(faulted: list[tuple[Trial, Outcome]]) -> dict[JunctionType, dict[str, Cell]]:
-    """The paper's table: its three types always and in its order, a crossing only where the suite has one."""
+    """Return the paper's table: always its three types, in its order, and a crossing only if the suite has one."""
     present = {trial.junction_type for trial, _ in faulted}
     types = [*PAPER_TYPES, *(kind for kind in JunctionType if kind in present and kind not in PAPER_TYPES)]
     table: dict[JunctionType, dict[str, Cell]] = {}

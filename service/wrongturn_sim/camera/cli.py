@@ -12,7 +12,7 @@ def picture(
     weather: Annotated[str, typer.Option(help="Weather, as CARLA names it. Example: HardRainNoon")] = "ClearNoon",
     distance: Annotated[float, typer.Option(help="Metres from the car to the stop line.")] = 20.0,
     seed: Annotated[int, typer.Option(help="Seed of the rain. Example: --seed 7")] = 0,
-    scale: Annotated[int, typer.Option(help="Pixels of the file for each pixel, both ways.", min=1, max=16)] = 4,
+    scale: Annotated[int, typer.Option(help="How many times to enlarge the picture.", min=1, max=16)] = 4,
     file: Annotated[Path, typer.Option(help="File to write: .png, .jpg or .webp.")] = Path("picture.png"),
 ) -> None:
     """Save what the camera sees before a junction: colours above, classes below.

@@ -1,8 +1,8 @@
 """Command faults: what happens to the command between the route and the agent. Each fault is one file.
 
 To add a fault, put a file into this folder with a subclass of :class:`~wrongturn_sim.faults.fault.CommandFault`. The
-class names its kind, says which trials it can be applied to, and delivers the command. Nothing else has to change:
-the suite maker, practice and the environments ask the class.
+class names its kind, says which trials it can be applied to, and delivers the command. The suite maker, practice and
+the environments ask the class. Only if :class:`~wrongturn_protocol.FaultKind` lacks the kind, add the word there too.
 """
 
 import functools

@@ -74,7 +74,7 @@ def inside(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
 
 @njit(cache=True)
 def covers(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
-    """Like :func:`inside` for a polygon whose bounds stand before its edges; they usually decide at once."""
+    """Return what :func:`inside` does for a polygon with bounds before its edges, which usually decide at once."""
     if x < floats[first - 4] or y < floats[first - 3] or x > floats[first - 2] or y > floats[first - 1]:
         return False
     return inside(floats, first, edges, x, y)
@@ -82,7 +82,7 @@ def covers(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
 
 @njit(cache=True)
 def inside_listed(floats: Array, first: int, ints: Array, begin: int, end: int, x: float, y: float) -> bool:
-    """Like :func:`inside` for the edges that ``ints[begin:end]`` lists: those that meet the point's row of cells."""
+    """Return what :func:`inside` does; ``ints[begin:end]`` lists the edges that meet the point's row of cells."""
     odd = False
     for k in range(begin, end):
         i = first + EDGE * ints[k]
