@@ -1,4 +1,4 @@
-"""Pictures made different, so that an agent looks at what stays the same."""
+"""Random changes of pictures, so that an agent learns what does not depend on them."""
 
 import math
 from dataclasses import dataclass
@@ -8,34 +8,34 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 _DRAWS = 13
-_REACH = 3  # pixels to either side that a blur looks at: twice its greatest width
+_REACH = 3  # pixels to either side that a blur takes in: twice its largest standard deviation
 
 
 @dataclass(frozen=True)
 class AugmentationConfig:
-    """How much, after the paper's list: partial erasing, Gaussian blur, hue, saturation, brightness."""
+    """Strength of each change in the paper's list: partial erasing, Gaussian blur, hue, saturation, brightness."""
 
     erasing: float = 0.5
-    """Share of pictures of which a rectangle is hidden."""
+    """Share of pictures in which a rectangle is hidden."""
     erased: tuple[float, float] = (0.02, 0.25)
-    """The rectangle's share of the picture, from and to."""
+    """Smallest and largest share of the picture that the rectangle hides."""
     blurring: float = 0.3
     """Share of pictures that are blurred."""
     blur: tuple[float, float] = (0.3, 1.5)
-    """The blur's standard deviation, in pixels, from and to."""
+    """Smallest and largest standard deviation of the blur, pixels."""
     hue: float = 18.0
-    """Hues turn by at most so many degrees."""
+    """Largest turn of the hue to either side, degrees."""
     saturation: tuple[float, float] = (0.5, 1.5)
-    """Factor of the colours' distance from grey, from and to."""
+    """Smallest and largest factor of the colours' distance from grey."""
     brightness: tuple[float, float] = (0.6, 1.4)
-    """Factor of the light, from and to."""
+    """Smallest and largest factor of the light."""
 
 
 class Augmentation(nn.Module):
-    """Each picture its own erasing, blur, hue, saturation and brightness, for a whole batch in a few kernels.
+    """Changes each picture of a batch by its own erasing, blur, hue, saturation and brightness.
 
     Args:
-        config: how much.
+        config: Strength of each change.
     """
 
     colours: Tensor
@@ -46,16 +46,16 @@ class Augmentation(nn.Module):
         self.register_buffer("colours", _colour_bases(), persistent=False)
 
     def forward(self, rgb: Tensor, generator: torch.Generator | None = None) -> Tensor:
-        """Change pictures (B, 64, 192, 3) uint8; what comes out has the same shape and dtype.
+        """Return changed pictures of the same shape and dtype.
 
         Args:
-            rgb: the pictures.
-            generator: where the random numbers come from, on the pictures' device; torch's own where none is given.
+            rgb: Pictures (B, 64, 192, 3) uint8.
+            generator: Source of the random numbers, on the pictures' device; None for torch's own.
         """
         return self.changed(rgb, torch.rand(len(rgb), _DRAWS, device=rgb.device, generator=generator))
 
     def changed(self, rgb: Tensor, draws: Tensor) -> Tensor:
-        """Change pictures by given random numbers (B, 13) in [0, 1)."""
+        """Return pictures changed by given random numbers (B, 13) in [0, 1)."""
         batch, height, width, _ = rgb.shape
         dtype = torch.float16 if rgb.is_cuda else torch.float32  # half of the traffic, and finer than uint8
         with torch.autocast(rgb.device.type, enabled=False):
@@ -68,7 +68,7 @@ class Augmentation(nn.Module):
         return pictures.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
 
     def _colour(self, draws: Tensor) -> Tensor:
-        """Matrices (B, 3, 3) that turn hues, stretch colours and scale light."""
+        """Return matrices (B, 3, 3) that turn hues, stretch colours and scale light."""
         angle = (2 * draws[:, 0] - 1) * math.radians(self.config.hue)
         light = _between(draws[:, 2], self.config.brightness)
         stretch = light * _between(draws[:, 1], self.config.saturation)
@@ -83,7 +83,7 @@ class Augmentation(nn.Module):
         weights = torch.where(draws[:, :1] < self.config.blurring, weights, (offsets == 0).to(weights.dtype))
         weights = (weights / weights.sum(1, keepdim=True)).to(pictures.dtype)
         weights = weights.repeat_interleave(planes, 0).view(batch * planes, 1, -1, 1)
-        # Every plane has a kernel of its own: a convolution of as many groups.
+        # Each plane has its own kernel, so the convolution has one group for each plane.
         row = pictures.reshape(1, batch * planes, height, width)
         row = functional.conv2d(
             functional.pad(row, (0, 0, _REACH, _REACH), "replicate"), weights, groups=batch * planes
@@ -93,7 +93,7 @@ class Augmentation(nn.Module):
         return row.view(batch, planes, height, width)
 
     def _erased(self, draws: Tensor, height: int, width: int) -> Tensor:
-        """Where pictures are hidden, (B, 1, H, W)."""
+        """Return which pixels are hidden, (B, 1, H, W)."""
         area = _between(draws[:, 1], self.config.erased) * height * width
         ratio = torch.exp(_between(draws[:, 2], (-math.log(3), math.log(3))))
         size = [(area * ratio).sqrt().clamp(max=height), (area / ratio).sqrt().clamp(max=width)]
@@ -111,10 +111,10 @@ def _between(draw: Tensor, limits: tuple[float, float]) -> Tensor:
 
 
 def _colour_bases() -> Tensor:
-    """Three matrices (3, 9) that a change of light, colour and hue is a sum of.
+    """Return three matrices (3, 9). A weighted sum of them changes light, saturation and hue.
 
-    In YIQ hue is an angle about the axis of greys and saturation the distance from it: a change keeps the first
-    matrix's part (luma), and turns what is left of it, the second, towards the third.
+    In YIQ, hue is an angle about the axis of greys, and saturation is the distance from it. The first matrix gives the
+    luma, which a change of colour keeps. The second gives the rest, and the third gives the rest turned by 90 degrees.
     """
     luma = torch.tensor([0.299, 0.587, 0.114], dtype=torch.float64)
     yiq = torch.stack(
