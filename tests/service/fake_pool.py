@@ -136,11 +136,9 @@ class FakePool(SimulatorPool):
         pass
 
     @override
-    async def acquire(self, town: str, *, wait: bool = False) -> Simulator:
-        while len(self.taken) >= self._slots:
-            if not wait:
-                raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
-            await asyncio.sleep(0.01)
+    async def acquire(self, town: str) -> Simulator:
+        if len(self.taken) >= self._slots:
+            raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
         self.starts += 1
         if self.deaths_at_start:
             self.deaths_at_start.pop()

@@ -83,11 +83,11 @@ def test_who_waits_is_heard_when_the_other_ones_does_not_start() -> None:
     async def story(pool: LocalPool) -> None:
         async def acquire() -> None:
             with pytest.raises(SimulatorStartError, match="did not get ready"):
-                await pool.acquire("Town01", wait=True)
+                await pool.acquire("Town01")
 
         await asyncio.wait_for(asyncio.gather(acquire(), acquire(), acquire()), 20)
 
-    run(story, "import sys; sys.exit(7)")
+    run(story, "import sys; sys.exit(7)", slots=3)
 
 
 @pytest.mark.parametrize(("steer", "message"), [(0.25, "ended"), (0.5, "within 0.5 s"), (0.75, "ValueError: broken")])
@@ -145,17 +145,14 @@ def test_a_call_that_is_given_up_does_not_leave_its_reply_to_the_next() -> None:
     run(story)
 
 
-def test_slots_waiting_and_what_is_warm() -> None:
+def test_slots_and_what_is_warm() -> None:
     async def story(pool: LocalPool) -> None:
         one, two = await asyncio.gather(pool.acquire("Town01"), pool.acquire("Town02"))
         assert (pool.running, pool.busy) == (2, 2)
         with pytest.raises(SimulatorsBusyError, match="all 2"):
             await pool.acquire("Town01")
-        waiting = asyncio.create_task(pool.acquire("Town01", wait=True))
-        await asyncio.sleep(0.01)
-        assert not waiting.done()
         await pool.release(two)
-        assert await waiting is two
+        assert await pool.acquire("Town01") is two
         await pool.release(one)
         await pool.release(two)
         two.town = "Town02"
@@ -272,7 +269,7 @@ except FileExistsError:
         second = asyncio.create_task(pool.acquire("Town01"))
         await asyncio.sleep(0.3)
         assert not second.done()
-        assert (pool.busy, pool.waiting) == (2, 1)
+        assert pool.busy == 2
         await pool.release(first)
         assert await asyncio.wait_for(second, 10) is first
 
@@ -286,6 +283,6 @@ def test_who_waits_for_a_start_for_long_is_told_a_position(monkeypatch: pytest.M
         told = await asyncio.gather(*(pool.acquire("Town01") for _ in range(2)), return_exceptions=True)
         assert all(isinstance(one, SimulatorsBusyError) for one in told)
         assert {one.position for one in told if isinstance(one, SimulatorsBusyError)} == {1, 2}
-        assert (pool.busy, pool.waiting) == (0, 0)
+        assert pool.busy == 0
 
     run(story, "import time; time.sleep(60)", slots=2)

@@ -21,8 +21,8 @@ class HeldPool(FakePool):
         self.go_on = asyncio.Event()
         self.go_on.set()
 
-    async def acquire(self, town: str, *, wait: bool = False) -> Simulator:
-        simulator: Any = await super().acquire(town, wait=wait)
+    async def acquire(self, town: str) -> Simulator:
+        simulator: Any = await super().acquire(town)
         for name in ("reset", "step"):
             setattr(simulator, name, self._held(getattr(simulator, name)))
         return simulator

@@ -205,12 +205,11 @@ class SimulatorPool(ABC):
         """End all simulators."""
 
     @abstractmethod
-    async def acquire(self, town: str, *, wait: bool = False) -> Simulator:
+    async def acquire(self, town: str) -> Simulator:
         """Return a simulator for the caller alone, preferably one that has the town loaded.
 
         Args:
             town: where it will drive.
-            wait: wait for a free slot instead of refusing.
 
         Raises:
             SimulatorsBusyError, SimulatorStartError.
@@ -234,11 +233,6 @@ class SimulatorPool(ABC):
     def idle(self) -> int:
         """Number of simulators that are ready and not acquired."""
         return self.running - self.busy
-
-    @property
-    def waiting(self) -> int:
-        """Number of calls that wait for a simulator."""
-        return 0
 
     @property
     def failure(self) -> str | None:

@@ -1,4 +1,4 @@
-"""Simulators as processes of this machine: one libsumo each, none in the web process."""
+"""A pool of simulator processes on this machine. Each runs one libsumo; the web process runs none."""
 
 import asyncio
 import os
@@ -20,14 +20,14 @@ from wrongturn_service.simulators.local_simulator import LocalSimulator
 from wrongturn_service.simulators.memory import memory_of
 
 COMMAND = (sys.executable, "-m", "wrongturn_service.simulators.worker")
-"""What is started for each simulator; the socket's descriptor, the time limit and the screen's are added."""
+"""Command of a simulator process; :meth:`LocalSimulator.start` adds its arguments."""
 
 START_WAIT_S: Final = 20.0
-"""Seconds for which a call waits for a simulator to be started, before it is told to come back."""
+"""Seconds that a call waits for a simulator to start, before it is asked to come back."""
 
 
 class LocalPool(SimulatorPool):
-    """Processes of this machine, at most ``slots``; each is started when needed and then kept."""
+    """At most ``slots`` processes that drive; each is started when it is needed, and then kept."""
 
     def __init__(
         self,
@@ -40,16 +40,16 @@ class LocalPool(SimulatorPool):
         command: Sequence[str] = COMMAND,
         on_death: Callable[[], None] = lambda: None,
     ) -> None:
-        """Describe the pool; nothing is started yet.
+        """Create a pool without processes.
 
         Args:
-            slots: processes that drive at most.
-            start_timeout_s: seconds in which one must be ready.
-            timeout_s: seconds after which one that does not answer counts as dead.
-            spare: processes kept warm beyond those that drive, so that one that dies is replaced at once.
-            environment: added to this process's for them.
-            command: what is started for each.
-            on_death: called for each that is found dead.
+            slots: number of processes that can drive at a time.
+            start_timeout_s: seconds until a new process has to be ready.
+            timeout_s: seconds after which a call counts as hung.
+            spare: number of ready processes beyond those that drive, so that one that dies is replaced at once.
+            environment: variables of the processes, beside this process's.
+            command: starts a process.
+            on_death: called for each process that is found dead.
         """
         self._slots = slots
         self._spare = spare
@@ -60,12 +60,11 @@ class LocalPool(SimulatorPool):
         self._on_death = on_death
         self._idle: list[LocalSimulator] = []
         self._busy: set[LocalSimulator] = set()
-        self._promises = 0
-        self._warming: set[asyncio.Task[None]] = set()
-        # Each start takes a core for seconds: more at a time would make all of them late.
+        self._reserved = 0
+        self._starting: set[asyncio.Task[None]] = set()
+        # A start takes a core for seconds. More starts than cores would all be late.
         self._starts = asyncio.Semaphore(os.cpu_count() or 1)
-        self._hopeful: list[asyncio.Future[None]] = []
-        self._waiters: list[asyncio.Future[None]] = []
+        self._waiting: list[asyncio.Future[None]] = []
         self._town = ""
         self._stopping = False
         self._failure: str | None = None
@@ -79,22 +78,17 @@ class LocalPool(SimulatorPool):
     @property
     @override
     def running(self) -> int:
-        return len(self._idle) + len(self._busy) + len(self._warming)
+        return len(self._idle) + len(self._busy) + len(self._starting)
 
     @property
     @override
     def busy(self) -> int:
-        return len(self._busy) + self._promises
+        return len(self._busy) + self._reserved
 
     @property
     @override
     def idle(self) -> int:
         return len(self._idle)
-
-    @property
-    @override
-    def waiting(self) -> int:
-        return sum(not waiter.done() for waiter in [*self._hopeful, *self._waiters])
 
     @property
     @override
@@ -112,62 +106,57 @@ class LocalPool(SimulatorPool):
     @override
     async def stop(self) -> None:
         self._stopping = True
-        for task in self._warming:
+        for task in self._starting:
             task.cancel()
-        await asyncio.gather(*self._warming, return_exceptions=True)
+        await asyncio.gather(*self._starting, return_exceptions=True)
         await asyncio.gather(*(simulator.close() for simulator in [*self._idle, *self._busy]))
         self._idle.clear()
 
     @override
-    async def acquire(self, town: str, *, wait: bool = False) -> LocalSimulator:
-        while True:
-            # All leave the list before anything is awaited: whoever else looks meanwhile must not find them again.
-            dead = [simulator for simulator in self._idle if simulator.dead]
-            self._idle = [simulator for simulator in self._idle if not simulator.dead]
-            for simulator in dead:
-                await self._close_dead(simulator)
-            if self.busy < self._slots:
-                found = await self._promised(town)
-                found.town = self._town = town
-                self._busy.add(found)
-                self._warm_up()
-                return found
-            if not wait:
-                raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
-            waiter: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-            self._waiters.append(waiter)
-            await waiter
+    async def acquire(self, town: str) -> LocalSimulator:
+        # Remove all of them before the first await, so that no other call closes them too.
+        dead = [simulator for simulator in self._idle if simulator.dead]
+        self._idle = [simulator for simulator in self._idle if not simulator.dead]
+        for simulator in dead:
+            await self._close_dead(simulator)
+        if self.busy >= self._slots:
+            raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
+        simulator = await self._reserve(town)
+        simulator.town = self._town = town
+        self._busy.add(simulator)
+        self._start_spare()
+        return simulator
 
-    async def _promised(self, town: str) -> LocalSimulator:
-        """One for who has a place: the first that is free or ready, whoever it was started for.
+    async def _reserve(self, town: str) -> LocalSimulator:
+        """Reserve a slot, and return the first simulator that is ready.
 
         Raises:
-            SimulatorStartError: one that was started for those who wait did not get ready.
-            SimulatorsBusyError: none is ready in time; it is started all the same.
+            SimulatorStartError: a simulator that was started meanwhile did not get ready.
+            SimulatorsBusyError: none is ready in time; the start goes on.
         """
         loop = asyncio.get_running_loop()
         deadline = loop.time() + START_WAIT_S
-        self._promises += 1
+        self._reserved += 1
         try:
             while True:
-                found = self._take(town)
-                if found is not None:
-                    return found
-                if len(self._warming) < self._promises and self.running < self._slots + self._spare:
+                simulator = self._take_idle(town)
+                if simulator is not None:
+                    return simulator
+                if len(self._starting) < self._reserved and self.running < self._slots + self._spare:
                     self._begin_start(spare=False)
                 waiter: asyncio.Future[None] = loop.create_future()
-                self._hopeful.append(waiter)
+                self._waiting.append(waiter)
                 try:
                     await asyncio.wait_for(waiter, deadline - loop.time())
                 except TimeoutError:
                     raise SimulatorsBusyError(
-                        f"{self._promises} calls wait for simulators that are being started", self._promises
+                        f"{self._reserved} calls wait for simulators that are being started", self._reserved
                     ) from None
         except BaseException:
-            self._wake()  # the place is another's
+            self._wake()  # another call may have the slot
             raise
         finally:
-            self._promises -= 1
+            self._reserved -= 1
 
     @override
     async def release(self, simulator: Simulator) -> None:
@@ -182,39 +171,35 @@ class LocalPool(SimulatorPool):
         self._wake()
 
     def _wake(self, error: SimulatorStartError | None = None) -> None:
-        """Let all who wait look again; where a start failed, one of them hears of it."""
-        hopeful, self._hopeful = self._hopeful, []
-        waiting, self._waiters = self._waiters, []
-        for waiter in [*hopeful, *waiting]:
-            if waiter.done():
-                continue
-            if error is not None and waiter in hopeful:
-                waiter.set_exception(error)
-                error = None
-            else:
-                waiter.set_result(None)
+        """Let all waiting calls look again; one of them fails if a start failed."""
+        waiting = [waiter for waiter in self._waiting if not waiter.done()]
+        self._waiting = []
+        if error is not None and waiting:
+            waiting.pop(0).set_exception(error)
+        for waiter in waiting:
+            waiter.set_result(None)
 
-    def _take(self, town: str) -> LocalSimulator | None:
+    def _take_idle(self, town: str) -> LocalSimulator | None:
         alive = [simulator for simulator in self._idle if not simulator.dead]
         if not alive:
             return None
-        # The town it has need not be loaded again; of those, the one that was used last is warmest.
-        fitting = [simulator for simulator in alive if simulator.town == town]
-        simulator = (fitting or alive)[-1]
+        # Prefer one that has the town loaded, then the one that was used last: its memory is still in the caches.
+        loaded = [simulator for simulator in alive if simulator.town == town]
+        simulator = (loaded or alive)[-1]
         self._idle.remove(simulator)
         return simulator
 
-    def _warm_up(self) -> None:
-        """Start what is lacking of the spare ones, in the background."""
+    def _start_spare(self) -> None:
+        """Start missing spare processes in the background."""
         while (
-            len(self._idle) + len(self._warming) - self._promises < self._spare
+            len(self._idle) + len(self._starting) - self._reserved < self._spare
             and self.running < self._slots + self._spare
             and not self._stopping
         ):
             self._begin_start(spare=True)
 
     def _begin_start(self, *, spare: bool) -> None:
-        self._warming.add(asyncio.create_task(self._start_one(spare=spare)))
+        self._starting.add(asyncio.create_task(self._start_one(spare=spare)))
 
     async def _start_one(self, *, spare: bool) -> None:
         simulator, failed = None, None
@@ -228,7 +213,7 @@ class LocalPool(SimulatorPool):
         except SimulatorDiedError as error:
             self._log.warning("spare simulator did not get ready", reason=str(error))
         finally:
-            self._warming = {task for task in self._warming if task is not asyncio.current_task()}
+            self._starting = {task for task in self._starting if task is not asyncio.current_task()}
             if simulator is not None:
                 self._idle.append(simulator)
             self._wake(failed)
