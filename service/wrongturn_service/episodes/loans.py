@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
@@ -36,32 +37,21 @@ class LendableConnection(Protocol):
         """Use the connection again, or close it if the simulator died."""
 
 
+@dataclass(slots=True)
 class _OpenLoan:
     """A loan, and how many of its steps are counted."""
 
-    def __init__(self, episode: OpenEpisode, simulator: Simulator, connection: LendableConnection) -> None:
-        self.simulator = simulator
-        self._episode = episode
-        self._connection = connection
-        self._counted = 0
+    episode: OpenEpisode
+    simulator: Simulator
+    connection: LendableConnection
+    counted: int = 0
 
     def count(self, steps: Sequence[Seconds]) -> None:
-        """Count further steps; the client that took them is not silent."""
+        """Count further steps; the agent that took them is not silent."""
         if steps:
-            self._counted += len(steps)
-            self._connection.count_steps(steps)
-            self._episode.lease.renew()
-
-    def look(self) -> None:
-        """Count the steps since the last look; without any, end the loan, since the client or the simulator hangs."""
-        steps = self.simulator.answered(self._counted)
-        self.count(steps)
-        if not steps:
-            self.simulator.recall()
-
-    def count_rest(self, end: LoanEnd) -> None:
-        """Count the steps between the last look and the loan's end."""
-        self.count(end.steps.seconds[self._counted :])
+            self.counted += len(steps)
+            self.connection.count_steps(steps)
+            self.episode.lease.renew()
 
 
 class Loans:
@@ -85,11 +75,14 @@ class Loans:
                 pass
 
     async def look(self) -> None:
-        """Count the steps that were answered since the last look, and end the loans without any."""
+        """Count the steps since the last look. End the loans without any: the client is silent, or the simulator hangs."""
         for episode in list(self._loans):
             loan = self._loans.get(episode)
             if loan is not None:
-                loan.look()
+                steps = loan.simulator.answered(loan.counted)
+                loan.count(steps)
+                if not steps:
+                    loan.simulator.recall()
             # The steps of one loan take milliseconds to count.
             await asyncio.sleep(0)
 
@@ -120,21 +113,23 @@ class Loans:
             episode.lock.release()
             return False
         episode.lock.recall = simulator.recall
-        self._loans[episode] = _OpenLoan(episode, simulator, connection)
+        self._loans[episode] = loan = _OpenLoan(episode, simulator, connection)
         over = simulator.lend(Loan(handle, episode.id, episode.track, episode.seq, episode.practice))
-        over.add_done_callback(partial(self._end, episode, connection))
+        over.add_done_callback(partial(self._end, loan))
         return True
 
-    def _end(self, episode: OpenEpisode, connection: LendableConnection, over: "asyncio.Future[LoanEnd]") -> None:
-        end, last = over.result(), over.result().last
+    def _end(self, loan: _OpenLoan, over: "asyncio.Future[LoanEnd]") -> None:
+        end, episode = over.result(), loan.episode
         episode.lock.recall = None
-        self._loans.pop(episode).count_rest(end)
+        del self._loans[episode]
+        loan.count(end.steps.seconds[loan.counted :])
         if end.observation is not None:
             episode.actions += end.steps.actions
             result = StepResult(end.observation, end.steps.reward, terminated=False, truncated=False, final=None)
             episode.last = step_reply_of(episode, result, Encoding.RAW)
-        if last is None:
+        if end.last is None:
             episode.lock.release()
         else:
-            self._steps.take_in(episode, last.action, Encoding.RAW, last.result, last.seconds, connection.answer(last))
-        connection.returned(end)
+            last, reply = end.last, loan.connection.answer(end.last)
+            self._steps.take_in(episode, last.action, Encoding.RAW, last.result, last.seconds, reply)
+        loan.connection.returned(end)
