@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Final, Protocol
 
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.open_episode import OpenEpisode
@@ -12,6 +12,9 @@ from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.episodes.steps import Done, Steps, step_reply_of
 from wrongturn_service.simulators.action_log import Seconds
 from wrongturn_service.simulators.interface import LastStep, Loan, LoanEnd, Simulator, StepResult
+
+_PART: Final = 256
+"""Steps that are counted before other calls go on."""
 
 
 class LendableConnection(Protocol):
@@ -46,12 +49,13 @@ class _OpenLoan:
     connection: LendableConnection
     counted: int = 0
 
-    def count(self, steps: Sequence[Seconds]) -> None:
-        """Count further steps; the agent that took them is not silent."""
+    def count(self, steps: Sequence[Seconds]) -> bool:
+        """Count further steps; the agent that took them is not silent. Return whether there are any."""
         if steps:
             self.counted += len(steps)
             self.connection.count_steps(steps)
             self.episode.lease.renew()
+        return bool(steps)
 
 
 class Loans:
@@ -75,16 +79,16 @@ class Loans:
                 pass
 
     async def look(self) -> None:
-        """Count the steps since the last look. End the loans without any: the client is silent, or the simulator hangs."""
-        for episode in list(self._loans):
-            loan = self._loans.get(episode)
-            if loan is not None:
-                steps = loan.simulator.answered(loan.counted)
-                loan.count(steps)
-                if not steps:
-                    loan.simulator.recall()
-            # The steps of one loan take milliseconds to count.
-            await asyncio.sleep(0)
+        """Count the steps since the last look. Loans without any end: the client is silent, or the simulator hangs."""
+        for episode, loan in list(self._loans.items()):
+            before = loan.counted
+            while self._loans.get(episode) is loan:
+                if not loan.count(loan.simulator.answered(loan.counted, _PART)):
+                    if loan.counted == before:
+                        loan.simulator.recall()
+                    break
+                # There may be thousands. Other calls go on between the parts, and the loan may end.
+                await asyncio.sleep(0)
 
     def begin(self, agent: str, episode_id: str, connection: LendableConnection) -> bool:
         """Lend a connection. The episode's lock is held until it is back.

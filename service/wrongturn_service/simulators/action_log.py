@@ -84,11 +84,17 @@ class ActionLog:
         end = _ENTRIES_AT + self._count * _ENTRY.size
         _SECONDS.pack_into(self._memory, end - _SECONDS.size, seconds)
 
-    def read(self, loan: int, first: int = 0) -> LogEntries:
-        """Return the steps of a loan, from a certain one on; none if the process has not begun with the loan."""
+    def read(self, loan: int, first: int = 0, most: int = STEPS) -> LogEntries:
+        """Return steps of a loan; none if the process has not begun with the loan.
+
+        Args:
+            loan: its number.
+            first: the number of the first step to return.
+            most: the number of steps to return at most.
+        """
         number, count = divmod(self._head[0], 1 << _COUNT_BITS)
-        end = count if number == loan else 0
-        part = self._memory[_ENTRIES_AT + first * _ENTRY.size : _ENTRIES_AT + max(first, end) * _ENTRY.size]
+        end = max(first, min(first + most, count if number == loan else 0))
+        part = self._memory[_ENTRIES_AT + first * _ENTRY.size : _ENTRIES_AT + end * _ENTRY.size]
         entries = list(_ENTRY.iter_unpack(part))
         return LogEntries(
             b"".join(action for action, *_ in entries),

@@ -180,8 +180,13 @@ class Simulator(ABC):
         """
         raise NotImplementedError
 
-    def answered(self, first: int) -> tuple[Seconds, ...]:
-        """Return the seconds of the steps that were answered during the current loan, from a certain one on."""
+    def answered(self, first: int, most: int) -> tuple[Seconds, ...]:
+        """Return the seconds of steps that were answered during the current loan.
+
+        Args:
+            first: the number of the first step to return.
+            most: the number of steps to return at most.
+        """
         raise NotImplementedError
 
     def recall(self) -> None:

@@ -209,8 +209,8 @@ class LocalSimulator(Simulator):
         return self._loop.create_task(self._loan_end(loan, place, reply))
 
     @override
-    def answered(self, first: int) -> tuple[Seconds, ...]:
-        steps = self._shared.action_log.read(self._loan, first).seconds
+    def answered(self, first: int, most: int) -> tuple[Seconds, ...]:
+        steps = self._shared.action_log.read(self._loan, first, most).seconds
         return steps if not steps or steps[-1][1] else steps[:-1]
 
     @override
