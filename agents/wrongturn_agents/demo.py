@@ -137,7 +137,7 @@ def _checked(agents: str, suite: str) -> tuple[list[str], str]:
 
 @contextmanager
 def _folder(path: Path) -> Iterator[Path]:
-    """Lock the demo's folder, remove the last demo's files from it, and give its absolute path.
+    """Lock the demo's folder, remove the last demo's files from it, and yield its absolute path.
 
     Raises:
         DemoError: The folder cannot be written, or another demo runs in it.

@@ -44,7 +44,7 @@ class RunRequest:
 
 @contextlib.contextmanager
 def service_at(url: str | None, operator_token: str | None) -> Iterator[tuple[str, str | None]]:
-    """Give the URL and operator's token of a service; without a URL, start one for the ``with`` block."""
+    """Yield the URL and operator's token of a service. Without a URL, start one for the ``with`` block."""
     if url is not None:
         yield url, operator_token
         return

@@ -60,8 +60,8 @@ class _OpenEpisode:
 class EvaluationDriver:
     """Drives one policy through one evaluation.
 
-    The steps of all open episodes go in one message. Each new trial is asked for in a message of its own, beside the
-    steps, because a reset takes as long as dozens of steps.
+    The steps of all open episodes go in one message. Each request for a new trial has a message of its own, because a
+    reset takes as long as dozens of steps.
     """
 
     def __init__(

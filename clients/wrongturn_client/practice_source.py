@@ -14,7 +14,7 @@ class PracticeSource:
     """Draws practice trials in a town (``Town01`` by default) or out of a suite's open split."""
 
     def __init__(self, options: TrialOptions) -> None:
-        """Check what only a service cannot do.
+        """Check that a service can draw with these options.
 
         Args:
             options: What to draw.

@@ -22,7 +22,7 @@ Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 def is_none(value: object) -> bool:
-    """Leave a field out when it is None, so that suites and trajectories from before it existed keep their bytes."""
+    """Return whether to leave a field out, so that suites and trajectories from before it existed keep their bytes."""
     return value is None
 
 

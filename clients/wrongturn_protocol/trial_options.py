@@ -61,7 +61,7 @@ class TrialOptions:
     def of(
         cls, town: str | None = None, track: Track | str = Track.STATE, **given: Unpack[TrialKeywords]
     ) -> "TrialOptions":
-        """Read the options as an environment takes them; ``weather`` may be one or several.
+        """Return the options that an environment was given. ``weather`` may be one or several.
 
         Raises:
             TypeError: There is no option of that name.

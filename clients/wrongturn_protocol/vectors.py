@@ -1,4 +1,4 @@
-"""Arguments of the vector environments, in process and over the wire: seeds, trials, masks and actions."""
+"""Arguments of the vector environments, in process and against a service: seeds, trials, masks and actions."""
 
 from collections.abc import Sequence
 from typing import Any, Final

@@ -148,7 +148,7 @@ def _lengths(town: Town, task: Task) -> tuple[float, float]:
 def _fitting(
     pairs: tuple[_Pair, ...], shortest: float, longest: float, draw: random.Random
 ) -> tuple[list[_Pair], float]:
-    """Draw a length between two, if any pair has such journeys; return the pairs that have it, and the length."""
+    """Draw a length, within the limits if possible. Return the pairs of lanes that allow it, and the length."""
     least, most = min(pair.least for pair in pairs), max(pair.most for pair in pairs)
     if shortest <= most and least <= longest:
         least, most = max(least, shortest), min(most, longest)

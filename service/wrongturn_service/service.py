@@ -104,9 +104,7 @@ async def run_service(
         telemetry.watch("wrongturn_simulators_awaited", "Calls that wait for a simulator", lambda: queue.waiting)
         sockets = ConnectionLimits(each=settings.max_sockets, address=settings.max_sockets_per_address)
         telemetry.watch("wrongturn_sockets", "Connections to /v1/drive", lambda: sockets.open)
-        telemetry.watch(
-            "wrongturn_sockets_lent", "Connections lent to simulators", lambda: len(episodes.loans)
-        )
+        telemetry.watch("wrongturn_sockets_lent", "Connections lent to simulators", lambda: len(episodes.loans))
         memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, updated every 30 s")
         for work in (episodes.watch_leases(), _housekeeping(settings, store, evaluations, pool, memory)):
             task = asyncio.create_task(work)

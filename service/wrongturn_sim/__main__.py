@@ -1,7 +1,7 @@
 """Compile everything that numba compiles and keep it: ``python -m wrongturn_sim``.
 
-Images and tests run it once. The compiled code lies where ``NUMBA_CACHE_DIR`` says, and a process that finds it there
-does not compile anything itself.
+Images and tests run it once. The compiled code is kept in the folder ``NUMBA_CACHE_DIR``. A process that finds it there
+compiles nothing.
 """
 
 from typing import Final

@@ -103,14 +103,14 @@ class House(NamedTuple):
 
 @kernel
 def pulse(x: float, low: float, high: float) -> float:
-    """Return the integral from 0 to x of what is 1 between low and high of each whole step, else 0."""
+    """Return the integral from 0 to x of a wave of period 1 that is 1 from low to high in each period, else 0."""
     whole = floor(x)
     return whole * (high - low) + clamp(x - whole - low, 0.0, high - low)
 
 
 @kernel
 def covered(x: float, step: float, low: float, high: float) -> float:
-    """Return the mean, over ``step`` around x, of what is 1 between low and high of each whole step, else 0."""
+    """Return the mean of the wave of :func:`pulse` over a range of length ``step`` around x."""
     return (pulse(x + step / 2, low, high) - pulse(x - step / 2, low, high)) / step
 
 
