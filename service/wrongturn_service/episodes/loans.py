@@ -8,6 +8,7 @@ from typing import Final, Protocol
 
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.open_episode import OpenEpisode
+from wrongturn_service.episodes.refusals import is_next_step
 from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.episodes.steps import Done, Steps, step_reply_of
 from wrongturn_service.simulators.action_log import Seconds
@@ -102,15 +103,12 @@ class Loans:
             Whether it is lent; otherwise nothing has happened.
         """
         episode = self._registry.get(episode_id)
-        if (
-            episode is None
-            or episode.agent != agent
-            or episode.end is not None
-            or episode.last.encoding is not Encoding.RAW
-        ):
+        if episode is None or not is_next_step(episode, agent, episode.seq + 1):
             return False
         simulator = episode.simulator
-        if simulator is None or not simulator.lends or not episode.lock.taken_now():
+        if simulator is None or not simulator.lends or episode.last.encoding is not Encoding.RAW:
+            return False
+        if not episode.lock.taken_now():
             return False
         handle = connection.lend(simulator.recall)
         if handle is None:
