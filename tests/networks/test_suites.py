@@ -19,7 +19,7 @@ from wrongturn_networks import (
     read_suite,
     suite_ids,
 )
-from wrongturn_networks.catalog import list_suites
+from wrongturn_networks.catalogue import list_suites
 from wrongturn_networks.making.writing_suites import suite_text
 from wrongturn_networks.suites import SUITES
 from wrongturn_protocol import PAPER_TYPES, FaultKind, Track, Traffic, Weather, trial_id

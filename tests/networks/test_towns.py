@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrongturn_networks import Town, UnknownApproachError, UnknownTownError, load_town, town_names
-from wrongturn_networks.catalog import checks, list_towns
+from wrongturn_networks.catalogue import checks, list_towns
 from wrongturn_networks.junctions import direction_of
 from wrongturn_protocol import DIRECTIONS, PAPER_TYPES, Command, FaultKind, JunctionType
 

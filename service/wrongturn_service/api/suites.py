@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter, Response
 
-from wrongturn_networks import catalog
+from wrongturn_networks.catalogue import list_suites
 from wrongturn_protocol import SuiteList, SuiteSummary, TrialList
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import reply
@@ -14,7 +14,7 @@ router = APIRouter(prefix="/v1/suites", tags=["suites"], route_class=Route)
 @router.get("", **described(SuiteList))
 async def suites() -> Response:
     """List all suites."""
-    return reply(SuiteList(suites=tuple(catalog.list_suites())))
+    return reply(SuiteList(suites=tuple(list_suites())))
 
 
 @router.get("/{suite}", **described(SuiteSummary, 404))

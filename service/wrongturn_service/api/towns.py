@@ -4,7 +4,7 @@ import asyncio
 
 from fastapi import APIRouter, Response
 
-from wrongturn_networks import catalog
+from wrongturn_networks.catalogue import list_towns
 from wrongturn_protocol import TownDetail, TownList
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import reply
@@ -16,7 +16,7 @@ router = APIRouter(prefix="/v1/towns", tags=["towns"], route_class=Route)
 @router.get("", **described(TownList))
 async def towns() -> Response:
     """List all towns."""
-    return reply(TownList(towns=tuple(catalog.list_towns())))
+    return reply(TownList(towns=tuple(list_towns())))
 
 
 @router.get("/{town}", **described(TownDetail, 404))
