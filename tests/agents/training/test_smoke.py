@@ -1,45 +1,62 @@
-"""A short training on the CPU, as continuous integration runs it: what it learns must be worth something."""
+"""A training of seconds on the CPU, for each algorithm on small networks: it must drive better than chance."""
 
 import numpy as np
 import pytest
 import torch
+from small_networks import small_networks  # noqa: F401 - a fixture
 
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
+from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.driving_env import DrivingVecEnv
 from wrongturn_agents.training.train import train
 from wrongturn_protocol import TRAINING_WEATHERS
 
+CARS = 16
+STEPS = 4096
 OPTIONS = (
-    "num_envs=16",
+    f"num_envs={CARS}",
     "n_steps=32",
     "batch_size=128",
-    "n_epochs=4",
     "learning_rate=1e-3",
-    "time_limit=15",
+    "projection_learning_rate=1",
+    "encoder_learning_rate=1",
+    # So few steps suffice for a short horizon only.
+    "gamma=0.9",
+    "reward_divisor=30",
+    "failure_penalty=1",
+    "time_limit=8",
+    "accelerate=1",
+    "inside_junctions=0",
     "journeys=1",
     "brief_journeys=1",
-    "patience=3",
-    # In so few steps what is learnt first is not to leave the road: that is what these reward.
-    "activation=relu",
-    "accelerate=0",
-    "failure_penalty=2",
-    "standing_penalty=2",
-    "standing_cost=0",
+    "patience=1",
 )
+MORE = {
+    "ppo-segmentation": (),
+    "ppo-image": (
+        "augment=false",
+        "pretraining_frames=256",
+        "pretraining_batch=32",
+        "pretraining_passes=1",
+        "n_epochs=6",
+    ),
+    "ppo-auxiliary": ("augment=false", "auxiliary_share=0.1", "n_epochs=3"),
+}
 
 
-def mean_reward(act, episodes=32):
-    """Of an episode of the paper's reward, of drives of at most 15 s that are not trained on."""
+def mean_reward(algorithm, act, episodes=32):
+    """Return the paper's reward of an episode, in drives of at most 4 s that are not trained on."""
+    config = config_of(algorithm)
     envs = DrivingVecEnv(
-        16,
-        keys=("speed", "steering", "command", "segmentation"),
+        CARS,
+        keys=config.keys,
         town="Town01",
-        track="segmentation",
+        track=config.track,
         task="cruise",
         strict=True,
         record=False,
         weather=TRAINING_WEATHERS,
-        journeys={"time_limit": 15.0},
+        journeys={"time_limit": 4.0},
     )
     envs.seed(10**6)
     observation = envs.reset()
@@ -52,16 +69,18 @@ def mean_reward(act, episodes=32):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
-def test_a_two_minute_training_beats_a_random_policy(tmp_path):
+@pytest.mark.parametrize("algorithm", MORE)
+def test_a_short_training_beats_a_random_policy(algorithm, tmp_path, small_networks):  # noqa: F811
     random = np.random.default_rng(1)
-    by_chance = mean_reward(lambda _: random.uniform(-1.0, 1.0, (16, 2)))
-    train("ppo-segmentation", directory=tmp_path, seed=1, steps=8192, device="cpu", options=OPTIONS)
+    by_chance = mean_reward(algorithm, lambda _: random.uniform(-1.0, 1.0, (CARS, 2)))
+    options = (*OPTIONS, *MORE[algorithm])
+    # One thread: with networks so small, more would mostly wait for each other.
+    train(algorithm, directory=tmp_path, seed=1, steps=STEPS, device="cpu", threads=1, options=options)
     model = model_of(load_checkpoint(tmp_path / "last.pt"))
 
     @torch.inference_mode()
-    def learnt(observation):
+    def learned(observation):
         return model.act(model.features(observation), observation["command"]).numpy()
 
-    # 750 by chance and 1,582 after it, when this was written.
-    assert mean_reward(learnt) > by_chance + 300.0
+    # By chance 365. Trainings with a learning rate that ruins the policy came to 250 to 400, these to 510 to 620.
+    assert mean_reward(algorithm, learned) > by_chance + 75.0
