@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from wrongturn_protocol import SegmentationClass
+from wrongturn_protocol.segmentation import SegmentationClass
 from wrongturn_sim.camera.kernels import (
     HAZE,
     LOWER,

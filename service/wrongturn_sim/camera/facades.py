@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from wrongturn_protocol import SegmentationClass
+from wrongturn_protocol.segmentation import SegmentationClass
 from wrongturn_sim.camera.kernels import (
     Colour,
     Column,

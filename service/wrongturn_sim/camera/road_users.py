@@ -3,7 +3,7 @@
 import math
 from typing import Any, Final, NamedTuple
 
-from wrongturn_protocol import SegmentationClass
+from wrongturn_protocol.segmentation import SegmentationClass
 from wrongturn_sim.camera.kernels import (
     Colour,
     Column,

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from wrongturn_protocol import SegmentationClass
+from wrongturn_protocol.segmentation import SegmentationClass
 from wrongturn_sim.camera.kernels import Column, clamp, first_row, floor, grain, haze_at, kernel, put_lit, turned
 from wrongturn_sim.camera.solids import (
     B2,

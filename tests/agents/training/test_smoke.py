@@ -23,9 +23,13 @@ OPTIONS = (
     # So few steps suffice for a short horizon only.
     "gamma=0.9",
     "reward_divisor=30",
-    "failure_penalty=1",
+    # What is learned first is not to leave the road, so these reward that and nothing rewards driving off at once.
+    "activation=relu",
+    "failure_penalty=2",
+    "standing_penalty=2",
+    "standing_cost=0",
+    "accelerate=0",
     "time_limit=8",
-    "accelerate=1",
     "inside_junctions=0",
     "journeys=1",
     "brief_journeys=1",
@@ -82,5 +86,6 @@ def test_a_short_training_beats_a_random_policy(algorithm, tmp_path, small_netwo
     def learned(observation):
         return model.act(model.features(observation), observation["command"]).numpy()
 
-    # By chance 365. Trainings with a learning rate that ruins the policy came to 250 to 400, these to 510 to 620.
-    assert mean_reward(algorithm, learned) > by_chance + 75.0
+    # By chance 365, standing still about 460. Trainings of two seeds came to 837 and 856, 604 and 717, 611 and 719.
+    margin = 300.0 if algorithm == "ppo-segmentation" else 150.0
+    assert mean_reward(algorithm, learned) > by_chance + margin
