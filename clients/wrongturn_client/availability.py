@@ -5,7 +5,7 @@ from typing import Final
 
 _LOG: Final = logging.getLogger("wrongturn_client")
 _FIRST_CONTACT: Final = 5.0
-"""Seconds of patience with a URL at which nobody has answered yet, because it may be mistyped."""
+"""Seconds to wait for a URL that has never answered. It may be mistyped."""
 
 
 class Availability:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wrongturn_agents.baselines.path import Path
 
 _CLEARANCE: Final = 0.4  # metres that must be free on either side of the body
-_STAND: Final = 2.5  # metres from bumper to bumper when the car stands behind somebody
+_STAND: Final = 2.5  # metres between the bumpers when the car stands behind another
 _SIGHT: Final = 50.0  # metres along the path; road users further away do not matter
 _FORESIGHT: Final = (0.0, 0.7, 1.4)  # seconds ahead at which a road user may be in the way, at its present speed
 

@@ -133,7 +133,7 @@ def _in_town(
                     outcome = Outcome.model_validate(infos["outcome"][k]) if ended[k] else None
                     yield number, DrivenTrial(assigned[number].trial, outcome, float(rewards[k]))
                     driving[k] = waiting.pop(0) if waiting else None
-                # All cars step together, so a car without a trial drives its last one again, and nobody counts it.
+                # All cars step together. A car without a trial repeats its last one, which does not count.
                 following = driving[k]
                 if ended[k] or following is not None:
                     current[k] = current[k] if following is None else assigned[following]
