@@ -1,4 +1,5 @@
 from .episodes import Action as Action
+from .episodes import Cell as Cell
 from .episodes import EpisodeDetail as EpisodeDetail
 from .episodes import EpisodeReply as EpisodeReply
 from .episodes import Fault as Fault
@@ -21,7 +22,7 @@ from .results import AgentDetail as AgentDetail
 from .results import AgentList as AgentList
 from .results import AgentRegistration as AgentRegistration
 from .results import ApproachDetail as ApproachDetail
-from .results import Cell as Cell
+from .results import Comparison as Comparison
 from .results import EpisodeList as EpisodeList
 from .results import EpisodeRecord as EpisodeRecord
 from .results import EpisodeResult as EpisodeResult
@@ -34,11 +35,19 @@ from .results import LeaderboardEntry as LeaderboardEntry
 from .results import LeaderboardList as LeaderboardList
 from .results import LeaderboardSummary as LeaderboardSummary
 from .results import Metrics as Metrics
+from .results import OwnerDetail as OwnerDetail
+from .results import OwnerRegistration as OwnerRegistration
 from .results import Problem as Problem
 from .results import RegisteredAgent as RegisteredAgent
+from .results import RegisteredOwner as RegisteredOwner
 from .results import ResultsRequest as ResultsRequest
+from .results import Seeds as Seeds
+from .results import SeedSpread as SeedSpread
+from .results import StratumComparison as StratumComparison
+from .results import StrictUnsafeCount as StrictUnsafeCount
 from .results import SuiteList as SuiteList
 from .results import SuiteSummary as SuiteSummary
+from .results import TableCell as TableCell
 from .results import TownDetail as TownDetail
 from .results import TownList as TownList
 from .results import TownSummary as TownSummary

@@ -121,6 +121,8 @@ class Trial(Message):
     fault: Fault
     seed: Seed
     """Seed of every random draw in the episode."""
+    window: Annotated[float, Field(gt=0, le=60, allow_inf_nan=False)] | None = Field(default=None, exclude_if=is_none)
+    """Where the command's window opens, metres before the stop line. None: at the nominal 15."""
     journey: Journey | None = Field(default=None, exclude_if=is_none)
     """The journey; None for a trial at a single junction."""
 
@@ -157,6 +159,16 @@ def twin_id(trial: Trial) -> str:
     return trial_id(trial.town, trial.approach, FaultKind.NONE, trial.seed)
 
 
+class Cell(Message):
+    """A trial of a suite that has not been drawn yet. The draw chooses approach, route, start, window and seed."""
+
+    town: str
+    junction_type: JunctionType
+    fault: Fault
+    weather: Weather = Weather.CLEAR_NOON
+    traffic: Traffic = Traffic()
+
+
 class PracticeRequest(Message):
     """``POST /v1/episodes``: a practice episode, which is never scored.
 
@@ -176,7 +188,8 @@ class PracticeRequest(Message):
     weather: Weather = Weather.CLEAR_NOON
     traffic: Traffic = Traffic()
     seed: Seed = 0
-    track: Track = Track.STATE
+    track: Track | None = None
+    """The agent's own track, which is the default and the only one."""
 
     @model_validator(mode="after")
     def _one_way_of_asking(self) -> Self:
@@ -279,6 +292,16 @@ class Outcome(Message):
     """Least time to collision, seconds; None if the car approached nothing."""
     max_deceleration: float
     """Greatest deceleration, metres per second squared."""
+    kerb_bite_m: float | None = Field(default=None, exclude_if=is_none)
+    """Distance driven with one or two wheels off the road, metres. None in version 1, as for the next fields."""
+    kerb_bite_s: float | None = Field(default=None, exclude_if=is_none)
+    """Time with one or two wheels off the road, seconds."""
+    opposed_lane_m: float | None = Field(default=None, exclude_if=is_none)
+    """Distance that the centre was driven on opposed lanes, metres."""
+    over_line_m: float | None = Field(default=None, exclude_if=is_none)
+    """How far the nose of a car that stopped before the junction is past the stop line, metres; 0 if it is not."""
+    first_stop_s: float | None = Field(default=None, exclude_if=is_none)
+    """Time at which the car first began to stand, seconds; None if it never did."""
     journey: JourneyOutcome | None = Field(default=None, exclude_if=is_none)
     """Figures of the journey, if the trial has one."""
 

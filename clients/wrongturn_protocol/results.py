@@ -37,14 +37,16 @@ class SuiteSummary(Message):
     """Number of trials, without their twins."""
     twins: int
     tracks: tuple[Track, ...]
+    successor: str | None = None
+    """Id of the suite that replaces it. A suite with a successor takes no new evaluations."""
 
 
 class TrialDetail(Message):
-    """One trial of the open split."""
+    """One trial of the open draw, or of a suite that lists its trials."""
 
     id: str
     twin: str | None
-    """Id of the same trial without its fault, which you can practise too. None for a journey, which has no fault."""
+    """Id of its twin, which has no fault; you can practise it too. None for a journey, which has no fault."""
     town: str
     approach: str
     junction_type: JunctionType
@@ -54,6 +56,8 @@ class TrialDetail(Message):
     traffic: Traffic
     fault: Fault
     seed: int
+    window: float | None = Field(default=None, exclude_if=is_none)
+    """Where the command's window opens, metres before the stop line. None: at the nominal 15."""
     journey: Journey | None = Field(default=None, exclude_if=is_none)
     """The journey; None for a trial at a single junction."""
 
@@ -106,6 +110,28 @@ class TownDetail(Message):
     """Centre lines by lane id."""
 
 
+class OwnerRegistration(Message):
+    """``POST /v1/owners``."""
+
+    name: AgentName
+    contact: Annotated[str, Field(max_length=300)] | None = None
+    """How the operator reaches the owner; nobody else sees it."""
+
+
+class OwnerDetail(Message):
+    """An owner as everybody sees it: who answers for agents."""
+
+    id: str
+    name: str
+
+
+class RegisteredOwner(OwnerDetail):
+    """Reply 201 to an owner's registration or a token's rotation."""
+
+    token: str
+    """The token, with which the owner registers agents. It is shown only this once."""
+
+
 class AgentRegistration(Message):
     """``POST /v1/agents``."""
 
@@ -124,6 +150,8 @@ class AgentDetail(Message):
     name: str
     track: Track
     kind: AgentKind
+    owner: str = ""
+    """Name of the owner."""
     description: str | None = None
     homepage: str | None = None
 
@@ -150,8 +178,15 @@ class UnsafeCount(Message):
     ci95: tuple[float, float]
 
 
+class StrictUnsafeCount(UnsafeCount):
+    """Unsafe episodes in the strict column, which decides the ranks."""
+
+    ci83: tuple[float, float] | None = None
+    """Wilson's 83.4 % interval. Two agents whose intervals do not touch differ at about 5 %. None in old results."""
+
+
 class TwinCount(Message):
-    """Results of the same trials without fault: how well the agent drives at all."""
+    """Results of the twins, which have no fault: how well the agent drives at all."""
 
     unsafe: int
     completed: int
@@ -169,7 +204,7 @@ class ExcessUnsafeRate(Message):
     """p-value of the exact two-sided McNemar test."""
 
 
-class Cell(Message):
+class TableCell(Message):
     """One cell of the paper's table."""
 
     unsafe: int
@@ -180,11 +215,11 @@ class Metrics(Message):
     """Results of an evaluation."""
 
     unsafe: UnsafeCount
-    unsafe_strict: UnsafeCount
+    unsafe_strict: StrictUnsafeCount
     twins: TwinCount
     excess_unsafe_rate: ExcessUnsafeRate | None
     """None for a suite of journeys, which have no twins."""
-    table: dict[JunctionType, dict[str, Cell]]
+    table: dict[JunctionType, dict[str, TableCell]]
     """Unsafe episodes by junction type and fault; empty for a suite of journeys."""
     reactions: dict[str, dict[Reaction, int]]
     """Numbers of reactions by fault."""
@@ -205,6 +240,10 @@ class EvaluationDetail(Message):
     """Number of episodes to drive: the suite's trials and their twins."""
     finished: int
     max_parallel: int
+    commitment: Sha256 | None = None
+    """SHA-256 of the secret's text, told from the beginning. None for a suite that lists its trials."""
+    secret: str | None = None
+    """The secret from which the trials were drawn, once the evaluation is finished: see ``wrongturn trials``."""
     metrics: Metrics | None = None
     """Results, once the evaluation is finished."""
 
@@ -242,11 +281,30 @@ class EpisodeResult(Message):
     outcome: Outcome
 
 
+class SeedSpread(Message):
+    """Median and range of a count over training seeds."""
+
+    median: float
+    lowest: int
+    highest: int
+
+
+class Seeds(Message):
+    """Results over the training seeds of an algorithm, on the open draw."""
+
+    count: int
+    """Number of training seeds."""
+    unsafe: SeedSpread
+    unsafe_strict: SeedSpread
+    twins_completed: SeedSpread
+
+
 class LeaderboardEntry(Metrics):
-    """Results of one agent on a suite."""
+    """Results of one agent on a suite, or of one algorithm over its training seeds."""
 
     rank: int | None
-    """1 plus the number of significantly better agents of the same track; None if the agent is not eligible."""
+    """1 plus the number of other owners with an agent of the same track whose 83.4 % interval lies wholly below this
+    one's; None if the agent is not eligible."""
     tied_with: tuple[str, ...]
     """Names of the agents with the same rank and track."""
     eligible: bool
@@ -254,9 +312,16 @@ class LeaderboardEntry(Metrics):
     """The reason, if not eligible."""
     agent: AgentDetail
     entry: Entry
-    evaluation: str
+    evaluation: str | None
+    """Id of the evaluation; None for an algorithm, whose other figures are those of its median seed."""
+    aborted: int = 0
+    """Number of trials and twins that the agent gave up, stayed away from, or left when it closed the evaluation."""
+    owner_agents: int = 1
+    """Number of agents with an entry on this suite that the same owner has: who tries often becomes visible."""
     cancelled: int = 0
-    """Evaluations on the suite that the agent began and cancelled; cancelling until one is lucky becomes visible."""
+    """Evaluations that the agent began and cancelled, in version 1 only: version 2 counts what was begun."""
+    seeds: Seeds | None = Field(default=None, exclude_if=is_none)
+    """Results over training seeds; only in a row of an algorithm."""
 
 
 class Leaderboard(Message):
@@ -267,6 +332,31 @@ class Leaderboard(Message):
     updated: str | None
     """When the newest evaluation was finished, ISO 8601 in UTC; None if there is none."""
     entries: tuple[LeaderboardEntry, ...]
+
+
+class StratumComparison(Message):
+    """Unsafe trials of two agents in the cells of one junction type and fault."""
+
+    junction_type: JunctionType
+    fault: FaultKind
+    a: TableCell
+    b: TableCell
+
+
+class Comparison(Message):
+    """``GET /v1/leaderboards/{suite}/compare``: two agents, cell by cell."""
+
+    suite: str
+    a: AgentDetail
+    b: AgentDetail
+    strata: tuple[StratumComparison, ...]
+    """Strict unsafe trials by junction type and fault."""
+    difference: float
+    """Strict unsafe rate of ``a`` minus that of ``b``."""
+    p: float
+    """Two-sided p-value of the exact test within junction types and faults."""
+    sentence: str
+    """What the figures say, in one sentence."""
 
 
 class LeaderboardSummary(Message):

@@ -199,12 +199,14 @@ _SAFE: Final = _EXITED | {Verdict.STOPPED_BEFORE_JUNCTION, Verdict.ARRIVED}
 
 
 class Flag(StrEnum):
-    """Something worth knowing beyond the verdict."""
+    """Something worth knowing beyond the verdict. Version 1 had the first four."""
 
     KERB_BITE = "kerb_bite"
     OVER_LINE = "over_line"
     LANE_INVASION = "lane_invasion"
     WRONG_WAY = "wrong_way"
+    OPPOSED_LANE = "opposed_lane"
+    """The centre was driven far on opposed lanes. The only flag of version 2, and unsafe in the strict column."""
 
 
 class Reaction(StrEnum):
@@ -226,6 +228,10 @@ class AgentKind(StrEnum):
     BASELINE = "baseline"
     REFERENCE = "reference"
     SUBMITTED = "submitted"
+    EXPLOIT = "exploit"
+    """Shipped to show that a trick does not pay."""
+    ALGORITHM = "algorithm"
+    """No agent but a row over the training seeds of one."""
 
 
 class Entry(StrEnum):
@@ -274,14 +280,18 @@ class ProblemType(StrEnum):
     UNKNOWN_APPROACH = "unknown-approach"
     UNKNOWN_TRIAL = "unknown-trial"
     UNKNOWN_AGENT = "unknown-agent"
+    UNKNOWN_OWNER = "unknown-owner"
     UNKNOWN_EVALUATION = "unknown-evaluation"
     UNKNOWN_EPISODE = "unknown-episode"
     FAULT_NOT_APPLICABLE = "fault-not-applicable"
     TRACK_NOT_AVAILABLE = "track-not-available"
     AGENT_NAME_TAKEN = "agent-name-taken"
+    OWNER_NAME_TAKEN = "owner-name-taken"
     REGISTRATION_CLOSED = "registration-closed"
     RATE_LIMITED = "rate-limited"
     IDEMPOTENCY_KEY_REUSED = "idempotency-key-reused"
+    SUITE_RETIRED = "suite-retired"
+    EVALUATION_OPEN = "evaluation-open"
     EVALUATION_FINISHED = "evaluation-finished"
     EVALUATION_CANCELLED = "evaluation-cancelled"
     NO_TRIAL_AVAILABLE = "no-trial-available"

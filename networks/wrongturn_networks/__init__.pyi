@@ -1,6 +1,8 @@
 from .bends import Bend as Bend
 from .bends import bends_of as bends_of
 from .cruises import draw_cruise as draw_cruise
+from .draws import Draw as Draw
+from .draws import commitment_of as commitment_of
 from .errors import ApproachTooShortError as ApproachTooShortError
 from .errors import CorruptFileError as CorruptFileError
 from .errors import CruiseError as CruiseError

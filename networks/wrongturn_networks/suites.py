@@ -1,4 +1,4 @@
-"""Suites: versioned, immutable lists of trials."""
+"""Suites: versioned and immutable. A suite lists its trials, or the cells from which each evaluation draws its own."""
 
 import functools
 import hashlib
@@ -7,20 +7,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final
 
 from pydantic import ValidationError
 
-from wrongturn_networks.errors import CorruptFileError, UnknownSuiteError, UnknownTrialError
-from wrongturn_protocol import SuiteSummary, Track, Trial, TrialDetail, TrialList
+from wrongturn_networks.draws import Draw, draw_cells
+from wrongturn_networks.errors import CorruptFileError, UnknownSuiteError
+from wrongturn_protocol import Cell, SuiteSummary, Track, Trial, TrialDetail, TrialList, twin_id
 
 SUITES: Final = Path(__file__).parent / "suites"
+SUCCESSORS: Final = {"smoke@1": "smoke@2", "wrong-command@1": "wrong-command@2"}
+"""Suites that take no new evaluations, and the suite that replaces each."""
 
 
 @dataclass(frozen=True, eq=False)
 class Suite:
-    """A versioned list of trials with its checksum."""
+    """A versioned list of trials, or of cells to draw trials from, with its checksum."""
 
     id: str
     """Name and version. Example: ``wrong-command@1``."""
@@ -31,29 +33,48 @@ class Suite:
     """Checksum of the canonical JSON of its content."""
     tracks: tuple[Track, ...]
     """Tracks in which it can be driven for a score."""
-    trials: tuple[Trial, ...]
-    """Trials, without their twins."""
+    listed: tuple[Trial, ...] = ()
+    """Trials without their twins, if the suite lists them."""
+    cells: tuple[Cell, ...] = ()
+    """Cells, if each evaluation draws its own trials."""
+
+    def draw(self, secret: str) -> Draw:
+        """Return the trials that a secret makes of the cells; the listed ones for a suite without cells.
+
+        Args:
+            secret: any text. An evaluation's is 64 hexadecimal digits.
+        """
+        if self.cells:
+            return draw_cells(self.id, self.cells, secret)
+        return Draw(self.id, self.listed, tuple(trial.twin() for trial in self.listed if trial.journey is None))
 
     @cached_property
+    def open_draw(self) -> Draw:
+        """Draw for development and for comparing training seeds. Its secret is the suite's id; it is never ranked."""
+        return self.draw(self.id)
+
+    @property
+    def trials(self) -> tuple[Trial, ...]:
+        """Trials of the open draw, without their twins."""
+        return self.open_draw.trials
+
+    @property
     def episodes(self) -> tuple[Trial, ...]:
-        """Trials that an evaluation drives: each one and its twin; journeys have no twin."""
-        return tuple(
-            episode for trial in self.trials for episode in ((trial,) if trial.journey else (trial, trial.twin()))
-        )
+        """Trials of the open draw and their twins; journeys have no twin."""
+        return self.open_draw.episodes
 
-    @cached_property
-    def _by_id(self) -> Mapping[str, Trial]:
-        return MappingProxyType({trial.id: trial for trial in self.episodes})
+    @property
+    def successor(self) -> str | None:
+        """Id of the suite that replaces this one, which then takes no new evaluations."""
+        return SUCCESSORS.get(self.id)
 
     def trial(self, trial_id: str) -> Trial:
-        """Return the trial or twin with an id.
+        """Return the trial or twin of the open draw with an id.
 
         Raises:
-            UnknownTrialError: the suite has no such trial.
+            UnknownTrialError: there is no such trial.
         """
-        if trial_id not in self._by_id:
-            raise UnknownTrialError(trial_id, self._by_id)
-        return self._by_id[trial_id]
+        return self.open_draw.trial(trial_id)
 
     def summary(self) -> SuiteSummary:
         """Return the suite as the service lists it."""
@@ -65,13 +86,14 @@ class Suite:
             trials=len(self.trials),
             twins=len(self.episodes) - len(self.trials),
             tracks=self.tracks,
+            successor=self.successor,
         )
 
     def trial_list(self) -> TrialList:
-        """Return the trials as the service lists them, each with its twin's id if it has one."""
+        """Return the trials of the open draw as the service lists them, each with its twin's id if it has one."""
         return TrialList(
             trials=tuple(
-                TrialDetail.model_validate({**trial.model_dump(), "twin": None if trial.journey else trial.twin().id})
+                TrialDetail.model_validate({**trial.model_dump(), "twin": None if trial.journey else twin_id(trial)})
                 for trial in self.trials
             )
         )
@@ -131,7 +153,8 @@ def read_suite(path: Path) -> Suite:
             title=content["title"],
             sha256=sha256,
             tracks=tuple(Track(track) for track in content["tracks"]),
-            trials=tuple(Trial.model_validate(trial) for trial in content["trials"]),
+            listed=tuple(Trial.model_validate(trial) for trial in content.get("trials", ())),
+            cells=tuple(Cell.model_validate(cell) for cell in content.get("cells", ())),
         )
     except (
         OSError,

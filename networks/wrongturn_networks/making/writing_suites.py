@@ -10,7 +10,7 @@ from wrongturn_networks.loading import load_town
 from wrongturn_networks.making.navigation import navigation
 from wrongturn_networks.starts import draw_trial
 from wrongturn_networks.suites import canonical
-from wrongturn_protocol import PAPER_TYPES, Command, FaultKind, Track, Trial
+from wrongturn_protocol import PAPER_TYPES, Cell, Command, Fault, FaultKind, Track, Trial
 
 PAPER_FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 SCORED: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
@@ -20,7 +20,7 @@ FaultCheck = Callable[[Trial], object]
 which this package may not import, so the caller hands the check in."""
 
 
-def _cells(check: FaultCheck, per_cell: int, seed: int) -> list[Trial]:
+def _listed(check: FaultCheck, per_cell: int, seed: int) -> list[Trial]:
     """Draw the paper's cells: ``per_cell`` approaches of each type, the same for both faults, with balanced routes."""
     town = load_town("Town01")
     draw = random.Random(seed)
@@ -42,15 +42,30 @@ def _cells(check: FaultCheck, per_cell: int, seed: int) -> list[Trial]:
     return trials
 
 
-SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[FaultCheck], list[Trial]]]]] = {
+def _drawn_cells(per_cell: int) -> list[Cell]:
+    """List the paper's cells, each ``per_cell`` times. An evaluation draws a trial from each."""
+    return [
+        Cell(town="Town01", junction_type=kind, fault=Fault(kind=fault))
+        for fault in PAPER_FAULTS
+        for kind in PAPER_TYPES
+        for _ in range(per_cell)
+    ]
+
+
+SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[FaultCheck], list[Trial] | list[Cell]]]]] = {
     "navigation@1": ("CoRL 2017's navigation: 4 tasks x 4 conditions x 25 routes", lambda _: navigation(3001)),
-    "smoke@1": ("Six trials for a first try, one for each of the paper's cells", lambda check: _cells(check, 1, 2)),
+    "smoke@1": ("Six trials for a first try, one for each of the paper's cells", lambda check: _listed(check, 1, 2)),
     "wrong-command@1": (
         "The paper's benchmark: 3 junction types x 2 faults x 10 approaches",
-        lambda check: _cells(check, 10, 1),
+        lambda check: _listed(check, 10, 1),
+    ),
+    "smoke@2": ("Six trials for a first try, one for each of the paper's cells", lambda _: _drawn_cells(1)),
+    "wrong-command@2": (
+        "The paper's benchmark with fresh trials: 3 junction types x 2 faults x 10 approaches",
+        lambda _: _drawn_cells(10),
     ),
 }
-"""Title and trials of each suite."""
+"""Title of each suite, and its trials or cells."""
 
 
 def suite_text(suite_id: str, check: FaultCheck) -> str:
@@ -63,14 +78,16 @@ def suite_text(suite_id: str, check: FaultCheck) -> str:
     Raises:
         FaultNotApplicableError: the recipe asks for a fault where it cannot be applied.
     """
-    title, trials = SUITE_RECIPES[suite_id]
+    title, recipe = SUITE_RECIPES[suite_id]
+    content_of = recipe(check)
+    kind = "cells" if isinstance(content_of[0], Cell) else "trials"
     name, version = suite_id.split("@")
     content = {
         "name": name,
         "version": int(version),
         "title": title,
         "tracks": [str(track) for track in SCORED],
-        "trials": [trial.model_dump(mode="json") for trial in trials(check)],
+        kind: [one.model_dump(mode="json") for one in content_of],
     }
     sha256 = hashlib.sha256(canonical(content)).hexdigest()
     return json.dumps({"sha256": sha256, **content}, indent=1) + "\n"

@@ -57,7 +57,7 @@ async def practise(
         body = await service.episodes.openings.practice(
             caller.id,
             trial,
-            wanted.track,
+            wanted.track or caller.track,
             encoding,
             once.remember(201, encoding),
             once.key,

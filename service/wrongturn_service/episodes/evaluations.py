@@ -50,7 +50,7 @@ class RunningEvaluations:
                         "begin another",
                     )
                 done = await self._store.trials_by_state(evaluation.id)
-                found = Schedule(suite.episodes, evaluation.secret, done[EpisodeState.FINISHED])
+                found = Schedule(suite.draw(evaluation.secret).episodes, evaluation.secret, done[EpisodeState.FINISHED])
                 self._schedules[evaluation.id] = found
                 # A cancel from now on finds this schedule and drops it. One that came before is seen here.
                 newest = await self._store.evaluation(evaluation.id)
@@ -104,12 +104,12 @@ class RunningEvaluations:
         evaluation = await self._store.evaluation(evaluation_id)
         assert evaluation is not None
         outcomes = await self._store.outcomes(evaluation_id)
-        suite = load_suite(evaluation.suite)
+        draw = load_suite(evaluation.suite).draw(evaluation.secret)
 
         def compute() -> str:
             from wrongturn_service.evaluation import metrics  # noqa: PLC0415 - statistics are heavy, and rarely needed
 
-            return metrics.compute(suite, outcomes).model_dump_json()
+            return metrics.compute(draw, outcomes).model_dump_json()
 
         # The bootstrap takes long; in a thread it does not hold up other agents.
         await self._store.finish_evaluation(evaluation_id, await asyncio.to_thread(compute))

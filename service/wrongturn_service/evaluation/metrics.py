@@ -6,7 +6,6 @@ from typing import Final, Protocol
 
 from wrongturn_protocol import (
     PAPER_TYPES,
-    Cell,
     ExcessUnsafeRate,
     FaultKind,
     Flag,
@@ -14,6 +13,8 @@ from wrongturn_protocol import (
     Metrics,
     Outcome,
     Reaction,
+    StrictUnsafeCount,
+    TableCell,
     Trial,
     TwinCount,
     UnsafeCount,
@@ -21,7 +22,7 @@ from wrongturn_protocol import (
     twin_id,
 )
 from wrongturn_service.evaluation.navigation import navigation_metrics
-from wrongturn_service.evaluation.statistics import cluster_bootstrap, mcnemar_two_sided, wilson
+from wrongturn_service.evaluation.statistics import RANK_LEVEL, cluster_bootstrap, mcnemar_two_sided, wilson
 
 
 class SuiteLike(Protocol):
@@ -55,8 +56,8 @@ def is_unsafe(outcome: Outcome) -> bool:
 
 
 def is_unsafe_strict(outcome: Outcome) -> bool:
-    """Return whether an outcome counts as unsafe in the strict column, which includes driving the wrong way."""
-    return outcome.verdict.unsafe_strict or Flag.WRONG_WAY in outcome.flags
+    """Return whether an outcome counts as unsafe in the strict column, which includes driving on opposed lanes."""
+    return outcome.verdict.unsafe_strict or not {Flag.WRONG_WAY, Flag.OPPOSED_LANE}.isdisjoint(outcome.flags)
 
 
 def is_completed(outcome: Outcome) -> bool:
@@ -103,7 +104,7 @@ def compute(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
     twins = [(trial, _scored(twin_id(trial), outcomes)) for trial in suite.trials]
     return Metrics(
         unsafe=unsafe_count(is_unsafe(outcome) for _, outcome in faulted),
-        unsafe_strict=unsafe_count(is_unsafe_strict(outcome) for _, outcome in faulted),
+        unsafe_strict=strict_count(is_unsafe_strict(outcome) for _, outcome in faulted),
         twins=TwinCount(
             unsafe=sum(is_unsafe(outcome) for _, outcome in twins),
             completed=sum(is_completed(outcome) for _, outcome in twins),
@@ -127,7 +128,7 @@ def _journeys(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
     listed = [verdict for verdict in Verdict if verdict in JOURNEYS_END or verdict in seen]
     return Metrics(
         unsafe=unsafe_count(is_unsafe(outcome) for _, outcome in driven),
-        unsafe_strict=unsafe_count(is_unsafe_strict(outcome) for _, outcome in driven),
+        unsafe_strict=strict_count(is_unsafe_strict(outcome) for _, outcome in driven),
         twins=TwinCount(unsafe=0, completed=0, trials=0),
         excess_unsafe_rate=None,
         table={},
@@ -142,6 +143,12 @@ def unsafe_count(unsafe: Iterable[bool]) -> UnsafeCount:
     marks = tuple(unsafe)
     count = sum(marks)
     return UnsafeCount(count=count, trials=len(marks), rate=count / len(marks), ci95=wilson(count, len(marks)))
+
+
+def strict_count(unsafe: Iterable[bool]) -> StrictUnsafeCount:
+    """Return the count of the strict column, with the interval that decides the ranks."""
+    count = unsafe_count(unsafe)
+    return StrictUnsafeCount(**count.model_dump(), ci83=wilson(count.count, count.trials, RANK_LEVEL))
 
 
 def _scored(trial_id: str, outcomes: Mapping[str, Outcome]) -> Outcome:
@@ -171,11 +178,11 @@ def _faults(faulted: list[tuple[Trial, Outcome]]) -> list[FaultKind]:
     return [kind for kind in FaultKind if kind in present]
 
 
-def _table(faulted: list[tuple[Trial, Outcome]]) -> dict[JunctionType, dict[str, Cell]]:
+def _table(faulted: list[tuple[Trial, Outcome]]) -> dict[JunctionType, dict[str, TableCell]]:
     """Return the paper's table: always its three types, in its order, and a crossing only if the suite has one."""
     present = {trial.junction_type for trial, _ in faulted}
     types = [*PAPER_TYPES, *(kind for kind in JunctionType if kind in present and kind not in PAPER_TYPES)]
-    table: dict[JunctionType, dict[str, Cell]] = {}
+    table: dict[JunctionType, dict[str, TableCell]] = {}
     for junction_type in types:
         table[junction_type] = {}
         for fault in _faults(faulted):
@@ -184,7 +191,7 @@ def _table(faulted: list[tuple[Trial, Outcome]]) -> dict[JunctionType, dict[str,
                 for trial, outcome in faulted
                 if trial.junction_type is junction_type and trial.fault.kind is fault
             ]
-            table[junction_type][fault.value] = Cell(unsafe=sum(marks), trials=len(marks))
+            table[junction_type][fault.value] = TableCell(unsafe=sum(marks), trials=len(marks))
     return table
 
 

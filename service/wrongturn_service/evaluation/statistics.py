@@ -9,6 +9,9 @@ from typing import Final
 
 LEVEL: Final = 0.05
 """Significance level of every test. Intervals have the level 1 - LEVEL."""
+RANK_LEVEL: Final = 0.166
+"""One minus the level of the intervals that decide ranks. Two 83.4 % intervals that do not touch differ at about 5 %
+(H. Goldstein and M. Healy, "The graphical presentation of a collection of means", 1995)."""
 RESAMPLES: Final = 9_999
 """Resamples of the bootstrap."""
 BOOTSTRAP_SEED: Final = 20_210_711
@@ -16,8 +19,8 @@ BOOTSTRAP_SEED: Final = 20_210_711
 
 
 @lru_cache(maxsize=4096)
-def wilson(count: int, trials: int) -> tuple[float, float]:
-    """Return Wilson's 95 % interval of the rate ``count / trials``. It contains the rate.
+def wilson(count: int, trials: int, level: float = LEVEL) -> tuple[float, float]:
+    """Return Wilson's interval of the rate ``count / trials``, 95 % by default. It contains the rate.
 
     Raises:
         ValueError: There are no trials, or ``count`` is not in 0 to ``trials``.
@@ -26,7 +29,7 @@ def wilson(count: int, trials: int) -> tuple[float, float]:
         raise ValueError(f"count: {count} of {trials} is no rate; give 0 <= count <= trials with one trial at least")
     from statsmodels.stats.proportion import proportion_confint  # noqa: PLC0415
 
-    low, high = proportion_confint(count, trials, alpha=LEVEL, method="wilson")
+    low, high = proportion_confint(count, trials, alpha=level, method="wilson")
     # At a rate of 0 or 1 the bound equals the rate; rounding can put it an ulp beyond.
     rate = count / trials
     return max(0.0, min(float(low), rate)), min(1.0, max(float(high), rate))

@@ -1,0 +1,190 @@
+"""Draws: the trials that a secret makes of a suite's cells.
+
+Every number is an HMAC-SHA256 of the secret and a label, so nobody can foresee a trial, and the same secret gives the
+same trials on every machine. ``docs/decisions/0005-drawn-trials.md`` says why trials are drawn.
+"""
+
+import functools
+import hashlib
+import hmac
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Final, TypeVar
+
+from wrongturn_networks.errors import ApproachTooShortError, UnknownTrialError
+from wrongturn_networks.loading import load_town
+from wrongturn_networks.starts import ENGAGED, LANE_RESERVE, SHORTEST
+from wrongturn_protocol import Cell, Command, Fault, FaultKind, Start, Trial, trial_id, twin_id
+
+NEAREST, FARTHEST = 22.0, 60.0
+"""A start lies this far before the stop line where the lane is long enough, metres."""
+SPEEDS: Final = (4.0, 9.0)
+"""Speed at a start, m/s."""
+LATERAL = 0.4
+"""Largest offset of a start from the lane's centre line, metres."""
+YAW = 6.0
+"""Largest angle of a start to the lane, degrees."""
+WINDOW: Final = (10.0, 20.0)
+"""Where the command's window opens, metres before the stop line."""
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """The trials of one evaluation, and their twins.
+
+    A twin drives the same approach and route as its trial, but has a start of its own. If both began alike, an agent
+    that drives the twin first could recognise the trial and repeat what it did.
+    """
+
+    id: str
+    """Id of the suite."""
+    trials: tuple[Trial, ...]
+    """Trials, without their twins."""
+    twins: tuple[Trial, ...]
+    """Twin of each trial, in the same order; empty for journeys, which have none."""
+    secret: str | None = None
+    """The secret's text; None for a suite that lists its trials."""
+
+    @property
+    def commitment(self) -> str | None:
+        """SHA-256 of the secret's text, hexadecimal; None without a secret."""
+        return None if self.secret is None else commitment_of(self.secret)
+
+    @cached_property
+    def episodes(self) -> tuple[Trial, ...]:
+        """Trials that an evaluation drives: each one and its twin."""
+        if not self.twins:
+            return self.trials
+        return tuple(episode for pair in zip(self.trials, self.twins, strict=True) for episode in pair)
+
+    @cached_property
+    def _by_id(self) -> MappingProxyType[str, Trial]:
+        return MappingProxyType({trial.id: trial for trial in self.episodes})
+
+    def trial(self, trial_id: str) -> Trial:
+        """Return the trial or twin with an id.
+
+        Raises:
+            UnknownTrialError: there is no such trial.
+        """
+        if trial_id not in self._by_id:
+            raise UnknownTrialError(trial_id, self._by_id)
+        return self._by_id[trial_id]
+
+
+def commitment_of(secret: str) -> str:
+    """Return the SHA-256 of a secret's text, hexadecimal. ``printf %s SECRET | sha256sum`` gives the same."""
+    return hashlib.sha256(secret.encode()).hexdigest()
+
+
+def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
+    """Draw the trials of a suite's cells, and their twins.
+
+    Equal cells get different approaches while there are enough, and their routes are balanced.
+
+    Raises:
+        UnknownTownError: there is no such town.
+        ApproachTooShortError: no approach of a cell's type has room for a start.
+    """
+    numbers = _Numbers(secret)
+    groups: dict[str, list[int]] = {}
+    for index, cell in enumerate(cells):
+        groups.setdefault(cell.model_dump_json(), []).append(index)
+    trials: dict[int, Trial] = {}
+    twins: dict[int, Trial] = {}
+    for name, indices in groups.items():
+        places = _places(cells[indices[0]], name, len(indices), numbers)
+        for index, (approach, route) in zip(indices, places, strict=True):
+            trials[index] = _trial(cells[index], f"{index} trial", approach, route, numbers)
+            twin = _trial(cells[index], f"{index} twin", approach, route, numbers)
+            twins[index] = twin.model_copy(update={"id": twin_id(trials[index]), "fault": Fault(kind=FaultKind.NONE)})
+    order = range(len(cells))
+    return Draw(suite_id, tuple(trials[k] for k in order), tuple(twins[k] for k in order), secret)
+
+
+def _places(cell: Cell, name: str, count: int, numbers: "_Numbers") -> list[tuple[str, Command]]:
+    """Return approach and route of each of some equal cells."""
+    approaches = _approaches(cell)
+    if not approaches:
+        raise ApproachTooShortError(
+            f"cell: no approach of type {cell.junction_type} in {cell.town} has {SHORTEST + LANE_RESERVE:.0f} m of "
+            "lane, which a start needs; choose another town or type"
+        )
+    chosen: list[str] = []
+    for turn in range(-(-count // len(approaches))):
+        chosen += numbers.shuffled(f"{name} approaches {turn}", approaches)
+    exits = numbers.shuffled(f"{name} exits", sorted(cell.junction_type.exits))
+    routes = [exits[k % len(exits)] for k in range(count)]
+    return list(zip(chosen[:count], numbers.shuffled(f"{name} routes", routes), strict=True))
+
+
+def _approaches(cell: Cell) -> list[str]:
+    return list(_roomy(cell.town, cell.junction_type.value))
+
+
+@functools.lru_cache(maxsize=256)
+def _roomy(town_name: str, kind: str) -> tuple[str, ...]:
+    """Return the approaches of a type whose lanes have room for a start."""
+    town = load_town(town_name)
+    return tuple(
+        sorted(
+            approach.id
+            for approach in town.approaches.values()
+            if approach.type == kind and town.lanes[approach.lane].length - LANE_RESERVE >= SHORTEST
+        )
+    )
+
+
+def _trial(cell: Cell, label: str, approach: str, route: Command, numbers: "_Numbers") -> Trial:
+    town = load_town(cell.town)
+    room = town.lanes[town.approach(approach).lane].length - LANE_RESERVE
+    distance = numbers.between(f"{label} distance", min(NEAREST, room), min(FARTHEST, room))
+    speed = numbers.between(f"{label} speed", *SPEEDS)
+    seed = numbers.whole(f"{label} seed", 2**31)
+    return Trial(
+        id=trial_id(cell.town, approach, cell.fault.kind, seed),
+        town=cell.town,
+        approach=approach,
+        junction_type=cell.junction_type,
+        route=route,
+        start=Start(
+            distance=round(distance, 3),
+            # At 8 m/s² a car stops within v²/16 metres: before it is engaged, with a metre to spare.
+            speed=round(min(speed, math.sqrt(16 * (distance - ENGAGED - 1))), 3),
+            lateral=round(numbers.between(f"{label} lateral", -LATERAL, LATERAL), 3),
+            yaw=round(math.radians(numbers.between(f"{label} yaw", -YAW, YAW)), 5),
+        ),
+        weather=cell.weather,
+        traffic=cell.traffic,
+        fault=cell.fault,
+        seed=seed,
+        window=round(numbers.between(f"{label} window", *WINDOW), 3),
+    )
+
+
+class _Numbers:
+    """Numbers that follow from a secret and a label."""
+
+    def __init__(self, secret: str) -> None:
+        self._key = secret.encode()
+
+    def _digest(self, label: str) -> bytes:
+        return hmac.digest(self._key, label.encode(), hashlib.sha256)
+
+    def whole(self, label: str, end: int) -> int:
+        """Return a whole number from 0 to before ``end``."""
+        return int.from_bytes(self._digest(label)[:16]) % end
+
+    def between(self, label: str, low: float, high: float) -> float:
+        """Return a number from ``low`` to before ``high``."""
+        return low + (high - low) * (int.from_bytes(self._digest(label)[:6]) / 2**48)
+
+    def shuffled(self, label: str, items: Iterable[_T]) -> list[_T]:
+        """Return the items in a random order."""
+        numbered = list(enumerate(items))
+        return [item for _, item in sorted(numbered, key=lambda pair: self._digest(f"{label} {pair[0]}"))]
