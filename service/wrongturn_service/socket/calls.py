@@ -149,7 +149,12 @@ class Calls:
                 return once.stored.body
             trial = await catalogue.practice_trial(wanted)
             return await service.episodes.openings.practice(
-                caller.id, trial, wanted.track, Encoding.RAW, once.remember(201, Encoding.RAW), once.key
+                caller.id,
+                trial,
+                wanted.track or self._caller.track,
+                Encoding.RAW,
+                once.remember(201, Encoding.RAW),
+                once.key,
             )
 
     async def _look(self, episode: Any) -> bytes:
