@@ -21,6 +21,7 @@ from .navigation import NavigationMetrics as NavigationMetrics
 from .results import AgentDetail as AgentDetail
 from .results import AgentList as AgentList
 from .results import AgentRegistration as AgentRegistration
+from .results import AlgorithmResult as AlgorithmResult
 from .results import ApproachDetail as ApproachDetail
 from .results import Comparison as Comparison
 from .results import EpisodeList as EpisodeList
@@ -41,6 +42,7 @@ from .results import Problem as Problem
 from .results import RegisteredAgent as RegisteredAgent
 from .results import RegisteredOwner as RegisteredOwner
 from .results import ResultsRequest as ResultsRequest
+from .results import SeedOutcome as SeedOutcome
 from .results import Seeds as Seeds
 from .results import SeedSpread as SeedSpread
 from .results import StratumComparison as StratumComparison

@@ -12,6 +12,7 @@ from wrongturn_protocol.vocabulary import (
     Entry,
     EvaluationState,
     FaultKind,
+    Flag,
     JunctionType,
     Reaction,
     Track,
@@ -297,6 +298,31 @@ class Seeds(Message):
     unsafe: SeedSpread
     unsafe_strict: SeedSpread
     twins_completed: SeedSpread
+
+
+class SeedOutcome(Message):
+    """How one trial or twin ended for one training seed."""
+
+    verdict: Verdict
+    reaction: Reaction | None = None
+    flags: tuple[Flag, ...] = ()
+
+
+class AlgorithmResult(Message):
+    """Outcomes of an algorithm's training seeds on a suite's open draw.
+
+    Packages name a function ``(suite_id) -> Sequence[AlgorithmResult]`` by an entry point in the group
+    ``wrongturn.algorithms``. The leaderboard then lists a row per algorithm.
+    """
+
+    name: AgentName
+    track: Track
+    suite: str
+    """Id of the suite."""
+    sha256: Sha256
+    """Checksum of the suite. A row of another checksum is left out."""
+    seeds: Annotated[dict[int, dict[str, SeedOutcome]], Field(min_length=1)]
+    """For each training seed, the outcomes by id of the trial or twin of the open draw."""
 
 
 class LeaderboardEntry(Metrics):
