@@ -73,7 +73,7 @@ class Fault(Message):
 
     kind: FaultKind
     onset: Finite | None = None
-    """Where the fault begins, metres along the route after the begin of the nominal window."""
+    """Where the fault begins, metres along the route after the window opens."""
     duration: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     """Duration, seconds."""
     severity: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = None

@@ -6,6 +6,7 @@ junctions, equally often at each approach, and before bends.
 
 import bisect
 import itertools
+import random as generators
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from wrongturn_networks.bends import bends_of
 from wrongturn_networks.errors import CruiseError
-from wrongturn_networks.starts import LANE_RESERVE
+from wrongturn_networks.starts import LANE_RESERVE, WINDOW
 from wrongturn_networks.town import Town
 from wrongturn_networks.ways import path_length
 from wrongturn_protocol import Command, Fault, FaultKind, Journey, JunctionType, Start, Task, Traffic, Trial, Weather
@@ -66,6 +67,7 @@ def draw_cruise(
     lateral: float = 0.4,
     yaw: float = 0.06,
     speed: tuple[float, float] = (0.0, 9.0),
+    window: tuple[float, float] | None = WINDOW,
     time_limit: float = 60.0,
 ) -> Trial:
     """Draw a trial without a goal; its seed decides the exit at each junction.
@@ -82,6 +84,8 @@ def draw_cruise(
         lateral: standard deviation of the start's offset from the lane's centre line, metres, clipped at 2.5 of them.
         yaw: standard deviation of the start's heading, radians, clipped likewise.
         speed: least and greatest speed at the start, m/s.
+        window: least and greatest distance before the stop lines at which the command's window opens, metres. Each
+            cruise draws one. None: the nominal 15 m.
         time_limit: seconds.
 
     Raises:
@@ -99,6 +103,10 @@ def draw_cruise(
     if not (0.0 <= lateral <= 0.7 and 0.0 <= yaw <= 0.3):
         raise CruiseError(
             f"lateral, yaw: {lateral} m and {yaw} rad would start cars off their lane; give at most 0.7 m and 0.3 rad"
+        )
+    if window is not None and not 0.0 < window[0] <= window[1] <= 60.0:
+        raise CruiseError(
+            f"window: {window} is not a range within 0 and 60 m; give the least and the greatest distance, or None"
         )
     stretches = _stretches(town)
     kind, which, where, fast, turn = random.random(5).tolist()
@@ -132,8 +140,14 @@ def draw_cruise(
         traffic=traffic,
         fault=_NO_FAULT,
         seed=seed,
+        window=None if window is None else _opening(window, seed),
         journey=_cruise(time_limit),
     )
+
+
+def _opening(window: tuple[float, float], seed: int) -> float:
+    # A generator of its own, so that the window does not shift the cruises that follow.
+    return round(generators.Random(f"window {seed}").uniform(*window), 3)
 
 
 @lru_cache(maxsize=64)

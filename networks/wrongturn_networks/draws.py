@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 
 from wrongturn_networks.errors import ApproachTooShortError, UnknownTrialError
 from wrongturn_networks.loading import load_town
-from wrongturn_networks.starts import ENGAGED, LANE_RESERVE, SHORTEST
+from wrongturn_networks.starts import ENGAGED, LANE_RESERVE, SHORTEST, WINDOW
 from wrongturn_protocol import Cell, Command, Fault, FaultKind, Start, Trial, trial_id, twin_id
 
 NEAREST, FARTHEST = 22.0, 60.0
@@ -27,8 +27,6 @@ LATERAL = 0.4
 """Largest offset of a start from the lane's centre line, metres."""
 YAW = 6.0
 """Largest angle of a start to the lane, degrees."""
-WINDOW: Final = (10.0, 20.0)
-"""Where the command's window opens, metres before the stop line."""
 
 _T = TypeVar("_T")
 

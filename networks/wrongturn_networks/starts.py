@@ -2,6 +2,7 @@
 
 import math
 import random
+from typing import Final
 
 from wrongturn_networks.errors import ApproachTooShortError, RouteNotAvailableError
 from wrongturn_networks.junctions import Approach
@@ -14,6 +15,8 @@ ENGAGED = 15.0
 """A car this near to the stop line is engaged and judged, metres."""
 SHORTEST = ENGAGED + 2.0
 """Least distance of a start from the stop line, metres: a nearer car could not stop before it is engaged."""
+WINDOW: Final = (10.0, 20.0)
+"""Range in which a drawn window of the command opens, metres before the stop line."""
 
 
 def draw_start(lane_length: float, seed: int) -> Start:

@@ -19,7 +19,7 @@ from wrongturn_sim.polyline import fill, project
 Array = np.ndarray[Any, Any]
 
 WINDOW_BEFORE = 15.0
-"""The window begins this far before the stop line, metres along the lane."""
+"""The nominal window opens this far before the stop line, metres along the lane. A trial can have its own."""
 WINDOW_AFTER = 5.0
 """The window ends this far past the exit line, metres."""
 VISIBLE_RANGE = 60.0
@@ -53,9 +53,9 @@ LEG_FLOATS = F_GATE + 3 * GATE_FLOATS
 P_LEG, P_GATE, P_INSIDE, P_AFTER, P_AFTER_COMMAND, P_DRAWN, P_JOURNEY = 0, 1, 2, 3, 4, 5, 6
 PROGRESS_INTS = 7
 # Floats of a car's progress: metres along the lane, or along the route's path within the junction; metres travelled in
-# the window that still holds, at its exit line.
-P_S, P_AFTER_TRAVELLED = 0, 1
-PROGRESS_FLOATS = 2
+# the window that still holds, at its exit line; how far before stop lines the trial's windows open, metres.
+P_S, P_AFTER_TRAVELLED, P_WINDOW = 0, 1, 2
+PROGRESS_FLOATS = 3
 
 DRAWN, NONE = -2, -1
 """Entries of a way: the leg's exit is drawn; there is no exit."""
@@ -108,7 +108,7 @@ def leave(ints: Array, floats: Array, draws: Array, way: Array, progress: Array,
     leg = progress[P_LEG]
     progress[P_AFTER] = leg
     progress[P_AFTER_COMMAND] = ints[leg, L_GATE + GATE_INTS * progress[P_GATE] + G_DIRECTION]
-    places[P_AFTER_TRAVELLED] = WINDOW_BEFORE + floats[leg, F_GATE + GATE_FLOATS * k + G_INNER]
+    places[P_AFTER_TRAVELLED] = places[P_WINDOW] + floats[leg, F_GATE + GATE_FLOATS * k + G_INNER]
     enter(ints, draws, way, progress, ints[leg, L_GATE + GATE_INTS * k + G_LEG])
 
 
@@ -185,14 +185,14 @@ def update(
         left = floats[leg, F_LENGTH] - s
         if left > _AT_END:
             command = LANE_FOLLOW
-            if left <= WINDOW_BEFORE:
+            if left <= places[P_WINDOW]:
                 command = ints[leg, L_GATE + GATE_INTS * progress[P_GATE] + G_DIRECTION]
-            return command, leg, WINDOW_BEFORE - left, lateral, heading
+            return command, leg, places[P_WINDOW] - left, lateral, heading
         progress[P_INSIDE] = 1
     gate = L_GATE + GATE_INTS * progress[P_GATE]
     s, lateral, heading = project(points, along, ints[leg, gate + G_FIRST], ints[leg, gate + G_END], x, y)
     places[P_S] = s
-    return ints[leg, gate + G_DIRECTION], leg, WINDOW_BEFORE + s, lateral, heading
+    return ints[leg, gate + G_DIRECTION], leg, places[P_WINDOW] + s, lateral, heading
 
 
 @njit(cache=True)

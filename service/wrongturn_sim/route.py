@@ -4,8 +4,8 @@ The route leads through the trial's approach by the trial's exit. Each further e
 journey takes the shortest way to its goal instead. After every exit the route is planned anew from the lane that the
 car is in. A journey is also planned anew where the car enters such a lane late, or turned round in the junction.
 
-The route names a direction while the body's centre is between 15 m before a stop line and 5 m past the exit line.
-Elsewhere its command is LANE_FOLLOW.
+The route names a direction while the body's centre is in the window: from 15 m before a stop line, or the distance that
+the trial sets, to 5 m past the exit line. Elsewhere its command is LANE_FOLLOW.
 """
 
 import math
@@ -85,8 +85,21 @@ def way_to(town: Town, goal: str | None) -> NDArray[np.int8]:
     return way
 
 
-def start_route(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64]) -> NDArray[np.uint32]:
-    """Set an ego's progress, (PROGRESS_INTS,), to a trial's start, and return the random draws of its route."""
+def start_route(
+    roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64], places: NDArray[np.float64]
+) -> NDArray[np.uint32]:
+    """Set an ego's progress to a trial's start, and return the random draws of its route.
+
+    Args:
+        roads: the town's lanes and exits as arrays.
+        town: town of the trial.
+        trial: the trial that begins.
+        progress: (PROGRESS_INTS,), changed.
+        places: (PROGRESS_FLOATS,), changed.
+
+    Returns:
+        (DRAWS,) uint32.
+    """
     leg = roads.legs[town.approach(trial.approach).lane]
     progress[:] = 0
     progress[guide.P_LEG] = leg
@@ -94,6 +107,8 @@ def start_route(roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int
     progress[guide.P_INSIDE] = trial.start.distance < 0.0
     progress[guide.P_AFTER] = -1
     progress[guide.P_JOURNEY] = trial.journey is not None
+    places[:] = 0.0
+    places[guide.P_WINDOW] = guide.WINDOW_BEFORE if trial.window is None else trial.window
     # A generator of its own: other draws do not shift the route.
     return guide.route_draws(random.Random(f"route {trial.seed}"))
 
@@ -107,8 +122,8 @@ class Navigator:
         self._roads = roads_of(town)
         self._tables = self._roads.tables
         self._progress = np.empty(guide.PROGRESS_INTS, np.int64)
-        self._places = np.zeros(guide.PROGRESS_FLOATS)
-        self._draws = start_route(self._roads, town, trial, self._progress)
+        self._places = np.empty(guide.PROGRESS_FLOATS)
+        self._draws = start_route(self._roads, town, trial, self._progress, self._places)
         self._way = way_to(town, trial.journey.goal if trial.journey is not None else None)
 
     def update(self, x: float, y: float) -> Guidance:

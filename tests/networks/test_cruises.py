@@ -162,6 +162,10 @@ def test_offsets_headings_and_speeds() -> None:
         ({"inside_junctions": 0.4}, "near_junctions, near_bends, inside_junctions"),
         ({"speed": (5.0, 2.0)}, "speed"),
         ({"speed": (0.0, 23.0)}, "speed"),
+        ({"window": (0.0, 20.0)}, "window"),
+        ({"window": (20.0, 10.0)}, "window"),
+        ({"window": (10.0, 61.0)}, "window"),
+        ({"window": (math.nan, 20.0)}, "window"),
         ({"lateral": 3.0}, "lateral, yaw"),
         ({"yaw": -0.1}, "lateral, yaw"),
     ],
@@ -169,6 +173,20 @@ def test_offsets_headings_and_speeds() -> None:
 def test_what_makes_no_sense_is_named(how: dict[str, Any], field: str) -> None:
     with pytest.raises(CruiseError, match=f"^{field}: .*; give|^{field}: .* give"):
         _drawn(load_town("Town01"), 1, **how)
+
+
+def test_each_cruise_draws_its_own_window() -> None:
+    windows = [trial.window for trial in _drawn(load_town("Town01"), 2000)]
+    assert all(window is not None and 10.0 <= window <= 20.0 for window in windows)
+    assert np.histogram(windows, 5, (10, 20))[0] == pytest.approx(400, rel=0.2)
+    assert {trial.window for trial in _drawn(load_town("Town01"), 20, window=(12.0, 12.0))} == {12.0}
+
+
+def test_the_window_shifts_no_other_draw() -> None:
+    nominal = _drawn(load_town("Town01"), 200, window=None)
+    assert all(trial.window is None for trial in nominal)
+    drawn = _drawn(load_town("Town01"), 200)
+    assert [trial.model_copy(update={"window": None}) for trial in drawn] == nominal
 
 
 def test_no_time_is_no_cruise() -> None:

@@ -115,6 +115,22 @@ def test_cruises_of_many_egos_are_those_of_single_environments(town, track):
     assert set(lax) <= {"collision", "timeout"}
 
 
+def test_cruises_draw_windows_of_their_own():
+    arguments = {"town": "Town01", "task": "cruise", "track": "privileged"}
+    near = {"time_limit": 6.0, "near_junctions": 1.0, "near_bends": 0.0}
+    seen = []
+    for window in ((10.0, 20.0), (10.0, 10.0), (20.0, 20.0), None):
+        envs = WrongturnVectorEnv(256, **arguments, journeys={**near, "window": window})
+        observation, _ = envs.reset(seed=3)
+        named = observation["command"][:, 0] != int(Command.LANE_FOLLOW)
+        opened = [15.0 if trial.window is None else trial.window for trial in envs._fleet.trials]
+        assert (named == (observation["stop_line"][:, 0] <= opened)).all()
+        seen.append(int(named.sum()))
+        envs.close()
+    assert seen[1] < seen[3] < seen[2]
+    compare(drawn_actions(8, 150), strict=True, threads=2, **arguments, journeys=near)
+
+
 def test_cruises_that_start_inside_a_junction():
     journeys = {"time_limit": 6.0, "near_junctions": 0.0, "near_bends": 0.0, "inside_junctions": 1.0}
     arguments = {"town": "Town01", "task": "cruise", "track": "privileged", "journeys": journeys}

@@ -48,6 +48,27 @@ def test_the_command_is_named_in_the_nominal_window_on_every_approach(town_name,
                         assert guidance.travelled == pytest.approx(s - stop + 15.0, abs=0.5) or not inside
 
 
+@pytest.mark.parametrize("window", [10.0, 17.3, 20.0])
+def test_a_trials_own_window_moves_its_beginning_and_nothing_else(window, make_trial):
+    town = load_town("Town01")
+    shift = window - 15.0
+    for approach in town.approaches.values():
+        for route in approach.exits:
+            nominal = make_trial(approach.id, town="Town01", route=route)
+            guides = [Navigator(town, nominal), Navigator(town, nominal.model_copy(update={"window": window}))]
+            points, stop, exit_line = passage(town, approach.id, route)
+            for s, x, y in points:
+                if s > exit_line + 5.0:
+                    break
+                usual, moved = (navigator.update(x, y) for navigator in guides)
+                assert moved.lateral == usual.lateral
+                assert moved.heading == usual.heading
+                assert guides[1].stop_line == guides[0].stop_line
+                assert moved.travelled == pytest.approx(usual.travelled + shift, abs=1e-9)
+                if abs(s - stop + window) > 0.25 and abs(s - exit_line - 5.0) > 0.25:
+                    assert moved.command is (route if s > stop - window else Command.LANE_FOLLOW)
+
+
 def test_the_route_goes_on_by_the_trials_seed_and_no_other_draw(make_trial):
     town = load_town("Town01")
     onward = set()

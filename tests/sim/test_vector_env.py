@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from wrongturn_networks import load_town
+from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import DIRECTIONS, Traffic
 from wrongturn_sim import (
     EpisodeAlreadyFinishedError,
@@ -142,7 +142,27 @@ def test_the_next_episode_begins_in_the_same_step():
 
 
 def test_trials_of_a_suite():
-    assert compare(drawn_actions(6, 80), suite="smoke@1", track="state")
+    assert compare(drawn_actions(6, 80), suite="smoke@2", track="state")
+
+
+def test_trials_of_a_draw_with_their_own_windows(drive):
+    draw = load_suite("wrong-command@2").draw("a secret of this test")
+    driven = [drive(trial) for trial in draw.episodes[:8]]
+    assert len({episode.trial.window for episode in driven}) == 8
+    envs = WrongturnVectorEnv(len(driven), "Town01", "privileged", autoreset_mode="Disabled")
+    envs.reset(options={"trial": [episode.trial for episode in driven]})
+    inputs = [[row[8:11] for row in episode.trajectory.rows[1::2]] for episode in driven]
+    compared = 0
+    while compared < len(driven):
+        actions = np.array([given[min(int(k), len(given) - 1)] for given, k in zip(inputs, envs.steps, strict=True)])
+        _, _, terminated, truncated, _ = envs.step(actions)
+        ended = terminated | truncated
+        for i in np.flatnonzero(ended):
+            assert envs.episode(i).trajectory.to_json() == driven[i].trajectory.to_json()
+            assert envs.episode(i).outcome == driven[i].outcome
+            compared += 1
+        if ended.any():
+            envs.reset(options={"trial": [episode.trial for episode in driven], "reset_mask": ended})
 
 
 def test_a_fault_that_is_not_compiled(monkeypatch):

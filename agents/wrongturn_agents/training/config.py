@@ -12,14 +12,20 @@ from typing import Any, ClassVar, Final
 
 from wrongturn_agents.training.errors import TrainingError
 
-_POSITIVE: Final = ("learning_rate", "reward_divisor", "time_limit", "clip_range")
+_POSITIVE: Final = ("learning_rate", "reward_divisor", "time_limit", "clip_range", "window_nearest")
 _ACTIVATIONS: Final = ("tanh", "elu", "relu")
 _MOST: Final = 10**12
 _SHOWN: Final = 40
+_FARTHEST_WINDOW: Final = 60.0
 _SHARES: Final = (
     *("gamma", "gae_lambda", "near_junctions", "near_bends", "inside_junctions", "masked_classes", "auxiliary_share"),
 )
-_BEFORE: Final[Mapping[str, Any]] = {"inside_junctions": 0.0, "projection_learning_rate": 1.0}
+_BEFORE: Final[Mapping[str, Any]] = {
+    "inside_junctions": 0.0,
+    "projection_learning_rate": 1.0,
+    "window_nearest": 15.0,
+    "window_farthest": 15.0,
+}
 """Values of settings in runs that were stored before the settings existed."""
 
 
@@ -111,6 +117,10 @@ class PPOConfig:
     """Standard deviation of the start's offset from the lane's centre, metres."""
     yaw: float = 0.06
     """Standard deviation of the start's heading, radians."""
+    window_nearest: float = 10.0
+    """Least distance before the stop line at which the command's window opens, metres. Each drive draws its own."""
+    window_farthest: float = 20.0
+    """Greatest distance at which it opens, metres. The suites of version 2 draw it between 10 and 20 m."""
     time_limit: float = 60.0
     """Time limit of a drive, seconds. The value of what would follow is bootstrapped."""
 
@@ -159,6 +169,11 @@ class PPOConfig:
             raise TrainingError(
                 "option near_junctions, near_bends, inside_junctions: are more than all drives; give shares of at "
                 "most 1 together"
+            )
+        if not self.window_nearest <= self.window_farthest <= _FARTHEST_WINDOW:
+            raise TrainingError(
+                f"option window_nearest, window_farthest: are {self.window_nearest} and {self.window_farthest}, which "
+                f"is no range; give the least and the greatest distance, at most {_FARTHEST_WINDOW:.0f} m"
             )
         if self.activation not in _ACTIVATIONS:
             raise TrainingError(f"option activation: is {self.activation!r}; give one of {', '.join(_ACTIVATIONS)}")

@@ -40,7 +40,10 @@ def environments(config: PPOConfig, agent: ActorCritic, stopwatch: Stopwatch, *,
         strict=True,
         record=False,
         weather=TRAINING_WEATHERS,
-        journeys={name: getattr(config, name) for name in _JOURNEYS},
+        journeys={
+            **{name: getattr(config, name) for name in _JOURNEYS},
+            "window": (config.window_nearest, config.window_farthest),
+        },
         threads=threads,
         **rendered_on(device),
     )

@@ -17,7 +17,7 @@ class Guidance(NamedTuple):
     approach: Approach | None
     """The approach whose window this is; outside a window the one ahead, or None."""
     travelled: float
-    """Metres along the route since the nominal window began; negative before it, inf with no junction ahead.
+    """Metres along the route since the window opened; negative before it, inf with no junction ahead.
     Inside a junction it is measured along the route's path."""
     lateral: float
     """Distance of the body's centre from the route's path, metres, positive to the left."""

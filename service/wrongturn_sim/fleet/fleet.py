@@ -185,7 +185,7 @@ class Fleet:
             egos.journeys[i] = journey is not None
             egos.goals[i] = 0 if journey is None else self._goal_of(journey.goal)
             egos.state[i] = (*start_pose(self.town, trial), trial.start.speed, 0.0)
-            egos.draws[i] = start_route(self._roads, self.town, trial, egos.progress[i])
+            egos.draws[i] = start_route(self._roads, self.town, trial, egos.progress[i], egos.places[i])
             if terms is not None:
                 egos.terms[i] = terms
         if len(self._tables.bases) <= len(self._geometries) or len(self._tables.ways) < len(self._goals):

@@ -12,7 +12,7 @@ from numba import njit
 from wrongturn_sim import ego, guide, polyline, reward
 from wrongturn_sim.compiling import compiled_with
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, advance
-from wrongturn_sim.guide import LANE_FOLLOW, PROGRESS_FLOATS
+from wrongturn_sim.guide import LANE_FOLLOW
 from wrongturn_sim.reward import score
 from wrongturn_sim.verdict import decide, journey_kernels, kernels
 
@@ -235,8 +235,6 @@ def run(tables: Tables, egos: Egos, observations: Observations, first: int, end:
             observe(tables, egos, observations, i)
         elif todo == GUIDE:
             journey_kernels.begin(egos.standing[i], egos.counts[i])
-            for j in range(PROGRESS_FLOATS):
-                egos.places[i, j] = 0.0
             egos.sub_steps[i] = 0
             egos.rewards[i] = 0.0
             update_command(tables, egos, i)

@@ -78,6 +78,9 @@ def run(tmp_path):
         (["--option", "batch_size=16383"], "batch_size"),
         (["--option", "activation=sinus"], "activation"),
         (["--option", "near_bends=0.9"], "near_bends"),
+        (["--option", "window_nearest=0"], "window_nearest"),
+        (["--option", "window_nearest=20.5"], "window_nearest"),
+        (["--option", "window_farthest=61"], "window_farthest"),
     ],
 )
 def test_settings_that_cannot_be_make_no_directory(tmp_path, arguments, named):

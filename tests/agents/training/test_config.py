@@ -47,8 +47,11 @@ def test_a_stored_run_keeps_what_it_was_trained_with():
         *(0.1, 0.3, 0.2, 0.2),
     )
     stored = now.as_dict() | {"near_junctions": 0.4, "near_bends": 0.25}
-    del stored["inside_junctions"], stored["projection_learning_rate"]
+    for younger in ("inside_junctions", "projection_learning_rate", "window_nearest", "window_farthest"):
+        del stored[younger]
     then = config_of("ppo-image", stored)
+    assert (now.window_nearest, now.window_farthest) == (10.0, 20.0)
+    assert (then.window_nearest, then.window_farthest) == (15.0, 15.0)
     assert (then.projection_learning_rate, then.near_junctions, then.near_bends, then.inside_junctions) == (
         *(1.0, 0.4, 0.25, 0.0),
     )
