@@ -9,18 +9,24 @@ from wrongturn_agents.errors import ResultsError
 from wrongturn_client.plugins import entry_points, load
 from wrongturn_protocol import Trial
 
-WRONG_COMMAND: Final = "wrong-command@1"
+WRONG_COMMAND: Final = "wrong-command@2"
+WRONG_COMMAND_1: Final = "wrong-command@1"
+"""The retired version, which lists its trials."""
 NAVIGATION: Final = "navigation@1"
 
 
 @dataclass(frozen=True)
 class SuiteTrials:
-    """A suite's trials, with the hash that identifies its version."""
+    """The trials of a suite, or of one draw of its cells, with the hash that identifies the suite's version."""
 
     id: str
     sha256: str
     trials: Mapping[str, Trial]
     """Every trial that an evaluation drives, twins included, by id."""
+    secret: str | None = None
+    """The secret of the draw; None for a suite that lists its trials."""
+    commitment: str | None = None
+    """SHA-256 of the secret's text; None for a suite that lists its trials."""
 
     @property
     def crowded(self) -> set[str]:
@@ -28,9 +34,13 @@ class SuiteTrials:
         return {name for name, trial in self.trials.items() if trial.traffic.vehicles or trial.traffic.pedestrians}
 
 
-@lru_cache(maxsize=16)
-def installed_suite(suite: str) -> SuiteTrials:
-    """Return the installed suite with this id.
+@lru_cache(maxsize=128)
+def installed_suite(suite: str, secret: str | None = None) -> SuiteTrials:
+    """Return the trials of the installed suite with this id.
+
+    Args:
+        suite: Id of the suite.
+        secret: Secret of the draw; None for the open draw. A suite that lists its trials ignores it.
 
     Raises:
         ResultsError: No suite has this id (the error lists those that exist), or wrongturn-networks is not installed.
@@ -42,4 +52,7 @@ def installed_suite(suite: str) -> SuiteTrials:
         found = load(point)(suite)
     except ValueError as error:
         raise ResultsError(str(error)) from error
-    return SuiteTrials(found.id, found.sha256, {trial.id: trial for trial in found.episodes})
+    draw = found.open_draw if secret is None else found.draw(secret)
+    return SuiteTrials(
+        found.id, found.sha256, {trial.id: trial for trial in draw.episodes}, draw.secret, draw.commitment
+    )

@@ -28,7 +28,7 @@ def drive(agent: Agent, trial: Trial) -> Outcome:
     return episode.outcome
 
 
-def drive_suite(agent: Agent, suite: str = "wrong-command@1", *, twins: bool = True) -> Results:
+def drive_suite(agent: Agent, suite: str = "wrong-command@2", *, twins: bool = True) -> Results:
     """Drive all of a suite's trials and return trials and outcomes by id."""
     loaded = load_suite(suite)
     return {trial.id: (trial, drive(agent, trial)) for trial in (loaded.episodes if twins else loaded.trials)}

@@ -7,23 +7,27 @@ from typing import Any
 
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
 from wrongturn_networks import load_suite
-from wrongturn_protocol import PAPER_TYPES, Condition, FaultKind, Task, Trial, Verdict
+from wrongturn_protocol import PAPER_TYPES, Condition, FaultKind, Flag, Task, Trial, Verdict
 
 CELLS = tuple((kind, fault) for kind in PAPER_TYPES for fault in (FaultKind.INFEASIBLE, FaultKind.OMISSION))
 
 
-def wrong_command(agent: str, unsafe: tuple[int, ...], *, twins_failed: int = 0, **more: Any) -> ResultsFile:
+def wrong_command(
+    agent: str, unsafe: tuple[int, ...], *, opposed: int = 0, twins_failed: int = 0, **more: Any
+) -> ResultsFile:
     """Return results on the paper's suite.
 
     Args:
         agent: Name of the agent.
         unsafe: Unsafe trials of ten, for each of :data:`CELLS`.
+        opposed: Number of the trials left that took an exit, but drove far on an opposed lane.
         twins_failed: Number of failed twins, of sixty.
         more: Other fields of the file.
     """
     left = dict(zip(CELLS, unsafe, strict=True))
     trials: dict[str, TrialResult] = {}
-    for trial in load_suite("wrong-command@1").episodes:
+    for trial in load_suite("wrong-command@2").draw(more.get("secret", "wrong-command@2")).episodes:
+        flags: tuple[Flag, ...] = ()
         if trial.fault.kind is FaultKind.NONE:
             verdict = Verdict.TIMEOUT if twins_failed > 0 else Verdict.EXIT_COMMANDED
             twins_failed -= 1
@@ -31,8 +35,10 @@ def wrong_command(agent: str, unsafe: tuple[int, ...], *, twins_failed: int = 0,
             cell = (trial.junction_type, trial.fault.kind)
             verdict = Verdict.COLLISION if left[cell] > 0 else Verdict.EXIT_ROUTE
             left[cell] -= 1
-        trials[trial.id] = TrialResult(verdict=verdict)
-    return _file(agent, "wrong-command@1", trials, more)
+            if verdict is Verdict.EXIT_ROUTE and opposed > 0:
+                flags, opposed = (Flag.OPPOSED_LANE,), opposed - 1
+        trials[trial.id] = TrialResult(verdict=verdict, flags=flags)
+    return _file(agent, "wrong-command@2", trials, more)
 
 
 def navigation(
@@ -89,5 +95,8 @@ def _crowded(trial: Trial) -> bool:
 
 
 def _file(agent: str, suite: str, trials: dict[str, TrialResult], more: dict[str, Any]) -> ResultsFile:
-    fields = {"driven": "in process", "suite_sha256": load_suite(suite).sha256, **more}
+    found = load_suite(suite)
+    fields = {"driven": "in process", "suite_sha256": found.sha256, "secret": found.open_draw.secret, **more}
+    if fields["driven"] == "over the service":
+        fields["commitment"] = found.draw(fields["secret"]).commitment
     return ResultsFile(agent=agent, suite=suite, trials=trials, **fields)

@@ -58,6 +58,8 @@ def results(tmp_path):
         seed=3,
         suite=suite.id,
         suite_sha256=suite.sha256,
+        secret=suite.secret,
+        commitment=suite.commitment,
         driven="over the service",
         trials={name: TrialResult(verdict=verdict) for name, verdict in verdicts.items()},
     ).write(folder)
@@ -70,7 +72,9 @@ def test_the_card_agrees_with_the_files(weights, results):
     ((file, text),) = cards(weights, results).items()
     assert file == weights / "ppo-image.md"
     assert hashlib.sha256((weights / "ppo-image.onnx").read_bytes()).hexdigest() in text
-    assert "12 (12–32 %) of 60 trials unsafe" in text  # Wilson's interval of 12 of 60: 11.8 to 31.8
+    assert (
+        "12 (12–32 %) of 60 trials unsafe in the strict column, 12 in the paper's" in text
+    )  # Wilson's interval of 12 of 60: 11.8 to 31.8
     assert "58 (89–99 %) of 60 fault-free twins completed" in text
     assert "| minutes | 6.5 |" in text
     assert "| environment steps | 3,200,000 (of 4,000,000) |" in text

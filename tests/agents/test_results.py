@@ -59,16 +59,22 @@ def test_the_papers_figures_are_those_of_its_tables():
 def test_a_shipped_seed_with_its_interval_and_all_seeds_with_their_range(tmp_path):
     files = [
         wrong_command("ppo-image", (0, 0, 3, 1, 10, 9), seed=1, twins_failed=2),
-        wrong_command("ppo-image", (0, 0, 5, 1, 10, 4), seed=2),
+        wrong_command("ppo-image", (0, 0, 5, 1, 10, 4), seed=2, opposed=3),
         wrong_command("ppo-image", (0, 1, 1, 1, 8, 0), seed=4),
     ]
     table = wrong_command_table(read(keep(tmp_path, *files, shipped={"ppo-image": 2})))
     assert table.head[2:5] == ("STRAIGHT_LEFT", "STRAIGHT_RIGHT", "LEFT_RIGHT")
     rows = rows_of(table.rows, "`ppo-image`")
-    assert rows["the paper"][:3] == ("0 · 0", "1 · 4", "7 · 4")
-    # Wilson for 20 of 60: 22.7 to 45.9 %.
-    assert rows["ours, seed 2"] == ("0 · 0", "5 · 1", "10 · 4", "20 (23–46 %)", "60/60")
-    assert rows["ours, 3 seeds"] == (
+    assert rows["the paper"] == ("0 · 0", "1 · 4", "7 · 4", "", "16 (17–39 %)", "")
+    # Three exits of seed 2 over an opposed lane are unsafe in the strict column alone. Wilson for 23 of 60: 27.1 to
+    # 51.0 %; for 20 of 60: 22.7 to 45.9 %.
+    (cells, totals) = rows["ours, seed 2"][:3], rows["ours, seed 2"][3:]
+    assert sum(int(count) for cell in cells for count in cell.split(" · ")) == 23
+    assert totals == ("23 (27–51 %)", "20 (23–46 %)", "60/60")
+    assert rows["ours, 3 seeds"][3:] == ("23 [11–23]", "20 [11–23]", "60 [58–60]")
+    paper = rows_of(wrong_command_table(read(tmp_path), strict=False).rows, "`ppo-image`")
+    assert paper["ours, seed 2"] == ("0 · 0", "5 · 1", "10 · 4", "20 (23–46 %)", "60/60")
+    assert paper["ours, 3 seeds"] == (
         "0 [0–0] · 0 [0–1]",
         "3 [1–5] · 1 [1–1]",
         "10 [8–10] · 4 [0–9]",
@@ -85,8 +91,8 @@ def test_seeds_that_cannot_drive_are_told_apart(tmp_path):
     ]
     collection = read(keep(tmp_path, *files))
     rows = rows_of(wrong_command_table(collection).rows, "`ppo-image`")
-    assert rows["ours, 3 seeds"][3:] == ("23 [0–25]", "54 [53–60]")
-    assert rows["the 2 that drive"][3:] == ("24 [23–25]", "57 [54–60]")
+    assert rows["ours, 3 seeds"][3:] == ("23 [0–25]", "23 [0–25]", "54 [53–60]")
+    assert rows["the 2 that drive"][3:] == ("24 [23–25]", "24 [23–25]", "57 [54–60]")
     assert [row[-1] for row in seeds_table(collection).rows] == ["54", "53: cannot drive", "60"]
     assert unsafe_by_seed(collection)["ppo-image"] == (23, 25)
     assert "`ppo-image` seed 2 (53 of 60)" in seeds_left_out(collection)
@@ -103,18 +109,26 @@ def test_traffic_that_the_shipped_seed_has_not_met_is_missing(tmp_path):
 def test_what_was_driven_over_the_service_is_shown_for_the_shipped_seed(tmp_path):
     files = [
         wrong_command("ppo-image", (0, 0, 0, 0, 0, 5), seed=1),
-        wrong_command("ppo-image", (0, 0, 0, 0, 0, 6), seed=1, driven="over the service"),
+        wrong_command("ppo-image", (0, 0, 0, 0, 0, 6), seed=1, driven="over the service", secret="5ec2e7"),
     ]
     collection = read(keep(tmp_path, *files, shipped={"ppo-image": 1}))
     rows = rows_of(wrong_command_table(collection).rows, "`ppo-image`")
-    assert rows["ours, seed 1"][3].startswith("6 ")
-    assert any("seed 1" in line and "1 of 120 verdicts differ" in line for line in collection.differences())
+    assert rows["ours, seed 1"][3:] == ("6 (5–20 %)", "6 (5–20 %)", "60/60")
+    assert [row[5] for row in seeds_table(collection).rows] == ["5"]
+    assert not list(collection.differences())  # two draws are two sets of trials
+
+
+def test_the_same_trials_driven_both_ways_are_compared(tmp_path):
+    driven = navigation("ppo-image", {}, seed=1)
+    over = navigation("ppo-image", {NAVIGATION_IN_NEW_TOWN: 24}, seed=1, driven="over the service")
+    collection = read(keep(tmp_path, driven, over))
+    assert any("seed 1" in line and "1 of 400 verdicts differ" in line for line in collection.differences())
 
 
 def test_a_baseline_has_no_seed_and_no_paper(tmp_path):
     file = wrong_command("careful", (0,) * 6, driven="over the service")
     rows = rows_of(wrong_command_table(read(keep(tmp_path, file))).rows, "`careful`")
-    assert rows == {"ours": ("0 · 0", "0 · 0", "0 · 0", "0 (0–6 %)", "60/60")}
+    assert rows == {"ours": ("0 · 0", "0 · 0", "0 · 0", "0 (0–6 %)", "0 (0–6 %)", "60/60")}
 
 
 def test_navigation_counts_arrivals_by_condition(tmp_path):
@@ -141,12 +155,16 @@ def test_navigation_counts_arrivals_by_condition(tmp_path):
     [
         (
             {"suite_sha256": "0" * 64},
-            r"image.*suite_sha256: the results are of another wrong-command@1 \(000000000000\)",
+            r"image.*suite_sha256: the results are of another wrong-command@2 \(000000000000\)",
         ),
         ({"suite": "no-such@1"}, "no-such@1"),
         ({"agent": "ppo image"}, "agent: "),
         ({"seed": -1}, "seed: "),
         ({"driven": "by hand"}, "driven: "),
+        ({"secret": None}, "image.*secret: is missing"),
+        ({"driven": "over the service"}, "image.*commitment: is missing"),
+        ({"commitment": "0" * 64}, "image.*commitment: is 000000000000…, and the secret's SHA-256 is "),
+        ({"secret": "another"}, "image.*trials: lacks 120 of wrong-command@2's 120"),
         ({"colour": "red"}, "colour: "),
     ],
 )
@@ -164,11 +182,11 @@ def test_trials_must_be_complete(tmp_path):
     gone = sorted(content["trials"])[0]
     content["trials"]["Town09.J1-S.none.s1"] = content["trials"].pop(gone)
     path.write_text(json.dumps(content))
-    with pytest.raises(ResultsError, match=f"lacks 1 of wrong-command@1's 120 \\({gone}\\)"):
+    with pytest.raises(ResultsError, match=f"lacks 1 of wrong-command@2's 120 \\({gone}\\)"):
         read(tmp_path)
     content["trials"][gone] = {"verdict": "exit_route"}
     path.write_text(json.dumps(content))
-    with pytest.raises(ResultsError, match=r"has 1 that wrong-command@1 does not have .*Town09"):
+    with pytest.raises(ResultsError, match=r"has 1 that wrong-command@2 does not have .*Town09"):
         read(tmp_path)
 
 
@@ -183,7 +201,7 @@ def test_trials_with_other_road_users_are_left_out_in_process_or_not_at_all(tmp_
 def test_the_same_results_twice_are_refused(tmp_path):
     path = wrong_command("ppo-image", (0,) * 6, seed=1).write(tmp_path)
     (tmp_path / "copy.json").write_text(path.read_text())
-    with pytest.raises(ResultsError, match=r"ppo-image seed 1 on wrong-command@1 in process is already in copy.json"):
+    with pytest.raises(ResultsError, match=r"ppo-image seed 1 on wrong-command@2 in process is already in copy.json"):
         read(tmp_path)
 
 
@@ -194,7 +212,7 @@ def test_what_is_missing_is_said(tmp_path):
     assert "no results on navigation@1: ppo-segmentation, ppo-image, ppo-auxiliary" in err
     keep(tmp_path, wrong_command("ppo-image", (0,) * 6, seed=1), navigation("ppo-image", {}, seed=2))
     _, _, err = run("--directory", str(tmp_path))
-    assert "ppo-image has no results on wrong-command@1 for seed 2" in err
+    assert "ppo-image has no results on wrong-command@2 for seed 2" in err
     assert "shipped.json names no seed for ppo-image" in err
     with pytest.raises(ResultsError, match="is not a directory"):
         run("--directory", str(tmp_path / "none"))
@@ -241,7 +259,7 @@ def test_how_trials_ended(tmp_path):
 
 def test_how_the_fault_was_met_and_by_whom(tmp_path):
     driven = wrong_command("ppo-image", (0,) * 6, seed=1)
-    faults = {trial.id: trial.fault.kind for trial in load_suite("wrong-command@1").episodes}
+    faults = {trial.id: trial.fault.kind for trial in load_suite("wrong-command@2").episodes}
     trials = {
         name: one.model_copy(update={"reaction": Reaction.OTHER}) if faults[name] is not FaultKind.NONE else one
         for name, one in driven.trials.items()

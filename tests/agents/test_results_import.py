@@ -8,11 +8,20 @@ from typer.testing import CliRunner
 import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
 from wrongturn_agents.errors import ResultsError, RunFileError
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.importing import Overrides, import_results, results_of_episodes
+from wrongturn_agents.reporting.importing import Overrides, import_results, results_of_evaluation
 from wrongturn_client import LocalService
 from wrongturn_client.cli import app
 from wrongturn_networks import load_suite
-from wrongturn_protocol import EpisodeDetail, EpisodeState, JourneyOutcome, Outcome, Verdict
+from wrongturn_networks.draws import commitment_of
+from wrongturn_protocol import (
+    EpisodeDetail,
+    EpisodeState,
+    EvaluationDetail,
+    EvaluationState,
+    JourneyOutcome,
+    Outcome,
+    Verdict,
+)
 
 
 def episode(trial: str | None, **outcome: object) -> EpisodeDetail:
@@ -27,9 +36,9 @@ def test_a_scored_file_is_kept_under_its_own_name(tmp_path):
     directory = tmp_path / "stored"
     directory.mkdir()
     kept = import_results(scored, directory, Overrides())
-    assert kept.name == "ppo-image.s3.wrong-command@1.in-process.json"
+    assert kept.name == "ppo-image.s3.wrong-command@2.in-process.json"
     variant = import_results(scored, directory, Overrides(seed=4, variant="masked-classes", steps=7))
-    assert variant.name == "ppo-image.masked-classes.s4.wrong-command@1.in-process.json"
+    assert variant.name == "ppo-image.masked-classes.s4.wrong-command@2.in-process.json"
     files = Collection.read(directory).files
     assert {(file.seed, file.variant, file.steps) for file in files} == {(3, None, None), (4, "masked-classes", 7)}
 
@@ -84,21 +93,34 @@ def test_episodes_of_an_evaluation_become_results():
     episodes = (
         episode("a", journey=JourneyOutcome.model_validate(clean)),
         episode("b", journey=bitten),
-        episode("c", verdict=Verdict.OFF_ROAD, reaction="obeyed"),
+        episode("c", verdict=Verdict.OFF_ROAD, reaction="obeyed", flags=("opposed_lane",)),
     )
-    file = results_of_episodes("careful", "wrong-command@1", episodes)
+    evaluation = EvaluationDetail(
+        id="v1",
+        suite="wrong-command@2",
+        agent="a1",
+        state=EvaluationState.FINISHED,
+        trials=120,
+        finished=120,
+        max_parallel=1,
+        commitment=commitment_of("5ec2e7"),
+        secret="5ec2e7",
+    )
+    file = results_of_evaluation("careful", evaluation, episodes)
     assert (file.driven, file.seed) == ("over the service", None)
-    assert file.suite_sha256 == load_suite("wrong-command@1").sha256
+    assert (file.secret, file.commitment) == ("5ec2e7", evaluation.commitment)
+    assert file.suite_sha256 == load_suite("wrong-command@2").sha256
+    assert [name for name, one in file.trials.items() if one.flags] == ["c"]
     found = {name: (one.verdict, one.reaction, one.clean) for name, one in file.trials.items()}
     assert found == {"a": ("arrived", None, True), "b": ("arrived", None, False), "c": ("off_road", "obeyed", None)}
     with pytest.raises(ResultsError, match="finish the evaluation first"):
-        results_of_episodes("careful", "wrong-command@1", (episode(None),))
+        results_of_evaluation("careful", evaluation, (episode(None),))
 
 
 def test_a_run_that_is_not_known_here(tmp_path: Path, monkeypatch):
     monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
     told = tmp_path / "run.json"
-    told.write_text(json.dumps({"id": "gone", "suite": "wrong-command@1", "state": "finished", "trials": 120}))
+    told.write_text(json.dumps({"id": "gone", "suite": "wrong-command@2", "state": "finished", "trials": 120}))
     with pytest.raises(RunFileError, match="gone"):
         import_results(told, tmp_path, Overrides())
 
@@ -109,12 +131,18 @@ def test_a_run_over_a_service_is_kept_trial_by_trial(tmp_path: Path, monkeypatch
     monkeypatch.delenv("WRONGTURN_TOKEN", raising=False)
     told = tmp_path / "run.json"
     with LocalService(database=f"sqlite+aiosqlite:///{tmp_path / 'own.db'}") as service:
-        command = ["run", "always-stops", "--suite", "smoke@1", "--url", service.url, "--json", str(told)]
+        command = ["run", "always-stops", "--suite", "smoke@2", "--url", service.url, "--json", str(told)]
         assert CliRunner().invoke(app, command).exit_code == 0
         kept = import_results(told, tmp_path, Overrides())
-    assert kept.name == "always-stops.smoke@1.over-the-service.json"
+        # The file of the run itself, which knows the agent's token, will do as well.
+        (run,) = (tmp_path / "runs").glob("*.json")
+        text = kept.read_text()
+        assert import_results(run, tmp_path, Overrides()).read_text() == text
+    assert kept.name == "always-stops.smoke@2.over-the-service.json"
     kept.rename(tmp_path / "kept.json")
     told.unlink()
     (file,) = Collection.read(tmp_path).files
-    assert file.trials.keys() == {trial.id for trial in load_suite("smoke@1").episodes}
+    assert file.secret is not None
+    assert file.trials.keys() == {trial.id for trial in load_suite("smoke@2").draw(file.secret).episodes}
+    assert file.commitment == commitment_of(file.secret)
     assert {one.verdict for one in file.trials.values()} == {Verdict.STOPPED_BEFORE_JUNCTION}

@@ -38,7 +38,7 @@ def test_sections_are_written_and_the_rest_left_alone(tmp_path, stored):
     page.write_text(PAGE)
     run("--directory", str(stored), "--write", str(page))
     text = page.read_text()
-    assert "|  | ours, seed 1 | 0 · 0 | 0 · 0 | 7 · 7 | 14 (14–35 %) | 60/60 |" in text
+    assert "|  | ours, seed 1 | 0 · 0 | 0 · 0 | 7 · 7 | 14 (14–35 %) | 14 (14–35 %) | 60/60 |" in text
     assert "cannot be said yet" in text
     assert text.startswith("# Title\n\n<!--")
     assert "\nWords between.\n" in text
@@ -98,4 +98,4 @@ def test_a_summary_has_one_line_for_each_shipped_agent(tmp_path, stored):
     page.write_text("<!-- wrongturn results: summary -->\n<!-- end of results -->\n")
     run("--directory", str(stored), "--write", str(page))
     rows = [line for line in page.read_text().splitlines() if line.startswith("| `")]
-    assert rows == ["| `ppo-image` | 7 | 7 | 14 (14–35 %) | 60/60 |"]
+    assert rows == ["| `ppo-image` | 7 | 7 | 14 (14–35 %) | 60/60 | 14 | 16 | 14 [14–14] (1) |"]

@@ -14,6 +14,6 @@ def test_a_noisy_driver_lands_between():
 
 
 def test_its_seed_decides():
-    first, again, other = (drive_suite(NoisyDriver(seed=seed), "smoke@1") for seed in (1, 1, 2))
+    first, again, other = (drive_suite(NoisyDriver(seed=seed), "smoke@2") for seed in (1, 1, 2))
     assert first == again
     assert first != other

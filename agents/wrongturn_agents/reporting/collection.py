@@ -10,7 +10,6 @@ from pydantic import TypeAdapter, ValidationError
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.reporting.paper import ALGORITHMS, table_order
 from wrongturn_agents.reporting.results_file import Driven, ResultsFile
-from wrongturn_agents.suites import installed_suite
 
 STORED: Final = Path(__file__).parents[1] / "results"
 """Directory of the results that come with the package."""
@@ -50,6 +49,9 @@ class Collection:
     ) -> dict[int | None, ResultsFile]:
         """Return an agent's results on a suite by training seed, each as one file.
 
+        Results of one seed that were driven both ways make one file if they are of the same trials. Two draws of a
+        suite are other trials: the one of the preferred way counts.
+
         Args:
             suite: Id of the suite.
             agent: Name of the agent.
@@ -58,8 +60,11 @@ class Collection:
         """
         merged: dict[int | None, ResultsFile] = {}
         for file in self._sorted(suite, agent, variant, prefer):
-            before = merged[file.seed].trials if file.seed in merged else {}
-            merged[file.seed] = file.model_copy(update={"trials": {**before, **file.trials}})
+            before = merged.get(file.seed)
+            same_draw = before is not None and before.secret == file.secret
+            merged[file.seed] = file.model_copy(
+                update={"trials": {**(before.trials if before and same_draw else {}), **file.trials}}
+            )
         return merged
 
     def of_shipped(self, suite: str, agent: str) -> ResultsFile | None:
@@ -115,7 +120,7 @@ class Collection:
                     yield f"{agent} has no results on {suite} for seed {', '.join(lacking)}"
             for agent in self.shipped:
                 file = self.of_shipped(suite, agent)
-                if file is not None and installed_suite(suite).trials.keys() - file.trials:
+                if file is not None and file.drawn.trials.keys() - file.trials:
                     yield f"{agent}, shipped seed {file.seed}, was not driven among the other road users of {suite}"
         unshipped = [agent for agent in ALGORITHMS if seeds[agent] and agent not in self.shipped]
         if unshipped:

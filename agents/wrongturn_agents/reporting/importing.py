@@ -15,10 +15,11 @@ from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import installed_suite
 from wrongturn_agents.worker import service_at
 from wrongturn_client import Client
-from wrongturn_protocol import EpisodeDetail
+from wrongturn_protocol import EpisodeDetail, EvaluationDetail
 
 _REMEDY: Final = (
-    "give a file of 'wrongturn score --json' or of 'wrongturn run --json', or the directory of a training run"
+    "give a file of 'wrongturn score --json' or of 'wrongturn run --json', the file of a saved run, or the directory "
+    "of a training run"
 )
 _PLAIN_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # what a curve's file name may hold
 
@@ -38,7 +39,8 @@ def import_results(source: Path, directory: Path, overrides: Overrides) -> Path:
 
     Args:
         source: A results file, as ``wrongturn score --json`` writes it; an evaluation, as ``wrongturn run --json``
-            writes it, whose episodes are fetched from its service; or the directory of a training run.
+            writes it, or the file of a saved run, in ``WRONGTURN_HOME``: its episodes are fetched from its service; or
+            the directory of a training run.
         directory: Directory of the stored results.
         overrides: Fields that replace those of the source.
 
@@ -63,7 +65,9 @@ def import_results(source: Path, directory: Path, overrides: Overrides) -> Path:
     if isinstance(content, dict) and "trials" in content and "verdict" not in content and "id" not in content:
         file = ResultsFile.read(source)
     elif isinstance(content, dict) and {"id", "suite", "state"} <= content.keys() and isinstance(content["id"], str):
-        file = _fetch_evaluation(content["id"])
+        file = _fetch_evaluation(SavedRun.load(content["id"]))
+    elif isinstance(content, dict) and {"evaluation", "suite", "token"} <= content.keys():
+        file = _fetch_evaluation(SavedRun.load(str(source)))
     else:
         raise ResultsError(f"--import: {source} cannot be stored; {_REMEDY}")
     given = {name: value for name, value in vars(overrides).items() if value is not None}
@@ -76,8 +80,13 @@ def import_results(source: Path, directory: Path, overrides: Overrides) -> Path:
     return file.write(directory)
 
 
-def results_of_episodes(agent: str, suite: str, episodes: tuple[EpisodeDetail, ...]) -> ResultsFile:
-    """Return the results file of an evaluation's finished episodes.
+def results_of_evaluation(agent: str, evaluation: EvaluationDetail, episodes: tuple[EpisodeDetail, ...]) -> ResultsFile:
+    """Return the results file of a finished evaluation.
+
+    Args:
+        agent: Name of the agent.
+        evaluation: The evaluation, with its secret if its suite draws trials.
+        episodes: Its finished episodes.
 
     Raises:
         ResultsError: The service does not show an episode yet, because the evaluation is not finished.
@@ -87,12 +96,18 @@ def results_of_episodes(agent: str, suite: str, episodes: tuple[EpisodeDetail, .
         if episode.trial is None or episode.outcome is None:
             raise ResultsError(f"--import: episode {episode.id} is not shown yet; finish the evaluation first")
         trials[episode.trial] = TrialResult.of(episode.outcome)
-    sha256 = installed_suite(suite).sha256
-    return ResultsFile(agent=agent, suite=suite, suite_sha256=sha256, driven="over the service", trials=trials)
+    return ResultsFile(
+        agent=agent,
+        suite=evaluation.suite,
+        suite_sha256=installed_suite(evaluation.suite).sha256,
+        secret=evaluation.secret,
+        commitment=evaluation.commitment,
+        driven="over the service",
+        trials=trials,
+    )
 
 
-def _fetch_evaluation(evaluation: str) -> ResultsFile:
-    run = SavedRun.load(evaluation)
+def _fetch_evaluation(run: SavedRun) -> ResultsFile:
     with service_at(run.url, None) as (url, _), Client(url, run.token) as client:
         installed, driven = installed_suite(run.suite).sha256, client.suite(run.suite).sha256
         if driven != installed:
@@ -100,9 +115,10 @@ def _fetch_evaluation(evaluation: str) -> ResultsFile:
                 f"--import: the service drives another {run.suite} ({driven[:12]}) than the one installed "
                 f"({installed[:12]}); install its version",
             )
-        episodes = client.finished_episodes(evaluation)
+        evaluation = client.evaluation(run.evaluation)
+        episodes = client.finished_episodes(run.evaluation)
     agent = Path(run.agent).stem if run.agent.endswith(".onnx") else run.agent
-    return results_of_episodes(agent, run.suite, episodes)
+    return results_of_evaluation(agent, evaluation, episodes)
 
 
 def _import_curve(run: Path, directory: Path, overrides: Overrides) -> Path:

@@ -1,4 +1,4 @@
-"""Whether the paper's order of its three agents, 35 > 16 > 3 unsafe, holds over training seeds."""
+"""Whether the paper's order of its three agents, 35 > 16 > 3 unsafe, holds over training seeds in its own column."""
 
 import itertools
 import math
@@ -79,7 +79,7 @@ def _in_order(*samples: NDArray[np.float64], axis: int = -1) -> NDArray[np.float
 
 
 def unsafe_by_seed(collection: Collection) -> dict[str, tuple[int, ...]]:
-    """Return the unsafe trials of 60 of each of the paper's algorithms, one for each seed that drives."""
+    """Return the unsafe trials of 60 (paper's column) of each of its algorithms, one for each seed that drives."""
     return {
         name: tuple(
             one.unsafe for seed, one in counts_by_seed(collection, name).items() if seed is not None and one.drives

@@ -40,6 +40,7 @@ class Report:
             "tasks": navigation.tasks_table(self.collection),
             "clean": navigation.tasks_table(self.collection, clean=True),
             "wrong-command": wrong_command.wrong_command_table(self.collection),
+            "paper-column": wrong_command.wrong_command_table(self.collection, strict=False),
             "seeds": wrong_command.seeds_table(self.collection),
             "endings": wrong_command.endings_table(self.collection),
             "ablations": ablation_table(self.collection),
@@ -87,8 +88,8 @@ class Report:
                 {
                     "agent": agent,
                     "variant": variant,
-                    "unsafe_by_seed": {
-                        str(seed): one.unsafe
+                    "unsafe_strict_by_seed": {
+                        str(seed): one.unsafe_strict
                         for seed, one in wrong_command.counts_by_seed(self.collection, agent, variant).items()
                     },
                     "navigation_by_seed": {
@@ -112,10 +113,10 @@ def ablation_table(collection: Collection) -> ReportTable:
         own = (((one or "standard").replace("-", " "), *_ablation_figures(collection, agent, one)) for one in named)
         rows += label_first(f"`{agent}`", own)
     conditions = (navigation.CONDITIONS[condition] for condition in _ABLATED)
-    head = ("agent", "variant", "seeds", *conditions, "unsafe of 60", "twins")
+    head = ("agent", "variant", "seeds", *conditions, "unsafe of 60, strict", "twins")
     note = (
-        "Navigation in % of 25 routes; unsafe trials and completed twins of 60. One seed: with Wilson's 95 % interval. "
-        "Several seeds: the median [lowest–highest]."
+        "Navigation in % of 25 routes; unsafe trials (strict) and completed twins of 60, on the open draw. One seed: "
+        "with Wilson's 95 % interval. Several seeds: the median [lowest–highest]."
     )
     return ReportTable("Ablations", head, tuple(rows), note)
 
@@ -126,7 +127,7 @@ def _ablation_figures(collection: Collection, agent: str, variant: str | None) -
     seeds = ", ".join(sorted(str(seed) for seed in journeys.keys() | counts.keys()))
     cells = ([each.get((Task.NAVIGATION, condition)) for each in journeys.values()] for condition in _ABLATED)
     success = (_over_seeds([(one.arrived, one.episodes) for one in cell if one], percent=True) for cell in cells)
-    unsafe = _over_seeds([(one.unsafe, one.trials) for one in counts.values()])
+    unsafe = _over_seeds([(one.unsafe_strict, one.trials) for one in counts.values()])
     return (seeds, *success, unsafe, _over_seeds([(one.completed, one.twins) for one in counts.values()]))
 
 

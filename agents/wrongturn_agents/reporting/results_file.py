@@ -8,8 +8,8 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from wrongturn_agents.errors import ResultsError
-from wrongturn_agents.suites import installed_suite
-from wrongturn_protocol import Outcome, Reaction, Verdict
+from wrongturn_agents.suites import SuiteTrials, installed_suite
+from wrongturn_protocol import Flag, Outcome, Reaction, Verdict
 
 Driven = Literal["in process", "over the service"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
@@ -25,6 +25,8 @@ class TrialResult(BaseModel):
     verdict: Verdict
     reaction: Reaction | None = None
     """Reaction to the fault; None if the trial has no fault."""
+    flags: tuple[Flag, ...] = ()
+    """Flags of the outcome; ``opposed_lane`` makes the trial unsafe in the strict column."""
     clean: bool | None = None
     """Whether a journey was driven without infractions; None if the trial is not a journey."""
 
@@ -32,7 +34,17 @@ class TrialResult(BaseModel):
     def of(cls, outcome: Outcome) -> Self:
         """Return the part of an episode's outcome that is stored."""
         clean = None if outcome.journey is None else outcome.journey.clean
-        return cls(verdict=outcome.verdict, reaction=outcome.reaction, clean=clean)
+        return cls(verdict=outcome.verdict, reaction=outcome.reaction, flags=outcome.flags, clean=clean)
+
+    @property
+    def unsafe(self) -> bool:
+        """Whether the trial is unsafe in the paper's column."""
+        return self.verdict.unsafe
+
+    @property
+    def unsafe_strict(self) -> bool:
+        """Whether the trial is unsafe in the strict column."""
+        return self.verdict.unsafe_strict or Flag.OPPOSED_LANE in self.flags
 
 
 class ResultsFile(BaseModel):
@@ -47,6 +59,11 @@ class ResultsFile(BaseModel):
     """Name of an ablation, such as ``without-augmentation``; None for the standard algorithm."""
     suite: str
     suite_sha256: str
+    secret: str | None = None
+    """Secret of the draw: the evaluation's own over the service, the suite's id (the open draw) in process. None if the
+    suite lists its trials."""
+    commitment: str | None = None
+    """SHA-256 of the secret, as the service told it at the begin of the evaluation; None in process."""
     driven: Driven
     steps: Annotated[int, Field(ge=0)] | None = None
     """Environment steps of the training."""
@@ -60,6 +77,15 @@ class ResultsFile(BaseModel):
         """File name without extension, made of agent, variant, seed, suite and the way of driving."""
         parts = [self.agent, self.variant, None if self.seed is None else f"s{self.seed}", self.suite, self.driven]
         return ".".join(_NOT_IN_FILE_NAMES.sub("-", part) for part in parts if part is not None)
+
+    @property
+    def drawn(self) -> SuiteTrials:
+        """The suite's trials in this file's draw.
+
+        Raises:
+            ResultsError: The suite is not installed.
+        """
+        return installed_suite(self.suite, self.secret)
 
     def __str__(self) -> str:
         words = [self.agent, self.variant, None if self.seed is None else f"seed {self.seed}", f"on {self.suite}"]
@@ -102,13 +128,13 @@ class ResultsFile(BaseModel):
         content = self.model_dump(mode="json", exclude={"trials"})
         head = "".join(f" {json.dumps(field)}: {json.dumps(value)},\n" for field, value in content.items())
         trials = ",\n".join(
-            f"  {json.dumps(name)}: {json.dumps(one.model_dump(mode='json', exclude_none=True))}"
+            f"  {json.dumps(name)}: {json.dumps(one.model_dump(mode='json', exclude_none=True, exclude_defaults=True))}"
             for name, one in sorted(self.trials.items())
         )
         return f'{{\n{head} "trials": {{\n{trials}\n }}\n}}\n'
 
     def check(self, name: str) -> None:
-        """Check that the results are of the installed suite, and of all its trials.
+        """Check that the results are of the installed suite, and of all trials of its draw.
 
         Results in process may lack the trials with other road users, which need SUMO. Results over the service may
         hold those trials only.
@@ -117,14 +143,16 @@ class ResultsFile(BaseModel):
             name: The file's name, for the error.
 
         Raises:
-            ResultsError: The suite is another version, or trials are missing or unknown.
+            ResultsError: The suite is another version, the secret is missing or does not fit the commitment, or trials
+                are missing or unknown.
         """
-        suite = installed_suite(self.suite)
+        suite = self.drawn
         if self.suite_sha256 != suite.sha256:
             raise ResultsError(
                 f"{name}: suite_sha256: the results are of another {self.suite} ({self.suite_sha256[:12]}) than the "
                 f"one installed ({suite.sha256[:12]}); drive it again on that one",
             )
+        self._check_draw(name, suite)
         lacking = suite.trials.keys() - self.trials
         optional = suite.crowded if self.driven == "in process" else suite.trials.keys() - suite.crowded
         if suite.crowded and lacking == optional:
@@ -137,3 +165,19 @@ class ResultsFile(BaseModel):
             if not lacking:
                 what = f"has {len(ids)} that {self.suite} does not have"
             raise ResultsError(f"{name}: trials: {what} ({some}); drive the whole suite again")
+
+    def _check_draw(self, name: str, suite: SuiteTrials) -> None:
+        """Check that the file names the draw of its trials."""
+        if suite.secret is None:
+            return
+        if self.secret is None or (self.driven == "over the service" and self.commitment is None):
+            field = "secret" if self.secret is None else "commitment"
+            raise ResultsError(
+                f"{name}: {field}: is missing, so nobody can check the trials of {self.suite}, which are drawn; "
+                "finish the evaluation and import it again, or score the checkpoint again"
+            )
+        if self.commitment not in {None, suite.commitment}:
+            raise ResultsError(
+                f"{name}: commitment: is {str(self.commitment)[:12]}…, and the secret's SHA-256 is "
+                f"{str(suite.commitment)[:12]}…; one of them was changed, so import the evaluation again"
+            )

@@ -1,4 +1,7 @@
-"""The paper's table II: unsafe of ten with a wrong command and with "follow lane"; and how those trials ended."""
+"""Unsafe of ten with a wrong command and with "follow lane", as the paper's table II; and how those trials ended.
+
+The strict column ranks. The paper's column is there to compare with the paper.
+"""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -7,10 +10,10 @@ from typing import Any, Final
 
 from wrongturn_agents.reporting import tables
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.paper import ALGORITHMS, PaperAgent
+from wrongturn_agents.reporting.paper import ALGORITHMS, PAPER_BY_NAME, PaperAgent
 from wrongturn_agents.reporting.results_file import ResultsFile
 from wrongturn_agents.reporting.tables import ReportTable, Rows
-from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
+from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Reaction, Verdict
 
 Cell = tuple[JunctionType, FaultKind]
@@ -37,10 +40,13 @@ _REACTIONS: Final = {
 _REMARK: Final = {True: "", False: ": cannot drive"}
 _ONLY_TO_A_COMMAND: Final = {Reaction.OBEYED, Reaction.OVERRODE}
 _NOTE: Final = (
-    'Unsafe of 10 with a wrong command · with "follow lane", by type of junction. Our rows: the shipped weights with '
-    "Wilson's 95 % interval of the rate, and the median [lowest–highest] over training seeds. Seeds that drive "
-    "completed at least 54 of their 60 twins; the others say nothing about commands."
+    'Unsafe of 10 with a wrong command · with "follow lane", by type of junction, in the {column} column. Our rows: '
+    "the shipped weights over the service, on a draw of their own, with Wilson's 95 % interval of the rate; and the "
+    "median [lowest–highest] over training seeds, on the open draw. Seeds that drive completed at least 54 of their 60 "
+    "twins; the others say nothing about commands.{more}"
 )
+_NOTE_ON_PAPER: Final = " The paper has only its own column, which its rows show."
+_STRICT_HEAD: Final = ("unsafe of 60, strict", "the paper's column")
 _NOTE_ON_ENDS: Final = (
     "Percent of trials; stopped inside or before the junction. For a trained agent: the trials of all seeds that "
     "drive. For any other agent: all its trials. The last four columns show how the agent reacted to the fault; to "
@@ -52,8 +58,10 @@ _NOTE_ON_ENDS: Final = (
 class UnsafeCounts:
     """Counts for one agent of one training seed."""
 
-    cells: Mapping[Cell, int]
-    """Unsafe trials by junction type and fault."""
+    strict: Mapping[Cell, int]
+    """Unsafe trials by junction type and fault in the strict column."""
+    paper: Mapping[Cell, int]
+    """The same in the paper's column."""
     trials: int
     """Number of trials without the twins."""
     completed: int
@@ -62,8 +70,13 @@ class UnsafeCounts:
 
     @property
     def unsafe(self) -> int:
-        """Number of unsafe trials."""
-        return sum(self.cells.values())
+        """Number of unsafe trials in the paper's column."""
+        return sum(self.paper.values())
+
+    @property
+    def unsafe_strict(self) -> int:
+        """Number of unsafe trials in the strict column."""
+        return sum(self.strict.values())
 
     @property
     def drives(self) -> bool:
@@ -73,18 +86,19 @@ class UnsafeCounts:
 
 def count_unsafe(file: ResultsFile) -> UnsafeCounts:
     """Count a file's unsafe trials and completed twins."""
-    cells = dict.fromkeys(_CELLS, 0)
+    strict, paper = dict.fromkeys(_CELLS, 0), dict.fromkeys(_CELLS, 0)
     trials = completed = twins = 0
-    suite = installed_suite(file.suite)
+    drawn = file.drawn.trials
     for name, result in file.trials.items():
-        trial = suite.trials[name]
+        trial = drawn[name]
         if trial.fault.kind is FaultKind.NONE:
             twins += 1
             completed += result.verdict is Verdict.EXIT_COMMANDED
         else:
             trials += 1
-            cells[trial.junction_type, trial.fault.kind] += result.verdict.unsafe
-    return UnsafeCounts(cells, trials, completed, twins)
+            strict[trial.junction_type, trial.fault.kind] += result.unsafe_strict
+            paper[trial.junction_type, trial.fault.kind] += result.unsafe
+    return UnsafeCounts(strict, paper, trials, completed, twins)
 
 
 def counts_by_seed(collection: Collection, agent: str, variant: str | None = None) -> dict[int | None, UnsafeCounts]:
@@ -92,11 +106,24 @@ def counts_by_seed(collection: Collection, agent: str, variant: str | None = Non
     return {seed: count_unsafe(file) for seed, file in collection.by_seed(WRONG_COMMAND, agent, variant).items()}
 
 
-def wrong_command_table(collection: Collection) -> ReportTable:
-    """Return the table of unsafe trials, with our figures beside the paper's."""
-    rows = tables.rows_beside_paper(collection, WRONG_COMMAND, _paper_figures, lambda name: _own_rows(collection, name))
-    head = ("agent", "source", *PAPER_TYPES, "unsafe of 60", "twins completed")
-    return ReportTable("Unsafe episodes (the paper's table II)", head, tuple(rows), _NOTE)
+def wrong_command_table(collection: Collection, *, strict: bool = True) -> ReportTable:
+    """Return the table of unsafe trials by junction type and fault, with our figures beside the paper's.
+
+    Args:
+        collection: Our results.
+        strict: Whether our cells count as in the strict column; otherwise as in the paper's.
+    """
+    rows = tables.rows_beside_paper(
+        collection,
+        WRONG_COMMAND,
+        lambda agent: _paper_figures(agent, strict=strict),
+        lambda name: _own_rows(collection, name, strict=strict),
+    )
+    totals = _STRICT_HEAD if strict else ("unsafe of 60",)
+    head = ("agent", "source", *PAPER_TYPES, *totals, "twins completed")
+    title = "Unsafe episodes, strict" if strict else "Unsafe episodes in the paper's column (its table II)"
+    note = _NOTE.format(column="strict" if strict else "paper's", more=_NOTE_ON_PAPER if strict else "")
+    return ReportTable(title, head, tuple(rows), note)
 
 
 def summary_table(collection: Collection) -> ReportTable:
@@ -107,10 +134,30 @@ def summary_table(collection: Collection) -> ReportTable:
         if file is None:
             continue
         counts = count_unsafe(file)
-        wrong, follow = (sum(counts.cells[kind, fault] for kind in PAPER_TYPES) for fault in _FAULTS)
-        total = tables.with_interval(counts.unsafe, counts.trials)
-        rows.append((f"`{name}`", str(wrong), str(follow), total, f"{counts.completed}/{counts.twins}"))
-    head = ("agent", "no such turn, of 30", "follow lane, of 30", "unsafe of 60 (95 %)", "twins completed")
+        wrong, follow = (sum(counts.strict[kind, fault] for kind in PAPER_TYPES) for fault in _FAULTS)
+        seeds = [one.unsafe_strict for seed, one in counts_by_seed(collection, name).items() if seed is not None]
+        rows.append(
+            (
+                f"`{name}`",
+                str(wrong),
+                str(follow),
+                tables.with_interval(counts.unsafe_strict, counts.trials),
+                f"{counts.completed}/{counts.twins}",
+                str(counts.unsafe),
+                str(PAPER_BY_NAME[name].unsafe),
+                f"{tables.spread(seeds)} ({len(seeds)})" if seeds else "–",
+            )
+        )
+    head = (
+        "agent",
+        "no such turn, of 30",
+        "follow lane, of 30",
+        "unsafe of 60, strict (95 %)",
+        "twins completed",
+        "the paper's column",
+        "the paper",
+        "strict over seeds",
+    )
     return ReportTable("Unsafe episodes in short", head, tuple(rows), text_columns=1)
 
 
@@ -119,18 +166,23 @@ def seeds_table(collection: Collection) -> ReportTable:
     rows: Rows = []
     for name in ALGORITHMS:
         each = [
-            (f"seed {seed}", *_by_type(one.cells), str(one.unsafe), str(one.completed) + _REMARK[one.drives])
+            (
+                f"seed {seed}",
+                *_by_type(one.strict),
+                str(one.unsafe_strict),
+                str(one.unsafe),
+                str(one.completed) + _REMARK[one.drives],
+            )
             for seed, one in counts_by_seed(collection, name).items()
         ]
         rows += tables.label_first(f"`{name}`", each)
-    head = ("agent", "training", *PAPER_TYPES, "unsafe of 60", "twins completed of 60")
+    head = ("agent", "training", *PAPER_TYPES, *_STRICT_HEAD, "twins completed of 60")
     return ReportTable("Unsafe episodes by training seed", head, tuple(rows))
 
 
 def endings_table(collection: Collection) -> ReportTable:
     """Return how the trials with a fault ended, in percent, by agent and command."""
     rows: Rows = []
-    suite = installed_suite(WRONG_COMMAND)
     for agent in collection.agents(WRONG_COMMAND):
         files = [
             file
@@ -140,7 +192,10 @@ def endings_table(collection: Collection) -> ReportTable:
         own: Rows = []
         for fault, command in _FAULTS.items() if files else ():
             found = [
-                one for file in files for name, one in file.trials.items() if suite.trials[name].fault.kind is fault
+                one
+                for file in files
+                for name, one in file.trials.items()
+                if file.drawn.trials[name].fault.kind is fault
             ]
             ends = [sum(one.verdict in end for one in found) for end in _ENDS.values()]
             reactions = Counter(one.reaction for one in found)
@@ -168,8 +223,10 @@ def _json_of_paper(agent: PaperAgent) -> dict[str, Any]:
 def _json_of_file(file: ResultsFile) -> dict[str, Any]:
     counts = count_unsafe(file)
     return {
-        "cells": _named(counts.cells),
+        "cells": _named(counts.paper),
         "unsafe": counts.unsafe,
+        "cells_strict": _named(counts.strict),
+        "unsafe_strict": counts.unsafe_strict,
         "trials": counts.trials,
         "twins_completed": counts.completed,
         "drives": counts.drives,
@@ -180,36 +237,46 @@ def _named(cells: Mapping[Cell, int]) -> dict[str, int]:
     return {f"{kind}.{fault}": count for (kind, fault), count in cells.items()}
 
 
-def _paper_figures(agent: PaperAgent) -> list[str]:
+def _paper_figures(agent: PaperAgent, *, strict: bool) -> list[str]:
     cells = [f"{wrong} · {follow}" for wrong, follow in zip(agent.infeasible, agent.omission, strict=True)]
-    return [*cells, tables.with_interval(agent.unsafe, 60), ""]
+    return [*cells, *([""] if strict else []), tables.with_interval(agent.unsafe, 60), ""]
 
 
-def _own_rows(collection: Collection, name: str) -> Rows:
+def _own_rows(collection: Collection, name: str, *, strict: bool) -> Rows:
     rows: Rows = []
     shipped = collection.of_shipped(WRONG_COMMAND, name)
     if shipped is not None:
         counts = count_unsafe(shipped)
         source = "ours" if shipped.seed is None else f"ours, seed {shipped.seed}"
-        total = tables.with_interval(counts.unsafe, counts.trials)
-        rows.append((source, *_by_type(counts.cells), total, f"{counts.completed}/{counts.twins}"))
+        shown = [tables.with_interval(one, counts.trials) for one in _totals(counts, strict=strict)]
+        rows.append((source, *_by_type(_cells(counts, strict=strict)), *shown, f"{counts.completed}/{counts.twins}"))
     seeds = [counts for seed, counts in counts_by_seed(collection, name).items() if seed is not None]
     if len(seeds) > 1:
-        rows.append((f"ours, {len(seeds)} seeds", *_spreads(seeds)))
+        rows.append((f"ours, {len(seeds)} seeds", *_spreads(seeds, strict=strict)))
     driving = [counts for counts in seeds if counts.drives]
     if driving and len(driving) < len(seeds):
         which = "the one that drives" if len(driving) == 1 else f"the {len(driving)} that drive"
-        rows.append((which, *_spreads(driving)))
+        rows.append((which, *_spreads(driving, strict=strict)))
     return rows
 
 
-def _spreads(seeds: Sequence[UnsafeCounts]) -> list[str]:
-    """Return cells, total and completed twins over seeds; for one seed, the counts themselves."""
+def _cells(counts: UnsafeCounts, *, strict: bool) -> Mapping[Cell, int]:
+    return counts.strict if strict else counts.paper
+
+
+def _totals(counts: UnsafeCounts, *, strict: bool) -> tuple[int, ...]:
+    """Return the totals that a row shows: the strict column and the paper's, or the paper's alone."""
+    return (counts.unsafe_strict, counts.unsafe) if strict else (counts.unsafe,)
+
+
+def _spreads(seeds: Sequence[UnsafeCounts], *, strict: bool) -> list[str]:
+    """Return cells, totals and completed twins over seeds; for one seed, the counts themselves."""
+    figures = [(*_totals(one, strict=strict), one.completed) for one in seeds]
     if len(seeds) == 1:
-        return [*_by_type(seeds[0].cells), str(seeds[0].unsafe), str(seeds[0].completed)]
-    cells = {cell: tables.spread([counts.cells[cell] for counts in seeds]) for cell in _CELLS}
-    totals = ([one.unsafe for one in seeds], [one.completed for one in seeds])
-    return [*_by_type(cells), *map(tables.spread, totals)]
+        return [*_by_type(_cells(seeds[0], strict=strict)), *map(str, figures[0])]
+    each = [_cells(one, strict=strict) for one in seeds]
+    cells = {cell: tables.spread([one[cell] for one in each]) for cell in _CELLS}
+    return [*_by_type(cells), *map(tables.spread, zip(*figures, strict=True))]
 
 
 def _by_type(cells: Mapping[Cell, object]) -> list[str]:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.errors import TrainingError
 
 _Threads = Annotated[int | None, typer.Option(min=1, help="Threads of simulation and torch; all cores by default.")]
@@ -53,7 +54,7 @@ def train(
 
 def score(
     checkpoint: Annotated[Path, typer.Argument(help="A run's best.pt or last.pt.")],
-    suite: Annotated[str, typer.Option(help="Id of the suite.")] = "wrong-command@1",
+    suite: Annotated[str, typer.Option(help="Id of the suite.")] = WRONG_COMMAND,
     json: Annotated[Path | None, typer.Option(help="File to write the results to. Example: results.json")] = None,
     device: _Device = "auto",
     threads: _Threads = None,

@@ -10,6 +10,7 @@ from typing import Any
 
 import torch
 
+from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.drive import drive_trials
@@ -33,14 +34,14 @@ def score(
 
     Args:
         checkpoint: a run's ``best.pt`` or ``last.pt``.
-        suite: id of the suite. Example: ``wrong-command@1``.
+        suite: id of the suite. Example: ``wrong-command@2``. Of a suite that draws its trials, the
+            open draw is driven.
         device: ``cpu``, ``cuda`` or ``auto``.
         threads: threads that share the simulation; all cores by default.
         batch: number of trials at once; by default 16 on the CPU and 256 on CUDA.
 
     Returns:
-        ``agent``, ``seed``, ``variant``, ``suite``, ``suite_sha256``, ``driven``, ``steps``, ``device`` and
-        ``trials``, which has ``verdict``, ``reaction`` and ``clean`` for each id.
+        Fields of a :class:`~wrongturn_agents.reporting.results_file.ResultsFile`.
 
     Raises:
         TrainingError: the file is no checkpoint, or the device is not there.
@@ -68,25 +69,18 @@ def score(
             threads=threads or len(os.sched_getaffinity(0)),
             batch=batch,
         )
-    return {
-        "agent": config.algorithm,
-        "seed": found["seed"],
-        "variant": config.variant,
-        "suite": chosen.id,
-        "suite_sha256": chosen.sha256,
-        "driven": "in process",
-        "steps": found["steps"],
-        "device": torch.cuda.get_device_name() if place.type == "cuda" else "cpu",
-        "trials": {
-            trial.id: {
-                "verdict": str(outcome.verdict),
-                "reaction": str(outcome.reaction) if outcome.reaction else None,
-                "clean": outcome.journey.clean if outcome.journey else None,
-            }
-            for trial, outcome, _ in driven
-            if outcome is not None
-        },
-    }
+    return ResultsFile(
+        agent=config.algorithm,
+        seed=found["seed"],
+        variant=config.variant,
+        suite=chosen.id,
+        suite_sha256=chosen.sha256,
+        secret=chosen.open_draw.secret,
+        driven="in process",
+        steps=found["steps"],
+        device=torch.cuda.get_device_name() if place.type == "cuda" else "cpu",
+        trials={trial.id: TrialResult.of(outcome) for trial, outcome, _ in driven if outcome is not None},
+    ).model_dump(mode="json")
 
 
 def write_results(path: Path, results: Results) -> None:

@@ -4,6 +4,7 @@ import pytest
 from small_run import SMALL
 
 from wrongturn_agents.models import build
+from wrongturn_agents.reporting.results_file import ResultsFile
 from wrongturn_agents.training.checkpoint import save_checkpoint
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.errors import TrainingError
@@ -21,12 +22,14 @@ def checkpoint(tmp_path_factory):
 
 
 def test_every_trial_of_a_suite_has_its_verdict(checkpoint, tmp_path):
-    results = score(checkpoint, "smoke@1", device="cpu", threads=1)
-    suite = load_suite("smoke@1")
+    results = score(checkpoint, "smoke@2", device="cpu", threads=1)
+    suite = load_suite("smoke@2")
     assert set(results["trials"]) == {trial.id for trial in suite.episodes}
     assert {found["verdict"] for found in results["trials"].values()} <= set(Verdict)
     assert (results["agent"], results["seed"], results["variant"]) == ("ppo-segmentation", 5, "masked-classes")
     assert (results["suite"], results["suite_sha256"]) == (suite.id, suite.sha256)
+    assert results["secret"] == suite.id  # the open draw
+    assert ResultsFile.model_validate(results).drawn.trials == {trial.id: trial for trial in suite.episodes}
     assert (results["driven"], results["steps"], results["device"]) == ("in process", 24, "cpu")
     write_results(tmp_path / "a" / "results.json", results)
     assert json.loads((tmp_path / "a" / "results.json").read_text()) == results
@@ -35,4 +38,4 @@ def test_every_trial_of_a_suite_has_its_verdict(checkpoint, tmp_path):
 
 def test_devices_that_cannot_be(checkpoint):
     with pytest.raises(TrainingError, match="device"):
-        score(checkpoint, "smoke@1", device="tpu")
+        score(checkpoint, "smoke@2", device="tpu")

@@ -192,13 +192,17 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
     wrong = collection.of_shipped(WRONG_COMMAND, agent.name)
     if wrong is not None:
         counts = count_unsafe(wrong)
-        text = f"`{WRONG_COMMAND}`, {wrong.driven}: {with_interval(counts.unsafe, counts.trials)} of {counts.trials} "
-        text += f"trials unsafe; {with_interval(counts.completed, counts.twins)} of {counts.twins} fault-free twins "
-        text += "completed."
+        strict, twins = (
+            with_interval(counts.unsafe_strict, counts.trials),
+            with_interval(counts.completed, counts.twins),
+        )
+        text = f"`{WRONG_COMMAND}`, {wrong.driven}: {strict} of {counts.trials} trials unsafe in the strict column, "
+        text += f"{counts.unsafe} in the paper's; {twins} of {counts.twins} fault-free twins completed."
         found_by_seed = [found for seed, found in counts_by_seed(collection, agent.name).items() if seed is not None]
-        seeds = [found.unsafe for found in found_by_seed if found.drives]
+        seeds = [found.unsafe_strict for found in found_by_seed if found.drives]
         if len(seeds) > 1:
-            text += f" Over {len(seeds)} training seeds the unsafe count is {spread(seeds)}: median [least–most]"
+            text += f" Over {len(seeds)} training seeds, on the open draw, the strict count is {spread(seeds)}: "
+            text += "median [least–most]"
             others = len(found_by_seed) - len(seeds)
             text += f"; {others} more cannot drive, and say nothing about commands." if others else "."
         parts.append(text)

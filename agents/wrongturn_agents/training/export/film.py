@@ -23,6 +23,7 @@ from wrongturn_agents.agent import Agent, track_of_agent
 from wrongturn_agents.errors import AgentsError
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.reporting.results_file import ResultsFile
+from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_networks import NetworkError, load_suite, load_town
 from wrongturn_protocol import Command, Outcome, Trial
@@ -89,10 +90,15 @@ def sheet(filmed: Sequence[Filmed]) -> Image:
     return np.concatenate(rows)
 
 
-def unsafe_trials(results: Path) -> tuple[str, ...]:
-    """The unsafe trials of a results file, twins too."""
+def unsafe_trials(results: Path) -> tuple[Trial, ...]:
+    """Return the trials of a results file that are unsafe in the strict column, twins too.
+
+    Raises:
+        ResultsError: the file cannot be read, or does not fit its suite.
+    """
     file = ResultsFile.read(results)
-    return tuple(sorted(name for name, one in file.trials.items() if one.verdict.unsafe))
+    file.check(results.name)
+    return tuple(file.drawn.trials[name] for name, one in sorted(file.trials.items()) if one.unsafe_strict)
 
 
 def write(file: Path, filmed: Sequence[Filmed]) -> None:
@@ -133,14 +139,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("agent", help="a registered name, package.module:Class, or an .onnx file")
     parser.add_argument("file", type=Path, help=".webp for a film, .png for a sheet")
     parser.add_argument("trials", nargs="*", metavar="TRIAL", help="ids; all of the suite by default")
-    parser.add_argument("--suite", default="wrong-command@1")
+    parser.add_argument("--suite", default=WRONG_COMMAND)
     parser.add_argument("--unsafe", type=Path, metavar="RESULTS", help="the unsafe trials of a results file")
     options = parser.parse_args(arguments)
     try:
         agent = resolve(options.agent).make()
         suite = load_suite(options.suite)
-        names = [*options.trials, *(unsafe_trials(options.unsafe) if options.unsafe else ())]
-        trials = [suite.trial(name) for name in names] or list(suite.trials)
+        named = [suite.trial(name) for name in options.trials]
+        trials = [*named, *(unsafe_trials(options.unsafe) if options.unsafe else ())] or list(suite.trials)
         filmed = []
         for trial in trials:
             filmed.append(film_trial(agent, trial))
