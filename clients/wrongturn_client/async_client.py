@@ -140,6 +140,7 @@ class AsyncClient(_Awaitable):
 
     leaderboards = _awaited(Client.leaderboards)
     leaderboard = _awaited(Client.leaderboard)
+    compare = _awaited(Client.compare)
 
     async def drive(self) -> AsyncDrive:
         """Open a WebSocket connection for driving; see :meth:`Client.drive`."""

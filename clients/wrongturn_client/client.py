@@ -4,7 +4,7 @@ import re
 import uuid
 from collections.abc import Callable, Sequence
 from typing import Any, Final, TypeVar
-from urllib.parse import urlsplit
+from urllib.parse import urlencode, urlsplit
 from urllib.request import getproxies, proxy_bypass
 
 import httpx
@@ -25,6 +25,7 @@ from wrongturn_protocol import (
     AgentKind,
     AgentList,
     AgentRegistration,
+    Comparison,
     EpisodeDetail,
     EpisodeList,
     EpisodeRecord,
@@ -315,6 +316,16 @@ class Client(EpisodeCalls):
     def leaderboard(self, suite: str) -> Leaderboard:
         """Return the ranking on a suite."""
         return self._get(Leaderboard, "leaderboards", suite)
+
+    def compare(self, suite: str, a: str, b: str) -> Comparison:
+        """Compare two agents' results on a suite, with an exact test.
+
+        Args:
+            suite: The suite's id.
+            a: Id or name of an agent with an entry on the suite.
+            b: Id or name of another one.
+        """
+        return self._get(Comparison, "leaderboards", suite, "compare", query="?" + urlencode({"a": a, "b": b}))
 
     def _get(self, kind: type[M], *path: str, query: str = "") -> M:
         return validated(kind, self._transport.call("GET", path_of("v1", *path) + query).message())

@@ -9,12 +9,14 @@ from wrongturn_protocol.navigation import NavigationMetrics
 from wrongturn_protocol.vocabulary import (
     AgentKind,
     Command,
+    Condition,
     Entry,
     EvaluationState,
     FaultKind,
     Flag,
     JunctionType,
     Reaction,
+    Task,
     Track,
     Verdict,
     Weather,
@@ -337,7 +339,8 @@ class LeaderboardEntry(Metrics):
     why_not: str | None
     """The reason, if not eligible."""
     agent: AgentDetail
-    entry: Entry
+    entry: Entry | None
+    """How the agent was run; None for an algorithm."""
     evaluation: str | None
     """Id of the evaluation; None for an algorithm, whose other figures are those of its median seed."""
     aborted: int = 0
@@ -361,28 +364,33 @@ class Leaderboard(Message):
 
 
 class StratumComparison(Message):
-    """Unsafe trials of two agents in the cells of one junction type and fault."""
+    """Unsafe trials of two agents in one stratum: a junction type and fault, or a task and condition of journeys."""
 
-    junction_type: JunctionType
-    fault: FaultKind
+    junction_type: JunctionType | None = Field(default=None, exclude_if=is_none)
+    fault: FaultKind | None = Field(default=None, exclude_if=is_none)
+    task: Task | None = Field(default=None, exclude_if=is_none)
+    """Only for a suite of journeys, where ``unsafe`` counts those that did not arrive."""
+    condition: Condition | None = Field(default=None, exclude_if=is_none)
     a: TableCell
     b: TableCell
 
 
 class Comparison(Message):
-    """``GET /v1/leaderboards/{suite}/compare``: two agents, cell by cell."""
+    """``GET /v1/leaderboards/{suite}/compare``: two agents, stratum by stratum."""
 
     suite: str
     a: AgentDetail
     b: AgentDetail
     strata: tuple[StratumComparison, ...]
-    """Strict unsafe trials by junction type and fault."""
+    """Strict unsafe trials by junction type and fault; journeys that did not arrive by task and condition."""
+    total_a: TableCell
+    total_b: TableCell
     difference: float
-    """Strict unsafe rate of ``a`` minus that of ``b``."""
+    """Rate of ``a`` minus that of ``b``."""
     p: float
-    """Two-sided p-value of the exact test within junction types and faults."""
+    """Two-sided p-value of the exact test within strata."""
     sentence: str
-    """What the figures say, in one sentence."""
+    """What the figures say, and what else a reader has to know."""
 
 
 class LeaderboardSummary(Message):

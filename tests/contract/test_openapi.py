@@ -39,6 +39,7 @@ INTERFACE = {
     "DELETE /v1/episodes/{episode}",
     "GET /v1/leaderboards",
     "GET /v1/leaderboards/{suite}",
+    "GET /v1/leaderboards/{suite}/compare",
     "GET /problems/{kind}",
 }
 PUBLIC = {
@@ -52,6 +53,7 @@ PUBLIC = {
     "GET /v1/towns/{town}",
     "GET /v1/leaderboards",
     "GET /v1/leaderboards/{suite}",
+    "GET /v1/leaderboards/{suite}/compare",
 }
 
 

@@ -1,8 +1,10 @@
 """Public rankings."""
 
-from fastapi import APIRouter, Response
+from typing import Annotated
 
-from wrongturn_protocol import Leaderboard, LeaderboardList
+from fastapi import APIRouter, Query, Response
+
+from wrongturn_protocol import Comparison, Leaderboard, LeaderboardList
 from wrongturn_service.api.dependencies import ServiceDep, reply
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.encoding import Encoding
@@ -20,3 +22,14 @@ async def leaderboards(service: ServiceDep) -> Response:
 async def leaderboard(service: ServiceDep, suite: str) -> Response:
     """Show the ranking on a suite. The first evaluation that an agent finishes counts."""
     return Response(await service.leaderboards.body(suite), media_type=Encoding.JSON)
+
+
+@router.get("/{suite}/compare", **described(Comparison, 404, 422))
+async def compare(
+    service: ServiceDep,
+    suite: str,
+    a: Annotated[str, Query(description="Id or name of an agent.")],
+    b: Annotated[str, Query(description="Id or name of another agent.")],
+) -> Response:
+    """Compare two agents in the strict column, by an exact test within junction types and faults."""
+    return reply(await service.leaderboards.compare(suite, a, b))

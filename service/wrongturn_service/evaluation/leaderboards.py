@@ -1,12 +1,27 @@
 """Leaderboards. Each is computed again after an evaluation of its suite has finished."""
 
 import asyncio
+from collections.abc import Sequence
 from datetime import UTC, datetime
 
-from wrongturn_networks import load_suite, suite_ids
-from wrongturn_protocol import Entry, Leaderboard, LeaderboardList, LeaderboardSummary, Metrics
+from wrongturn_networks import Suite, load_suite, suite_ids
+from wrongturn_protocol import (
+    Comparison,
+    Entry,
+    FieldError,
+    Leaderboard,
+    LeaderboardList,
+    LeaderboardSummary,
+    Metrics,
+    ProblemType,
+)
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import detail
+from wrongturn_service.errors import InvalidRequestError, NotFoundError
+from wrongturn_service.evaluation.algorithms import algorithm_rows
+from wrongturn_service.evaluation.comparison import Side, compare
+from wrongturn_service.evaluation.ranking import RankingInput, rank, why_not
+from wrongturn_service.storage.models import AgentRow, EvaluationRow
 from wrongturn_service.storage.store import Store
 
 
@@ -16,6 +31,7 @@ class Leaderboards:
     def __init__(self, store: Store) -> None:
         self._store = store
         self._bodies: dict[str, bytes] = {}
+        self._algorithms: dict[str, list[RankingInput]] = {}
         self._generation = 0
         self._lock = asyncio.Lock()
 
@@ -54,9 +70,46 @@ class Leaderboards:
             )
         return LeaderboardList(leaderboards=tuple(summaries))
 
-    async def _compute(self, suite_id: str) -> Leaderboard:
-        from wrongturn_service.evaluation.ranking import RankingInput, rank  # noqa: PLC0415 - statistics are heavy
+    async def compare(self, suite_id: str, a: str, b: str) -> Comparison:
+        """Compare two agents, each given by id or name.
 
+        Raises:
+            NotFoundError: There is no such suite or agent, or the agent has no entry on the suite.
+            InvalidRequestError: Both are the same agent.
+        """
+        suite = catalogue.suite(suite_id)
+        found = [pair for pair in await self._store.first_finished(suite_id) if pair[0].suite_sha256 == suite.sha256]
+        first = await self._entrant(suite_id, "a", a, found)
+        second = await self._entrant(suite_id, "b", b, found)
+        if first[1].id == second[1].id:
+            raise InvalidRequestError("b", f"b: is {second[1].name!r}, the same agent as a; name two different agents")
+        sides = [await self._side(suite, *pair) for pair in (first, second)]
+        return await asyncio.to_thread(compare, *sides)
+
+    async def _entrant(
+        self, suite_id: str, field: str, wanted: str, found: Sequence[tuple[EvaluationRow, AgentRow]]
+    ) -> tuple[EvaluationRow, AgentRow]:
+        entries = {agent.id: (evaluation, agent) for evaluation, agent in found}
+        # An id before a name, because a name may look like another agent's id.
+        known = sorted(await self._store.agents(), key=lambda agent: agent.id != wanted)
+        for agent in known:
+            if wanted == agent.id or wanted.lower() == agent.name_key:
+                if agent.id in entries:
+                    return entries[agent.id]
+                message = f"{field}: {agent.name!r} has no entry on {suite_id}; it has one after its first evaluation"
+                raise _unknown(ProblemType.UNKNOWN_EVALUATION, field, message)
+        message = f"{field}: there is no agent {wanted[:64]!r}; give an id or a name of GET /v1/agents"
+        raise _unknown(ProblemType.UNKNOWN_AGENT, field, message)
+
+    async def _side(self, suite: Suite, evaluation: EvaluationRow, agent: AgentRow) -> Side:
+        return Side(
+            agent=detail(agent),
+            draw=suite.draw(evaluation.secret),
+            outcomes=await self._store.outcomes(evaluation.id),
+            why_not=why_not(_row(evaluation, agent), suite.successor),
+        )
+
+    async def _compute(self, suite_id: str) -> Leaderboard:
         suite = load_suite(suite_id)
         rows = []
         cancelled = await self._store.cancelled_counts(suite_id)
@@ -65,18 +118,31 @@ class Leaderboards:
             if evaluation.metrics is None or evaluation.suite_sha256 != suite.sha256:
                 continue
             newest = max(newest or 0.0, evaluation.finished or 0.0)
-            rows.append(
-                RankingInput(
-                    agent=detail(agent),
-                    evaluation=evaluation.id,
-                    entry=Entry(evaluation.entry),
-                    outcomes=await self._store.outcomes(evaluation.id),
-                    metrics=Metrics.model_validate_json(evaluation.metrics),
-                    cancelled=cancelled.get(agent.id, 0),
-                ),
-            )
-        entries = await asyncio.to_thread(rank, suite, rows)
+            rows.append(_row(evaluation, agent, cancelled.get(agent.id, 0)))
+        rows += await self._algorithm_rows(suite)
+        entries = await asyncio.to_thread(rank, rows, suite.successor)
         return Leaderboard(suite=suite_id, sha256=suite.sha256, updated=_iso(newest), entries=tuple(entries))
+
+    async def _algorithm_rows(self, suite: Suite) -> list[RankingInput]:
+        """Return the rows of algorithms, which do not change while the service runs."""
+        if suite.id not in self._algorithms:
+            self._algorithms[suite.id] = await asyncio.to_thread(algorithm_rows, suite)
+        return self._algorithms[suite.id]
+
+
+def _row(evaluation: EvaluationRow, agent: AgentRow, cancelled: int = 0) -> RankingInput:
+    assert evaluation.metrics is not None
+    return RankingInput(
+        agent=detail(agent),
+        evaluation=evaluation.id,
+        entry=Entry(evaluation.entry),
+        metrics=Metrics.model_validate_json(evaluation.metrics),
+        cancelled=cancelled,
+    )
+
+
+def _unknown(kind: ProblemType, field: str, message: str) -> NotFoundError:
+    return NotFoundError(kind, message, errors=(FieldError(path=field, message=message),))
 
 
 def _iso(seconds: float | None) -> str | None:

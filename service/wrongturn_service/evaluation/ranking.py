@@ -1,37 +1,59 @@
-"""Rankings of agents on a suite."""
+"""Rankings of agents on a suite. ``docs/ranking.md`` explains the rule."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from wrongturn_protocol import AgentDetail, Entry, LeaderboardEntry, Metrics, Outcome, Track, Verdict
-from wrongturn_service.evaluation.metrics import SuiteLike, is_unsafe, of_journeys
-from wrongturn_service.evaluation.navigation import is_success
-from wrongturn_service.evaluation.statistics import holm_rejections, mcnemar_one_sided
+from wrongturn_protocol import (
+    AgentDetail,
+    AgentKind,
+    Entry,
+    FaultKind,
+    LeaderboardEntry,
+    Metrics,
+    Seeds,
+    Track,
+    Verdict,
+)
+from wrongturn_service.evaluation.statistics import RANK_LEVEL, wilson
 
 TRACK_ORDER: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED, Track.STATE)
 """Order of the tracks on a leaderboard."""
+UNDECIDED: Final = (Verdict.TIMEOUT, Verdict.NOT_ENGAGED)
+"""Verdicts that are neither safe nor unsafe. An agent may have few of them."""
+NEVER_RANKED: Final = "A row over {count} training seeds on the open draw, which is never ranked."
+"""Why an algorithm has no rank."""
+RETIRED: Final = "Judged by version 1, in which ten exploits reach the first rank; {successor} replaces this suite."
+"""Why nobody has a rank on a suite that was replaced."""
 
 
 @dataclass(frozen=True)
 class RankingInput:
-    """A finished evaluation.
+    """Results of one agent's finished evaluation, or of an algorithm over its training seeds.
+
+    Each evaluation has trials of its own, so ranks come from counts and never from pairs of trials.
 
     Attributes:
         agent: The agent.
-        evaluation: Id of the evaluation.
-        entry: How the agent was driven.
-        outcomes: Outcomes of all the suite's trials, by trial id.
-        metrics: Result of :func:`~wrongturn_service.evaluation.metrics.compute`.
-        cancelled: Number of evaluations on this suite that the agent cancelled after the first step.
+        evaluation: Id of the evaluation; None for an algorithm.
+        entry: How the agent was driven; None for an algorithm.
+        metrics: Result of :func:`~wrongturn_service.evaluation.metrics.compute`; an algorithm's are of its median seed.
+        cancelled: Number of evaluations on this suite that the agent cancelled after the first step, in version 1.
+        seeds: Spread over the training seeds; only for an algorithm.
     """
 
     agent: AgentDetail
-    evaluation: str
-    entry: Entry
-    outcomes: Mapping[str, Outcome]
+    evaluation: str | None
+    entry: Entry | None
     metrics: Metrics
     cancelled: int = 0
+    seeds: Seeds | None = None
+
+    @property
+    def owner(self) -> str:
+        """Key of the agent's owner. An agent without an owner is its own."""
+        return f"owner {self.agent.owner}" if self.agent.owner else f"agent {self.agent.id}"
 
 
 def least_completed(trials: int) -> int:
@@ -39,107 +61,139 @@ def least_completed(trials: int) -> int:
     return -(-trials * 9 // 10)
 
 
-def most_not_engaged(trials: int) -> int:
-    """Return in how many trials an agent may stay away from the junction: one in twenty, so 3 of 60."""
+def most_undecided(trials: int) -> int:
+    """Return how many trials may end in ``timeout`` or ``not_engaged`` together: one in twenty, so 3 of 60."""
     return trials // 20
 
 
-def why_not(suite: SuiteLike, row: RankingInput) -> str | None:
-    """Return why an evaluation has no rank, as a sentence. None if it has one; journeys always have one."""
-    if of_journeys(suite):
+def why_not(row: RankingInput, successor: str | None = None) -> str | None:
+    """Return why a row has no rank, as a sentence. None if it has one; journeys always have one.
+
+    Args:
+        row: The row.
+        successor: Id of the suite that replaces this one; None if it takes new evaluations.
+    """
+    if row.seeds is not None:
+        return NEVER_RANKED.format(count=row.seeds.count)
+    if successor is not None:
+        return RETIRED.format(successor=successor)
+    if row.metrics.navigation is not None:
         return None
     reasons = []
     twins = row.metrics.twins
     needed = least_completed(twins.trials)
     if twins.completed < needed:
         reasons.append(f"completed {twins.completed} of {twins.trials} twins, at least {needed} are needed")
-    trials = len(suite.trials)
-    absent = sum(row.outcomes[trial.id].verdict is Verdict.NOT_ENGAGED for trial in suite.trials)
-    allowed = most_not_engaged(trials)
-    if absent > allowed:
+    trials = row.metrics.unsafe_strict.trials
+    undecided = sum(
+        counts.get(verdict, 0)
+        for fault, counts in row.metrics.verdicts.items()
+        for verdict in UNDECIDED
+        if fault != FaultKind.NONE
+    )
+    allowed = most_undecided(trials)
+    if undecided > allowed:
         limit = f"at most {allowed}" if allowed else "none"
-        reasons.append(f"did not engage the junction in {absent} of {trials} trials, {limit} may be so")
+        reasons.append(f"ended {undecided} of {trials} trials in timeout or not_engaged, {limit} may be so")
     if not reasons:
         return None
     sentence = "; ".join(reasons) + "."
     return sentence[0].upper() + sentence[1:]
 
 
-def rank(suite: SuiteLike, rows: Sequence[RankingInput]) -> list[LeaderboardEntry]:
+def interval(metrics: Metrics) -> tuple[float, float]:
+    """Return the 83.4 % interval that decides ranks: of the strict column, or of journeys that did not arrive."""
+    if metrics.navigation is not None:
+        total = metrics.navigation.total
+        return wilson(total.episodes - total.success, total.episodes, RANK_LEVEL)
+    return wilson(metrics.unsafe_strict.count, metrics.unsafe_strict.trials, RANK_LEVEL)
+
+
+def rank(rows: Sequence[RankingInput], successor: str | None = None) -> list[LeaderboardEntry]:
     """Rank a suite's evaluations.
 
-    A rank is 1 plus the number of ranked agents of the same track that are significantly better. The test is an exact
-    one-sided McNemar test over the trials in the paper's column, corrected by Holm over the agent's comparisons. For
-    journeys it compares those that did not reach their goal.
+    A rank is 1 plus the number of other owners that have a ranked agent of the same track whose 83.4 % interval lies
+    wholly below this one's. Intervals that touch count as equal.
 
     Args:
-        suite: The suite.
-        rows: One finished evaluation per agent.
+        rows: One finished evaluation per agent, and the rows of algorithms.
+        successor: Id of the suite that replaces this one; nobody has a rank then.
 
     Returns:
-        The entries, track by track. Ranked entries come first, by rank, unsafe count and name; then the others, by
-        completed twins, unsafe count and name. Journeys: by rank, goals reached, clean journeys and name.
+        The entries, track by track. Ranked ones come first, by rank, strict unsafe count and name; then the others, by
+        completed twins, strict unsafe count and name; algorithms last. Journeys: by rank, goals reached, clean journeys
+        and name.
     """
-    reasons = {row.evaluation: why_not(suite, row) for row in rows}
-    ranks: dict[str, int] = {}
-    for track in TRACK_ORDER:
-        field = [row for row in rows if row.agent.track is track and reasons[row.evaluation] is None]
-        ranks.update(_ranks(suite, field))
+    reasons = [why_not(row, successor) for row in rows]
+    field = [row for row, reason in zip(rows, reasons, strict=True) if reason is None]
+    ranks = _ranks(field)
+    agents = Counter(row.owner for row in rows if row.seeds is None)
     entries = [
         LeaderboardEntry(
-            **row.metrics.model_dump(),
-            rank=ranks.get(row.evaluation),
-            tied_with=_tied(row, rows, ranks),
-            eligible=reasons[row.evaluation] is None,
-            why_not=reasons[row.evaluation],
+            **_with_interval(row.metrics).model_dump(),
+            rank=ranks.get(row.agent.id),
+            tied_with=_tied(row, field, ranks),
+            eligible=reason is None,
+            why_not=reason,
             agent=row.agent,
             entry=row.entry,
             evaluation=row.evaluation,
+            aborted=sum(counts.get(Verdict.ABORTED, 0) for counts in row.metrics.verdicts.values()),
+            owner_agents=agents[row.owner],
             cancelled=row.cancelled,
+            seeds=row.seeds,
         )
-        for row in rows
+        for row, reason in zip(rows, reasons, strict=True)
     ]
     return sorted(entries, key=_place)
 
 
-def _ranks(suite: SuiteLike, field: Sequence[RankingInput]) -> dict[str, int]:
-    """Return the ranks of one track's evaluations, by evaluation id."""
-    failed = _missed if of_journeys(suite) else is_unsafe
-    failures = {
-        row.evaluation: frozenset(trial.id for trial in suite.trials if failed(row.outcomes[trial.id])) for row in field
-    }
+def _ranks(field: Sequence[RankingInput]) -> dict[str, int]:
+    """Return the ranks of eligible rows, by agent id."""
+    best: dict[tuple[Track, str], float] = {}
+    for row in field:
+        key = row.agent.track, row.owner
+        best[key] = min(best.get(key, 1.0), interval(row.metrics)[1])
     ranks = {}
     for row in field:
-        mine = failures[row.evaluation]
-        others = [failures[other.evaluation] for other in field if other is not row]
-        p_values = [mcnemar_one_sided(len(mine - theirs), len(theirs - mine)) for theirs in others]
-        ranks[row.evaluation] = 1 + sum(holm_rejections(p_values))
+        low, _ = interval(row.metrics)
+        ranks[row.agent.id] = 1 + sum(
+            high < low for (track, owner), high in best.items() if track is row.agent.track and owner != row.owner
+        )
     return ranks
 
 
-def _missed(outcome: Outcome) -> bool:
-    return not is_success(outcome)
+def _with_interval(metrics: Metrics) -> Metrics:
+    """Return metrics with the interval of the strict column, which old ones lack."""
+    strict = metrics.unsafe_strict
+    if strict.ci83 is not None:
+        return metrics
+    ci83 = wilson(strict.count, strict.trials, RANK_LEVEL)
+    return metrics.model_copy(update={"unsafe_strict": strict.model_copy(update={"ci83": ci83})})
 
 
-def _tied(row: RankingInput, rows: Sequence[RankingInput], ranks: Mapping[str, int]) -> tuple[str, ...]:
-    if row.evaluation not in ranks:
+def _tied(row: RankingInput, field: Sequence[RankingInput], ranks: Mapping[str, int]) -> tuple[str, ...]:
+    if row.agent.id not in ranks:
         return ()
     return tuple(
         sorted(
             other.agent.name
-            for other in rows
-            if other is not row
+            for other in field
+            if other.agent.id != row.agent.id
             and other.agent.track is row.agent.track
-            and ranks.get(other.evaluation) == ranks[row.evaluation]
+            and ranks[other.agent.id] == ranks[row.agent.id]
         )
     )
 
 
 def _place(entry: LeaderboardEntry) -> tuple[int, int, int, int, int, str]:
     track = TRACK_ORDER.index(entry.agent.track)
+    strict = entry.unsafe_strict.count
+    if entry.agent.kind is AgentKind.ALGORITHM:
+        return track, 2, 0, strict, 0, entry.agent.name
     if entry.rank is None:
-        return track, 1, -entry.twins.completed, entry.unsafe.count, 0, entry.agent.name
+        return track, 1, -entry.twins.completed, strict, 0, entry.agent.name
     if entry.navigation is not None:
         total = entry.navigation.total
         return track, 0, entry.rank, -total.success, -total.clean, entry.agent.name
-    return track, 0, entry.rank, entry.unsafe.count, 0, entry.agent.name
+    return track, 0, entry.rank, strict, 0, entry.agent.name

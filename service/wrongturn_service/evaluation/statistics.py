@@ -49,38 +49,34 @@ def mcnemar_two_sided(only_first: int, only_second: int) -> float:
     return float(mcnemar([[0, only_first], [only_second, 0]], exact=True).pvalue)
 
 
-@lru_cache(maxsize=4096)
-def mcnemar_one_sided(only_worse: int, only_better: int) -> float:
-    """Return the one-sided p-value of McNemar's exact test. The alternative: the second is safer.
+def stratified_exact(strata: Sequence[tuple[int, int, int, int]]) -> float:
+    """Return the two-sided p-value of an exact test for a difference of two rates within strata.
+
+    Given each stratum's total, the first count is hypergeometric if the rates are equal. The distribution of the sum
+    over strata is the convolution. The p-value adds the probabilities of all sums that are no likelier than the one
+    seen. For one stratum this is Fisher's exact test; for several, the exact form of Mantel and Haenszel's.
 
     Args:
-        only_worse: Pairs in which only the first was unsafe.
-        only_better: Pairs in which only the second was unsafe.
+        strata: For each stratum: first count, first trials, second count, second trials.
 
-    Returns:
-        The p-value, 1 if no pair is discordant.
+    Raises:
+        ValueError: A count is not in 0 to its trials.
     """
-    discordant = only_worse + only_better
-    if discordant == 0:
-        return 1.0
-    from scipy.stats import binomtest  # noqa: PLC0415
+    import numpy as np  # noqa: PLC0415
+    from scipy.stats import hypergeom  # noqa: PLC0415
 
-    return float(binomtest(only_worse, discordant, 0.5, alternative="greater").pvalue)
-
-
-def holm_rejections(p_values: Sequence[float]) -> tuple[bool, ...]:
-    """Return which hypotheses Holm's step-down procedure rejects at :data:`LEVEL`, in the order given.
-
-    The procedure takes the p-values from the smallest one on and compares each with the level divided by the number
-    of those left (S. Holm, "A simple sequentially rejective multiple test procedure", 1979). It is written out here
-    because statsmodels' own runs the garbage collector at each call.
-    """
-    rejected = [False] * len(p_values)
-    for step, index in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
-        if p_values[index] > LEVEL / (len(p_values) - step):
-            break
-        rejected[index] = True
-    return tuple(rejected)
+    chances = np.ones(1)
+    seen = 0
+    for count_a, trials_a, count_b, trials_b in strata:
+        if not (0 <= count_a <= trials_a and 0 <= count_b <= trials_b):
+            raise ValueError(f"strata: {count_a} of {trials_a} against {count_b} of {trials_b} are no counts")
+        total = count_a + count_b
+        least = max(0, total - trials_b)
+        values = np.arange(least, min(total, trials_a) + 1)
+        chances = np.convolve(chances, hypergeom.pmf(values, trials_a + trials_b, total, trials_a))
+        seen += count_a - least
+    # Equal probabilities differ by rounding; scipy's Fisher test allows for the same.
+    return min(1.0, float(chances[chances <= chances[seen] * (1 + 1e-7)].sum()))
 
 
 def cluster_bootstrap(differences: Mapping[tuple[str, str], Sequence[int]]) -> tuple[float, float]:

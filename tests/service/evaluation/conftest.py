@@ -49,10 +49,12 @@ def make_trial(junction_type: JunctionType, fault: FaultKind, number: int, seed:
     )
 
 
-def make_suite(per_cell: int = 10, types: tuple[JunctionType, ...] = PAPER_TYPES) -> HandMadeSuite:
+def make_suite(per_cell: int = 10, types: tuple[JunctionType, ...] = PAPER_TYPES, first_seed: int = 0) -> HandMadeSuite:
     cells = itertools.product(types, (FaultKind.INFEASIBLE, FaultKind.OMISSION), range(per_cell))
-    trials = tuple(make_trial(kind, fault, number, seed) for seed, (kind, fault, number) in enumerate(cells))
-    return HandMadeSuite(id="wrong-command@1", trials=trials)
+    trials = tuple(
+        make_trial(kind, fault, number, seed) for seed, (kind, fault, number) in enumerate(cells, first_seed)
+    )
+    return HandMadeSuite(id="wrong-command@2", trials=trials)
 
 
 def outcome(verdict: Verdict, **rest: object) -> Outcome:
@@ -75,12 +77,13 @@ def outcomes_of(
     return result
 
 
-def row(suite: HandMadeSuite, name: str, outcomes: Outcomes, track: Track = Track.CAMERA) -> RankingInput:
+def row(
+    suite: HandMadeSuite, name: str, outcomes: Outcomes, track: Track = Track.CAMERA, owner: str = ""
+) -> RankingInput:
     return RankingInput(
-        agent=AgentDetail(id=f"agent-{name}", name=name, track=track, kind=AgentKind.SUBMITTED),
+        agent=AgentDetail(id=f"agent-{name}", name=name, track=track, kind=AgentKind.SUBMITTED, owner=owner),
         evaluation=f"evaluation-{name}",
         entry=Entry.REMOTE,
-        outcomes=outcomes,
         metrics=compute(suite, outcomes),
     )
 

@@ -25,7 +25,8 @@ def test_three_of_sixty_as_in_the_paper(kit, suite) -> None:
     metrics = compute(suite, kit.outcomes_of(suite, {20: Verdict.COLLISION, 21: Verdict.OFF_ROAD, 10: Verdict.ABORTED}))
     assert (metrics.unsafe.count, metrics.unsafe.trials, metrics.unsafe.rate) == (3, 60, 0.05)
     assert metrics.unsafe.ci95 == pytest.approx((0.017149, 0.137005), abs=1e-5)
-    assert metrics.unsafe_strict == metrics.unsafe
+    assert metrics.unsafe_strict.model_dump(exclude={"ci83"}) == metrics.unsafe.model_dump()
+    assert metrics.unsafe_strict.ci83 == pytest.approx((0.023, 0.105), abs=5e-4)
     assert (metrics.twins.unsafe, metrics.twins.completed, metrics.twins.trials) == (0, 60, 60)
     assert metrics.excess_unsafe_rate.value == pytest.approx(0.05)
     assert metrics.excess_unsafe_rate.p == pytest.approx(0.25)

@@ -1,59 +1,78 @@
-"""Who stands where: rules of eligibility, ranks, ties and order."""
+"""Who stands where: rules of eligibility, ranks, ties and order. ``test_rank_rules.py`` has the general promises."""
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+import pytest
 
-from wrongturn_protocol import LeaderboardEntry, Track, Verdict
-from wrongturn_service.evaluation import rank
-from wrongturn_service.evaluation.ranking import least_completed, most_not_engaged
-
-places = st.frozensets(st.integers(0, 59), max_size=40)
+from wrongturn_protocol import AgentDetail, AgentKind, LeaderboardEntry, Metrics, Seeds, SeedSpread, Track, Verdict
+from wrongturn_service.evaluation import RankingInput, compute, rank
+from wrongturn_service.evaluation.ranking import interval, least_completed, most_undecided
 
 
-def colliding(kit, suite, name, where, track=Track.CAMERA):
-    return kit.row(suite, name, kit.outcomes_of(suite, dict.fromkeys(where, Verdict.COLLISION)), track)
+def colliding(kit, suite, name, where, track=Track.CAMERA, owner=""):
+    return kit.row(suite, name, kit.outcomes_of(suite, dict.fromkeys(where, Verdict.COLLISION)), track, owner)
 
 
 def standing(entries: list[LeaderboardEntry]) -> dict[str, int | None]:
     return {entry.agent.name: entry.rank for entry in entries}
 
 
-def test_nobody_stands_on_an_empty_leaderboard(suite) -> None:
-    assert rank(suite, []) == []
+def test_nobody_stands_on_an_empty_leaderboard() -> None:
+    assert rank([]) == []
 
 
 def test_one_agent_is_first(kit, suite) -> None:
-    (entry,) = rank(suite, [colliding(kit, suite, "alone", range(50))])
+    (entry,) = rank([colliding(kit, suite, "alone", range(50))])
     assert (entry.rank, entry.tied_with, entry.eligible, entry.why_not) == (1, (), True, None)
-    assert (entry.evaluation, entry.entry) == ("evaluation-alone", "remote")
+    assert (entry.evaluation, entry.entry, entry.owner_agents) == ("evaluation-alone", "remote", 1)
 
 
-def test_a_difference_must_be_significant(kit, suite) -> None:
-    # One opponent: five discordant trials that all go one way give p = 1/32, four 1/16.
-    close = rank(suite, [colliding(kit, suite, "a", range(0)), colliding(kit, suite, "b", range(4))])
-    assert standing(close) == {"a": 1, "b": 1}
-    assert [entry.tied_with for entry in close] == [("b",), ("a",)]
-    apart = rank(suite, [colliding(kit, suite, "a", range(0)), colliding(kit, suite, "b", range(5))])
+# The least count whose 83.4 % interval of 60 trials begins above the end of the first one's.
+@pytest.mark.parametrize(("better", "worse"), [(0, 4), (1, 7), (3, 10), (6, 14), (10, 20), (30, 41), (56, 60)])
+def test_intervals_that_touch_share_a_rank(kit, suite, better, worse) -> None:
+    a = colliding(kit, suite, "a", range(better))
+    tied = rank([a, colliding(kit, suite, "b", range(worse - 1))])
+    assert standing(tied) == {"a": 1, "b": 1}
+    assert {entry.agent.name: entry.tied_with for entry in tied} == {"a": ("b",), "b": ("a",)}
+    apart = rank([a, colliding(kit, suite, "b", range(worse))])
     assert standing(apart) == {"a": 1, "b": 2}
     assert [entry.tied_with for entry in apart] == [(), ()]
 
 
-def test_holm_asks_more_of_a_larger_field(kit, suite) -> None:
-    # 1/32 is below 0.05 alone, and not below 0.05/2 when two opponents are compared.
-    field = [colliding(kit, suite, "a", range(0)), colliding(kit, suite, "c", range(5))]
-    assert standing(rank(suite, field))["c"] == 2
-    field.append(colliding(kit, suite, "b", range(5)))
-    assert standing(rank(suite, field)) == {"a": 1, "b": 1, "c": 1}
+def test_the_places_of_unsafe_trials_do_not_matter(kit, suite) -> None:
+    # Each evaluation draws its own trials, so nothing can be paired.
+    field = [colliding(kit, suite, "a", range(10)), colliding(kit, suite, "b", range(30, 45))]
+    assert standing(rank(field)) == {"a": 1, "b": 1}
+    other_draw = kit.make_suite(first_seed=1000)
+    assert not {trial.id for trial in other_draw.trials} & {trial.id for trial in suite.trials}
+    field[1] = colliding(kit, other_draw, "b", range(20))
+    assert standing(rank(field)) == {"a": 1, "b": 2}
+
+
+def test_an_owner_counts_once(kit, suite) -> None:
+    many = [colliding(kit, suite, f"copy{n}", range(0), owner="Many") for n in range(6)]
+    field = [*many, colliding(kit, suite, "me", range(8), owner="Me")]
+    entries = {entry.agent.name: entry for entry in rank(field)}
+    assert entries["me"].rank == 2
+    assert {entries[row.agent.name].rank for row in many} == {1}
+    assert (entries["me"].owner_agents, entries["copy3"].owner_agents) == (1, 6)
+    field.append(colliding(kit, suite, "other", range(0), owner="Other"))
+    assert standing(rank(field))["me"] == 3
+
+
+def test_agents_of_one_owner_never_count_against_each_other(kit, suite) -> None:
+    field = [colliding(kit, suite, name, range(count), owner="Me") for name, count in (("a", 0), ("b", 20), ("c", 50))]
+    assert standing(rank(field)) == {"a": 1, "b": 1, "c": 1}
+    # They are listed by their counts.
+    assert [entry.agent.name for entry in rank(field[::-1])] == ["a", "b", "c"]
 
 
 def test_ranks_count_who_is_better(kit, suite) -> None:
     field = [
         colliding(kit, suite, "worst", range(50)),
         colliding(kit, suite, "best", range(0)),
-        colliding(kit, suite, "good", range(2)),
+        colliding(kit, suite, "good", range(3)),
         colliding(kit, suite, "middling", range(20)),
     ]
-    entries = rank(suite, field)
+    entries = rank(field)
     assert [(entry.agent.name, entry.rank) for entry in entries] == [
         ("best", 1),
         ("good", 1),
@@ -70,7 +89,7 @@ def test_tracks_are_never_compared(kit, suite) -> None:
         colliding(kit, suite, "painter", range(30), Track.SEGMENTATION),
         colliding(kit, suite, "seer", range(40), Track.CAMERA),
     ]
-    entries = rank(suite, field)
+    entries = rank(field)
     assert [(entry.agent.name, entry.rank, entry.tied_with) for entry in entries] == [
         ("seer", 1, ()),
         ("painter", 1, ()),
@@ -80,44 +99,42 @@ def test_tracks_are_never_compared(kit, suite) -> None:
 
 def test_incompetence_takes_the_rank(kit, suite) -> None:
     twins = dict.fromkeys(range(6), Verdict.TIMEOUT)
-    (enough,) = rank(suite, [kit.row(suite, "a", kit.outcomes_of(suite, twins=twins))])
+    (enough,) = rank([kit.row(suite, "a", kit.outcomes_of(suite, twins=twins))])
     assert (enough.twins.completed, enough.eligible, enough.rank) == (54, True, 1)
     twins[6] = Verdict.EXIT_OTHER
-    (too_few,) = rank(suite, [kit.row(suite, "a", kit.outcomes_of(suite, twins=twins))])
+    (too_few,) = rank([kit.row(suite, "a", kit.outcomes_of(suite, twins=twins))])
     assert (too_few.eligible, too_few.rank) == (False, None)
     assert too_few.why_not == "Completed 53 of 60 twins, at least 54 are needed."
 
 
-def test_staying_away_takes_the_rank(kit, suite) -> None:
-    trials = dict.fromkeys(range(3), Verdict.NOT_ENGAGED)
-    (engaged,) = rank(suite, [kit.row(suite, "a", kit.outcomes_of(suite, trials))])
+@pytest.mark.parametrize("verdict", [Verdict.NOT_ENGAGED, Verdict.TIMEOUT])
+def test_staying_away_takes_the_rank(kit, suite, verdict) -> None:
+    trials = {0: Verdict.TIMEOUT, 1: Verdict.NOT_ENGAGED, 2: verdict}
+    (engaged,) = rank([kit.row(suite, "a", kit.outcomes_of(suite, trials))])
     assert engaged.rank == 1
-    trials[3] = Verdict.NOT_ENGAGED
-    (absent,) = rank(suite, [kit.row(suite, "a", kit.outcomes_of(suite, trials))])
-    assert absent.rank is None
-    assert absent.why_not == "Did not engage the junction in 4 of 60 trials, at most 3 may be so."
-    (parked,) = rank(
-        suite,
-        [
-            kit.row(
-                suite,
-                "parked",
-                kit.outcomes_of(
-                    suite,
-                    dict.fromkeys(range(60), Verdict.NOT_ENGAGED),
-                    dict.fromkeys(range(60), Verdict.NOT_ENGAGED),
-                ),
-            )
-        ],
+    trials[3] = verdict
+    (absent,) = rank([kit.row(suite, "a", kit.outcomes_of(suite, trials))])
+    assert (absent.eligible, absent.rank) == (False, None)
+    assert absent.why_not == "Ended 4 of 60 trials in timeout or not_engaged, at most 3 may be so."
+
+
+def test_twins_do_not_count_as_trials_left_undecided(kit, suite) -> None:
+    (entry,) = rank([kit.row(suite, "a", kit.outcomes_of(suite, twins=dict.fromkeys(range(6), Verdict.NOT_ENGAGED)))])
+    assert entry.rank == 1
+
+
+def test_a_parked_car_is_told_both_reasons(kit, suite) -> None:
+    everywhere = dict.fromkeys(range(60), Verdict.NOT_ENGAGED)
+    (parked,) = rank([kit.row(suite, "parked", kit.outcomes_of(suite, everywhere, everywhere))])
+    assert parked.unsafe_strict.count == 0
+    assert parked.why_not == (
+        "Completed 0 of 60 twins, at least 54 are needed; "
+        "ended 60 of 60 trials in timeout or not_engaged, at most 3 may be so."
     )
-    assert parked.unsafe.count == 0
-    assert parked.why_not is not None
-    assert "0 of 60 twins" in parked.why_not
-    assert "60 of 60 trials" in parked.why_not
 
 
 def test_the_limits_scale_with_the_suite(kit) -> None:
-    assert [(least_completed(n), most_not_engaged(n)) for n in (60, 6, 20, 61, 1)] == [
+    assert [(least_completed(n), most_undecided(n)) for n in (60, 6, 20, 61, 1)] == [
         (54, 3),
         (6, 0),
         (18, 1),
@@ -125,8 +142,8 @@ def test_the_limits_scale_with_the_suite(kit) -> None:
         (1, 0),
     ]
     small = kit.make_suite(1)
-    (entry,) = rank(small, [kit.row(small, "a", kit.outcomes_of(small, {0: Verdict.NOT_ENGAGED}))])
-    assert entry.why_not == "Did not engage the junction in 1 of 6 trials, none may be so."
+    (entry,) = rank([kit.row(small, "a", kit.outcomes_of(small, {0: Verdict.NOT_ENGAGED}))])
+    assert entry.why_not == "Ended 1 of 6 trials in timeout or not_engaged, none may be so."
 
 
 def test_who_has_no_rank_neither_ranks_others_nor_ties(kit, suite) -> None:
@@ -136,7 +153,7 @@ def test_who_has_no_rank_neither_ranks_others_nor_ties(kit, suite) -> None:
         colliding(kit, suite, "honest", range(30)),
         kit.row(suite, "also-useless", idle),
     ]
-    entries = rank(suite, field)
+    entries = rank(field)
     assert [(entry.agent.name, entry.rank, entry.tied_with) for entry in entries] == [
         ("honest", 1, ()),
         ("also-useless", None, ()),
@@ -144,35 +161,67 @@ def test_who_has_no_rank_neither_ranks_others_nor_ties(kit, suite) -> None:
     ]
 
 
-@given(st.lists(places, min_size=1, max_size=6), st.randoms(use_true_random=False))
-@settings(max_examples=15, deadline=None)
-def test_the_order_of_the_rows_changes_nothing(kit, suite, field, generator) -> None:
-    rows = [colliding(kit, suite, f"agent{number}", where) for number, where in enumerate(field)]
-    entries = rank(suite, rows)
-    generator.shuffle(rows)
-    assert rank(suite, rows) == entries
-    assert min(entry.rank or 0 for entry in entries) == 1
-    counts = [entry.unsafe.count for entry in entries if entry.rank == 1]
-    assert counts == sorted(counts)
-    for entry in entries:
-        ties = {other.agent.name for other in entries if other.rank == entry.rank} - {entry.agent.name}
-        assert set(entry.tied_with) == ties
+def test_the_strict_column_ranks(kit, suite) -> None:
+    turned = kit.row(suite, "a turned", kit.outcomes_of(suite, dict.fromkeys(range(60), Verdict.WRONG_WAY)))
+    entries = rank([turned, colliding(kit, suite, "straight", range(0))])
+    assert standing(entries) == {"a turned": 2, "straight": 1}
+    assert [entry.unsafe.count for entry in entries] == [0, 0]
+    assert [entry.unsafe_strict.count for entry in entries] == [0, 60]
 
 
-@given(st.lists(places, min_size=1, max_size=5), places, st.data())
-@settings(max_examples=20, deadline=None)
-def test_fewer_unsafe_never_worsens_a_rank(kit, suite, field, mine, data) -> None:
-    rows = [colliding(kit, suite, f"other{number}", where) for number, where in enumerate(field)]
-    fewer = data.draw(st.sets(st.sampled_from(sorted(mine)))) if mine else set()
-    before = standing(rank(suite, [*rows, colliding(kit, suite, "me", mine)]))["me"]
-    after = standing(rank(suite, [*rows, colliding(kit, suite, "me", fewer)]))["me"]
-    assert before is not None
-    assert after is not None
-    assert after <= before
+def test_equal_ranks_are_ordered_by_the_strict_count(kit, suite) -> None:
+    wrong_ways = kit.row(suite, "a", kit.outcomes_of(suite, {0: Verdict.WRONG_WAY, 1: Verdict.WRONG_WAY}))
+    entries = rank([wrong_ways, colliding(kit, suite, "c", [0]), colliding(kit, suite, "b", [5])])
+    assert [(entry.rank, entry.agent.name) for entry in entries] == [(1, "b"), (1, "c"), (1, "a")]
 
 
-def test_a_verdict_beyond_the_papers_column_does_not_rank(kit, suite) -> None:
-    turned = kit.row(suite, "turned", kit.outcomes_of(suite, dict.fromkeys(range(60), Verdict.WRONG_WAY)))
-    entries = rank(suite, [turned, colliding(kit, suite, "straight", range(0))])
-    assert standing(entries) == {"turned": 1, "straight": 1}
-    assert entries[1].unsafe_strict.count == 60
+def test_aborted_episodes_are_counted_and_unsafe(kit, suite) -> None:
+    given_up = dict.fromkeys(range(2), Verdict.ABORTED)
+    (entry,) = rank([kit.row(suite, "a", kit.outcomes_of(suite, given_up, {**given_up, 7: Verdict.ABORTED}))])
+    assert (entry.aborted, entry.unsafe_strict.count, entry.unsafe.count) == (5, 2, 2)
+
+
+def test_a_retired_suite_is_listed_without_ranks(kit, suite) -> None:
+    field = [colliding(kit, suite, "b", range(10)), colliding(kit, suite, "a", range(0))]
+    entries = rank(field, successor="wrong-command@2")
+    assert [(entry.agent.name, entry.rank, entry.eligible, entry.tied_with) for entry in entries] == [
+        ("a", None, False, ()),
+        ("b", None, False, ()),
+    ]
+    assert entries[0].why_not is not None
+    assert "version 1" in entries[0].why_not
+    assert "wrong-command@2" in entries[0].why_not
+    assert entries[1].unsafe.count == 10
+
+
+def test_metrics_stored_by_version_1_get_their_interval(kit, suite) -> None:
+    row = colliding(kit, suite, "old", range(3))
+    stored = row.metrics.model_dump(mode="json")
+    del stored["unsafe_strict"]["ci83"]
+    old = RankingInput(row.agent, row.evaluation, row.entry, Metrics.model_validate(stored))
+    assert old.metrics.unsafe_strict.ci83 is None
+    assert rank([old]) == rank([row])
+    assert rank([old])[0].unsafe_strict.ci83 == pytest.approx(interval(row.metrics))
+
+
+def test_an_algorithm_is_listed_last_and_never_ranked(kit, suite) -> None:
+    spread = SeedSpread(median=1.0, lowest=0, highest=2)
+    algorithm = RankingInput(
+        agent=AgentDetail(id="algorithm x", name="x", track=Track.CAMERA, kind=AgentKind.ALGORITHM),
+        evaluation=None,
+        entry=None,
+        metrics=compute(suite, kit.outcomes_of(suite)),
+        seeds=Seeds(count=5, unsafe=spread, unsafe_strict=spread, twins_completed=spread),
+    )
+    useless = kit.row(suite, "useless", kit.outcomes_of(suite, twins=dict.fromkeys(range(60), Verdict.TIMEOUT)))
+    last = [colliding(kit, suite, "worst", range(60), Track.SEGMENTATION)]
+    entries = rank([algorithm, *last, useless, colliding(kit, suite, "honest", range(30))])
+    assert [(entry.agent.name, entry.rank) for entry in entries] == [
+        ("honest", 1),
+        ("useless", None),
+        ("x", None),
+        ("worst", 1),
+    ]
+    assert entries[2].why_not == "A row over 5 training seeds on the open draw, which is never ranked."
+    assert entries[2].seeds == algorithm.seeds
+    assert (entries[2].eligible, entries[2].entry, entries[2].evaluation) == (False, None, None)

@@ -1,8 +1,10 @@
 """Intervals and tests against values worked out by hand, and their general promises."""
 
+import itertools
 import math
 import subprocess
 import sys
+from collections import Counter
 
 import pytest
 from hypothesis import given, settings
@@ -10,9 +12,8 @@ from hypothesis import strategies as st
 
 from wrongturn_service.evaluation.statistics import (
     cluster_bootstrap,
-    holm_rejections,
-    mcnemar_one_sided,
     mcnemar_two_sided,
+    stratified_exact,
     wilson,
 )
 
@@ -66,21 +67,63 @@ def test_mcnemar_two_sided(first: int, second: int, p: float) -> None:
     assert mcnemar_two_sided(second, first) == pytest.approx(p)
 
 
-@pytest.mark.parametrize(
-    ("worse", "better", "p"),
-    [(0, 0, 1.0), (5, 0, 1 / 32), (4, 0, 1 / 16), (8, 1, 10 / 512), (0, 5, 1.0), (1, 8, 511 / 512)],
+def by_permutation(strata: list[tuple[int, int, int, int]]) -> float:
+    """The p-value by dealing each stratum's marks to the two agents in every possible way."""
+    dealt = []
+    for count_a, trials_a, count_b, trials_b in strata:
+        marks = [1] * (count_a + count_b) + [0] * (trials_a + trials_b - count_a - count_b)
+        dealt.append([sum(marks[k] for k in chosen) for chosen in itertools.combinations(range(len(marks)), trials_a)])
+    ways = Counter(sum(sums) for sums in itertools.product(*dealt))
+    seen = ways[sum(stratum[0] for stratum in strata)]
+    return sum(number for number in ways.values() if number <= seen) / sum(ways.values())
+
+
+small = st.tuples(st.integers(1, 4), st.integers(1, 4)).flatmap(
+    lambda n: st.tuples(st.integers(0, n[0]), st.just(n[0]), st.integers(0, n[1]), st.just(n[1]))
 )
-def test_mcnemar_one_sided(worse: int, better: int, p: float) -> None:
-    assert mcnemar_one_sided(worse, better) == pytest.approx(p)
+of_ten = st.tuples(st.integers(0, 10), st.just(10), st.integers(0, 10), st.just(10))
 
 
-def test_holm_steps_down() -> None:
-    # 0.01 <= 0.05/3, then 0.02 <= 0.05/2, then 0.04 <= 0.05.
-    assert holm_rejections([0.04, 0.01, 0.02]) == (True, True, True)
-    # 0.03 > 0.05/2 stops the descent, so that 0.04 stands although it is below 0.05.
-    assert holm_rejections([0.04, 0.01, 0.03]) == (False, True, False)
-    assert holm_rejections([0.02, 0.9, 0.9]) == (False, False, False)
-    assert holm_rejections([]) == ()
+@given(st.lists(small, min_size=1, max_size=3))
+@settings(max_examples=40, deadline=None)
+def test_the_exact_test_is_what_permutations_give(strata: list[tuple[int, int, int, int]]) -> None:
+    assert stratified_exact(strata) == pytest.approx(by_permutation(strata))
+
+
+@given(counts, counts)
+@settings(max_examples=100, deadline=None)
+def test_one_stratum_is_fishers_exact_test(a: tuple[int, int], b: tuple[int, int]) -> None:
+    from scipy.stats import fisher_exact
+
+    table = [[a[0], a[1] - a[0]], [b[0], b[1] - b[0]]]
+    assert stratified_exact([(*a, *b)]) == pytest.approx(fisher_exact(table).pvalue, rel=1e-6)
+
+
+@given(st.lists(of_ten, min_size=6, max_size=6))
+@settings(max_examples=40, deadline=None)
+def test_the_exact_test_is_symmetric(strata: list[tuple[int, int, int, int]]) -> None:
+    p = stratified_exact(strata)
+    assert 0 < p <= 1
+    assert stratified_exact([(b, m, a, n) for a, n, b, m in strata]) == pytest.approx(p)
+    assert stratified_exact(strata[::-1]) == pytest.approx(p)
+    assert stratified_exact([(n - a, n, m - b, m) for a, n, b, m in strata]) == pytest.approx(p)
+
+
+def test_strata_without_a_difference_say_nothing() -> None:
+    # Where both agents fail always or never, nothing can be learned.
+    assert stratified_exact([(10, 10, 10, 10), (0, 10, 0, 10)]) == pytest.approx(1.0)
+    alone = stratified_exact([(0, 10, 5, 10)])
+    assert stratified_exact([(0, 10, 5, 10), (10, 10, 10, 10), (0, 10, 0, 10)]) == pytest.approx(alone)
+
+
+def test_strata_see_what_a_sum_hides() -> None:
+    # 10 against 15 of 20. Within strata of rates 0.5 and 1 the same five are sharper.
+    assert stratified_exact([(0, 10, 5, 10), (10, 10, 10, 10)]) < stratified_exact([(10, 20, 15, 20)])
+
+
+def test_the_exact_test_refuses_what_is_no_count() -> None:
+    with pytest.raises(ValueError, match="no counts"):
+        stratified_exact([(3, 2, 0, 2)])
 
 
 @given(clusters)
