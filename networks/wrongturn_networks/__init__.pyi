@@ -3,6 +3,7 @@ from .bends import bends_of as bends_of
 from .cruises import draw_cruise as draw_cruise
 from .draws import Draw as Draw
 from .draws import commitment_of as commitment_of
+from .draws import possible_trials as possible_trials
 from .errors import ApproachTooShortError as ApproachTooShortError
 from .errors import CorruptFileError as CorruptFileError
 from .errors import CruiseError as CruiseError
@@ -10,6 +11,7 @@ from .errors import FaultNotApplicableError as FaultNotApplicableError
 from .errors import NetworkError as NetworkError
 from .errors import NoJourneyError as NoJourneyError
 from .errors import RouteNotAvailableError as RouteNotAvailableError
+from .errors import SecretError as SecretError
 from .errors import UnknownApproachError as UnknownApproachError
 from .errors import UnknownLaneError as UnknownLaneError
 from .errors import UnknownSuiteError as UnknownSuiteError

@@ -14,10 +14,10 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Final, TypeVar
 
-from wrongturn_networks.errors import ApproachTooShortError, UnknownTrialError
-from wrongturn_networks.loading import load_town
+from wrongturn_networks.errors import ApproachTooShortError, SecretError, UnknownTownError, UnknownTrialError
+from wrongturn_networks.loading import load_town, town_names
 from wrongturn_networks.starts import ENGAGED, LANE_RESERVE, SHORTEST, WINDOW
-from wrongturn_protocol import Cell, Command, Fault, FaultKind, Start, Trial, trial_id, twin_id
+from wrongturn_protocol import Cell, Command, Fault, FaultKind, JunctionType, Start, Trial, trial_id, twin_id
 
 NEAREST, FARTHEST = 22.0, 60.0
 """A start lies this far before the stop line where the lane is long enough, metres."""
@@ -27,6 +27,8 @@ LATERAL = 0.4
 """Largest offset of a start from the lane's centre line, metres."""
 YAW = 6.0
 """Largest angle of a start to the lane, degrees."""
+SEEDS = 2**31
+"""Seeds of trials are less than this."""
 
 _T = TypeVar("_T")
 
@@ -76,8 +78,12 @@ class Draw:
 
 
 def commitment_of(secret: str) -> str:
-    """Return the SHA-256 of a secret's text, hexadecimal. ``printf %s SECRET | sha256sum`` gives the same."""
-    return hashlib.sha256(secret.encode()).hexdigest()
+    """Return the SHA-256 of a secret's text, hexadecimal. ``printf %s SECRET | sha256sum`` gives the same.
+
+    Raises:
+        SecretError: the secret is empty, or is not text in UTF-8.
+    """
+    return hashlib.sha256(_bytes_of(secret)).hexdigest()
 
 
 def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
@@ -86,64 +92,88 @@ def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
     Equal cells get different approaches while there are enough, and their routes are balanced.
 
     Raises:
+        SecretError: the secret is empty, or is not text in UTF-8.
         UnknownTownError: there is no such town.
         ApproachTooShortError: no approach of a cell's type has room for a start.
     """
     numbers = _Numbers(secret)
-    groups: dict[str, list[int]] = {}
+    groups: dict[Cell, list[int]] = {}
     for index, cell in enumerate(cells):
-        groups.setdefault(cell.model_dump_json(), []).append(index)
+        groups.setdefault(cell, []).append(index)
     trials: dict[int, Trial] = {}
     twins: dict[int, Trial] = {}
-    for name, indices in groups.items():
-        places = _places(cells[indices[0]], name, len(indices), numbers)
-        for index, (approach, route) in zip(indices, places, strict=True):
-            trials[index] = _trial(cells[index], f"{index} trial", approach, route, numbers)
-            twin = _trial(cells[index], f"{index} twin", approach, route, numbers)
+    slots = 2 * len(cells)
+    for cell, indices in groups.items():
+        for index, place in zip(indices, _places(cell, indices[0], len(indices), numbers), strict=True):
+            trials[index] = _trial(cell, f"{index} trial", place, numbers, 2 * index, slots)
+            twin = _trial(cell, f"{index} twin", place, numbers, 2 * index + 1, slots)
             twins[index] = twin.model_copy(update={"id": twin_id(trials[index]), "fault": Fault(kind=FaultKind.NONE)})
     order = range(len(cells))
     return Draw(suite_id, tuple(trials[k] for k in order), tuple(twins[k] for k in order), secret)
 
 
-def _places(cell: Cell, name: str, count: int, numbers: "_Numbers") -> list[tuple[str, Command]]:
-    """Return approach and route of each of some equal cells."""
-    approaches = _approaches(cell)
-    if not approaches:
-        raise ApproachTooShortError(
-            f"cell: no approach of type {cell.junction_type} in {cell.town} has {SHORTEST + LANE_RESERVE:.0f} m of "
-            "lane, which a start needs; choose another town or type"
-        )
+def possible_trials(cell: Cell) -> tuple[Trial, ...]:
+    """Return one trial for each approach and route that a draw can choose for a cell.
+
+    Makers of suites check by them that a cell's fault can be applied wherever a draw leads.
+
+    Raises:
+        UnknownTownError: there is no such town.
+        ApproachTooShortError: no approach of the cell's type has room for a start.
+    """
+    numbers = _Numbers("any")
+    return tuple(
+        _trial(cell, f"{approach} {route}", (approach, route), numbers, 0, 1)
+        for approach in _approaches(cell, "cell")
+        for route in sorted(cell.junction_type.exits)
+    )
+
+
+def _places(cell: Cell, first: int, count: int, numbers: "_Numbers") -> list[tuple[str, Command]]:
+    """Return approach and route of each of some equal cells, the first of which has the index ``first``."""
+    approaches = _approaches(cell, f"cells[{first}]")
     chosen: list[str] = []
     for turn in range(-(-count // len(approaches))):
-        chosen += numbers.shuffled(f"{name} approaches {turn}", approaches)
-    exits = numbers.shuffled(f"{name} exits", sorted(cell.junction_type.exits))
+        chosen += numbers.shuffled(f"{first} approaches {turn}", approaches)
+    exits = numbers.shuffled(f"{first} exits", sorted(cell.junction_type.exits))
     routes = [exits[k % len(exits)] for k in range(count)]
-    return list(zip(chosen[:count], numbers.shuffled(f"{name} routes", routes), strict=True))
+    return list(zip(chosen[:count], numbers.shuffled(f"{first} routes", routes), strict=True))
 
 
-def _approaches(cell: Cell) -> list[str]:
-    return list(_roomy(cell.town, cell.junction_type.value))
+def _approaches(cell: Cell, field: str) -> tuple[str, ...]:
+    known = town_names()
+    if cell.town not in known:
+        raise UnknownTownError(cell.town, known, f"{field}.town")
+    approaches = _roomy(cell.town, cell.junction_type)
+    if not approaches:
+        raise ApproachTooShortError(
+            f"{field}: no approach of type {cell.junction_type} in {cell.town} has {SHORTEST + LANE_RESERVE:.0f} m of "
+            "lane, which a start needs; choose another town or type"
+        )
+    return approaches
 
 
 @functools.lru_cache(maxsize=256)
-def _roomy(town_name: str, kind: str) -> tuple[str, ...]:
+def _roomy(town_name: str, kind: JunctionType) -> tuple[str, ...]:
     """Return the approaches of a type whose lanes have room for a start."""
     town = load_town(town_name)
     return tuple(
         sorted(
             approach.id
             for approach in town.approaches.values()
-            if approach.type == kind and town.lanes[approach.lane].length - LANE_RESERVE >= SHORTEST
+            if approach.type is kind and town.lanes[approach.lane].length - LANE_RESERVE >= SHORTEST
         )
     )
 
 
-def _trial(cell: Cell, label: str, approach: str, route: Command, numbers: "_Numbers") -> Trial:
+def _trial(cell: Cell, label: str, place: tuple[str, Command], numbers: "_Numbers", slot: int, slots: int) -> Trial:
+    """Return a trial of a cell; its seed differs from the seeds of all other slots, so that ids differ too."""
+    approach, route = place
     town = load_town(cell.town)
     room = town.lanes[town.approach(approach).lane].length - LANE_RESERVE
     distance = numbers.between(f"{label} distance", min(NEAREST, room), min(FARTHEST, room))
     speed = numbers.between(f"{label} speed", *SPEEDS)
-    seed = numbers.whole(f"{label} seed", 2**31)
+    seed = numbers.whole(f"{label} seed", SEEDS // slots) * slots + slot
     return Trial(
         id=trial_id(cell.town, approach, cell.fault.kind, seed),
         town=cell.town,
@@ -165,11 +195,21 @@ def _trial(cell: Cell, label: str, approach: str, route: Command, numbers: "_Num
     )
 
 
+def _bytes_of(secret: str) -> bytes:
+    try:
+        key = secret.encode()
+    except UnicodeEncodeError:
+        raise SecretError("secret: is not text in UTF-8; give it as the evaluation shows it") from None
+    if not key:
+        raise SecretError("secret: is empty; give the evaluation's, or leave it out for the open draw")
+    return key
+
+
 class _Numbers:
     """Numbers that follow from a secret and a label."""
 
     def __init__(self, secret: str) -> None:
-        self._key = secret.encode()
+        self._key = _bytes_of(secret)
 
     def _digest(self, label: str) -> bytes:
         return hmac.digest(self._key, label.encode(), hashlib.sha256)

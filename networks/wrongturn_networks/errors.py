@@ -11,6 +11,7 @@ NetworkError
 ├── ApproachTooShortError
 ├── NoJourneyError
 ├── CruiseError
+├── SecretError
 └── CorruptFileError
 """
 
@@ -26,11 +27,11 @@ class _UnknownNameError(NetworkError):
 
     what = "name"
 
-    def __init__(self, name: str, known: Iterable[str]) -> None:
+    def __init__(self, name: str, known: Iterable[str], field: str | None = None) -> None:
         self.name = name
         self.known = tuple(known)
         shown = ", ".join(self.known[:40]) + (" …" if len(self.known) > 40 else "")
-        super().__init__(f"{self.what}: {name!r} is not known; there are: {shown or 'none'}")
+        super().__init__(f"{field or self.what}: {name!r} is not known; there are: {shown or 'none'}")
 
 
 class UnknownTownError(_UnknownNameError):
@@ -81,6 +82,10 @@ class NoJourneyError(NetworkError):
 
 class CruiseError(NetworkError):
     """An argument of a cruise is out of range, such as shares of the starts that add up to more than 1."""
+
+
+class SecretError(NetworkError):
+    """The secret of a draw is empty, or is not text in UTF-8."""
 
 
 class CorruptFileError(NetworkError):

@@ -43,6 +43,11 @@ class Suite:
 
         Args:
             secret: any text. An evaluation's is 64 hexadecimal digits.
+
+        Raises:
+            SecretError: the secret is empty, or is not text in UTF-8.
+            UnknownTownError: a cell names a town that does not exist.
+            ApproachTooShortError: no approach of a cell's type has room for a start.
         """
         if self.cells:
             return draw_cells(self.id, self.cells, secret)
@@ -146,6 +151,8 @@ def read_suite(path: Path) -> Suite:
             raise CorruptFileError(
                 f"suite {path.stem}: the file holds {content['name']}@{content['version']}; give it its own name back"
             )
+        if bool(content.get("trials")) == bool(content.get("cells")):
+            raise CorruptFileError(f"suite {path.stem}: give the file either trials or cells, and at least one")
         return Suite(
             id=path.stem,
             name=content["name"],

@@ -6,12 +6,14 @@ import random
 from collections.abc import Callable
 from typing import Final
 
+from wrongturn_networks.draws import possible_trials
 from wrongturn_networks.loading import load_town
 from wrongturn_networks.making.navigation import navigation
 from wrongturn_networks.starts import draw_trial
 from wrongturn_networks.suites import canonical
 from wrongturn_protocol import PAPER_TYPES, Cell, Command, Fault, FaultKind, Track, Trial
 
+PAPER_TOWN: Final = "Town01"
 PAPER_FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 SCORED: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
 
@@ -22,7 +24,7 @@ which this package may not import, so the caller hands the check in."""
 
 def _listed(check: FaultCheck, per_cell: int, seed: int) -> list[Trial]:
     """Draw the paper's cells: ``per_cell`` approaches of each type, the same for both faults, with balanced routes."""
-    town = load_town("Town01")
+    town = load_town(PAPER_TOWN)
     draw = random.Random(seed)
     chosen = {
         kind: sorted(draw.sample([a.id for a in town.approaches.values() if a.type is kind], per_cell))
@@ -42,14 +44,16 @@ def _listed(check: FaultCheck, per_cell: int, seed: int) -> list[Trial]:
     return trials
 
 
-def _drawn_cells(per_cell: int) -> list[Cell]:
+def _drawn_cells(check: FaultCheck, per_cell: int) -> list[Cell]:
     """List the paper's cells, each ``per_cell`` times. An evaluation draws a trial from each."""
-    return [
-        Cell(town="Town01", junction_type=kind, fault=Fault(kind=fault))
-        for fault in PAPER_FAULTS
-        for kind in PAPER_TYPES
-        for _ in range(per_cell)
-    ]
+    cells = []
+    for fault in PAPER_FAULTS:
+        for kind in PAPER_TYPES:
+            cell = Cell(town=PAPER_TOWN, junction_type=kind, fault=Fault(kind=fault))
+            for trial in possible_trials(cell):
+                check(trial)
+            cells += [cell] * per_cell
+    return cells
 
 
 SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[FaultCheck], list[Trial] | list[Cell]]]]] = {
@@ -59,10 +63,10 @@ SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[FaultCheck], list[Trial] | l
         "The paper's benchmark: 3 junction types x 2 faults x 10 approaches",
         lambda check: _listed(check, 10, 1),
     ),
-    "smoke@2": ("Six trials for a first try, one for each of the paper's cells", lambda _: _drawn_cells(1)),
+    "smoke@2": ("Six trials for a first try, one for each of the paper's cells", lambda check: _drawn_cells(check, 1)),
     "wrong-command@2": (
         "The paper's benchmark with fresh trials: 3 junction types x 2 faults x 10 approaches",
-        lambda _: _drawn_cells(10),
+        lambda check: _drawn_cells(check, 10),
     ),
 }
 """Title of each suite, and its trials or cells."""

@@ -1,0 +1,267 @@
+"""Draws: what a secret makes of a suite's cells, and that it makes the same everywhere."""
+
+import hashlib
+import json
+import math
+import os
+import subprocess
+import sys
+from collections import Counter
+from itertools import product
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wrongturn_networks import (
+    ApproachTooShortError,
+    Draw,
+    FaultNotApplicableError,
+    SecretError,
+    UnknownTownError,
+    UnknownTrialError,
+    commitment_of,
+    draw_trial,
+    load_suite,
+    load_town,
+    possible_trials,
+)
+from wrongturn_networks.draws import draw_cells
+from wrongturn_networks.making import writing_suites
+from wrongturn_networks.making.writing_suites import suite_text
+from wrongturn_protocol import PAPER_TYPES, Cell, Command, Fault, FaultKind, JunctionType, Traffic, Trial, Weather
+from wrongturn_sim.faults import check_fault
+
+FAULTS = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
+GOLDEN_SECRET = "0f" * 32
+GOLDEN = "ff1947bc4d9fbeb07025c44870c526e60abae9547fc5c54c847ff92a323c9f3f"
+"""SHA-256 of a draw's JSON. It stays the same on every machine and for ever: old evaluations are rebuilt by it."""
+
+secrets = st.text(st.characters(codec="utf-8"), min_size=1) | st.binary(min_size=32, max_size=32).map(bytes.hex)
+
+
+def sha256_of(draw: Draw) -> str:
+    """Return the SHA-256 of a draw's trials and twins as JSON."""
+    content = [trial.model_dump(mode="json") for trial in draw.episodes]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def paper(secret: str) -> Draw:
+    """Return the draw of the paper's sixty cells."""
+    return load_suite("wrong-command@2").draw(secret)
+
+
+def is_sound(trial: Trial) -> None:
+    """Check a drawn trial against everything that is promised of it."""
+    assert Trial.model_validate_json(trial.model_dump_json()) == trial
+    check_fault(trial)
+    town = load_town(trial.town)
+    approach = town.approach(trial.approach)
+    assert trial.junction_type is approach.type
+    assert trial.route in approach.exits
+    room = town.lanes[approach.lane].length - 3.0
+    assert min(22.0, room) - 0.001 <= trial.start.distance <= min(60.0, room) + 0.001
+    assert 4.0 <= trial.start.speed <= 9.0
+    # At full brakes (8 m/s²) the car stands before it is engaged, 15 m before the stop line.
+    assert trial.start.speed**2 / 16 < trial.start.distance - 15.0
+    assert abs(trial.start.lateral) <= 0.4
+    assert abs(math.degrees(trial.start.yaw)) <= 6.0 + 1e-3
+    assert trial.window is not None
+    assert 10.0 <= trial.window <= 20.0
+    assert 0 <= trial.seed < 2**31
+    assert trial.journey is None
+
+
+@given(secret=secrets)
+@settings(max_examples=60, deadline=None)
+def test_a_draw_keeps_what_it_promises(secret: str) -> None:
+    suite, draw = load_suite("wrong-command@2"), paper(secret)
+    assert (len(draw.trials), len(draw.twins), len(draw.episodes)) == (60, 60, 120)
+    for cell, trial, twin in zip(suite.cells, draw.trials, draw.twins, strict=True):
+        is_sound(trial)
+        is_sound(twin)
+        of_the_cell = (cell.town, cell.junction_type, cell.fault, cell.weather, cell.traffic)
+        assert (trial.town, trial.junction_type, trial.fault, trial.weather, trial.traffic) == of_the_cell
+        assert twin.is_twin
+        same = ("town", "approach", "junction_type", "route", "weather", "traffic")
+        assert [getattr(twin, name) for name in same] == [getattr(trial, name) for name in same]
+        assert twin.start != trial.start
+        assert twin.seed != trial.seed
+        assert twin.id == trial.twin().id
+        assert draw.trial(trial.id) is trial
+        assert draw.trial(twin.id) is twin
+    assert len({episode.id for episode in draw.episodes}) == 120
+    assert len({episode.seed for episode in draw.episodes}) == 120
+    assert len({episode.start for episode in draw.episodes}) == 120
+
+
+@given(secret=secrets)
+@settings(max_examples=40, deadline=None)
+def test_approaches_come_once_and_routes_as_often_in_each_type_and_fault(secret: str) -> None:
+    trials = paper(secret).trials
+    for kind, fault in product(PAPER_TYPES, FAULTS):
+        some = [trial for trial in trials if (trial.junction_type, trial.fault.kind) == (kind, fault)]
+        assert len({trial.approach for trial in some}) == len(some) == 10
+        assert Counter(trial.route for trial in some) == dict.fromkeys(kind.exits, 5)
+
+
+@given(one=secrets, other=secrets)
+@settings(max_examples=30, deadline=None)
+def test_two_secrets_give_trials_that_differ_in_every_start(one: str, other: str) -> None:
+    if one == other:
+        assert paper(one).episodes == paper(other).episodes
+        return
+    for a, b in zip(paper(one).episodes, paper(other).episodes, strict=True):
+        assert a.start != b.start
+        assert a.id != b.id
+
+
+def test_every_approach_route_and_range_is_reached() -> None:
+    draws = [paper(f"secret {k}") for k in range(40)]
+    trials = [trial for draw in draws for trial in draw.trials]
+    town = load_town("Town01")
+    assert {(t.approach, t.route) for t in trials} == {
+        (name, route)
+        for name, approach in town.approaches.items()
+        if approach.type in PAPER_TYPES
+        for route in approach.exits
+    }
+    windows = [episode.window or 0.0 for draw in draws for episode in draw.episodes]
+    assert min(windows) < 10.1
+    assert max(windows) > 19.9
+    assert sum(windows) / len(windows) == pytest.approx(15.0, abs=0.2)
+    starts = [episode.start for draw in draws for episode in draw.episodes]
+    assert max(start.distance for start in starts) > 59.0
+    assert min(start.distance for start in starts) < 22.5
+    assert min(start.speed for start in starts) < 4.1
+    assert max(start.speed for start in starts) > 8.9
+    assert Counter(trial.approach for trial in trials).most_common()[-1][1] > 20
+
+
+def test_equal_cells_beyond_the_approaches_come_again_as_evenly_as_can_be() -> None:
+    cell = Cell(town="Town01", junction_type=JunctionType.LEFT_RIGHT, fault=Fault(kind=FaultKind.OMISSION))
+    draw = draw_cells("many@1", [cell] * 31, "a secret")
+    times = Counter(trial.approach for trial in draw.trials)
+    assert len(times) == 12
+    assert sorted(times.values()) == [2] * 5 + [3] * 7
+    assert sorted(Counter(trial.route for trial in draw.trials).values()) == [15, 16]
+    assert len({episode.id for episode in draw.episodes}) == 62
+
+
+def test_conditions_are_the_cells() -> None:
+    cells = [
+        Cell(
+            town=town,
+            junction_type=JunctionType.STRAIGHT_LEFT,
+            fault=Fault(kind=FaultKind.INFEASIBLE),
+            weather=weather,
+            traffic=Traffic(vehicles=number),
+        )
+        for number, (town, weather) in enumerate(product(("Town01", "Town02"), (Weather.WET_NOON, Weather.CLEAR_NOON)))
+    ]
+    for cell, trial, twin in zip(cells, *_pair(draw_cells("some@1", cells, "s")), strict=True):
+        for one in (trial, twin):
+            is_sound(one)
+            assert (one.town, one.weather, one.traffic) == (cell.town, cell.weather, cell.traffic)
+
+
+def _pair(draw: Draw) -> tuple[tuple[Trial, ...], tuple[Trial, ...]]:
+    return draw.trials, draw.twins
+
+
+def test_the_same_secret_gives_the_same_trials_for_ever() -> None:
+    assert sha256_of(paper(GOLDEN_SECRET)) == GOLDEN
+
+
+@pytest.mark.parametrize("hash_seed", ["0", "1", "4242"])
+def test_another_process_draws_the_same(hash_seed: str) -> None:
+    code = (
+        "import hashlib, json; from wrongturn_networks import load_suite\n"
+        f"draw = load_suite('wrong-command@2').draw({GOLDEN_SECRET!r})\n"
+        "content = [trial.model_dump(mode='json') for trial in draw.episodes]\n"
+        "print(hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest())"
+    )
+    environment = {**os.environ, "PYTHONHASHSEED": hash_seed}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == GOLDEN
+
+
+def test_the_commitment_is_the_sha256_of_the_text() -> None:
+    draw = paper("a secret")
+    assert draw.commitment == commitment_of("a secret") == hashlib.sha256(b"a secret").hexdigest()
+    assert draw.secret == "a secret"
+
+
+def test_the_open_draw_is_drawn_from_the_suites_id() -> None:
+    suite = load_suite("smoke@2")
+    assert suite.open_draw.secret == "smoke@2"
+    assert suite.open_draw.episodes == suite.draw("smoke@2").episodes == suite.episodes
+    assert suite.trials == suite.open_draw.trials
+    assert suite.trial(suite.trials[0].id) is suite.trials[0]
+
+
+def test_a_listed_suite_is_drawn_as_it_is_listed() -> None:
+    suite = load_suite("smoke@1")
+    draw = suite.draw("whatever")
+    assert draw.trials == suite.listed
+    assert [twin.start for twin in draw.twins] == [trial.start for trial in suite.listed]
+    assert (draw.secret, draw.commitment) == (None, None)
+    journeys = load_suite("navigation@1").draw("whatever")
+    assert (journeys.twins, journeys.episodes) == ((), journeys.trials)
+
+
+def test_practice_never_equals_a_trial_of_a_draw() -> None:
+    """Practice has the nominal window; its start follows from its seed, and a drawn start from the secret alone."""
+    town = load_town("Town01")
+    for secret in (load_suite("wrong-command@2").id, *map(str, range(20))):
+        for trial in paper(secret).episodes:
+            practice = draw_trial(town, trial.approach, trial.fault, trial.seed, route=trial.route)
+            assert practice != trial
+            assert practice.window is None
+            assert practice.start != trial.start
+    drawn = {trial.start for secret in range(20) for trial in paper(str(secret)).episodes}
+    some = [
+        draw_trial(town, name, FaultKind.NONE, seed).start for name in sorted(town.approaches) for seed in range(200)
+    ]
+    assert drawn.isdisjoint(some)
+
+
+def test_an_unknown_trial_of_a_draw() -> None:
+    with pytest.raises(UnknownTrialError, match=r"^trial: 'Town01\.J1-E\.stuck\.s1'"):
+        paper("a secret").trial("Town01.J1-E.stuck.s1")
+
+
+@pytest.mark.parametrize(("secret", "why"), [("", "is empty"), ("\udc80", "UTF-8")])
+def test_a_secret_that_is_none(secret: str, why: str) -> None:
+    for draws in (paper, commitment_of):
+        with pytest.raises(SecretError, match=f"^secret: .*{why}.*; give"):
+            draws(secret)
+
+
+def test_an_unknown_town_is_named_with_its_cell() -> None:
+    cell = Cell(town="Town01", junction_type=JunctionType.LEFT_RIGHT, fault=Fault(kind=FaultKind.OMISSION))
+    with pytest.raises(UnknownTownError, match=r"^cells\[1\]\.town: 'Town99' is not known; there are: .*Town01"):
+        draw_cells("some@1", [cell, cell.model_copy(update={"town": "Town99"})], "a secret")
+
+
+def test_a_type_without_a_roomy_approach_is_named_with_its_cell() -> None:
+    cell = Cell(town="Town01", junction_type=JunctionType.CROSS, fault=Fault(kind=FaultKind.OMISSION))
+    with pytest.raises(ApproachTooShortError, match=r"^cells\[0\]: no approach of type CROSS in Town01 has 20 m"):
+        draw_cells("some@1", [cell], "a secret")
+
+
+def test_possible_trials_are_all_that_a_draw_can_choose() -> None:
+    cell = Cell(town="Town01", junction_type=JunctionType.STRAIGHT_LEFT, fault=Fault(kind=FaultKind.INFEASIBLE))
+    possible = possible_trials(cell)
+    assert len({(trial.approach, trial.route) for trial in possible}) == len(possible) == 24
+    assert {trial.route for trial in possible} == {Command.LEFT, Command.STRAIGHT}
+    for trial in possible:
+        is_sound(trial)
+
+
+def test_the_suite_maker_refuses_a_fault_that_cannot_be_applied(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert load_town("junctions").summary().approaches[JunctionType.CROSS] > 0
+    monkeypatch.setattr(writing_suites, "PAPER_TYPES", (JunctionType.CROSS,))
+    monkeypatch.setattr(writing_suites, "PAPER_TOWN", "junctions")
+    with pytest.raises(FaultNotApplicableError, match="infeasible"):
+        suite_text("wrong-command@2", check_fault)
