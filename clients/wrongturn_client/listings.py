@@ -48,10 +48,11 @@ def _agents(items: list[dict[str, Any]]) -> Table:
 
 
 def _suites(items: list[dict[str, Any]]) -> Table:
-    table = _table("suite", "title", "trials", "twins", "tracks", "sha256")
+    table = _table("suite", "title", "trials", "twins", "tracks", "sha256", "replaced by")
     for item in items:
         counts = (str(item["trials"]), str(item["twins"]))
-        table.add_row(item["id"], item["title"], *counts, ", ".join(item["tracks"]), item["sha256"][:12])
+        tail = (", ".join(item["tracks"]), item["sha256"][:12], item.get("successor", ""))
+        table.add_row(item["id"], item["title"], *counts, *tail)
     return table
 
 

@@ -19,6 +19,12 @@ COMMANDS: Final = "wrongturn.commands"
 LISTINGS: Final = "wrongturn.listings"
 CHECKS: Final = "wrongturn.checks"
 _USAGE: Final = 2
+_PARTS: Final = {
+    "wrongturn-networks": ("trials",),
+    "wrongturn-service": ("backup", "picture", "restore", "serve"),
+    "wrongturn-agents": ("export", "results", "run", "score", "train"),
+}
+"""Commands that our other parts add, to tell which part is missing."""
 
 
 def entry_points(group: str) -> dict[str, metadata.EntryPoint]:
@@ -115,6 +121,14 @@ class PluginGroup(TyperGroup):
                 raise
             typer.echo(f"{ctx.info_name}: {describe_option_error(error)}", err=True)
             raise typer.Exit(_USAGE) from None
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return a command with its arguments. For a command of a part that is missing, say which part adds it."""
+        if self.get_command(ctx, args[0]) is None:
+            for part, commands in _PARTS.items():
+                if args[0] in commands:
+                    ctx.fail(f"No such command '{args[0]}' here. It comes with {part}: pip install {part}")
+        return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands, in the order of the help."""

@@ -5,6 +5,7 @@ from .draws import Draw as Draw
 from .draws import commitment_of as commitment_of
 from .draws import possible_trials as possible_trials
 from .errors import ApproachTooShortError as ApproachTooShortError
+from .errors import CommitmentError as CommitmentError
 from .errors import CorruptFileError as CorruptFileError
 from .errors import CruiseError as CruiseError
 from .errors import FaultNotApplicableError as FaultNotApplicableError

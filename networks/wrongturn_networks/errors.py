@@ -12,6 +12,7 @@ NetworkError
 ├── NoJourneyError
 ├── CruiseError
 ├── SecretError
+├── CommitmentError
 └── CorruptFileError
 """
 
@@ -85,7 +86,11 @@ class CruiseError(NetworkError):
 
 
 class SecretError(NetworkError):
-    """The secret of a draw is empty, or is not text in UTF-8."""
+    """The secret of a draw is missing, empty or not text in UTF-8, or the suite draws nothing."""
+
+
+class CommitmentError(NetworkError):
+    """The secret's SHA-256 is not what the evaluation told at its beginning."""
 
 
 class CorruptFileError(NetworkError):

@@ -1,0 +1,129 @@
+"""``wrongturn trials``: the trials that a secret draws of a suite."""
+
+import json
+import re
+from typing import Annotated, Final
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from wrongturn_networks.draws import Draw, commitment_of
+from wrongturn_networks.errors import CommitmentError, SecretError
+from wrongturn_networks.suites import Suite, load_suite
+from wrongturn_protocol import Trial
+
+_WIDTH: Final = 160
+"""Columns of a table that goes to a file or a pipe."""
+
+
+def _hexadecimal(value: str | None) -> str | None:
+    if value is not None and not re.fullmatch(r"[0-9a-fA-F]{64}", value):
+        raise typer.BadParameter(f"{value[:80]!r} is no SHA-256; give the evaluation's 64 hexadecimal digits")
+    return value
+
+
+def trials(
+    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: wrong-command@2")],
+    secret: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TEXT", help="Secret of a finished evaluation. Without it you get the open draw. Example: 5f0c…"
+        ),
+    ] = None,
+    commitment: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HEX",
+            callback=_hexadecimal,
+            help="What the evaluation told at its beginning. Fails if it is not the secret's SHA-256.",
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the whole trials and twins, as JSON only.")] = False,
+) -> None:
+    """Show the trials that a secret draws, to rebuild and check an evaluation.
+
+    Example: wrongturn trials wrong-command@2 --secret 5f0c… --commitment 91ab…
+    """
+    chosen = load_suite(suite)
+    draw = _drawn(chosen, secret)
+    if commitment is not None:
+        _check(secret, commitment)
+    if as_json:
+        typer.echo(json.dumps(_content(chosen, draw), indent=1))
+        return
+    for line in _head(chosen, draw):
+        typer.echo(line)
+    console = Console(highlight=False)
+    (console if console.is_terminal else Console(highlight=False, width=_WIDTH)).print(_table(draw))
+
+
+def _drawn(suite: Suite, secret: str | None) -> Draw:
+    if secret is None:
+        return suite.open_draw
+    if not suite.cells:
+        instead = f" ({suite.successor} draws them)" if suite.successor else ""
+        raise SecretError(f"secret: {suite.id} lists its trials and draws none{instead}; leave --secret out")
+    return suite.draw(secret)
+
+
+def _check(secret: str | None, commitment: str) -> None:
+    """Check a secret against what was told of it.
+
+    Raises:
+        SecretError: there is no secret.
+        CommitmentError: the secret's SHA-256 is another.
+    """
+    if secret is None:
+        raise SecretError("secret: missing; --commitment checks a secret, so give --secret too")
+    found = commitment_of(secret)
+    if found != commitment.lower():
+        raise CommitmentError(
+            f"commitment: the secret's SHA-256 is {found}, not {commitment.lower()}; the evaluation was not drawn "
+            "from this secret, or one of the two was copied wrongly"
+        )
+
+
+def _content(suite: Suite, draw: Draw) -> dict[str, object]:
+    return {
+        "suite": suite.id,
+        "sha256": suite.sha256,
+        "secret": draw.secret,
+        "commitment": draw.commitment,
+        "trials": [trial.model_dump(mode="json") for trial in draw.trials],
+        "twins": [twin.model_dump(mode="json") for twin in draw.twins],
+    }
+
+
+def _head(suite: Suite, draw: Draw) -> list[str]:
+    if draw.secret is None:
+        return [f"{suite.id} lists its trials: every evaluation drives the same.", ""]
+    kind = "the open draw, which is never ranked" if draw.secret == suite.id else "the draw of this secret"
+    return [f"{suite.id}: {kind}", f"secret      {draw.secret}", f"commitment  {draw.commitment}", ""]
+
+
+def _table(draw: Draw) -> Table:
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for head in ("trial", "approach", "type", "route", "fault"):
+        table.add_column(head, overflow="fold")
+    for head in ("start m", "m/s", "window m"):
+        table.add_column(head, justify="right")
+    if draw.twins:
+        table.add_column("twin", overflow="fold")
+    for trial, twin in zip(draw.trials, draw.twins or (None,) * len(draw.trials), strict=True):
+        table.add_row(*_row(trial), *(() if twin is None else (twin.id,)))
+    return table
+
+
+def _row(trial: Trial) -> tuple[str, ...]:
+    """Return the cells of a trial's row; a journey shows its task for the fault."""
+    return (
+        trial.id,
+        trial.approach,
+        trial.junction_type.value,
+        trial.route.name,
+        trial.journey.task.value if trial.journey else trial.fault.kind.value,
+        f"{trial.start.distance:.1f}",
+        f"{trial.start.speed:.1f}",
+        "15" if trial.window is None else f"{trial.window:.1f}",
+    )

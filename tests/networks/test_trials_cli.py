@@ -1,0 +1,116 @@
+"""``wrongturn trials``: what it prints, and what it refuses."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from wrongturn_client.cli import app
+from wrongturn_networks import load_suite
+from wrongturn_protocol import Trial
+
+SECRET = "a secret"
+COMMITMENT = hashlib.sha256(SECRET.encode()).hexdigest()
+
+
+def shown(*arguments: str) -> str:
+    """Return what the command prints."""
+    result = CliRunner().invoke(app, ["trials", *arguments], catch_exceptions=False)
+    assert result.exit_code == 0
+    return result.stdout
+
+
+def refused(*arguments: str) -> tuple[int, str]:
+    """Return the exit status and the message of a refusal, as the program prints them."""
+    command = [sys.executable, "-m", "wrongturn_client", "trials", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "200"})
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    return done.returncode, done.stderr.rstrip()
+
+
+def test_the_table_has_a_row_for_each_trial_with_its_twin() -> None:
+    lines = shown("wrong-command@2", "--secret", SECRET).splitlines()
+    draw = load_suite("wrong-command@2").draw(SECRET)
+    assert f"secret      {SECRET}" in lines
+    assert f"commitment  {COMMITMENT}" in lines
+    rows = [line.split() for line in lines if line.startswith("Town01.")]
+    assert len(rows) == 60
+    for row, trial, twin in zip(rows, draw.trials, draw.twins, strict=True):
+        numbers = [f"{number:.1f}" for number in (trial.start.distance, trial.start.speed, trial.window or 0.0)]
+        assert row == [
+            trial.id,
+            trial.approach,
+            trial.junction_type,
+            trial.route.name,
+            trial.fault.kind,
+            *numbers,
+            twin.id,
+        ]
+
+
+@pytest.mark.parametrize("secret", [None, SECRET])
+def test_json_has_the_whole_trials(secret: str | None) -> None:
+    content = json.loads(shown("smoke@2", "--json", *(() if secret is None else ("--secret", secret))))
+    suite = load_suite("smoke@2")
+    draw = suite.draw(secret or "smoke@2")
+    assert [Trial.model_validate(trial) for trial in content["trials"]] == list(draw.trials)
+    assert [Trial.model_validate(twin) for twin in content["twins"]] == list(draw.twins)
+    assert (content["suite"], content["sha256"]) == ("smoke@2", suite.sha256)
+    assert (content["secret"], content["commitment"]) == (draw.secret, draw.commitment)
+
+
+def test_the_open_draw_says_that_it_is_never_ranked() -> None:
+    assert "smoke@2: the open draw, which is never ranked" in shown("smoke@2")
+    assert "never ranked" not in shown("smoke@2", "--secret", SECRET)
+
+
+@pytest.mark.parametrize("suite", ["wrong-command@1", "navigation@1"])
+def test_a_suite_that_lists_its_trials(suite: str) -> None:
+    text = shown(suite)
+    assert f"{suite} lists its trials" in text
+    trials = load_suite(suite).trials
+    assert sum(line.startswith("Town0") for line in text.splitlines()) == len(trials)
+    content = json.loads(shown(suite, "--json"))
+    assert (content["secret"], content["commitment"], len(content["trials"])) == (None, None, len(trials))
+
+
+@pytest.mark.parametrize("commitment", [COMMITMENT, COMMITMENT.upper()])
+def test_the_right_commitment_is_accepted(commitment: str) -> None:
+    assert COMMITMENT in shown("smoke@2", "--secret", SECRET, "--commitment", commitment)
+
+
+@pytest.mark.parametrize("more", [(), ("--json",)])
+def test_another_commitment_fails_and_prints_no_trial(more: tuple[str, ...]) -> None:
+    other = hashlib.sha256(b"another").hexdigest()
+    status, message = refused("smoke@2", "--secret", SECRET, "--commitment", other, *more)
+    assert status == 1
+    assert message.startswith(f"wrongturn: commitment: the secret's SHA-256 is {COMMITMENT}, not {other}; ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (("smoke@9",), 1, "suite: 'smoke@9' is not known; there are: navigation@1, smoke@1, smoke@2"),
+        (("navigation@1", "--secret", "x"), 1, "secret: navigation@1 lists its trials and draws none; leave"),
+        (
+            ("smoke@1", "--secret", "x"),
+            1,
+            "secret: smoke@1 lists its trials and draws none (smoke@2 draws them); leave",
+        ),
+        (("smoke@2", "--secret", ""), 1, "secret: is empty; give the evaluation's, or leave it out"),
+        (("smoke@2", "--commitment", COMMITMENT), 1, "secret: missing; --commitment checks a secret, so give --secret"),
+        (
+            ("smoke@2", "--secret", "x", "--commitment", "ab"),
+            2,
+            "--commitment: 'ab' is no SHA-256; give the evaluation",
+        ),
+    ],
+)
+def test_a_refusal_names_the_field_and_the_remedy(arguments: tuple[str, ...], status: int, message: str) -> None:
+    found, line = refused(*arguments)
+    assert (found, line[: len(f"wrongturn: {message}")]) == (status, f"wrongturn: {message}")
