@@ -139,15 +139,15 @@ def test_a_car_that_waits_for_the_time_to_run_out_is_truncated(make_trial):
     episode = Episode(make_trial(), Track.STATE)
     observation = episode.reset()
     while True:
-        # Creep too slowly to arrive, too fast to count as standing.
-        observation, _, terminated, truncated = episode.step(0.0, 0.15 if observation["speed"][0] < 0.38 else 0.0, 0.0)
-        if observation["speed"][0] > 0.45:
-            observation, _, terminated, truncated = episode.step(0.0, 0.0, 0.3)
+        # Creep too slowly to reach the junction, too fast to count as standing.
+        speed = observation["speed"][0]
+        throttle, brake = (0.2 if speed < 0.15 else 0.0), (0.5 if speed > 0.2 else 0.0)
+        observation, _, terminated, truncated = episode.step(0.0, throttle, brake)
         if terminated or truncated:
             break
     assert (terminated, truncated) == (False, True)
     assert episode.outcome is not None
-    assert episode.outcome.time == pytest.approx(40.0)
+    assert episode.outcome.time == pytest.approx(60.0)
 
 
 def test_abort(make_trial):

@@ -211,13 +211,13 @@ def test_time_runs_out(make_trial, drive):
     over = False
     while not over:
         speed = seen["speed"][0, 0]
-        action = np.float32([[0.0, 0.2 if speed < 0.5 else 0.0, 0.5 if speed > 0.6 else 0.0]])
+        action = np.float32([[0.0, 0.2 if speed < 0.15 else 0.0, 0.5 if speed > 0.2 else 0.0]])
         seen, _, terminated, truncated, _ = envs.step(action)
         _, _, *ended, _ = single.step(action[0])
         assert ended == [terminated[0], truncated[0]]
         over = any(ended)
     assert truncated[0]
-    assert envs.steps[0] == 400
+    assert envs.steps[0] == 600
     assert envs.episode(0).trajectory.to_json() == single.episode.trajectory.to_json()
     assert envs.episode(0).outcome == single.episode.outcome
 

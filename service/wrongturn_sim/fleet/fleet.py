@@ -48,6 +48,8 @@ _COMPILED: Final[dict[type[CommandFault], int]] = {
 }
 """Faults that the kernel delivers itself, for speed. Any other fault is asked in Python, one ego at a time."""
 _PRIVILEGED: Final = ("pose", "lane", "stop_line", "exits", "exits_mask")
+_ROUNDING: Final = 1e-6
+"""A number of sub-steps that is too great by this much is that number: quotients of 0.05 s are not exact in binary."""
 _PICTURES: Final = ("rgb", "segmentation")
 
 
@@ -57,7 +59,7 @@ class Record:
 
     trajectory: Trajectory
     outcome: Outcome | None
-    """None while the episode runs."""
+    """None before there is a verdict."""
     actions_sha256: str
     """As :attr:`wrongturn_sim.episode.Episode.actions_sha256`."""
 
@@ -72,15 +74,33 @@ class Fleet:
         threads: number of threads; the bytes do not depend on it.
         strict: for training: a journey ends when the car leaves its road or lane, or stands.
         record: keep what :meth:`record` returns, 45 kB a minute for each ego.
+        drive_on: seconds after which each drive is truncated; no verdict ends it before. The outcome is still that of
+            the first row that decides it, and None if the drive is over before. To judge the whole drive by other
+            thresholds, give the record's trajectory to :func:`wrongturn_sim.verdict.judge`. None: each drive ends with
+            its verdict.
+
+    Raises:
+        ValueError: ``drive_on`` is not a positive, finite number.
     """
 
     def __init__(
-        self, town: Town, count: int, track: Track, *, threads: int = 1, strict: bool = False, record: bool = True
+        self,
+        town: Town,
+        count: int,
+        track: Track,
+        *,
+        threads: int = 1,
+        strict: bool = False,
+        record: bool = True,
+        drive_on: float | None = None,
     ) -> None:
+        if drive_on is not None and not (math.isfinite(drive_on) and drive_on > 0):
+            raise ValueError(f"drive_on: is {drive_on!r}; give a positive, finite number of seconds, or None")
         self.town = town
         self.count = count
         self.strict = strict
         self._recording = record
+        self._drive_on = 0 if drive_on is None else max(math.ceil(drive_on / SUB_STEP - _ROUNDING), 1)
         self.trials: list[Trial | None] = [None] * count
         self._faults: list[CommandFault | None] = [None] * count
         self._roads = roads_of(town)
@@ -115,6 +135,7 @@ class Fleet:
             state=np.zeros((count, 5)),
             standing=np.zeros((count, JOURNEY_FLOATS)),
             counts=np.zeros((count, JOURNEY_INTS), np.int64),
+            history=np.zeros((count, 0, decide.HISTORY)),
             draws=np.zeros((count, guide.DRAWS), np.uint32),
             progress=np.zeros((count, guide.PROGRESS_INTS), np.int64),
             places=np.zeros((count, guide.PROGRESS_FLOATS)),
@@ -148,13 +169,18 @@ class Fleet:
 
     @property
     def ended(self) -> NDArray[np.bool_]:
-        """Whether each ego has its verdict, (n,)."""
+        """Whether each ego's drive is over, (n,): it has its verdict, or drove on until its time was up."""
+        if self._drive_on:
+            over: NDArray[np.bool_] = self._egos.sub_steps >= self._drive_on
+            return over
         ended: NDArray[np.bool_] = self._egos.counts[:, decide.D_VERDICT] != 0
         return ended
 
     @property
     def ran_out(self) -> NDArray[np.bool_]:
         """Whether each ego's time ran out, (n,)."""
+        if self._drive_on:
+            return self.ended
         ran_out: NDArray[np.bool_] = self._egos.counts[:, decide.D_RAN_OUT] != 0
         return ran_out
 
@@ -199,7 +225,7 @@ class Fleet:
         self._run()
 
     def step(self, actions: NDArray[np.float32], which: NDArray[np.bool_]) -> None:
-        """Drive some egos for 0.1 s, or until they have their verdict.
+        """Drive some egos for 0.1 s, or until their drive is over.
 
         Args:
             actions: (n, 3) float32: steer, throttle, brake, in their ranges.
@@ -212,7 +238,7 @@ class Fleet:
         self._deliver(np.flatnonzero(which & (egos.faults == kernel.FAULT_OTHER)).tolist())
 
     def outcome(self, i: int) -> Outcome | None:
-        """Return the outcome of an ego's episode; None while it runs."""
+        """Return the outcome of an ego's episode; None before there is a verdict."""
         trial = self.trials[i]
         if trial is None or not self._egos.counts[i, decide.D_VERDICT]:
             return None
@@ -223,8 +249,10 @@ class Fleet:
         return conclude(standing[: decide.STANDING_FLOATS], counts, trial, geometry, THRESHOLDS)
 
     def outcome_fields(self, i: int) -> dict[str, Any]:
-        """Return the outcome of an ego that has ended as a dict for JSON, without fields that are None."""
+        """Return an ego's outcome as a dict for JSON, without fields that are None; empty before there is a verdict."""
         trial = self.trials[i]
+        if not self._egos.counts[i, decide.D_VERDICT]:
+            return {}
         if trial is not None and trial.journey is not None:
             return outcome_fields(self._egos.standing[i], self._egos.counts[i], trial)
         outcome = self.outcome(i)
@@ -310,23 +338,25 @@ class Fleet:
             self.observation["command"][i, 0] = command
 
     def _reserve(self, trials: Iterable[Trial]) -> None:
-        """Make room to record trials of this length; what is recorded already stays."""
-        if not self._recording:
-            return
-        longest = max(trial.journey.time_limit if trial.journey else THRESHOLDS.time_limit for trial in trials)
-        sub_steps = math.ceil(longest / SUB_STEP) + SUB_STEPS
+        """Make room for the state of the judge and for the record; what is there already stays."""
+        limits = [(trial.journey.time_limit if trial.journey else None) for trial in trials]
         egos = self._egos
-        if sub_steps < egos.states.shape[1]:
-            return
-        decisions = -(-sub_steps // SUB_STEPS)
-        rows = {"states": sub_steps + 1, "commands": decisions + 1, "inputs": decisions}
+        rows: dict[str, int] = {}
+        if None in limits:
+            rows["history"] = math.ceil(THRESHOLDS.time_limit / SUB_STEP) + 1
+        if self._recording:
+            longest = max((THRESHOLDS.time_limit if limit is None else limit for limit in limits), default=0.0)
+            sub_steps = max(math.ceil(longest / SUB_STEP), self._drive_on) + SUB_STEPS
+            decisions = -(-sub_steps // SUB_STEPS)
+            rows |= {"states": sub_steps + 1, "commands": decisions + 1, "inputs": decisions}
 
         def longer(array: NDArray[Any], count: int) -> NDArray[Any]:
             grown = np.zeros((array.shape[0], count, array.shape[2]), array.dtype)
             grown[:, : array.shape[1]] = array
             return grown
 
-        self._egos = egos._replace(**{name: longer(getattr(egos, name), count) for name, count in rows.items()})
+        short = {name: count for name, count in rows.items() if getattr(egos, name).shape[1] < count}
+        self._egos = egos._replace(**{name: longer(getattr(egos, name), count) for name, count in short.items()})
 
     def _row_of(self, trial: Trial) -> int:
         """Return the row of the geometry of a trial's approach, or of the town for a journey; add it if it is new."""
@@ -366,6 +396,7 @@ class Fleet:
             rests=np.array([self._rest(goal) for goal in self._goals]),
             numbers=journey_numbers(THRESHOLDS, VEHICLE, JOURNEY_THRESHOLDS),
             nobody=np.empty((0, 6)),
+            drive_on=self._drive_on,
         )
 
     def _rest(self, goal: str | None) -> NDArray[np.float64]:

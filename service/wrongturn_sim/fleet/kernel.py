@@ -52,6 +52,8 @@ class Tables(NamedTuple):
     """Numbers of the judges: thresholds and body."""
     nobody: Array
     """(0, 6): no other road users."""
+    drive_on: int
+    """Number of sub-steps after which every drive ends, whatever its verdict; 0: each ends with its verdict."""
 
 
 class Egos(NamedTuple):
@@ -78,6 +80,7 @@ class Egos(NamedTuple):
     """(n, 5): as :data:`~wrongturn_sim.ego.State`."""
     standing: Array
     counts: Array
+    history: Array
     """State of the judge, as in ``decide.py``."""
     draws: Array
     progress: Array
@@ -138,28 +141,38 @@ def update_command(tables: Tables, egos: Egos, i: int) -> None:
 
 @njit()
 def judge_row(tables: Tables, egos: Egos, i: int, command: int) -> bool:
-    """Record an ego's state and judge it; return whether there is a verdict."""
+    """Record an ego's state and judge it, unless it has its verdict; return whether the drive is over."""
     row = egos.sub_steps[i]
     if egos.states.shape[1] > 0:
         for k in range(5):
             egos.states[i, row, k] = egos.state[i, k]
+    if tables.drive_on == 0 or egos.counts[i, decide.D_VERDICT] == 0:
+        found = verdict_of_row(tables, egos, i, command)
+        if tables.drive_on == 0:
+            return bool(found != 0)
+    return bool(row >= tables.drive_on)
+
+
+@njit()
+def verdict_of_row(tables: Tables, egos: Egos, i: int, command: int) -> int:
+    """Judge an ego's state, and return what the judge found: 0 if there is no verdict yet."""
+    row = egos.sub_steps[i]
     geometry = egos.approaches[i]
     bases = tables.bases
     floats = tables.floats[bases[geometry, 0] : bases[geometry + 1, 0]]
     ints = tables.ints[bases[geometry, 1] : bases[geometry + 1, 1]]
     cells = tables.cells[bases[geometry, 2] : bases[geometry + 1, 2]]
     if egos.journeys[i]:
-        found = journey_kernels.observe(
+        return journey_kernels.observe(
             floats, ints, cells, tables.lanes, tables.numbers, tables.nobody, egos.terms[i],
             tables.rests[egos.goals[i]], egos.standing[i], egos.counts[i],
             row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3],
         )  # fmt: skip
-        return bool(found != 0)
-    found = decide.observe(
-        floats, ints, cells, tables.numbers, tables.nobody, egos.standing[i], egos.counts[i], egos.routes[i],
-        row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3], command,
+    return decide.observe(
+        floats, ints, cells, tables.numbers, tables.nobody, egos.standing[i], egos.counts[i], egos.history[i],
+        egos.routes[i], row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3],
+        command,
     )  # fmt: skip
-    return bool(found != 0)
 
 
 @njit()

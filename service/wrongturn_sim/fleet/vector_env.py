@@ -46,6 +46,8 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             last until the same environment ends again.
         strict: for training: a journey ends when the car leaves its road or lane, or stands.
         record: keep trajectories and actions for :meth:`episode`. Training does not need them; they take memory.
+        drive_on: seconds after which each episode is truncated; no verdict ends it before. ``infos`` and the record
+            still hold the verdict, if there was one. None: each episode ends with its verdict.
         autoreset_mode: when an environment that ended begins again: ``NextStep`` (that step ignores its action),
             ``SameStep`` (``infos["final_obs"]`` and ``["final_info"]`` hold the end), or ``Disabled`` (you call
             ``reset(options={"reset_mask": ...})``).
@@ -71,6 +73,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         backend: str = "cpu",
         strict: bool = False,
         record: bool = True,
+        drive_on: float | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         render_mode: str | None = None,
@@ -98,7 +101,13 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = None
         self._fleet = Fleet(
-            load_town(self._source.towns[0]), num_envs, self.track, threads=threads, strict=strict, record=record
+            load_town(self._source.towns[0]),
+            num_envs,
+            self.track,
+            threads=threads,
+            strict=strict,
+            record=record,
+            drive_on=drive_on,
         )
         has_pictures = self.track in {Track.CAMERA, Track.SEGMENTATION}
         self._camera = self._camera_of(camera, threads, backend) if has_pictures else None
@@ -224,7 +233,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             pictures = self._camera.last(ended)
         for i, seen in zip(ended, pictures, strict=True):
             outcome = self._fleet.outcome_fields(i)
-            ended_as = {"verdict": outcome["verdict"], "outcome": outcome}
+            ended_as = {"verdict": outcome["verdict"], "outcome": outcome} if outcome else {}
             if at_once:
                 last = {**{name: array[i].copy() for name, array in self._fleet.observation.items()}, **seen}
                 self._note(infos, i, final_obs=last)

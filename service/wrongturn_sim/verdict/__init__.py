@@ -9,11 +9,12 @@ from wrongturn_sim.verdict.journey import JOURNEY_THRESHOLDS, JourneyJudge, Jour
 from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
 from wrongturn_sim.verdict.judge import Judge, Zone, judge, judge_of
 from wrongturn_sim.verdict.reaction import on_missing_side, reaction_of
-from wrongturn_sim.verdict.thresholds import THRESHOLDS, Thresholds
+from wrongturn_sim.verdict.thresholds import THRESHOLDS, THRESHOLDS_1, SharedThresholds, Thresholds, Thresholds1
 
 __all__ = [
     "JOURNEY_THRESHOLDS",
     "THRESHOLDS",
+    "THRESHOLDS_1",
     "ExitLane",
     "GeometryMismatchError",
     "JourneyGeometry",
@@ -24,7 +25,9 @@ __all__ = [
     "JudgeGeometry",
     "LaneStrip",
     "RowError",
+    "SharedThresholds",
     "Thresholds",
+    "Thresholds1",
     "Zone",
     "judge",
     "judge_of",

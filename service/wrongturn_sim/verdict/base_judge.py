@@ -22,6 +22,7 @@ FLAGS: Final = {
     decide.LANE_INVASION: Flag.LANE_INVASION,
     decide.WRONG_WAY_FLAG: Flag.WRONG_WAY,
     decide.OVER_LINE: Flag.OVER_LINE,
+    decide.OPPOSED_LANE: Flag.OPPOSED_LANE,
 }
 """Flag by the kernels' bit."""
 

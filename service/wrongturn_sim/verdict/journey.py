@@ -16,7 +16,7 @@ from wrongturn_sim.verdict.base_judge import FLAGS, NOBODY, VERDICTS, BaseJudge
 from wrongturn_sim.verdict.errors import GeometryMismatchError
 from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
 from wrongturn_sim.verdict.packing import CLOCK_TOLERANCE, Floats, numbers_of
-from wrongturn_sim.verdict.thresholds import THRESHOLDS, Thresholds
+from wrongturn_sim.verdict.thresholds import THRESHOLDS, SharedThresholds
 
 if TYPE_CHECKING:
     from wrongturn_sim.trajectory import Row
@@ -28,6 +28,8 @@ _NO_REST: Final = np.empty(0)
 class JourneyThresholds:
     """Thresholds of journeys besides those of every verdict; only training uses those of ``strict``."""
 
+    stop_speed: float = 0.3
+    """Strict: a slower car stands, m/s."""
     wrong_way_time: float = 1.0
     """Strict: the drive ends when the centre was in an oncoming lane for this long without interruption, s."""
     stand_time: float = 5.0
@@ -40,11 +42,12 @@ JOURNEY_THRESHOLDS: Final = JourneyThresholds()
 """The published thresholds."""
 
 
-def journey_numbers(thresholds: Thresholds, vehicle: Vehicle, limits: JourneyThresholds) -> Floats:
+def journey_numbers(thresholds: SharedThresholds, vehicle: Vehicle, limits: JourneyThresholds) -> Floats:
     """Return thresholds and body as the kernels read them."""
     numbers = np.zeros(journey_kernels.JOURNEY_NUMBERS)
     ours = numbers_of(thresholds, vehicle)
     numbers[: len(ours)] = ours
+    numbers[journey_kernels.N_STOP_SPEED] = limits.stop_speed
     numbers[journey_kernels.N_WRONG_WAY_TIME] = limits.wrong_way_time - CLOCK_TOLERANCE
     numbers[journey_kernels.N_STAND_TIME] = limits.stand_time - CLOCK_TOLERANCE
     numbers[journey_kernels.N_BACK_TIME] = limits.back_time - CLOCK_TOLERANCE
@@ -92,7 +95,7 @@ class JourneyJudge(BaseJudge):
         self,
         geometry: JourneyGeometry,
         trial: Trial,
-        thresholds: Thresholds = THRESHOLDS,
+        thresholds: SharedThresholds = THRESHOLDS,
         vehicle: Vehicle = VEHICLE,
         *,
         strict: bool = False,

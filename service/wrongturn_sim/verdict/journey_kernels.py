@@ -21,11 +21,8 @@ from wrongturn_sim.verdict.decide import (
     NOT_ENGAGED,
     NOT_LATER,
     OFF_ROAD,
-    S_MAX_DECELERATION,
     S_MIN_TTC,
-    S_SLOW_SINCE,
     S_T,
-    S_V,
     S_X,
     S_Y,
     STANDING_FLOATS,
@@ -48,22 +45,14 @@ from wrongturn_sim.verdict.kernels import (
     I_CELLS_Y,
     I_EXITS,
     I_LANE_TABLE,
-    I_ROAD_EDGES,
-    I_ROAD_LIST,
-    I_ROAD_ROWS,
-    N_FRONT_AXLE,
-    N_REAR_AXLE,
-    N_STOP_SPEED,
-    N_WHEEL_SIDE,
     N_WHEELS_OFF,
     NOT_FINITE,
     NUMBERS,
-    ROAD_EDGE,
-    ROAD_IN,
     covers,
-    inside_listed,
     least_contact,
+    on_road,
     project,
+    wheels_off,
 )
 
 Array = np.ndarray[Any, Any]
@@ -75,13 +64,16 @@ ARRIVED = 13
 I_CANDIDATES, I_WIDTH, I_ONWARD = I_APPROACH, I_APPROACH_COUNT, I_EXITS
 
 # A journey's numbers come after those of every judge.
-N_WRONG_WAY_TIME, N_STAND_TIME, N_BACK_TIME = NUMBERS, NUMBERS + 1, NUMBERS + 2
-JOURNEY_NUMBERS = NUMBERS + 3
+N_STOP_SPEED, N_WRONG_WAY_TIME, N_STAND_TIME, N_BACK_TIME = NUMBERS, NUMBERS + 1, NUMBERS + 2, NUMBERS + 3
+JOURNEY_NUMBERS = NUMBERS + 4
 
-# A journey's floats come after those of every state: since when the centre is in an oncoming lane (nan: it is not);
-# when it was last off the road, and in an oncoming lane (-inf: never); metres driven; least metres left to the goal.
-J_ONCOMING_SINCE, J_LAST_OFF, J_LAST_WRONG, J_DISTANCE, J_LEFT = range(STANDING_FLOATS, STANDING_FLOATS + 5)
-JOURNEY_FLOATS = STANDING_FLOATS + 5
+# A journey's floats come after those of every state: since when the car stands (nan: it moves); since when the centre
+# is in an oncoming lane (nan: it is not); when it was last off the road, and in an oncoming lane (-inf: never); metres
+# driven; least metres left to the goal.
+J_SLOW_SINCE, J_ONCOMING_SINCE, J_LAST_OFF, J_LAST_WRONG, J_DISTANCE, J_LEFT = range(
+    STANDING_FLOATS, STANDING_FLOATS + 6
+)
+JOURNEY_FLOATS = STANDING_FLOATS + 6
 # And its ints: the last lane that the centre was in and drove along (-1: none); the counts.
 J_LANE, J_JUNCTIONS, J_OFF, J_WRONG = range(STANDING_INTS, STANDING_INTS + 4)
 JOURNEY_INTS = STANDING_INTS + 4
@@ -95,26 +87,11 @@ TERMS = 4
 def begin(past: Array, ints: Array) -> None:
     """Set the state to that of a journey without rows."""
     decide.begin(past, ints)
-    past[J_ONCOMING_SINCE] = math.nan
+    past[J_SLOW_SINCE] = past[J_ONCOMING_SINCE] = math.nan
     past[J_LAST_OFF] = past[J_LAST_WRONG] = -math.inf
     past[J_DISTANCE] = 0.0
     past[J_LEFT] = math.inf
     ints[J_LANE] = -1
-
-
-@compiled_with(kernels)
-def on_road(floats: Array, ints: Array, cells: Array, x: float, y: float) -> bool:
-    """Return whether a point lies on the road."""
-    column = math.floor((x - floats[F_X]) / CELL)
-    row = math.floor((y - floats[F_Y]) / CELL)
-    if not (0 <= column < ints[I_CELLS_X] and 0 <= row < ints[I_CELLS_Y]):
-        return False
-    code: Any = np.int64(cells[row * ints[I_CELLS_X] + column]) & 3
-    if code == ROAD_EDGE:
-        rows = ints[I_ROAD_ROWS] + row
-        first = ints[I_ROAD_LIST]
-        return inside_listed(floats, ints[I_ROAD_EDGES], ints, first + ints[rows], first + ints[rows + 1], x, y)
-    return bool(code == ROAD_IN)
 
 
 @compiled_with(kernels)
@@ -148,18 +125,6 @@ def lane_at(floats: Array, ints: Array, cells: Array, lanes: Array, x: float, y:
         if covers(floats, ints[table], ints[table + 1], x, y):
             return int(lane)
     return -1
-
-
-@compiled_with(kernels)
-def wheels_off(floats: Array, ints: Array, cells: Array, numbers: Array, x: float, y: float, c: float, s: float) -> int:
-    """Return how many of the four wheels are off the road."""
-    off = 0
-    for wheel in range(4):
-        forward = numbers[N_FRONT_AXLE] if wheel < 2 else numbers[N_REAR_AXLE]
-        left = numbers[N_WHEEL_SIDE] if wheel % 2 == 0 else -numbers[N_WHEEL_SIDE]
-        if not on_road(floats, ints, cells, x + c * forward - s * left, y + s * forward + c * left):
-            off += 1
-    return off
 
 
 @compiled_with(decide, kernels)
@@ -200,17 +165,11 @@ def observe(
         dx = x - standing[S_X]
         dy = y - standing[S_Y]
         standing[J_DISTANCE] += math.sqrt(dx * dx + dy * dy)
-    deceleration = (standing[S_V] - v) / (t - standing[S_T])
-    if deceleration > standing[S_MAX_DECELERATION]:  # noqa: PLR1730  max() may give -0.0
-        standing[S_MAX_DECELERATION] = deceleration
-    standing[S_T] = t
-    standing[S_X] = x
-    standing[S_Y] = y
-    standing[S_V] = v
+    decide.keep(standing, t, x, y, v)
     if v >= numbers[N_STOP_SPEED]:
-        standing[S_SLOW_SINCE] = math.nan
-    elif math.isnan(standing[S_SLOW_SINCE]):
-        standing[S_SLOW_SINCE] = t
+        standing[J_SLOW_SINCE] = math.nan
+    elif math.isnan(standing[J_SLOW_SINCE]):
+        standing[J_SLOW_SINCE] = t
 
     wheels = wheels_off(floats, whole, cells, numbers, x, y, c, s)
     off = wheels >= numbers[N_WHEELS_OFF] or not on_road(floats, whole, cells, x, y)
@@ -273,7 +232,7 @@ def observe(
     elif strict and t - standing[J_ONCOMING_SINCE] >= numbers[N_WRONG_WAY_TIME]:  # False for nan
         verdict = WRONG_WAY
         ints[D_FLAGS] |= WRONG_WAY_FLAG
-    elif strict and t - standing[S_SLOW_SINCE] >= numbers[N_STAND_TIME]:
+    elif strict and t - standing[J_SLOW_SINCE] >= numbers[N_STAND_TIME]:
         verdict = NOT_ENGAGED
     elif arrived:
         verdict = ARRIVED

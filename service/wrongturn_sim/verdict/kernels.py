@@ -43,13 +43,16 @@ LANE_EDGE = 15
 # Numbers of a judge: thresholds and body.
 N_ENGAGE, N_WRONG_WAY, N_EXIT, N_EXIT_COS, N_COMMAND, N_TTC = 0, 1, 2, 3, 4, 5
 N_FRONT_AXLE, N_REAR_AXLE, N_WHEEL_SIDE, N_HALF_LENGTH, N_HALF_WIDTH, N_RADIUS = 6, 7, 8, 9, 10, 11
-N_STOP_SPEED, N_STOP_TIME, N_TIME_LIMIT, N_WHEELS_OFF = 12, 13, 14, 15
-NUMBERS = 16
+N_TIME_LIMIT, N_WHEELS_OFF = 12, 13
+N_STAND_DISTANCE, N_STAND_TIME, N_REST_DISTANCE, N_REST_TIME, N_REST_TOTAL, N_AREA_TOTAL = 14, 15, 16, 17, 18, 19
+N_WAIT_DISTANCE, N_WAIT_TIME, N_LAST_WAIT_TIME, N_OPPOSED_DISTANCE = 20, 21, 22, 23
+NUMBERS = 24
 
 # What the kernel found at a row, as bits of one integer.
 WHEELS = 0b111
-CENTRE_OFF, IN_AREA, IN_OTHER, HIT, INVASION = 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7
-FAR, ENGAGED, NOSE_OVER = 1 << 8, 1 << 9, 1 << 10
+CENTRE_OFF, IN_AREA, IN_OTHER, HIT, OPPOSED = 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7
+"""``OPPOSED``: the centre is in a lane whose direction is opposed to the heading."""
+FAR, ENGAGED = 1 << 8, 1 << 9
 PAST_SHIFT, TAKEN_SHIFT = 11, 14
 """Three bits each, in the order of DIRECTIONS: the car is past the exit line by the command's distance; it took the
 exit."""
@@ -175,6 +178,48 @@ def contact(
 
 
 @njit(cache=True)
+def box_meets(
+    floats: Array, first: int, edges: int, x: float, y: float, c: float, s: float, half_length: float, half_width: float
+) -> bool:
+    """Return whether an oriented box overlaps a polygon. If they only touch, they do not overlap."""
+    if inside(floats, first, edges, x, y):
+        return True
+    for i in range(first, first + EDGE * edges, EDGE):
+        # Clip the edge, in the box's frame, with the two strips that make up the box.
+        ax = floats[i] - x
+        ay = floats[i + 1] - y
+        bx = floats[i + 2] - floats[i]
+        by = floats[i + 3] - floats[i + 1]
+        enter = 0.0
+        leave = 1.0
+        for axis in range(2):
+            if axis == 0:
+                at, along, half = ax * c + ay * s, bx * c + by * s, half_length
+            else:
+                at, along, half = ay * c - ax * s, by * c - bx * s, half_width
+            if along == 0.0:
+                if abs(at) >= half:
+                    leave = -1.0
+            else:
+                one = (-half - at) / along
+                two = (half - at) / along
+                enter = max(enter, min(one, two))
+                leave = min(leave, max(one, two))
+        if enter < leave:
+            return True
+    return False
+
+
+@njit(cache=True)
+def nose_past(floats: Array, numbers: Array, x: float, y: float, c: float, s: float) -> float:
+    """Return how far the middle of the front bumper is past the stop line, extended straight, m."""
+    nose = numbers[N_HALF_LENGTH]
+    over = (x + c * nose - floats[F_STOP_X]) * floats[F_STOP_UX]
+    over += (y + s * nose - floats[F_STOP_Y]) * floats[F_STOP_UY]
+    return float(over)
+
+
+@njit(cache=True)
 def surface(floats: Array, ints: Array, cells: Array, x: float, y: float) -> tuple[bool, int, int]:
     """Return what lies under a point: whether road; 0, AREA_OWN or AREA_OTHER; the lane's number from 1, or 0."""
     column = math.floor((x - floats[F_X]) / CELL)
@@ -204,6 +249,33 @@ def surface(floats: Array, ints: Array, cells: Array, x: float, y: float) -> tup
                 lane = k + 1
                 break
     return road, area, lane if area == 0 else 0
+
+
+@njit(cache=True)
+def on_road(floats: Array, ints: Array, cells: Array, x: float, y: float) -> bool:
+    """Return whether a point lies on the road."""
+    column = math.floor((x - floats[F_X]) / CELL)
+    row = math.floor((y - floats[F_Y]) / CELL)
+    if not (0 <= column < ints[I_CELLS_X] and 0 <= row < ints[I_CELLS_Y]):
+        return False
+    code: Any = np.int64(cells[row * ints[I_CELLS_X] + column]) & 3
+    if code == ROAD_EDGE:
+        rows = ints[I_ROAD_ROWS] + row
+        first = ints[I_ROAD_LIST]
+        return inside_listed(floats, ints[I_ROAD_EDGES], ints, first + ints[rows], first + ints[rows + 1], x, y)
+    return bool(code == ROAD_IN)
+
+
+@njit(cache=True)
+def wheels_off(floats: Array, ints: Array, cells: Array, numbers: Array, x: float, y: float, c: float, s: float) -> int:
+    """Return how many of the four wheels are off the road."""
+    off = 0
+    for wheel in range(4):
+        forward = numbers[N_FRONT_AXLE] if wheel < 2 else numbers[N_REAR_AXLE]
+        left = numbers[N_WHEEL_SIDE] if wheel % 2 == 0 else -numbers[N_WHEEL_SIDE]
+        if not on_road(floats, ints, cells, x + c * forward - s * left, y + s * forward + c * left):
+            off += 1
+    return off
 
 
 @njit(cache=True)
@@ -273,21 +345,12 @@ def inspect_row(
     elif area == AREA_OTHER:
         bits |= IN_OTHER
 
-    asked = 0  # the lane last compared with the heading: usually all four wheels are in the same lane
-    for wheel in range(4):
-        forward = numbers[N_FRONT_AXLE] if wheel < 2 else numbers[N_REAR_AXLE]
-        left = numbers[N_WHEEL_SIDE] if wheel % 2 == 0 else -numbers[N_WHEEL_SIDE]
-        wx = x + c * forward - s * left
-        wy = y + s * forward + c * left
-        road, _, lane = surface(floats, ints, cells, wx, wy)
-        if not road:
-            bits += 1
-        if lane not in {0, asked}:
-            asked = lane
-            table = ints[I_LANE_TABLE] + 4 * (lane - 1)
-            _, _, ux, uy = project(floats, ints[table + 2], ints[table + 3], wx, wy)
-            if c * ux + s * uy < 0.0:
-                bits |= INVASION
+    if lane != 0:
+        table = ints[I_LANE_TABLE] + 4 * (lane - 1)
+        _, _, ux, uy = project(floats, ints[table + 2], ints[table + 3], x, y)
+        if c * ux + s * uy < 0.0:
+            bits |= OPPOSED
+    bits += wheels_off(floats, ints, cells, numbers, x, y, c, s)
 
     time = least_contact(floats, ints, numbers, users, x, y, c, s, v)
     if time < 0.0:
@@ -300,11 +363,6 @@ def inspect_row(
         remaining = floats[last + 5] + floats[last + 4] - remaining
         if remaining <= numbers[N_ENGAGE] and distance <= numbers[N_ENGAGE]:
             bits |= ENGAGED
-        nose = numbers[N_HALF_LENGTH]
-        over = (x + c * nose - floats[F_STOP_X]) * floats[F_STOP_UX]
-        over += (y + s * nose - floats[F_STOP_Y]) * floats[F_STOP_UY]
-        if over > 0.0:
-            bits |= NOSE_OVER
     elif area != AREA_OWN:
         table = ints[I_AREA_TABLE]
         if distance_to_edges(floats, ints[table], ints[table + 1], x, y) > numbers[N_WRONG_WAY]:

@@ -19,7 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from wrongturn_sim.ego import Vehicle
 from wrongturn_sim.verdict import kernels
-from wrongturn_sim.verdict.thresholds import Thresholds
+from wrongturn_sim.verdict.thresholds import SharedThresholds, Thresholds
 
 Floats = NDArray[np.float64]
 Marks = NDArray[np.bool_]
@@ -301,7 +301,7 @@ def _codes(surface: Surface, areas: Sequence[Floats], lanes: Sequence[Floats]) -
     return packed
 
 
-def numbers_of(thresholds: Thresholds, vehicle: Vehicle) -> Floats:
+def numbers_of(thresholds: SharedThresholds, vehicle: Vehicle) -> Floats:
     """Return the thresholds and the body as the kernels read them."""
     numbers = np.zeros(kernels.NUMBERS)
     radius = math.sqrt(vehicle.half_length**2 + vehicle.half_width**2)
@@ -319,9 +319,18 @@ def numbers_of(thresholds: Thresholds, vehicle: Vehicle) -> Floats:
     numbers[kernels.N_HALF_LENGTH] = vehicle.half_length
     numbers[kernels.N_HALF_WIDTH] = vehicle.half_width
     numbers[kernels.N_RADIUS] = radius
-    numbers[kernels.N_STOP_SPEED] = thresholds.stop_speed
-    numbers[kernels.N_STOP_TIME] = thresholds.stop_time - CLOCK_TOLERANCE
     numbers[kernels.N_TIME_LIMIT] = thresholds.time_limit - CLOCK_TOLERANCE
     numbers[kernels.N_WHEELS_OFF] = thresholds.wheels_off
+    if isinstance(thresholds, Thresholds):
+        numbers[kernels.N_STAND_DISTANCE] = thresholds.stand_distance
+        numbers[kernels.N_STAND_TIME] = thresholds.stand_time - CLOCK_TOLERANCE
+        numbers[kernels.N_REST_DISTANCE] = thresholds.rest_distance
+        numbers[kernels.N_REST_TIME] = thresholds.rest_time - CLOCK_TOLERANCE
+        numbers[kernels.N_REST_TOTAL] = thresholds.rest_total - CLOCK_TOLERANCE
+        numbers[kernels.N_AREA_TOTAL] = thresholds.area_total - CLOCK_TOLERANCE
+        numbers[kernels.N_WAIT_DISTANCE] = thresholds.wait_distance
+        numbers[kernels.N_WAIT_TIME] = thresholds.wait_time - CLOCK_TOLERANCE
+        numbers[kernels.N_LAST_WAIT_TIME] = thresholds.last_wait_time - CLOCK_TOLERANCE
+        numbers[kernels.N_OPPOSED_DISTANCE] = thresholds.opposed_distance
     numbers.setflags(write=False)
     return numbers

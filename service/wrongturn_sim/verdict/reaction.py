@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from wrongturn_protocol import Command, FaultKind, Reaction, Trial, Verdict
 from wrongturn_sim.verdict.geometry import JudgeGeometry
-from wrongturn_sim.verdict.thresholds import Thresholds
+from wrongturn_sim.verdict.thresholds import SharedThresholds
 
 
 def reaction_of(
-    verdict: Verdict, x: float, y: float, trial: Trial, geometry: JudgeGeometry, thresholds: Thresholds
+    verdict: Verdict, x: float, y: float, trial: Trial, geometry: JudgeGeometry, thresholds: SharedThresholds
 ) -> Reaction | None:
     """Return the reaction to ``infeasible`` or ``omission``; None for other faults and for none.
 
@@ -36,7 +36,7 @@ def reaction_of(
 
 
 def on_missing_side(
-    missing: Command | None, x: float, y: float, geometry: JudgeGeometry, thresholds: Thresholds
+    missing: Command | None, x: float, y: float, geometry: JudgeGeometry, thresholds: SharedThresholds
 ) -> bool:
     """Return whether a point lies where the missing arm would be, or on the way there."""
     past, left = geometry.beside_approach(x, y)

@@ -1,32 +1,27 @@
-"""The published thresholds of the verdict. Changing one changes scores: bump ``version``."""
+"""The published thresholds of the verdict, of both versions. Changing one changes scores: make a new version."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from typing import ClassVar, Final
 
 
 @dataclasses.dataclass(frozen=True)
-class Thresholds:
-    """Thresholds of the verdict. ``docs/verdicts.md`` has the same table, and a test compares the two.
-
-    To try other values, use :func:`dataclasses.replace`; published verdicts never use them.
+class SharedThresholds:
+    """Thresholds that every version of the verdict has. Journeys use only some of these.
 
     Raises:
         ValueError: a number is not finite or not positive, or an angle or count is out of range.
     """
 
-    version: int = 1
-    """Version of these numbers and of the definitions that use them."""
-    stop_speed: float = 0.3
-    """A slower car stands, m/s."""
-    stop_time: float = 3.0
-    """A car that stands for this long in one zone, without interruption, has stopped, s."""
-    time_limit: float = 40.0
+    version: ClassVar[int]
+    """Version of the definitions that use these numbers."""
+    time_limit: float
     """Time of an episode, s."""
     engage_distance: float = 15.0
     """A car is engaged once its centre is this near to the stop line, along the approach's lane, m."""
-    wheels_off: int = 3
+    wheels_off: float = 3
     """A car with this many wheels off the road is off the road; fewer are a kerb bite."""
     wrong_way_distance: float = 20.0
     """A car farther from the junction's area than this, without an exit, went a wrong way, m."""
@@ -54,5 +49,57 @@ class Thresholds:
             raise ValueError(f"exit_heading: {self.exit_heading} degrees are more than 180")
 
 
-THRESHOLDS = Thresholds()
-"""The published thresholds."""
+@dataclasses.dataclass(frozen=True)
+class Thresholds(SharedThresholds):
+    """Thresholds of the verdict. ``docs/verdicts.md`` has the same table, and a test compares the two.
+
+    To try other values, use :func:`dataclasses.replace`; published verdicts never use them.
+
+    Raises:
+        ValueError: a number is not finite or not positive, or an angle or count is out of range.
+    """
+
+    version: ClassVar[int] = 2
+    time_limit: float = 60.0
+    stand_distance: float = 0.3
+    """A car that moved less than this in ``stand_time`` stands, m."""
+    stand_time: float = 3.0
+    """The time in which a standing car moved less than ``stand_distance``, s."""
+    rest_distance: float = 0.1
+    """A car that moved less than this in ``rest_time`` is at rest, m."""
+    rest_time: float = 1.0
+    """The time in which a car at rest moved less than ``rest_distance``, s."""
+    rest_total: float = 5.0
+    """A car that was at rest in the junction area for this long, all in all, has stopped there, s."""
+    area_total: float = 20.0
+    """A car that was in the junction area for this long, all in all, has stopped there, s."""
+    wait_distance: float = 0.5
+    """A car that moved less than this in ``wait_time`` before the junction has stopped there, m."""
+    wait_time: float = 10.0
+    """The time in which a car that stops before the junction moved less than ``wait_distance``, s."""
+    last_wait_time: float = 3.0
+    """The same when the episode's time runs out, s."""
+    opposed_distance: float = 10.0
+    """Driving farther than this on opposed lanes, all in all, is the flag ``opposed_lane``, m."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Thresholds1(SharedThresholds):
+    """Thresholds of the verdict's version 1, for results from before version 2.
+
+    Raises:
+        ValueError: a number is not finite or not positive, or an angle or count is out of range.
+    """
+
+    version: ClassVar[int] = 1
+    time_limit: float = 40.0
+    stop_speed: float = 0.3
+    """A slower car stands, m/s."""
+    stop_time: float = 3.0
+    """A car that stands for this long in one zone, without interruption, has stopped, s."""
+
+
+THRESHOLDS: Final = Thresholds()
+"""The published thresholds: version 2."""
+THRESHOLDS_1: Final = Thresholds1()
+"""The thresholds of version 1."""

@@ -1,4 +1,4 @@
-"""Makes the golden records: the car's own dynamics, steered along a path, on the junction drawn by hand.
+"""Makes the golden records of version 1: the car's own dynamics, steered along a path, on a junction drawn by hand.
 
 ``python tests/sim/verdict/golden_drives.py`` writes them again. That changes what is promised: look at the difference,
 and say under "Scoring" in the changelog what became of which verdict.
@@ -16,6 +16,7 @@ from wrongturn_protocol import Command, FaultKind, JunctionType
 from wrongturn_sim.ego import SUB_STEP, VEHICLE, advance
 from wrongturn_sim.polyline import Polyline
 from wrongturn_sim.trajectory import RoadUser, Row, Trajectory
+from wrongturn_sim.verdict import THRESHOLDS_1
 
 FOLDER = Path(__file__).parent / "golden"
 
@@ -107,7 +108,7 @@ def make(name: str) -> dict[str, Any]:
     its_trial = trial(one.kind, route=one.route, fault=one.fault)
     geometry = junction(one.kind, solids=one.solids)
     rows = drive_it(one)
-    outcome = verdict_of(rows, geometry, its_trial)
+    outcome = verdict_of(rows, geometry, its_trial, THRESHOLDS_1)
     kept = [row for row in rows if row.t <= outcome.time]
     return {
         "solids": one.solids,

@@ -13,7 +13,16 @@ from shapely.geometry.base import BaseGeometry
 
 from wrongturn_protocol import DIRECTIONS, Command, Fault, FaultKind, JunctionType, Outcome, Start, Trial
 from wrongturn_sim.trajectory import RoadUser, Row, Trajectory
-from wrongturn_sim.verdict import ExitLane, Judge, JudgeGeometry, LaneStrip, Thresholds, judge
+from wrongturn_sim.verdict import (
+    THRESHOLDS,
+    ExitLane,
+    JudgeGeometry,
+    LaneStrip,
+    Thresholds,
+    Thresholds1,
+    judge,
+    judge_of,
+)
 
 LEFT, RIGHT, STRAIGHT, FOLLOW = Command.LEFT, Command.RIGHT, Command.STRAIGHT, Command.LANE_FOLLOW
 STOP_LINE, HALF_LANE, ARM = 8.0, 2.0, 80.0
@@ -162,12 +171,14 @@ def drive(
 
 
 def verdict_of(
-    rows: Sequence[Row], geometry: JudgeGeometry, its_trial: Trial, thresholds: Thresholds | None = None
+    rows: Sequence[Row],
+    geometry: JudgeGeometry,
+    its_trial: Trial,
+    thresholds: Thresholds | Thresholds1 = THRESHOLDS,
 ) -> Outcome:
     """The outcome, judged from the record and row by row, which must agree."""
-    limits = thresholds or Thresholds()
-    recorded = judge(Trajectory(its_trial, geometry.town_sha256 or "0" * 64, list(rows)), geometry, limits)
-    online = Judge(geometry, its_trial, limits)
+    recorded = judge(Trajectory(its_trial, geometry.town_sha256 or "0" * 64, list(rows)), geometry, thresholds)
+    online = judge_of(geometry, its_trial, thresholds)
     outcomes = [outcome for row in rows if (outcome := online.observe(row))]
     assert len(outcomes) <= 1
     assert recorded == (outcomes[0] if outcomes else online.abort(rows[-1].t))

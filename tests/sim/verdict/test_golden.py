@@ -1,4 +1,4 @@
-"""Stored records keep their outcomes."""
+"""Stored records keep their outcomes of version 1."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,7 @@ from handmade_junction import junction, mirrored_rows, mirrored_trial, verdict_o
 
 from wrongturn_protocol import Flag, Outcome, Reaction, Verdict
 from wrongturn_sim.trajectory import Trajectory
-from wrongturn_sim.verdict import judge
+from wrongturn_sim.verdict import THRESHOLDS_1, judge
 
 FILES = sorted(FOLDER.glob("*.json"))
 EXPECTED = {
@@ -35,9 +35,11 @@ def test_a_golden_record_keeps_its_outcome(path: Path) -> None:
     stored = json.loads(path.read_text(encoding="ascii"))
     trajectory = Trajectory.from_json(json.dumps(stored["trajectory"]))
     geometry = junction(trajectory.trial.junction_type, solids=stored["solids"])
-    outcome = judge(trajectory, geometry)
+    outcome = judge(trajectory, geometry, THRESHOLDS_1)
     assert outcome == Outcome.model_validate(stored["outcome"])
     assert (outcome.verdict, outcome.reaction, outcome.flags) == EXPECTED[path.stem]
     assert outcome.time == trajectory.rows[-1].t
-    mirrored = verdict_of(mirrored_rows(trajectory.rows), geometry.mirrored(), mirrored_trial(trajectory.trial))
+    mirrored = verdict_of(
+        mirrored_rows(trajectory.rows), geometry.mirrored(), mirrored_trial(trajectory.trial), THRESHOLDS_1
+    )
     assert (mirrored.verdict, mirrored.reaction, mirrored.flags) == EXPECTED[path.stem]

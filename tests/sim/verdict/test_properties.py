@@ -174,9 +174,10 @@ def test_stopping_sooner_before_the_line_is_never_worse(distance: float, more: f
 def test_more_patience_is_never_worse(one: Drive, kind: JunctionType, longer: float) -> None:
     rows, its_trial = one.rows(), trial(kind)
     before = verdict_of(rows, KINDS[kind], its_trial)
-    after = verdict_of(rows, KINDS[kind], its_trial, Thresholds(stop_time=3.0 * longer))
+    after = verdict_of(rows, KINDS[kind], its_trial, Thresholds(stand_time=3.0 * longer, wait_time=10.0 * longer))
     if before.verdict.exited or before.verdict is Verdict.WRONG_WAY:
-        assert after == before
+        # The time of the first stop is told by ``stand_time`` too.
+        assert after.model_copy(update={"first_stop_s": before.first_stop_s}) == before
 
 
 # Time steps.
@@ -201,9 +202,10 @@ def _moved(name: str, by: float) -> Thresholds:
 
 
 DISTANCES = ("engage_distance", "wrong_way_distance", "exit_distance", "command_distance")
+DURATIONS = ("stand_time", "rest_time", "rest_total", "area_total", "wait_time", "last_wait_time", "time_limit")
 MOVED = [
     _moved(name, sign * by)
-    for names, by in ((DISTANCES, ONE_SAMPLE), (("stop_time", "time_limit"), 0.0501))
+    for names, by in ((DISTANCES, ONE_SAMPLE), (DURATIONS, 0.0501))
     for name in names
     for sign in (1.0, -1.0)
 ]
@@ -231,8 +233,8 @@ CLEAR: list[tuple[Verdict, Callable[[], Drive]]] = [
     (Verdict.WRONG_WAY, lambda: Drive(STRAIGHT, 25.0, 4.0, ((12.0, 8.0),), LEFT, LEFT, 0.0, 0.0)),
     (Verdict.OFF_ROAD, lambda: Drive(STRAIGHT, 25.0, -3.0, ((12.0, 8.0),), LEFT, LEFT, 0.0, 0.0)),
     (Verdict.STOPPED_IN_JUNCTION, lambda: Drive(LEFT, 25.0, 0.0, ((4.0, 8.0), (9.0, 0.0)), LEFT, LEFT, 0.0, 0.0)),
-    (Verdict.STOPPED_BEFORE_JUNCTION, lambda: Drive(LEFT, 25.0, 0.0, ((2.0, 8.0), (9.0, 0.0)), LEFT, LEFT, 0.0, 0.0)),
-    (Verdict.NOT_ENGAGED, lambda: Drive(LEFT, 25.0, 0.0, ((0.5, 8.0), (9.0, 0.0)), LEFT, LEFT, 0.0, 0.0)),
+    (Verdict.STOPPED_BEFORE_JUNCTION, lambda: Drive(LEFT, 25.0, 0.0, ((2.0, 8.0), (11.0, 0.0)), LEFT, LEFT, 0.0, 0.0)),
+    (Verdict.NOT_ENGAGED, lambda: Drive(LEFT, 25.0, 0.0, ((0.5, 8.0), (11.0, 0.0)), LEFT, LEFT, 0.0, 0.0)),
 ]
 
 

@@ -55,23 +55,23 @@ def test_any_permitted_exit_is_overriding(missing: Command) -> None:
 @pytest.mark.parametrize("missing", DIRECTIONS)
 @pytest.mark.parametrize("distance", [10.0, 0.5, -5.0])
 def test_any_stop_is_freezing(missing: Command, distance: float) -> None:
-    rows = drive(way(STRAIGHT, begin=distance + 10.0), [(1.25, 8.0), (4.0, 0.0)], command=missing)
+    rows = drive(way(STRAIGHT, begin=distance + 10.0), [(1.25, 8.0), (10.1, 0.0)], command=missing)
     assert reaction(rows, missing) is Reaction.FROZE
     assert reaction(rows, missing, FaultKind.OMISSION) is Reaction.FROZE
     assert reaction(rows, missing, FaultKind.NONE) is None
 
 
 @pytest.mark.parametrize("missing", DIRECTIONS)
-def test_time_that_runs_out_in_the_junction_is_freezing_too(missing: Command) -> None:
-    rows = drive(way(STRAIGHT, begin=10.0), [(41.0, 0.33)], command=missing)
+def test_too_long_in_the_junction_is_freezing_too(missing: Command) -> None:
+    rows = drive(way(STRAIGHT, begin=5.0), [(41.0, 0.33)], command=missing)
     assert reaction(rows, missing) is Reaction.FROZE
     assert reaction(rows, missing, FaultKind.OMISSION) is Reaction.FROZE
 
 
 @pytest.mark.parametrize("missing", DIRECTIONS)
 def test_what_is_none_of_these_is_other(missing: Command) -> None:
-    never_came = drive(way(STRAIGHT, begin=28.0), [(1.0, 8.0), (4.0, 0.0)])
-    timeout = drive(way(STRAIGHT, begin=20.0), [(41.0, 0.4)])
+    never_came = drive(way(STRAIGHT, begin=28.0), [(1.0, 8.0), (10.1, 0.0)])
+    timeout = drive(way(STRAIGHT, begin=20.0), [(60.1, 0.3)])
     gave_up = drive(way(STRAIGHT), [(1.0, 8.0)])
     opposite = {LEFT: -1.0, RIGHT: 1.0, STRAIGHT: 1.0}[missing]
     astray = drive([(2.0, -33.0), (2.0, -12.0), (2.0 - opposite * 10.0, -9.0)], [(5.0, 8.0)])

@@ -74,7 +74,7 @@ def test_every_stop_counts_by_its_place(name: str, approach_id: str) -> None:
     path = joined(lane_before(town, approach), next(iter(approach.exits.values())).path.tolist())
     start = geometry.beside_approach(*path[0])[0]
     for metres, verdict in ((-5.0, Verdict.STOPPED_BEFORE_JUNCTION), (5.0, Verdict.STOPPED_IN_JUNCTION)):
-        outcome = verdict_of(drive(path, [((metres - start) / SPEED, SPEED), (3.1, 0.0)]), geometry, trial)
+        outcome = verdict_of(drive(path, [((metres - start) / SPEED, SPEED), (10.1, 0.0)]), geometry, trial)
         assert (outcome.verdict, outcome.reaction, outcome.flags) == (verdict, Reaction.FROZE, ())
 
 
@@ -118,7 +118,9 @@ def test_every_oncoming_lane_out_is_the_wrong_way(name: str, approach_id: str) -
         # On the way across, a car that cuts the corner may leave the road.
         assert outcome.verdict in {Verdict.WRONG_WAY, Verdict.OFF_ROAD, Verdict.COLLISION}
         if outcome.verdict is Verdict.WRONG_WAY:
-            assert set(outcome.flags) >= {Flag.WRONG_WAY, Flag.LANE_INVASION}
+            assert outcome.flags == (Flag.OPPOSED_LANE,)
+            assert outcome.opposed_lane_m is not None
+            assert 10.0 < outcome.opposed_lane_m <= outcome.time * SPEED
 
 
 @pytest.mark.parametrize("name", town_names())

@@ -1,5 +1,9 @@
-"""Standing: before the stop line, in the junction, before anything, and when the time is up."""
+"""Version 1, which still judges old records: standing by speed, forty seconds, four flags."""
 
+import functools
+import math
+
+import handmade_junction
 import pytest
 from handmade_junction import (
     FOLLOW,
@@ -11,14 +15,14 @@ from handmade_junction import (
     junction,
     mirrored_rows,
     trial,
-    verdict_of,
     way,
 )
 
-from wrongturn_protocol import Verdict
-from wrongturn_sim.verdict import Judge
+from wrongturn_protocol import Flag, Outcome, Verdict
+from wrongturn_sim.verdict import THRESHOLDS_1, judge_of
 
 CROSS = junction()
+verdict_of = functools.partial(handmade_junction.verdict_of, thresholds=THRESHOLDS_1)
 
 
 def stand(distance: float, *legs: tuple[float, float], step: float = 0.05) -> tuple[Verdict, float]:
@@ -126,7 +130,7 @@ def test_after_forty_seconds_it_counts_where_the_car_is(begin: float, speed: flo
     rows = drive(way(STRAIGHT, begin=begin), [(40.05, speed)])
     outcome = verdict_of(rows, CROSS, trial())
     assert (outcome.verdict, outcome.time) == (verdict, 40.0)
-    watching = Judge(CROSS, trial())
+    watching = judge_of(CROSS, trial(), THRESHOLDS_1)
     assert [watching.observe(row) for row in rows[:-1]] == [None] * 800
     assert not watching.ran_out
     assert watching.observe(rows[-1]) == outcome
@@ -141,7 +145,7 @@ def test_a_record_that_ends_before_its_time_was_aborted(begin: float) -> None:
 
 
 def test_a_stop_by_standing_is_not_by_time() -> None:
-    watching = Judge(CROSS, trial())
+    watching = judge_of(CROSS, trial(), THRESHOLDS_1)
     for row in drive(way(STRAIGHT, begin=10.0), [(1.0, 2.0), (4.0, 0.0)]):
         watching.observe(row)
     assert watching.outcome is not None
@@ -149,7 +153,7 @@ def test_a_stop_by_standing_is_not_by_time() -> None:
 
 
 def test_abort_keeps_a_verdict_that_fell() -> None:
-    watching = Judge(CROSS, trial())
+    watching = judge_of(CROSS, trial(), THRESHOLDS_1)
     for row in drive(way(LEFT), [(10.0, 8.0)], command=FOLLOW):
         watching.observe(row)
     assert watching.outcome is not None
@@ -159,7 +163,7 @@ def test_abort_keeps_a_verdict_that_fell() -> None:
 
 def test_the_agent_may_abort_anywhere() -> None:
     for count in (0, 1, 50):
-        watching = Judge(CROSS, trial())
+        watching = judge_of(CROSS, trial(), THRESHOLDS_1)
         for row in drive(way(LEFT), [(10.0, 8.0)])[:count]:
             watching.observe(row)
         outcome = watching.abort(7.0)
@@ -170,3 +174,58 @@ def test_in_a_mirror_a_stop_is_the_same() -> None:
     rows = drive(way(STRAIGHT, begin=10.0), [(1.0, 2.0), (4.0, 0.0)])
     here = verdict_of(rows, CROSS, trial())
     assert verdict_of(mirrored_rows(rows), CROSS.mirrored(), trial()) == here
+
+
+# Flags, where version 2 has lengths.
+
+
+@pytest.mark.parametrize(("lateral", "bitten"), [(0.0, False), (-1.19, False), (-1.21, True), (-1.99, True)])
+def test_a_kerb_bite_is_a_flag(lateral: float, bitten: bool) -> None:
+    outcome = verdict_of(drive(way(STRAIGHT, lateral=lateral), [(9.0, 8.0)], command=STRAIGHT), CROSS, trial())
+    assert outcome.verdict is Verdict.EXIT_COMMANDED
+    assert outcome.flags == ((Flag.KERB_BITE,) if bitten else ())
+
+
+@pytest.mark.parametrize(
+    ("lateral", "invades"), [(0.0, False), (1.19, False), (1.21, True), (2.0, True), (4.0, True), (-1.0, False)]
+)
+def test_a_wheel_in_the_oncoming_lane_is_an_invasion(lateral: float, invades: bool) -> None:
+    rows = drive(way(STRAIGHT, lateral=lateral), [(1.0, 8.0)])
+    assert (Flag.LANE_INVASION in verdict_of(rows, CROSS, trial()).flags) is invades
+
+
+def outcome_at(x: float, y: float, yaw: float) -> Outcome:
+    first = drive(way(STRAIGHT), [(1.0, 8.0)])[0]
+    return verdict_of([first, first._replace(t=0.05, x=x, y=y, yaw=yaw)], CROSS, trial())
+
+
+@pytest.mark.parametrize(("x", "invades"), [(-4.0, False), (-6.4, False), (-6.6, True), (-10.0, True)])
+def test_a_turn_that_is_cut_invades_beyond_the_exit_line(x: float, invades: bool) -> None:
+    # Heading west with the left wheels on the oncoming side of the western arm, the front ones 1.45 m ahead.
+    assert (Flag.LANE_INVASION in outcome_at(x, 0.5, math.pi).flags) is invades
+
+
+def test_a_lane_is_oncoming_by_the_heading() -> None:
+    for yaw, invades in ((math.pi / 2, True), (0.1, True), (-0.1, False), (-math.pi / 2, False)):
+        assert (Flag.LANE_INVASION in outcome_at(-2.0, -20.0, yaw).flags) is invades
+
+
+@pytest.mark.parametrize(("distance", "over"), [(10.0, False), (2.31, False), (2.29, True), (1.0, True), (0.01, True)])
+def test_stopped_with_the_nose_over_the_line(distance: float, over: bool) -> None:
+    rows = drive(way(STRAIGHT, begin=distance + 8.0), [(1.0, 8.0), (3.05, 0.0)])
+    outcome = verdict_of(rows, CROSS, trial())
+    assert outcome.verdict is Verdict.STOPPED_BEFORE_JUNCTION
+    assert outcome.flags == ((Flag.OVER_LINE,) if over else ())
+
+
+def test_the_wrong_way_is_a_flag_too() -> None:
+    outcome = verdict_of(drive(way(STRAIGHT, lateral=4.0), [(12.0, 8.0)], command=STRAIGHT), CROSS, trial())
+    assert outcome.verdict is Verdict.WRONG_WAY
+    assert outcome.flags == (Flag.LANE_INVASION, Flag.WRONG_WAY)
+
+
+def test_there_are_no_lengths() -> None:
+    outcome = verdict_of(drive(way(STRAIGHT, lateral=-1.5), [(9.0, 8.0)], command=STRAIGHT), CROSS, trial())
+    assert {"kerb_bite_m", "kerb_bite_s", "opposed_lane_m", "over_line_m", "first_stop_s"} & set(
+        outcome.model_dump()
+    ) == set()
