@@ -23,7 +23,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     epilog="WRONGTURN_URL names the service, WRONGTURN_TOKEN your token, WRONGTURN_HOME the folder for data. "
-    "Example: wrongturn leaderboard smoke@1 --url http://127.0.0.1:8000",
+    "Example: wrongturn leaderboard smoke@2 --url http://127.0.0.1:8000",
     context_settings={"help_option_names": ["--help", "-h"]},
 )
 Url = Annotated[
@@ -72,15 +72,30 @@ def towns(url: Url = None, as_json: AsJson = False) -> None:
 
 @app.command()
 def leaderboard(
-    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: smoke@1")] = "wrong-command@1",
+    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: smoke@2")] = "wrong-command@2",
     url: Url = None,
+    compare: Annotated[
+        tuple[str, str] | None,
+        typer.Option(
+            "--compare",
+            help="Compare two agents by name or id, with an exact test. Example: --compare careful parked",
+            metavar="A B",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show a service's ranking on a suite, in the layout of the reference paper."""
+    """Show a service's ranking on a suite, or compare two of its agents (--compare)."""
     from wrongturn_client.client import Client  # noqa: PLC0415
-    from wrongturn_client.tables import console, leaderboard_table  # noqa: PLC0415
+    from wrongturn_client.tables import comparison_table, console, leaderboard_table  # noqa: PLC0415
 
     with Client(url, patience=0) as client:
+        if compare is not None:
+            comparison = client.compare(suite, *compare)
+            if as_json:
+                _print_json(comparison.model_dump(mode="json"))
+            else:
+                console().print(comparison_table(comparison))
+            return
         ranking = client.leaderboard(suite)
         others = () if ranking.entries or as_json else client.leaderboards()
     if as_json:

@@ -7,7 +7,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from wrongturn_protocol import LeaderboardEntry
+from wrongturn_protocol import Leaderboard, LeaderboardEntry
 
 
 def plain_table(title: str) -> Table:
@@ -24,6 +24,20 @@ def plain_table(title: str) -> Table:
     )
 
 
+def notes(leaderboard: Leaderboard) -> list[str]:
+    """Return why agents have no rank, a line for each reason, and whether the suite was replaced."""
+    named: dict[str, list[str]] = {}
+    for entry in leaderboard.entries:
+        if not entry.eligible:
+            named.setdefault(entry.why_not or "not eligible", []).append(entry.agent.name)
+    lines = [
+        f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not ranked: {why}" for why, names in named.items()
+    ]
+    if leaderboard.successor is not None:
+        lines.insert(0, f"{leaderboard.suite} is an old version; {leaderboard.successor} replaces it.")
+    return lines
+
+
 def ranking_table(title: str, entries: Sequence[LeaderboardEntry]) -> Table:
     """Return a table with the columns rank and agent, which is as wide as the track at least."""
     table = plain_table(title)
@@ -33,12 +47,18 @@ def ranking_table(title: str, entries: Sequence[LeaderboardEntry]) -> Table:
 
 
 def add_ranked(table: Table, entry: LeaderboardEntry, rows: Sequence[Sequence[RenderableType]]) -> None:
-    """Add an agent's rows to a ranking: rank and name before the first, the track before the second.
+    """Add an agent's rows to a ranking, with its name, track and owner before the first three.
 
-    ``=`` after a rank says that other agents share it.
+    ``=`` after a rank says that other agents share it. An owner of the agent's own name is left out.
     """
     rank = "-" if entry.rank is None else f"{entry.rank}{'=' if entry.tied_with else ''}"
     heads = [(rank, entry.agent.name), ("", entry.agent.track.value)]
-    for number, row in enumerate(rows):
+    if entry.seeds is not None:
+        heads.append(("", f"algorithm, {entry.seeds.count} seeds"))
+    elif entry.agent.owner not in {"", entry.agent.name}:
+        heads.append(("", f"by {entry.agent.owner}"))
+    lines = max(len(heads), len(rows))
+    for number in range(lines):
         head = heads[number] if number < len(heads) else ("", "")
-        table.add_row(*map(Text, head), *row, end_section=number == len(rows) - 1)
+        row = rows[number] if number < len(rows) else ()
+        table.add_row(*map(Text, head), *row, end_section=number == lines - 1)

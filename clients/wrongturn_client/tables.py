@@ -9,8 +9,8 @@ from rich.table import Table
 from rich.text import Text
 
 from wrongturn_client.navigation_tables import navigation_leaderboard, navigation_table
-from wrongturn_client.plain_table import add_ranked, plain_table, ranking_table
-from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Leaderboard, Metrics
+from wrongturn_client.plain_table import add_ranked, notes, plain_table, ranking_table
+from wrongturn_protocol import PAPER_TYPES, Comparison, FaultKind, JunctionType, Leaderboard, LeaderboardEntry, Metrics
 
 WIDTH: Final = 132
 """Columns for a leaderboard; used when the output is not a terminal."""
@@ -18,6 +18,8 @@ _ROOMY: Final = 106
 """From this many columns on, no heading of a leaderboard is broken."""
 _BROAD: Final = 60
 """Columns of an empty table, so that the lines below it have room."""
+PARTS: Final = "Junction types show the paper's column."
+"""What the columns of junction types are parts of."""
 _ROWS: Final = {FaultKind.INFEASIBLE: "wrong command", FaultKind.OMISSION: "follow lane"}
 """The paper's words for its two faults."""
 
@@ -55,8 +57,9 @@ def type_head(kind: JunctionType) -> Breakable:
 def leaderboard_table(leaderboard: Leaderboard, others: Sequence[str] = ()) -> Table:
     """Return the ranking on a suite, with a row for wrong commands and a row for "follow lane" for each agent.
 
-    The columns of junction types give unsafe episodes out of all. ``unsafe`` is their sum with its rate, and below it
-    Wilson's 95% interval; ``strict`` also counts wrong ways; ``twins done`` counts the completed trials without fault.
+    ``strict`` is the count that ranks, with its rate and below it Wilson's 95% interval. ``paper`` is the count in the
+    paper's column, and the columns of junction types are its parts; ``twins done`` counts the completed trials without
+    fault. An algorithm has its median seed's figures, and below ``strict`` the lowest and highest count of its seeds.
     A suite of journeys has CoRL 2017's layout instead: a row for each task, a column for each condition.
 
     Args:
@@ -72,17 +75,15 @@ def leaderboard_table(leaderboard: Leaderboard, others: Sequence[str] = ()) -> T
         table = navigation_leaderboard(leaderboard)
     else:
         table = _unsafe_leaderboard(leaderboard)
-    notes = [
-        f"{entry.agent.name} is not ranked: {entry.why_not or 'not eligible'}"
-        for entry in leaderboard.entries
-        if not entry.eligible
-    ]
+    lines = notes(leaderboard)
+    if any(entry.table for entry in leaderboard.entries):
+        lines.insert(0, PARTS)
     if not leaderboard.entries:
-        notes.append("No evaluation on this suite has been finished yet.")
+        lines.append("No evaluation on this suite has been finished yet.")
         # One line each, so that no command is broken.
-        notes += ["There are some on others:"] * bool(others) + [f"wrongturn leaderboard {suite}" for suite in others]
-    if notes:
-        table.caption = Text("\n".join(notes))
+        lines += ["There are some on others:"] * bool(others) + [f"wrongturn leaderboard {suite}" for suite in others]
+    if lines:
+        table.caption = Text("\n".join(lines))
     return table
 
 
@@ -104,12 +105,31 @@ def evaluation_table(name: str, metrics: Metrics) -> Table:
     _result_columns(table, types)
     for row in _result_rows(metrics, types):
         table.add_row(*row)
+    lines = [PARTS]
     if (excess := metrics.excess_unsafe_rate) is not None:
         low, high = excess.ci95
-        table.caption = Text(
+        lines.append(
             f"unsafe rate less that of the twins: {100 * excess.value:+.0f} points, "
-            f"95% CI [{100 * low:+.0f}, {100 * high:+.0f}], p = {excess.p:.2g}",
+            f"95% CI [{100 * low:+.0f}, {100 * high:+.0f}], p = {excess.p:.2g}"
         )
+    table.caption = Text("\n".join(lines))
+    return table
+
+
+def comparison_table(comparison: Comparison) -> Table:
+    """Return two agents' unsafe trials by stratum, and what they say."""
+    table = plain_table(f"{comparison.suite}: {comparison.a.name} and {comparison.b.name}")
+    table.add_column("stratum", min_width=_BROAD // 2)
+    for agent in (comparison.a, comparison.b):
+        table.add_column(Text(agent.name), justify="right", overflow="fold")
+    for one in comparison.strata:
+        parts = (one.junction_type or one.task, one.fault or one.condition)
+        name = ", ".join(part.value for part in parts if part is not None)
+        table.add_row(*map(Text, (name, *(f"{cell.unsafe}/{cell.trials}" for cell in (one.a, one.b)))))
+    totals = (f"{cell.unsafe}/{cell.trials}" for cell in (comparison.total_a, comparison.total_b))
+    table.add_section()
+    table.add_row(*map(Text, ("all", *totals)))
+    table.caption = Text(comparison.sentence)
     return table
 
 
@@ -124,23 +144,32 @@ def _result_columns(table: Table, types: Sequence[JunctionType]) -> None:
     for kind in types:
         head = type_head(kind)
         table.add_column(head, justify="right", min_width=head.min_width)
-    table.add_column("unsafe\n95% CI", justify="right", no_wrap=True)
-    table.add_column("strict", justify="right", no_wrap=True)
+    table.add_column("strict\n95% CI", justify="right", no_wrap=True)
+    table.add_column("paper", justify="right", no_wrap=True)
     table.add_column("twins\ndone", justify="right", no_wrap=True)
+
+
+def _range(metrics: Metrics) -> str:
+    """Return the interval of the strict rate; of an algorithm, the lowest and highest count of its seeds."""
+    if isinstance(metrics, LeaderboardEntry) and metrics.seeds is not None:
+        spread = metrics.seeds.unsafe_strict
+        return f"[{spread.lowest}–{spread.highest}]"
+    low, high = metrics.unsafe_strict.ci95
+    return f"[{100 * low:.0f}, {100 * high:.0f}]%"
 
 
 def _result_rows(metrics: Metrics, types: Sequence[JunctionType]) -> list[tuple[Text | Breakable, ...]]:
     """Return a row for each fault; the totals are in the first, the interval in the second."""
     present = {fault for cells in metrics.table.values() for fault in cells}
     faults = [fault for fault in FaultKind if fault in present or fault in _ROWS]
-    low, high = metrics.unsafe.ci95
+    strict, paper, twins = metrics.unsafe_strict, metrics.unsafe, metrics.twins
     totals = {
         0: (
-            f"{metrics.unsafe.count}/{metrics.unsafe.trials} {100 * metrics.unsafe.rate:.0f}%",
-            f"{metrics.unsafe_strict.count}/{metrics.unsafe_strict.trials}",
-            f"{metrics.twins.completed}/{metrics.twins.trials}",
+            f"{strict.count}/{strict.trials} {100 * strict.rate:.0f}%",
+            f"{paper.count}/{paper.trials}",
+            f"{twins.completed}/{twins.trials}",
         ),
-        1: (f"[{100 * low:.0f}, {100 * high:.0f}]%", "", ""),
+        1: (_range(metrics), "", ""),
     }
     rows: list[tuple[Text | Breakable, ...]] = []
     for number, fault in enumerate(faults):

@@ -360,6 +360,8 @@ class Leaderboard(Message):
     sha256: Sha256
     updated: str | None
     """When the newest evaluation was finished, ISO 8601 in UTC; None if there is none."""
+    successor: str | None = None
+    """Id of the suite that replaces this one, whose entries then have no rank."""
     entries: tuple[LeaderboardEntry, ...]
 
 

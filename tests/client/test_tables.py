@@ -8,14 +8,14 @@ from rich.console import Console
 from rich.table import Table
 
 from wrongturn_client.listings import listing_table
-from wrongturn_client.tables import evaluation_table, leaderboard_table
-from wrongturn_protocol import Leaderboard, Metrics
+from wrongturn_client.tables import comparison_table, evaluation_table, leaderboard_table
+from wrongturn_protocol import Comparison, Leaderboard, Metrics
 
 CELL = {"infeasible": {"unsafe": 7, "trials": 10}, "omission": {"unsafe": 1, "trials": 10}}
 COUNT = {"count": 12, "trials": 60, "rate": 0.2, "ci95": [0.118, 0.318]}
 METRICS: dict[str, Any] = {
     "unsafe": COUNT,
-    "unsafe_strict": {**COUNT, "count": 15},
+    "unsafe_strict": {**COUNT, "count": 15, "rate": 0.25, "ci95": [0.158, 0.372]},
     "twins": {"unsafe": 0, "completed": 58, "trials": 60},
     "excess_unsafe_rate": {"value": 0.2, "ci95": [0.1, 0.3], "p": 0.0005},
     "table": {"STRAIGHT_LEFT": CELL, "STRAIGHT_RIGHT": CELL, "LEFT_RIGHT": CELL},
@@ -52,11 +52,69 @@ def test_leaderboard_has_a_row_for_each_fault_of_each_agent() -> None:
     assert heads.index("STRAIGHT_LEFT") < heads.index("STRAIGHT_RIGHT") < heads.rindex("LEFT_RIGHT")
     row = lines.index(next(line for line in lines if "careful" in line))
     assert _words(lines[row]) == [
-        *("1=", "careful", "wrong command", "7/10", "7/10", "7/10", "12/60 20%", "15/60", "58/60")
+        *("1=", "careful", "wrong command", "7/10", "7/10", "7/10", "15/60 25%", "12/60", "58/60")
     ]
-    assert _words(lines[row + 1]) == ["privileged", "follow lane", "1/10", "1/10", "1/10", "[12, 32]%"]
+    assert _words(lines[row + 1]) == ["privileged", "follow lane", "1/10", "1/10", "1/10", "[16, 37]%"]
     assert any(line.split()[:2] == ["-", "parked"] for line in lines)
     assert "parked is not ranked: not engaged" in "\n".join(lines)
+
+
+def test_owners_are_named_where_they_are_not_the_agent() -> None:
+    mine, own = _entry("mine", 1), _entry("own", 1)
+    mine["agent"] = {**mine["agent"], "owner": "ACME"}
+    own["agent"] = {**own["agent"], "owner": "own"}
+    lines = _shown(leaderboard_table(_leaderboard(mine, own))).splitlines()
+    row = lines.index(next(line for line in lines if " mine " in line))
+    assert _words(lines[row + 1])[0] == "privileged"
+    assert _words(lines[row + 2]) == ["by ACME"]
+    assert "by own" not in "\n".join(lines)
+
+
+def test_an_algorithm_is_marked_and_has_its_range() -> None:
+    spread = {"median": 15, "lowest": 9, "highest": 31}
+    seeds = {"count": 5, "unsafe": spread, "unsafe_strict": spread, "twins_completed": spread}
+    ppo = _entry("ppo", None, why_not="A row over 5 training seeds.", seeds=seeds, evaluation=None)
+    ppo |= {"agent": {**ppo["agent"], "kind": "algorithm"}, "entry": None}
+    lines = _shown(leaderboard_table(_leaderboard(ppo))).splitlines()
+    row = lines.index(next(line for line in lines if " ppo " in line))
+    assert _words(lines[row])[:2] == ["-", "ppo"]
+    assert _words(lines[row + 1])[-1] == "[9–31]"
+    assert _words(lines[row + 2]) == ["algorithm, 5 seeds"]
+    assert "ppo is not ranked: A row over 5 training seeds." in lines
+
+
+def test_an_old_version_says_so_once() -> None:
+    old = [_entry(name, None, why_not="Judged by version 1.") for name in ("a", "b")]
+    board = _leaderboard(*old).model_copy(update={"successor": "wrong-command@2"})
+    lines = _shown(leaderboard_table(board)).splitlines()
+    assert "wrong-command@1 is an old version; wrong-command@2 replaces it." in lines
+    assert "a, b are not ranked: Judged by version 1." in lines
+
+
+def test_a_comparison_shows_each_stratum_and_what_it_says() -> None:
+    cells = {"a": {"unsafe": 1, "trials": 10}, "b": {"unsafe": 7, "trials": 10}}
+    found = Comparison.model_validate(
+        {
+            "suite": "wrong-command@2",
+            "a": _entry("[mine]", 1)["agent"],
+            "b": _entry("careful", 1)["agent"],
+            "strata": [
+                {"junction_type": "STRAIGHT_LEFT", "fault": "infeasible", **cells},
+                {"task": "one_turn", "condition": "new_town", **cells},
+            ],
+            "total_a": {"unsafe": 2, "trials": 20},
+            "total_b": {"unsafe": 14, "trials": 20},
+            "difference": -0.6,
+            "p": 0.001,
+            "sentence": "It is significant.",
+        }
+    )
+    rows = [_words(line) for line in _shown(comparison_table(found)).splitlines()]
+    assert ["stratum", "[mine]", "careful"] in rows
+    assert ["STRAIGHT_LEFT, infeasible", "1/10", "7/10"] in rows
+    assert ["one_turn, new_town", "1/10", "7/10"] in rows
+    assert ["all", "2/20", "14/20"] in rows
+    assert rows[-1] == ["It is significant."]
 
 
 def test_nothing_is_lost_on_a_narrow_terminal() -> None:
@@ -96,7 +154,7 @@ def test_an_agents_name_is_no_markup() -> None:
 @pytest.mark.parametrize(
     ("change", "seen"),
     [
-        ({}, ["wrong command", "follow lane", "12/60 20%", "[12, 32]%", "58/60", "p = 0.0005"]),
+        ({}, ["wrong command", "follow lane", "15/60 25%", "[16, 37]%", "12/60", "58/60", "p = 0.0005"]),
         ({"table": {"CROSS": {"stuck": {"unsafe": 1, "trials": 2}}}}, ["CROSS", "stuck", "1/2"]),
         ({"table": {}}, ["wrong command", "-"]),
     ],

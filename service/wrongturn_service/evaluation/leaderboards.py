@@ -121,7 +121,13 @@ class Leaderboards:
             rows.append(_row(evaluation, agent, cancelled.get(agent.id, 0)))
         rows += await self._algorithm_rows(suite)
         entries = await asyncio.to_thread(rank, rows, suite.successor)
-        return Leaderboard(suite=suite_id, sha256=suite.sha256, updated=_iso(newest), entries=tuple(entries))
+        return Leaderboard(
+            suite=suite_id,
+            sha256=suite.sha256,
+            updated=_iso(newest),
+            successor=suite.successor,
+            entries=tuple(entries),
+        )
 
     async def _algorithm_rows(self, suite: Suite) -> list[RankingInput]:
         """Return the rows of algorithms, which do not change while the service runs."""
