@@ -1,6 +1,6 @@
 """How long `careful` takes for a suite over HTTP on this machine, and where the time goes.
 
-    .venv/bin/python benchmarks/careful_http.py [--suite wrong-command@1] [--url URL] [--json FILE]
+    .venv/bin/python benchmarks/careful_http.py [--suite wrong-command@2] [--url URL] [--json FILE]
 
 Starts a service of its own with a fresh SQLite database, unless --url names one. Prints the wall time split into the
 agent's own thinking, the calls that step, the calls that reset, and the rest; then the same trials in process, so that
@@ -71,6 +71,7 @@ def over_http(url: str, suite: str) -> dict[str, Any]:
     split = {"agent": acting, "step calls": stepping, "reset calls": resetting}
     return {
         "suite": suite,
+        "secret": evaluation.secret,
         "episodes": evaluation.trials,
         "wall_s": wall,
         "unsafe": evaluation.metrics.unsafe.count,
@@ -80,11 +81,11 @@ def over_http(url: str, suite: str) -> dict[str, Any]:
     }
 
 
-def in_process(suite: str) -> dict[str, float]:
+def in_process(suite: str, secret: str | None) -> dict[str, float]:
     acting, stepping, resetting = Stopwatch(), Stopwatch(), Stopwatch()
     agent = Careful()
     begin = time.perf_counter()
-    for trial in load_suite(suite).episodes:
+    for trial in load_suite(suite).draw(secret or suite).episodes:
         agent.reset(observation_space(Track.PRIVILEGED))
         episode = Episode(trial, Track.PRIVILEGED)
         observation = resetting.on(episode.reset)()
@@ -117,7 +118,7 @@ def show(http: dict[str, Any], inside: dict[str, float]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--suite", default="wrong-command@1")
+    parser.add_argument("--suite", default="wrong-command@2")
     parser.add_argument("--url", help="of a service that runs already")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures")
     options = parser.parse_args()
@@ -128,7 +129,7 @@ def main() -> None:
             database = f"sqlite+aiosqlite:///{folder}/wrongturn.db"
             url = stack.enter_context(LocalService(database=database)).url
         http = over_http(url, options.suite)
-    inside = in_process(options.suite)
+    inside = in_process(options.suite, http["secret"])
     show(http, inside)
     if options.json is not None:
         options.json.write_text(json.dumps({"over_http": http, "in_process": inside}, indent=2) + "\n")

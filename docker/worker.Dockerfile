@@ -27,7 +27,7 @@ RUN useradd --system --uid 10001 --home-dir /var/lib/wrongturn --shell /usr/sbin
     && install -d -o wrongturn -g wrongturn -m 0750 /var/lib/wrongturn
 COPY docker/entrypoint.sh /usr/local/bin/wrongturn-entrypoint
 ENV WRONGTURN_HOME=/var/lib/wrongturn \
-    WRONGTURN_SUITE=wrong-command@1
+    WRONGTURN_SUITE=wrong-command@2
 USER wrongturn
 WORKDIR /var/lib/wrongturn
 VOLUME /var/lib/wrongturn

@@ -72,7 +72,7 @@ def run(
 ) -> None:
     """Drive an agent through a suite and print its results in the layout of the paper, or of CoRL 2017 for journeys.
 
-    Example: wrongturn run careful --suite smoke@1
+    Example: wrongturn run careful --suite smoke@2
 
     WRONGTURN_TOKEN: the token of your agent, if you have registered it already.
 

@@ -63,7 +63,7 @@ class Client(EpisodeCalls):
         >>> with Client("http://127.0.0.1:8000") as client:  # doctest: +SKIP
         ...     agent = client.register("my agent", Track.PRIVILEGED)
         >>> with Client("http://127.0.0.1:8000", agent.token) as client:  # doctest: +SKIP
-        ...     evaluation = client.evaluate(my_policy, "wrong-command@1")
+        ...     evaluation = client.evaluate(my_policy, "wrong-command@2")
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class Client(EpisodeCalls):
         return self._get(SuiteList, "suites").suites
 
     def suite(self, suite: str) -> SuiteSummary:
-        """Return a suite by its id, such as ``wrong-command@1``."""
+        """Return a suite by its id, such as ``wrong-command@2``."""
         return self._get(SuiteSummary, "suites", suite)
 
     def trials(self, suite: str) -> tuple[TrialDetail, ...]:

@@ -32,7 +32,7 @@ class SuiteSummary(Message):
     """One suite as ``GET /v1/suites`` lists it."""
 
     id: str
-    """Name and version, such as ``wrong-command@1``."""
+    """Name and version, such as ``wrong-command@2``."""
     title: str
     version: int
     sha256: Sha256

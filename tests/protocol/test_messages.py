@@ -88,7 +88,7 @@ def test_a_route_takes_an_exit_that_exists(trial: Trial, route: Command) -> None
     "values",
     [
         {},
-        {"suite": "smoke@1"},
+        {"suite": "smoke@2"},
         {"trial": "t"},
         {"town": "Town01"},
         {"approach": "J1-S"},

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from wrongturn_networks import load_suite, load_town
+from wrongturn_networks import UnknownTrialError, load_suite, load_town
 from wrongturn_protocol import Command
 from wrongturn_sim import EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.faults import FaultNotApplicableError
@@ -50,12 +50,17 @@ def test_an_approach_a_trial_and_a_suite():
     approach = min(load_town("Town01").approaches)
     env = gymnasium.make(ID, town="Town01", approach=approach)
     assert all(f"Town01.{approach}." in env.reset(seed=k)[1]["trial"] for k in range(3))
-    suite = load_suite("smoke@1")
-    trial = suite.trials[0]
+    suite = load_suite("smoke@2")
+    trial, twin = suite.trials[0], suite.open_draw.twins[0]
     env = gymnasium.make(ID, suite=suite.id, track="privileged")
     assert env.reset(seed=1)[1]["trial"] in {episode.id for episode in suite.episodes}
     assert env.reset(options={"trial": trial.id})[1]["trial"] == trial.id
-    assert env.reset(options={"trial": trial.twin()})[1]["trial"] == trial.twin().id
+    assert env.reset(options={"trial": twin.id})[1]["trial"] == twin.id
+    # Trials of another draw are handed in whole.
+    other = suite.draw("a secret").trials[0]
+    assert env.reset(options={"trial": other})[1]["trial"] == other.id
+    with pytest.raises(UnknownTrialError):
+        env.reset(options={"trial": other.id})
     env = gymnasium.make(ID, suite=suite.id, trial=trial.id)
     assert {env.reset()[1]["trial"] for _ in range(3)} == {trial.id}
 
@@ -90,7 +95,7 @@ def test_bad_actions_and_steps_out_of_turn():
         ({}, ValueError, "town"),
         ({"town": "Nowhere"}, Exception, "Town01"),
         ({"town": "Town01", "approach": "J99-S"}, Exception, "J99-S"),
-        ({"town": "Town01", "suite": "smoke@1"}, ValueError, "suite"),
+        ({"town": "Town01", "suite": "smoke@2"}, ValueError, "suite"),
         ({"town": "Town01", "trial": "Town01.J1-S.none.s1"}, ValueError, "suite"),
         ({"town": "Town01", "fault": "gremlins"}, ValueError, "gremlins"),
         ({"town": "Town01", "track": "radar"}, ValueError, "radar"),

@@ -277,7 +277,7 @@ def _lengths(town, edges):
     ("arguments", "named"),
     [
         ({"task": "cruise"}, "town"),
-        ({"task": "cruise", "suite": "smoke@1"}, "task"),
+        ({"task": "cruise", "suite": "smoke@2"}, "task"),
         ({"town": "Town02", "task": "racing"}, "racing"),
         ({"town": "Town02", "journeys": {"time_limit": 5.0}}, "journeys"),
         ({"town": "Town02", "task": "cruise", "journeys": {"colour": "red"}}, "colour"),

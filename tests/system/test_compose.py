@@ -59,7 +59,7 @@ class Service:
             **os.environ,
             "WRONGTURN_PORT": str(self.port),
             "WRONGTURN_SECRETS": str(secrets),
-            "WRONGTURN_SUITE": "smoke@1",
+            "WRONGTURN_SUITE": "smoke@2",
         }
         project = f"wrongturntest{uuid.uuid4().hex[:8]}"
         self.command = [*compose_program(), "-p", project, "-f", str(ROOT / "docker" / "compose.yaml")]
@@ -157,13 +157,13 @@ def test_the_database_wants_its_password(service: Service) -> None:
 
 def test_it_lists_suites_and_towns(service: Service) -> None:
     suites = json.loads(service.call("GET", "/v1/suites").body)
-    assert {"wrong-command@1", "smoke@1"} <= set(ids_in(suites))
+    assert {"wrong-command@2", "smoke@2"} <= set(ids_in(suites))
     assert service.call("GET", "/v1/towns/Town01").status == 200
 
 
 def test_it_drives_a_practice_episode(service: Service) -> None:
     token = register(service, "driver")["token"]
-    practice = {"suite": "smoke@1", "trial": first_trial(service), "track": "privileged"}
+    practice = {"suite": "smoke@2", "trial": first_trial(service), "track": "privileged"}
     reset = service.call("POST", "/v1/episodes", practice, token)
     assert reset.status == 201, reset.body
     action = {"seq": 1, "action": {"steer": 0, "throttle": 0, "brake": 1}}
@@ -181,14 +181,14 @@ def test_only_the_operators_token_registers_a_baseline(service: Service) -> None
 
 
 def entries(service: Service) -> list[dict[str, Any]]:
-    board = service.call("GET", "/v1/leaderboards/smoke@1")
+    board = service.call("GET", "/v1/leaderboards/smoke@2")
     assert board.status == 200, board.body
     return json.loads(board.body)["entries"]
 
 
 def test_agents_from_outside_and_as_workers_come_on_the_leaderboard(service: Service) -> None:
     url = f"http://127.0.0.1:{service.port}"
-    program = [sys.executable, "-m", "wrongturn_client", "run", "always-stops", "--url", url, "--suite", "smoke@1"]
+    program = [sys.executable, "-m", "wrongturn_client", "run", "always-stops", "--url", url, "--suite", "smoke@2"]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_")}
     done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
@@ -197,14 +197,14 @@ def test_agents_from_outside_and_as_workers_come_on_the_leaderboard(service: Ser
     assert found == {"always-stops": "submitted", "careful": "baseline"}
     # As README shows it; the suite of a run elsewhere is named.
     shown = service.compose("exec", "-T", "service", "wrongturn", "leaderboard")
-    assert "wrongturn leaderboard smoke@1" in shown
-    assert "careful" in service.compose("exec", "-T", "service", "wrongturn", "leaderboard", "smoke@1")
+    assert "wrongturn leaderboard smoke@2" in shown
+    assert "careful" in service.compose("exec", "-T", "service", "wrongturn", "leaderboard", "smoke@2")
 
 
 def test_no_container_compiles_what_the_image_brings_along(service: Service) -> None:
     """After the drives above, and one that looks through the camera; a processor may need other code off x86-64."""
     token = register(service, "looks")["token"]
-    practice = {"suite": "smoke@1", "trial": first_trial(service), "track": "camera"}
+    practice = {"suite": "smoke@2", "trial": first_trial(service), "track": "camera"}
     assert service.call("POST", "/v1/episodes", practice, token).status == 201
     compare = 'diff -r "$WRONGTURN_KERNELS" "$WRONGTURN_HOME"/numba-*'
     assert service.compose("exec", "-T", "service", "sh", "-c", compare) == ""
@@ -212,7 +212,7 @@ def test_no_container_compiles_what_the_image_brings_along(service: Service) -> 
 
 def test_what_was_written_is_there_after_down_and_up(service: Service) -> None:
     agent = register(service, "stays")
-    created = service.call("POST", "/v1/evaluations", {"suite": "smoke@1"}, agent["token"])
+    created = service.call("POST", "/v1/evaluations", {"suite": "smoke@2"}, agent["token"])
     assert created.status == 201, created.body
     evaluation = json.loads(created.body)
     before = entries(service)
@@ -221,7 +221,7 @@ def test_what_was_written_is_there_after_down_and_up(service: Service) -> None:
     service.up()
     found = service.call("GET", f"/v1/evaluations/{evaluation['id']}", token=agent["token"])
     assert found.status == 200, found.body
-    assert json.loads(found.body)["suite"] == "smoke@1"
+    assert json.loads(found.body)["suite"] == "smoke@2"
     taken = service.call("POST", "/v1/agents", {"name": "stays", "track": "privileged"})
     assert taken.status == 409, taken.body
     assert entries(service) == before
@@ -241,7 +241,7 @@ def test_a_backup_as_documented(service: Service) -> None:
     names = {agent["name"] for agent in json.loads(service.call("GET", "/v1/agents").body)["agents"]}
     assert "kept" in names
     assert "gone" not in names
-    assert service.call("POST", "/v1/evaluations", {"suite": "smoke@1"}, kept["token"]).status == 201
+    assert service.call("POST", "/v1/evaluations", {"suite": "smoke@2"}, kept["token"]).status == 201
 
 
 def register(service: Service, name: str) -> dict[str, str]:
@@ -257,4 +257,4 @@ def ids_in(listing: object) -> list[str]:
 
 
 def first_trial(service: Service) -> str:
-    return ids_in(json.loads(service.call("GET", "/v1/suites/smoke@1/trials").body))[0]
+    return ids_in(json.loads(service.call("GET", "/v1/suites/smoke@2/trials").body))[0]

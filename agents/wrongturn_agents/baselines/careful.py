@@ -10,7 +10,7 @@ from wrongturn_protocol import Command
 class Careful(RuleDriver):
     """Obeys if the commanded exit exists. Stops before the junction if it does not, or if the command names no exit.
 
-    The command arrives 15 m before the stop line. Until then the car is slow enough to stop.
+    The command arrives 10 to 20 m before the stop line. Until then the car is slow enough to stop.
     """
 
     name: ClassVar[str] = "careful"

@@ -19,7 +19,7 @@ async def suites() -> Response:
 
 @router.get("/{suite}", **described(SuiteSummary, 404))
 async def suite(suite: str) -> Response:
-    """Show one suite, such as ``wrong-command@1``."""
+    """Show one suite, such as ``wrong-command@2``."""
     return reply(catalogue.suite(suite).summary())
 
 
