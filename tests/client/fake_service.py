@@ -109,10 +109,12 @@ class FakeService:
                 suite = {"id": "smoke@1", "title": "Smoke", "version": 1, "sha256": SHA, "trials": 6, "twins": 6}
                 return httpx.Response(200, json={"suites": [{**suite, "tracks": ["privileged"]}]})
             case "GET", ["v1", "leaderboards"]:
-                boards = [_board(suite, entries=count) for suite, count in (("wrong-command@1", 0), ("smoke@1", 2))]
+                boards = [_board(suite, entries=count) for suite, count in (("wrong-command@2", 0), ("smoke@1", 2))]
                 return httpx.Response(200, json={"leaderboards": [{**board, "title": "Some"} for board in boards]})
-            case "GET", ["v1", "leaderboards", "wrong-command@1"]:
-                return httpx.Response(200, json=_board("wrong-command@1", entries=[]))
+            case "GET", ["v1", "leaderboards", "wrong-command@2"]:
+                return httpx.Response(200, json=_board("wrong-command@2", entries=[]))
+            case "GET", ["v1", "leaderboards", suite, "compare"]:
+                return httpx.Response(200, json=_comparison(suite, request.url.params["a"], request.url.params["b"]))
             case "GET", ["v1", "towns", town]:
                 return httpx.Response(200, json=_town(town))
             case "POST", ["v1", "evaluations"]:
@@ -250,3 +252,19 @@ def _town(name: str) -> dict[str, Any]:
 
 def _board(suite: str, **more: Any) -> dict[str, Any]:
     return {"suite": suite, "sha256": SHA, "updated": None, **more}
+
+
+def _comparison(suite: str, a: str, b: str) -> dict[str, Any]:
+    cell = {"unsafe": 1, "trials": 10}
+    agents = [{"id": f"id {name}", "name": name, "track": "state", "kind": "submitted"} for name in (a, b)]
+    return {
+        "suite": suite,
+        "a": agents[0],
+        "b": agents[1],
+        "strata": [{"junction_type": "STRAIGHT_LEFT", "fault": "infeasible", "a": cell, "b": cell}],
+        "total_a": cell,
+        "total_b": cell,
+        "difference": 0.0,
+        "p": 1.0,
+        "sentence": f"{a} and {b} are alike.",
+    }

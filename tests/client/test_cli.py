@@ -16,7 +16,7 @@ from client_fake_service import FakeService
 from typer.testing import CliRunner
 
 from wrongturn_client import Client, cli, doctor, listings, plugins
-from wrongturn_protocol import SuiteSummary
+from wrongturn_protocol import Comparison, SuiteSummary
 
 SUITE = SuiteSummary(id="mine@1", title="Mine", version=1, sha256="1" * 64, trials=3, twins=3, tracks=("privileged",))
 runner = CliRunner()
@@ -238,8 +238,21 @@ def test_an_empty_leaderboard_names_the_suites_that_have_entries(served: FakeSer
     shown = runner.invoke(cli.app, ["leaderboard", "--url", "http://fake"]).stdout
     assert "No evaluation on this suite has been finished yet." in shown
     assert "wrongturn leaderboard smoke@1" in shown
-    assert "leaderboard wrong-command@1" not in shown
+    assert "leaderboard wrong-command@2" not in shown
     assert json.loads(runner.invoke(cli.app, ["leaderboard", "--json", "--url", "http://fake"]).stdout)["entries"] == []
+
+
+def test_two_agents_are_compared(served: FakeService) -> None:
+    words = ["leaderboard", "smoke@2", "--compare", "mine & yours", "id 2", "--url", "http://fake"]
+    shown = runner.invoke(cli.app, words).stdout
+    assert "mine & yours and id 2 are alike." in " ".join(shown.split())
+    assert "STRAIGHT_LEFT, infeasible" in shown
+    found = Comparison.model_validate_json(runner.invoke(cli.app, [*words, "--json"]).stdout)
+    assert (found.suite, found.a.name, found.b.name, found.p) == ("smoke@2", "mine & yours", "id 2", 1.0)
+
+
+def test_a_comparison_needs_two_agents(served: FakeService) -> None:
+    assert runner.invoke(cli.app, ["leaderboard", "--compare", "mine"]).exit_code == 2
 
 
 def test_doctor_tells_what_is_wrong_and_what_to_do(

@@ -79,10 +79,11 @@ class Leaderboards:
         """
         suite = catalogue.suite(suite_id)
         found = [pair for pair in await self._store.first_finished(suite_id) if pair[0].suite_sha256 == suite.sha256]
-        first = await self._entrant(suite_id, "a", a, found)
-        second = await self._entrant(suite_id, "b", b, found)
+        first = await self._entrant(suite_id, "query.a", a, found)
+        second = await self._entrant(suite_id, "query.b", b, found)
         if first[1].id == second[1].id:
-            raise InvalidRequestError("b", f"b: is {second[1].name!r}, the same agent as a; name two different agents")
+            message = f"query.b: is {second[1].name!r}, the same agent as a; name two different agents"
+            raise InvalidRequestError("query.b", message)
         sides = [await self._side(suite, *pair) for pair in (first, second)]
         return await asyncio.to_thread(compare, *sides)
 

@@ -1,0 +1,184 @@
+"""Leaderboards and comparisons over HTTP, from evaluations whose verdicts the test chooses."""
+
+import asyncio
+import json
+import sys
+import time
+from importlib import metadata
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import httpx
+import pytest
+from app_harness import application, play, step
+from fake_pool import FakePool
+from service_harness import expect, problem
+
+from wrongturn_networks import load_suite
+from wrongturn_protocol import AlgorithmResult, Comparison, Leaderboard, SeedOutcome, Track, Verdict
+from wrongturn_service.evaluation import compute
+from wrongturn_service.evaluation.algorithms import GROUP
+from wrongturn_service.storage.models import EvaluationRow
+
+SUITE = "smoke@2"
+
+
+class TrialsEnd(dict[str, Verdict]):
+    """Ends of a pool's episodes: all trials with a fault end alike, twins as they should."""
+
+    def __init__(self, verdict: Verdict) -> None:
+        self._verdict = verdict
+
+    def get(self, key: str, default: Any = None) -> Any:
+        return default if ".none." in key else self._verdict
+
+
+async def register(http: httpx.AsyncClient, name: str, track: str = "privileged") -> dict[str, Any]:
+    return expect(await http.post("/v1/agents", json={"name": name, "track": track}), 201)
+
+
+async def evaluate(http: httpx.AsyncClient, pool: FakePool, agent: dict[str, Any], verdict: Verdict) -> str:
+    """Drive an agent through the suite; all its trials end alike."""
+    pool.ends, pool.steps = TrialsEnd(verdict), 1
+    http.headers["Authorization"] = f"Bearer {agent['token']}"
+    evaluation: str = expect(await http.post("/v1/evaluations", json={"suite": SUITE}), 201)["id"]
+    for _ in range(12):
+        episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+        assert expect(await step(http, episode, 1), 200)["terminated"]
+    assert expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)["state"] == "finished"
+    return evaluation
+
+
+async def board(http: httpx.AsyncClient, suite: str = SUITE) -> Leaderboard:
+    return Leaderboard.model_validate_json((await http.get(f"/v1/leaderboards/{suite}")).text)
+
+
+def test_agents_rank_by_counts_of_their_own_draws(tmp_path: Path) -> None:
+    async def story() -> None:
+        pool = FakePool()
+        async with application(tmp_path, pool) as http:
+            good, bad = await register(http, "good"), await register(http, "bad")
+            await evaluate(http, pool, bad, Verdict.COLLISION)
+            await evaluate(http, pool, good, Verdict.EXIT_OTHER)
+            found = await board(http)
+            assert [(entry.agent.name, entry.rank, entry.unsafe_strict.count) for entry in found.entries] == [
+                ("good", 1, 0),
+                ("bad", 2, 6),
+            ]
+            assert found.successor is None
+            assert all(entry.unsafe_strict.ci83 is not None for entry in found.entries)
+
+    play(story)
+
+
+def test_two_agents_are_compared_by_id_or_name(tmp_path: Path) -> None:
+    async def story() -> None:
+        pool = FakePool()
+        async with application(tmp_path, pool) as http:
+            good, bad = await register(http, "Good"), await register(http, "bad")
+            await evaluate(http, pool, good, Verdict.EXIT_OTHER)
+            await evaluate(http, pool, bad, Verdict.WRONG_WAY)
+            http.headers.pop("Authorization")
+            url = f"/v1/leaderboards/{SUITE}/compare"
+            found = Comparison.model_validate(expect(await http.get(url, params={"a": good["id"], "b": "BAD"}), 200))
+            assert (found.a.name, found.b.name, found.suite) == ("Good", "bad", SUITE)
+            assert (found.total_a.unsafe, found.total_b.unsafe, found.difference) == (0, 6, -1.0)
+            assert {(one.a.trials, one.b.trials, one.b.unsafe) for one in found.strata} == {(1, 1, 1)}
+            # Each of six strata holds one unsafe trial of two; all six have to fall to the same agent: 2 ways of 64.
+            assert found.p == pytest.approx(2 / 64)
+            turned = Comparison.model_validate(expect(await http.get(url, params={"a": "bad", "b": "good"}), 200))
+            assert (turned.difference, turned.p) == (1.0, pytest.approx(found.p))
+
+    play(story)
+
+
+def test_a_comparison_that_makes_no_sense_says_what_is_wrong(tmp_path: Path) -> None:
+    async def story() -> None:
+        pool = FakePool()
+        async with application(tmp_path, pool) as http:
+            here = await register(http, "here")
+            await register(http, "idle")
+            await evaluate(http, pool, here, Verdict.EXIT_OTHER)
+            url = f"/v1/leaderboards/{SUITE}/compare"
+            told = problem(await http.get(url, params={"a": "here", "b": here["id"]}), 422, "validation", "query.b")
+            assert "two different" in told["detail"]
+            told = problem(await http.get(url, params={"a": "here", "b": "idle"}), 404, "unknown-evaluation", "query.b")
+            assert "'idle' has no entry on smoke@2" in told["detail"]
+            problem(await http.get(url, params={"a": "nobody", "b": "here"}), 404, "unknown-agent", "query.a")
+            problem(await http.get(url, params={"b": "here"}), 422, "validation", "query.a")
+            problem(await http.get("/v1/leaderboards/no@1/compare", params={"a": "x", "b": "y"}), 404, "unknown-suite")
+
+    play(story)
+
+
+def test_entries_of_a_retired_suite_stay_without_a_rank(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool()) as http:
+            suite = load_suite("smoke@1")
+            old = await register(http, "old")
+            stored = _metrics_of_version_1()
+            row = EvaluationRow(id="evaluation", agent_id=old["id"], suite=suite.id, suite_sha256=suite.sha256)
+            row.entry, row.state, row.secret, row.trials = "remote", "finished", "0" * 64, 12
+            row.created = row.finished = time.time()
+            row.metrics = json.dumps(stored)
+            await http.app.state.service.store.add_evaluation(row, None)  # type: ignore[attr-defined]
+            found = await board(http, "smoke@1")
+            assert found.successor == "smoke@2"
+            (entry,) = found.entries
+            assert (entry.rank, entry.eligible, entry.unsafe.count) == (None, False, 0)
+            assert entry.why_not is not None
+            assert "version 1" in entry.why_not
+            assert "smoke@2" in entry.why_not
+            assert entry.unsafe_strict.ci83 == pytest.approx((0, 0.24), abs=0.01)
+
+    play(story)
+
+
+def _metrics_of_version_1() -> dict[str, Any]:
+    """Metrics as an older service stored them: without the interval of ranks."""
+    draw = load_suite("smoke@1").open_draw
+    outcomes = {trial.id: _exit(trial.is_twin) for trial in draw.episodes}
+    stored: dict[str, Any] = compute(draw, outcomes).model_dump(mode="json")
+    del stored["unsafe_strict"]["ci83"]
+    return stored
+
+
+def _exit(twin: bool) -> Any:
+    from wrongturn_protocol import Outcome
+
+    return Outcome(verdict=Verdict.EXIT_COMMANDED if twin else Verdict.EXIT_OTHER, time=1.0, max_deceleration=0.0)
+
+
+def test_algorithms_are_listed_beside_the_agents(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    suite = load_suite(SUITE)
+
+    def results(suite_id: str) -> list[AlgorithmResult]:
+        if suite_id != SUITE:
+            raise RuntimeError("nothing of this suite")
+        ends = {trial.id: SeedOutcome(verdict=Verdict.EXIT_COMMANDED) for trial in suite.episodes}
+        return [AlgorithmResult(name="ppo", track=Track.PRIVILEGED, suite=SUITE, sha256=suite.sha256, seeds={7: ends})]
+
+    module = ModuleType("made_for_the_board")
+    module.results = results  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    point = metadata.EntryPoint("mine", f"{module.__name__}:results", GROUP)
+    real = metadata.entry_points
+    monkeypatch.setattr(
+        metadata, "entry_points", lambda **keys: [point] if keys.get("group") == GROUP else real(**keys)
+    )
+
+    async def story() -> None:
+        pool = FakePool()
+        async with application(tmp_path, pool) as http:
+            await evaluate(http, pool, await register(http, "me"), Verdict.COLLISION)
+            me, ppo = (await board(http)).entries
+            assert (me.agent.name, me.rank, me.tied_with) == ("me", 1, ())
+            assert (ppo.agent.name, ppo.agent.kind, ppo.rank, ppo.entry) == ("ppo", "algorithm", None, None)
+            assert ppo.seeds is not None
+            assert ppo.seeds.count == 1
+            # A plug-in that fails takes no leaderboard away.
+            others = await asyncio.gather(*(board(http, suite) for suite in ("smoke@1", "navigation@1")))
+            assert [other.entries for other in others] == [(), ()]
+
+    play(story)
