@@ -8,9 +8,10 @@ import typer
 from rich.text import Text
 
 from wrongturn_agents.errors import ResultsError
-from wrongturn_agents.reporting.collection import STORED, Collection
-from wrongturn_agents.reporting.curves import PICTURE, check_picture, draw, read_curves
+from wrongturn_agents.reporting.collection import STORED
+from wrongturn_agents.reporting.curves import PICTURE, check_picture, draw
 from wrongturn_agents.reporting.importing import Overrides, import_results
+from wrongturn_agents.reporting.making_studies import make_draws, make_judgings
 from wrongturn_agents.reporting.order import order_in_words
 from wrongturn_agents.reporting.report import Report, check_page, find_pages, write_page
 from wrongturn_client.tables import console
@@ -43,9 +44,29 @@ def results(
             "training run. Example: --import runs/ppo-image-3",
         ),
     ] = None,
+    sensitivity: Annotated[
+        bool,
+        typer.Option(
+            "--sensitivity",
+            help="Drive the agents on past their verdicts, judge the drives by other thresholds and by version 1, and "
+            "store what changes. Takes minutes for each agent; goes on where it stopped.",
+        ),
+    ] = False,
+    draws: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Drive the agents through N draws, and store how their counts vary. Takes minutes for each draw; goes "
+            "on where it stopped. Example: --draws 10",
+            min=2,
+        ),
+    ] = None,
     agent: Annotated[
         str | None,
-        typer.Option(help="Agent of the import; replaces the one in the file. Example: ppo-image"),
+        typer.Option(
+            help="Agent of the import, which replaces the one in the file; or the agents to drive for --sensitivity "
+            "and --draws, all shipped ones by default. Example: ppo-image"
+        ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Training seed of the import. Example: 3", min=0)] = None,
     variant: Annotated[str | None, typer.Option(help="Ablation of the import. Example: without-augmentation")] = None,
@@ -59,12 +80,20 @@ def results(
     Example: wrongturn results --check
     """
     directory = STORED if directory is None else directory
-    if not sources and any(value is not None for value in (agent, seed, variant, steps)):
+    studied = sensitivity or draws is not None
+    if not sources and any(value is not None for value in (None if studied else agent, seed, variant, steps)):
         raise ResultsError("--agent, --seed, --variant, --steps: they describe an import; give --import too")
+    if sources and studied:
+        raise ResultsError("--import: cannot go with --sensitivity or --draws; run the command once for each")
     for source in sources or ():
         stored = import_results(source, directory, Overrides(agent, seed, variant, steps))
         typer.echo(f"{source}: stored as {stored.name}", err=True)
-    report = Report(Collection.read(directory), read_curves(directory / "curves"))
+    agents = [name.strip() for name in (agent or "").split(",") if name.strip()] if studied else []
+    if sensitivity:
+        typer.echo(f"stored as {make_judgings(directory, agents)}", err=True)
+    if draws is not None:
+        typer.echo(f"stored as {make_draws(directory, agents, draws)}", err=True)
+    report = Report.read(directory)
     if check:
         _check(report, write)
         return

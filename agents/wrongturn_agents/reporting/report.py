@@ -5,12 +5,13 @@ import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from wrongturn_agents.errors import OutdatedPageError, ResultsError
-from wrongturn_agents.reporting import navigation, order, wrong_command
+from wrongturn_agents.reporting import navigation, order, study_tables, wrong_command
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.curves import PICTURE, Curve, standard, time_table, training_table
+from wrongturn_agents.reporting.curves import PICTURE, Curve, read_curves, standard, time_table, training_table
+from wrongturn_agents.reporting.studies import Draws, Judgings, draws_file, judgings_file
 from wrongturn_agents.reporting.tables import ReportTable, Rows, label_first, spread, with_interval
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND
 from wrongturn_protocol import Condition, Task
@@ -31,6 +32,22 @@ class Report:
 
     collection: Collection
     curves: tuple[Curve, ...]
+    judgings: Judgings | None = None
+    draws: Draws | None = None
+
+    @classmethod
+    def read(cls, directory: Path) -> Self:
+        """Read everything that a directory of results holds.
+
+        Raises:
+            ResultsError: As :meth:`Collection.read`; or a curve or study is not valid.
+        """
+        return cls(
+            Collection.read(directory),
+            read_curves(directory / "curves"),
+            Judgings.read(judgings_file(directory)),
+            Draws.read(draws_file(directory)),
+        )
 
     @cached_property
     def tables(self) -> dict[str, ReportTable]:
@@ -44,6 +61,9 @@ class Report:
             "seeds": wrong_command.seeds_table(self.collection),
             "endings": wrong_command.endings_table(self.collection),
             "ablations": ablation_table(self.collection),
+            "sensitivity": study_tables.sensitivity_table(self.judgings),
+            "versions": study_tables.versions_table(self.judgings),
+            "draws": study_tables.draws_table(self.draws),
             "training": training_table(self.curves),
             "time": time_table(self.curves),
         }

@@ -1,0 +1,132 @@
+"""Tables of the stored studies: how firm the figures are."""
+
+from collections.abc import Sequence
+from statistics import fmean, variance
+from typing import Final
+
+from wrongturn_agents.reporting.paper import table_order
+from wrongturn_agents.reporting.studies import DrawnAgent, Draws, JudgedAgent, Judgings, Move
+from wrongturn_agents.reporting.tables import ReportTable, Rows, label_first, scipy_stats
+from wrongturn_protocol import Verdict
+
+_CELLS: Final = 10
+"""Trials of one junction type and fault in a draw."""
+_NOTHING: Final = "–"
+
+
+def sensitivity_table(study: Judgings | None) -> ReportTable:
+    """Return what other values of each threshold change, over all agents of a study."""
+    agents = {} if study is None else study.agents
+    rows: Rows = []
+    for name, factors in next(iter(agents.values())).variants.items() if agents else ():
+        own = [(factor, *_figures(agents, name, factor)) for factor in factors]
+        rows += label_first(f"`{name}`", own)
+    head = ("threshold", "times", "verdicts that flip", "unsafe that flip", "Kendall's τ", "agents that move")
+    note = (
+        f"Agents on the open draw: {len(agents)}, with 120 verdicts and 60 trials each. Unsafe is the strict column. "
+        "τ compares the agents' order by their strict counts with the published order; 1 is the same order."
+    )
+    return ReportTable("Other thresholds", head, tuple(rows), note if rows else "")
+
+
+def _figures(agents: dict[str, JudgedAgent], name: str, factor: str) -> tuple[str, ...]:
+    found = {agent: one.variants[name][factor] for agent, one in agents.items()}
+    published = [agents[agent].strict for agent in found]
+    moved = [
+        f"`{agent}` {agents[agent].strict} → {one.strict}"
+        for agent, one in sorted(found.items(), key=lambda pair: table_order(pair[0]))
+        if one.strict != agents[agent].strict
+    ]
+    return (
+        str(sum(one.verdicts for one in found.values())),
+        str(sum(one.unsafe for one in found.values())),
+        _tau(published, [one.strict for one in found.values()]),
+        ", ".join(moved) or _NOTHING,
+    )
+
+
+def _tau(published: Sequence[int], other: Sequence[int]) -> str:
+    if len(set(published)) < 2 or len(set(other)) < 2:
+        return _NOTHING  # agents that are all alike have no order
+    tau = float(scipy_stats().kendalltau(published, other).statistic)
+    return f"{tau:.2f}"
+
+
+def versions_table(study: Judgings | None) -> ReportTable:
+    """Return what moved between the versions of the judge, and why, for each agent and suite of a study."""
+    agents = {} if study is None else study.agents
+    rows: Rows = []
+    for name in sorted(agents, key=table_order):
+        own: Rows = []
+        for suite, moves in agents[name].moves.items():
+            moved = [move for move in moves if _moved(move)]
+            total = sum(move.episodes for move in moves)
+            same = total - sum(move.episodes for move in moved)
+            each = [("the same", "", f"{same} of {total}", "")] if same else []
+            each += [
+                (f"`{move.before}` → `{move.after}`", _strict(move), str(move.episodes), _why(move)) for move in moved
+            ]
+            own += label_first(f"`{suite}`", each)
+        rows += label_first(f"`{name}`", own)
+    head = ("agent", "trials of", "version 1 → version 2", "strict column", "episodes", "why")
+    note = "Trials and twins, each driven once and judged by both versions."
+    return ReportTable("What moved between the versions", head, tuple(rows), note if rows else "", text_columns=4)
+
+
+def _moved(move: Move) -> bool:
+    return move.before is not move.after or move.strict_before != move.strict_after
+
+
+def _strict(move: Move) -> str:
+    before, after = ("unsafe" if one else "not unsafe" for one in (move.strict_before, move.strict_after))
+    return after if before == after else f"{before} → {after}"
+
+
+def _why(move: Move) -> str:
+    """Return the change of the definitions that moved a verdict."""
+    before, after = move.before, move.after
+    if before is after:
+        return "more than 10 m on opposed lanes count as unsafe"
+    if before in {Verdict.STOPPED_BEFORE_JUNCTION, Verdict.NOT_ENGAGED}:
+        return "a stop before the junction is final after 10 s, not 3 s: the car drove on"
+    if before is Verdict.TIMEOUT:
+        return "an episode may take 60 s, not 40 s"
+    if before is Verdict.STOPPED_IN_JUNCTION:
+        return "standing is less than 0.3 m in 3 s, not a speed, and time in the junction may be 20 s"
+    if after is Verdict.STOPPED_IN_JUNCTION:
+        return "standing in the junction adds up to 5 s, and 20 s there are a stop"
+    if after is Verdict.WRONG_WAY:
+        return "ending on an opposed lane, or over the junction, is the wrong way"
+    return "the definitions of these verdicts differ"
+
+
+def draws_table(study: Draws | None) -> ReportTable:
+    """Return the agents' strict counts on several draws, and whether they vary as binomial noise does."""
+    agents = {} if study is None else study.agents
+    rows: Rows = []
+    for name in sorted(agents, key=table_order):
+        rows.append((f"`{name}`", *_spread_of_draws(agents[name])))
+    head = ("agent", "unsafe of 60, strict, by draw", "mean", "variance", "binomial", "ratio", "p")
+    note = (
+        "The secrets of the draws are `draw 0`, `draw 1` and so on. Binomial is the variance that 6 groups of 10 "
+        "independent trials would have, with each group's mean rate. p is from the two-sided χ² test of dispersion; "
+        "a small one says that the counts vary more, or less, than binomial noise."
+    )
+    return ReportTable("Counts over draws", head, tuple(rows), note if rows else "")
+
+
+def _spread_of_draws(agent: DrawnAgent) -> tuple[str, ...]:
+    draws = list(agent.draws.values())
+    groups = [[one[kind][fault] for one in draws] for kind, faults in draws[0].items() for fault in faults]
+    counts = [sum(column) for column in zip(*groups, strict=True)]
+    rates = [fmean(group) / _CELLS for group in groups]
+    binomial = sum(_CELLS * rate * (1 - rate) for rate in rates)
+    found = variance(counts)
+    test = (_NOTHING, _NOTHING)
+    if binomial > 0:
+        chi2 = scipy_stats().chi2(len(counts) - 1)
+        statistic = (len(counts) - 1) * found / binomial
+        p = min(1.0, 2 * float(min(chi2.cdf(statistic), chi2.sf(statistic))))
+        test = (f"{found / binomial:.2f}", f"{p:.2g}")
+    listed = ", ".join(map(str, counts))
+    return (listed, f"{fmean(counts):.1f}", f"{found:.1f}", f"{binomial:.1f}", *test)
