@@ -1,5 +1,6 @@
 """The batch against the single environment: the same bytes, whatever is drawn, driven, or shared among threads."""
 
+import dataclasses
 import subprocess
 import sys
 
@@ -19,6 +20,7 @@ from wrongturn_sim import (
     WrongturnVectorEnv,
 )
 from wrongturn_sim.fleet import fleet
+from wrongturn_sim.verdict import THRESHOLDS, JudgeGeometry, judge
 
 ID = "wrongturn_sim:WrongturnSim-v0"
 PICTURES = ["camera", "segmentation"]
@@ -220,6 +222,85 @@ def test_time_runs_out(make_trial, drive):
     assert envs.steps[0] == 600
     assert envs.episode(0).trajectory.to_json() == single.episode.trajectory.to_json()
     assert envs.episode(0).outcome == single.episode.outcome
+
+
+def policies(trial):
+    """(4, steps, 3): stop and go, over the kerb and back, round into the oncoming lane, and a stop for good."""
+    steps = np.arange(610)
+    actions = np.zeros((4, len(steps), 3), np.float32)
+    actions[:, :, 1] = 0.3
+    actions[0, :, 2] = (steps // 25) % 2 == 1
+    actions[1, :, 0] = np.select([steps < 6, steps < 14, steps < 20], [0.12, -0.12, 0.12], 0.0)
+    actions[2, :, 0] = np.select([steps < 14, steps < 28], [-0.14, 0.14], 0.0)
+    actions[3, :, 2] = steps > 12
+    return actions
+
+
+def test_lengths_and_stops_have_the_same_bytes(make_trial):
+    """What the judge sums up along a drive is the same in a batch, to the last bit."""
+    seen = set()
+    for approach in sorted(load_town("junctions").approaches):
+        trial = make_trial(approach)
+        actions = policies(trial)
+        envs = WrongturnVectorEnv(4, "junctions", trial=trial, autoreset_mode=AutoresetMode.DISABLED)
+        envs.reset()
+        for i in range(4):
+            envs.reset(options={"reset_mask": np.arange(4) == i})
+            single = WrongturnSimEnv(trial=trial)
+            single.reset()
+            for step in range(actions.shape[1]):
+                _, _, *ended, _ = single.step(actions[i, step])
+                envs._fleet.step(actions[:, step], np.arange(4) == i)
+                if any(ended):
+                    break
+            outcome = single.episode.outcome
+            assert outcome is not None
+            assert envs.episode(i).outcome.model_dump_json() == outcome.model_dump_json()
+            assert envs.episode(i).trajectory.to_json() == single.episode.trajectory.to_json()
+            names = ("kerb_bite_m", "opposed_lane_m", "first_stop_s", "over_line_m")
+            seen |= {name for name in names if getattr(outcome, name)} | {outcome.verdict}
+    assert {"kerb_bite_m", "opposed_lane_m", "first_stop_s", "stopped_before_junction"} <= seen
+
+
+def test_a_drive_goes_on_past_its_verdict(make_trial, drive):
+    driven = drive(make_trial())
+    actions = np.array([row[8:11] for row in driven.trajectory.rows[1::2]], np.float32)
+    envs = WrongturnVectorEnv(2, "junctions", trial=driven.trial, drive_on=70.05)
+    envs.reset()
+    at_verdict = len(driven.trajectory.rows)
+    for step in range(701):
+        action = actions[step] if step < len(actions) else np.float32([0.3, 0.2, 0.0])
+        _, _, terminated, truncated, infos = envs.step(np.stack([action, np.float32([0.0, 0.0, 1.0])]))
+        assert not terminated.any()
+        assert truncated.all() == (step == 700)
+    assert infos["verdict"].tolist() == [driven.outcome.verdict, "not_engaged"]
+    records = [envs.episode(i) for i in range(2)]
+    assert [len(record.trajectory.rows) for record in records] == [1402, 1402]
+    assert records[0].trajectory.rows[:at_verdict] == driven.trajectory.rows
+    assert records[0].outcome == driven.outcome
+    town = load_town("junctions")
+    for record in records:
+        geometry = JudgeGeometry.of(town, driven.trial)
+        assert judge(record.trajectory, geometry) == record.outcome
+        patient = dataclasses.replace(THRESHOLDS, wait_time=65.0, time_limit=70.0)
+        later = judge(record.trajectory, geometry, patient)
+        assert later.verdict == record.outcome.verdict
+    assert later.time > 65.0
+
+
+def test_a_drive_that_ends_before_its_verdict_has_none(make_trial):
+    envs = WrongturnVectorEnv(1, "junctions", trial=make_trial(), drive_on=1.0, autoreset_mode=AutoresetMode.SAME_STEP)
+    envs.reset(seed=1)
+    for _ in range(10):
+        *_, truncated, infos = envs.step(np.zeros((1, 3), np.float32))
+    assert truncated[0]
+    assert "verdict" not in infos["final_info"]
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_drive_goes_on_for_a_positive_time(seconds):
+    with pytest.raises(ValueError, match="drive_on"):
+        WrongturnVectorEnv(1, "junctions", drive_on=seconds)
 
 
 def test_ends_of_several_kinds_go_together_in_gymnasiums_own_vector_environments(make_trial, drive):

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
 from handmade_junction import (
@@ -22,7 +23,7 @@ from hypothesis import strategies as st
 
 from wrongturn_protocol import DIRECTIONS, Command, FaultKind, JunctionType, Outcome, Verdict
 from wrongturn_sim.trajectory import Row
-from wrongturn_sim.verdict import ExitLane, JudgeGeometry, Thresholds
+from wrongturn_sim.verdict import THRESHOLDS, THRESHOLDS_1, ExitLane, JudgeGeometry, Thresholds, Thresholds1
 from wrongturn_sim.verdict.geometry import MIRRORED
 
 KINDS = {kind: junction(kind) for kind in JunctionType}
@@ -178,6 +179,122 @@ def test_more_patience_is_never_worse(one: Drive, kind: JunctionType, longer: fl
     if before.verdict.exited or before.verdict is Verdict.WRONG_WAY:
         # The time of the first stop is told by ``stand_time`` too.
         assert after.model_copy(update={"first_stop_s": before.first_stop_s}) == before
+
+
+# A verdict is final, and time gains nothing.
+
+
+def _longer(rows: list[Row], more: list[Row]) -> list[Row]:
+    return [*rows, *(row._replace(t=rows[-1].t + 0.05 + row.t) for row in more)]
+
+
+@given(one=drives, other=drives, kind=kinds, share=st.floats(0.0, 1.0))
+@SOME
+def test_driving_on_never_changes_a_verdict_and_stopping_short_never_gives_one(
+    one: Drive, other: Drive, kind: JunctionType, share: float
+) -> None:
+    rows, its_trial = one.rows(), trial(kind)
+    outcome = verdict_of(rows, KINDS[kind], its_trial)
+    if outcome.verdict is not Verdict.ABORTED:
+        assert verdict_of(_longer(rows, other.rows()), KINDS[kind], its_trial) == outcome
+    decided = round(outcome.time / 0.05)
+    cut = round(share * (len(rows) - 1)) + 1
+    part = verdict_of(rows[:cut], KINDS[kind], its_trial)
+    if cut > decided:
+        assert part == outcome
+    else:
+        assert part.verdict is Verdict.ABORTED
+
+
+# Where a car stands before the junction, seconds, and what it does then.
+pauses = st.integers(0, 196).map(lambda n: n / 20)
+
+
+@given(one=drives, kind=kinds, pause=pauses, distance=st.floats(0.5, 20.0))
+@SOME
+def test_a_pause_before_the_junction_is_judged_by_what_follows(
+    one: Drive, kind: JunctionType, pause: float, distance: float
+) -> None:
+    def paused(seconds: float) -> Outcome:
+        path = way(one.direction, lateral=one.lateral, begin=distance + 4.0)
+        legs = [(0.5, 8.0), *([(seconds, 0.0)] if seconds else []), (8.0, 8.0)]
+        return verdict_of(drive(path, legs, command=one.first), KINDS[kind], trial(kind))
+
+    without, with_pause = paused(0.0), paused(pause)
+    changed = {"time", "first_stop_s", "max_deceleration", "kerb_bite_s"}
+    assert with_pause.model_dump(exclude=changed) == without.model_dump(exclude=changed)
+    assert with_pause.time == pytest.approx(without.time + (pause if without.time > 0.5 else 0.0))
+
+
+@given(
+    one=drives,
+    kind=kinds,
+    entered=st.floats(0.5, 15.0),
+    stands=st.lists(st.integers(1, 58).map(lambda n: n / 20), min_size=1, max_size=6),
+    which=st.integers(0, 5),
+    longer=st.integers(1, 100).map(lambda n: n / 20),
+)
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_standing_longer_in_the_junction_is_never_better(
+    one: Drive, kind: JunctionType, entered: float, stands: list[float], which: int, longer: float
+) -> None:
+    def stood(seconds: list[float]) -> Outcome:
+        legs = [((10.0 + entered) / 8.0, 8.0), *(leg for each in seconds for leg in ((each, 0.0), (0.05, 8.0)))]
+        path = way(one.direction, lateral=one.lateral, begin=10.0)
+        return verdict_of(drive(path, [*legs, (9.0, 8.0)], command=one.first), KINDS[kind], trial(kind))
+
+    which %= len(stands)
+    before = stood(stands)
+    after = stood([each + (longer if k == which else 0.0) for k, each in enumerate(stands)])
+    _still_unsafe(before, after)
+    if after.verdict is Verdict.STOPPED_IN_JUNCTION:
+        assert after.verdict.unsafe
+
+
+def _still_unsafe(before: Outcome, after: Outcome) -> None:
+    if before.verdict.unsafe:
+        assert after.verdict.unsafe
+    if before.verdict.unsafe_strict:
+        assert after.verdict.unsafe_strict
+
+
+@given(one=drives, kind=kinds, cuts=st.lists(st.floats(0.0, 1.0), min_size=2, max_size=4))
+@SOME
+def test_lengths_only_grow_along_a_drive(one: Drive, kind: JunctionType, cuts: list[float]) -> None:
+    rows = one.rows()
+    parts = [rows[: round(cut * (len(rows) - 1)) + 1] for cut in sorted(cuts)]
+    outcomes = [verdict_of(part, KINDS[kind], trial(kind)) for part in parts]
+    for earlier, later in pairwise(outcomes):
+        for name in ("kerb_bite_m", "kerb_bite_s", "opposed_lane_m"):
+            assert 0.0 <= getattr(earlier, name) <= getattr(later, name)
+        if earlier.first_stop_s is not None:
+            assert later.first_stop_s == earlier.first_stop_s
+        assert set(earlier.flags) <= set(later.flags)
+
+
+# Other thresholds.
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2, 20.0])
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(Thresholds)])
+@pytest.mark.parametrize("version", [THRESHOLDS, THRESHOLDS_1])
+def test_a_long_record_can_be_judged_by_any_thresholds(
+    name: str, factor: float, version: Thresholds | Thresholds1
+) -> None:
+    if not hasattr(version, name) or (factor == 20.0 and name in {"wheels_off", "exit_heading"}):
+        return
+    other = dataclasses.replace(version, **{name: getattr(version, name) * factor})
+    for legs in ([(3.0, 8.0), (12.0, 0.0), (57.1, 8.0)], [(3.5, 8.0), (2.9, 0.0), (70.0, 0.2)], [(72.1, 0.3)]):
+        rows = drive(way(LEFT, out=1000.0), legs, command=LEFT)
+        assert rows[-1].t >= 72.0
+        outcome = verdict_of(rows, KINDS[JunctionType.CROSS], trial(), other)
+        if outcome.verdict is not Verdict.ABORTED:
+            end = round(outcome.time / 0.05)
+            short = verdict_of(rows[:end], KINDS[JunctionType.CROSS], trial(), other)
+            assert short.verdict is Verdict.ABORTED
+        else:
+            assert name == "time_limit"
+            assert factor == 20.0
 
 
 # Time steps.

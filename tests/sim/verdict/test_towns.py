@@ -11,6 +11,7 @@ from handmade_junction import Points, drive, verdict_of
 from wrongturn_networks import Approach, Town, load_town, town_names
 from wrongturn_networks.errors import UnknownApproachError
 from wrongturn_protocol import Command, Fault, FaultKind, Flag, Reaction, Start, Trial, Verdict
+from wrongturn_sim.ego import SUB_STEP, VEHICLE
 from wrongturn_sim.trajectory import Trajectory
 from wrongturn_sim.verdict import GeometryMismatchError, Judge, JudgeGeometry, RowError, judge
 
@@ -140,6 +141,15 @@ def test_every_wall_and_trunk_is_a_collision(name: str) -> None:
         row = start._replace(t=0.05, x=beside.x, y=beside.y)
         if shapely.distance(footprints, beside).min() > 2.5:
             assert verdict_of([start, row], geometry, trial).verdict is not Verdict.COLLISION
+
+
+@pytest.mark.parametrize("name", town_names())
+def test_scenery_is_out_of_reach_of_a_car_on_the_road(name: str) -> None:
+    """docs/verdicts.md says so: a car that hits scenery has left the road before, unless it is faster than 14 m/s."""
+    town = load_town(name)
+    nearest = min(thing.footprint().distance(town.road) for thing in town.scenery if thing.solid)
+    assert round(nearest, 1) == 3.2
+    assert (nearest - math.hypot(VEHICLE.half_length, VEHICLE.half_width)) / SUB_STEP > 14.0
 
 
 def test_a_geometry_is_made_once_for_an_approach() -> None:
