@@ -114,3 +114,12 @@ def test_another_commitment_fails_and_prints_no_trial(more: tuple[str, ...]) -> 
 def test_a_refusal_names_the_field_and_the_remedy(arguments: tuple[str, ...], status: int, message: str) -> None:
     found, line = refused(*arguments)
     assert (found, line[: len(f"wrongturn: {message}")]) == (status, f"wrongturn: {message}")
+
+
+def test_the_list_of_suites_says_what_replaces_a_retired_one() -> None:
+    result = CliRunner().invoke(app, ["suites"], env={"COLUMNS": "200"}, catch_exceptions=False)
+    ends = {line.split()[0]: line.split()[-1] for line in result.stdout.splitlines() if "@" in line.split(" ")[0]}
+    assert (ends["smoke@1"], ends["wrong-command@1"]) == ("smoke@2", "wrong-command@2")
+    items = {item["id"]: item for item in json.loads(CliRunner().invoke(app, ["suites", "--json"]).stdout)}
+    assert items["smoke@1"]["successor"] == "smoke@2"
+    assert "successor" not in items["smoke@2"]

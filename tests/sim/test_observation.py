@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from wrongturn_networks import load_town
-from wrongturn_protocol import DIRECTIONS, Track
+from wrongturn_protocol import DIRECTIONS, Command, Track
 from wrongturn_protocol.observations import FIELDS, observation_space
 from wrongturn_sim import Episode
 from wrongturn_sim.camera import Camera
@@ -123,3 +123,27 @@ def test_a_camera_shows_nothing_but_the_street(track, make_trial):
 def test_a_camera_of_ones_own(make_trial):
     camera = Camera(width=96, height=48, cx=48.0, cy=20.0, focal=60.0, pitch=0.05)
     assert Episode(make_trial(), Track.CAMERA, camera=camera).reset()["rgb"].shape == (48, 96, 3)
+
+
+@pytest.mark.parametrize("fault", ["none", "infeasible", "omission"])
+def test_the_command_and_the_rewards_target_follow_the_trials_window(fault, make_trial):
+    nominal = make_trial(fault=fault)
+    drives = []
+    for window in (10.0, 20.0, None):
+        episode = Episode(nominal.model_copy(update={"window": window}), Track.PRIVILEGED)
+        episode.reset()
+        drives.append([episode.step(0.0, 0.4, 0.0) for _ in range(30)])
+    told = set()
+    for late, early, usual in zip(*drives, strict=True):
+        left = float(late.observation["stop_line"][0])
+        for step, opens in ((late, 10.0), (early, 20.0), (usual, 15.0)):
+            named = int(step.observation["command"][0]) != Command.LANE_FOLLOW
+            assert named == (fault != "omission" and left <= opens)
+            for key in set(step.observation) - {"command"}:
+                assert np.array_equal(step.observation[key], late.observation[key]), "only the command may tell"
+        if 10.0 < left <= 20.0:
+            # Above 15 km/h the paper's formula pays less within the window.
+            assert early.reward < late.reward
+            assert usual.reward == (early.reward if left <= 15.0 else late.reward)
+            told.add(left <= 15.0)
+    assert told == {True, False}
