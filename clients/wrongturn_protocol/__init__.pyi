@@ -37,6 +37,7 @@ from .results import LeaderboardList as LeaderboardList
 from .results import LeaderboardSummary as LeaderboardSummary
 from .results import Metrics as Metrics
 from .results import OwnerDetail as OwnerDetail
+from .results import OwnerList as OwnerList
 from .results import OwnerRegistration as OwnerRegistration
 from .results import Problem as Problem
 from .results import RegisteredAgent as RegisteredAgent

@@ -128,6 +128,12 @@ class OwnerDetail(Message):
     name: str
 
 
+class OwnerList(Message):
+    """``GET /v1/owners``."""
+
+    owners: tuple[OwnerDetail, ...]
+
+
 class RegisteredOwner(OwnerDetail):
     """Reply 201 to an owner's registration or a token's rotation."""
 

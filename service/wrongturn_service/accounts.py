@@ -1,28 +1,22 @@
-"""Agents and their tokens, the operator, and limits on registration."""
+"""Agents and their tokens, and the operator."""
 
-import asyncio
-import time
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from wrongturn_protocol import AgentDetail, AgentKind, AgentRegistration, ProblemType, Track
+from wrongturn_protocol import AgentDetail, AgentKind, PracticeRequest, ProblemType, Track
 from wrongturn_service.errors import (
-    ConflictError,
     ForbiddenError,
+    InvalidRequestError,
     NotFoundError,
     UnauthenticatedError,
-    UnavailableError,
 )
-from wrongturn_service.settings import Registration, Settings
-from wrongturn_service.storage.models import AgentRow, EvaluationRow, IdempotencyRow
-from wrongturn_service.storage.store import NameTakenError, Store
+from wrongturn_service.settings import Settings
+from wrongturn_service.storage.models import AgentRow, IdempotencyRow
+from wrongturn_service.storage.store import Store
 from wrongturn_service.tokens import digest, same
 
-_HOUR_S = 3600.0
 _CACHED = 10_000
-_EVALUATION_S = 60
-"""Retry-After for an agent that has too many running evaluations, seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,32 +26,19 @@ class Caller:
     id: str
     track: Track
 
+    def practice_track(self, request: PracticeRequest) -> Track:
+        """Return the track of a practice episode, which is the agent's own.
 
-class AddressLimit:
-    """Limit on registrations from one address within an hour."""
-
-    def __init__(self, limit: int) -> None:
-        self._limit = limit
-        self._times: OrderedDict[str, deque[float]] = OrderedDict()
-
-    def check(self, address: str) -> None:
-        """Count a registration. Raises UnavailableError beyond the limit."""
-        now = time.monotonic()
-        times = self._times.setdefault(address, deque())
-        self._times.move_to_end(address)
-        while len(self._times) > _CACHED:
-            self._times.popitem(last=False)
-        while times and now - times[0] > _HOUR_S:
-            times.popleft()
-        if len(times) >= self._limit:
-            wait = int(_HOUR_S - (now - times[0])) + 1
-            raise UnavailableError(
-                ProblemType.RATE_LIMITED,
-                f"this address has registered {self._limit} agents within an hour, the limit; come back in {wait} s",
-                retry_after_s=wait,
-                status=429,
+        Another track would show what the agent's own one hides. Raises InvalidRequestError.
+        """
+        if request.track is not None and request.track is not self.track:
+            raise InvalidRequestError(
+                "track",
+                f"is {request.track}, and this agent's track is {self.track}; leave it out, or register an agent for "
+                f"the track {request.track}",
+                ProblemType.TRACK_NOT_AVAILABLE,
             )
-        times.append(now)
+        return self.track
 
 
 class Accounts:
@@ -74,10 +55,8 @@ class Accounts:
         self._changed = changed
         self._store = store
         self._settings = settings
-        self._limit = AddressLimit(settings.registration_limit)
         self._callers: OrderedDict[str, Caller] = OrderedDict()
         self._changes = 0
-        self._beginning = asyncio.Lock()
 
     @property
     def changes(self) -> int:
@@ -96,7 +75,9 @@ class Accounts:
             changes = self._changes
             row = await self._store.agent_by_token(token_sha256)
             if row is None:
-                raise UnauthenticatedError("no agent has this token; it may have been rotated or revoked")
+                raise UnauthenticatedError(
+                    "no agent has this token; it may have been rotated or revoked, or is an owner's"
+                )
             found = Caller(row.id, Track(row.track))
             # If a token changed while this was read, the result is good for this call only.
             if changes == self._changes:
@@ -113,44 +94,6 @@ class Accounts:
         scheme, _, token = authorization.partition(" ")
         return scheme.lower() == "bearer" and same(token.strip(), secret.get_secret_value())
 
-    def check_registration(self, registration: AgentRegistration, *, operator: bool, address: str) -> None:
-        """Check whether a registration is allowed. Raises ForbiddenError, UnavailableError."""
-        if operator:
-            return
-        if self._settings.registration is Registration.OPERATOR:
-            raise ForbiddenError(
-                "only the operator registers agents here; ask the operator for a token",
-                ProblemType.REGISTRATION_CLOSED,
-            )
-        if registration.kind is not AgentKind.SUBMITTED:
-            raise ForbiddenError(f"kind: {registration.kind} needs the operator's token; leave it out")
-        self._limit.check(address)
-
-    async def register(self, row: AgentRow, reply: IdempotencyRow | None) -> None:
-        """Store a new agent. Raises ConflictError."""
-        try:
-            await self._store.add_agent(row, reply)
-        except NameTakenError as error:
-            raise ConflictError(
-                ProblemType.AGENT_NAME_TAKEN,
-                f"name: {row.name!r} is taken; choose another (a new model is a new agent)",
-            ) from error
-
-    async def begin_evaluation(self, row: EvaluationRow, reply: IdempotencyRow | None) -> None:
-        """Store a new evaluation. Raises UnavailableError if too many of the agent's are running."""
-        limit = self._settings.max_evaluations
-        async with self._beginning:
-            if await self._store.running_count(row.agent_id) >= limit:
-                raise UnavailableError(
-                    ProblemType.RATE_LIMITED,
-                    f"this agent has {limit} running evaluations, which is the limit; finish one, or cancel it by "
-                    "DELETE /v1/evaluations/{id}",
-                    retry_after_s=_EVALUATION_S,
-                    status=429,
-                    position=1,
-                )
-            await self._store.add_evaluation(row, reply)
-
     async def agent(self, agent_id: str) -> AgentRow:
         """Return an agent. Raises NotFoundError."""
         row = await self._store.agent(agent_id)
@@ -159,13 +102,21 @@ class Accounts:
         return row
 
     async def owned_agent(self, agent_id: str, authorization: str | None) -> AgentRow:
-        """Return an agent to itself or the operator. Raises UnauthenticatedError, ForbiddenError, NotFoundError."""
-        operator = self.is_operator(authorization)
-        caller = None if operator else await self.caller(authorization)
+        """Return an agent to itself, its owner or the operator.
+
+        Raises:
+            UnauthenticatedError, ForbiddenError, NotFoundError.
+        """
+        holder = None if self.is_operator(authorization) else await self._holder(authorization)
         row = await self.agent(agent_id)
-        if caller is not None and caller.id != agent_id:
-            raise ForbiddenError(f"this is not the token of agent {agent_id}")
+        if holder is not None and holder not in {row.id, row.owner_id}:
+            raise ForbiddenError(f"this is neither the token of agent {agent_id} nor its owner's")
         return row
+
+    async def _holder(self, authorization: str | None) -> str:
+        """Return the id of the owner or agent that has a token. Raises UnauthenticatedError."""
+        owner = await self._store.owner_by_token(digest(bearer(authorization)))
+        return owner.id if owner is not None else (await self.caller(authorization)).id
 
     async def set_token(self, agent_id: str, token: str | None, reply: IdempotencyRow | None = None) -> None:
         """Replace an agent's token. None revokes it."""
@@ -195,6 +146,7 @@ def detail(row: AgentRow) -> AgentDetail:
         name=row.name,
         track=Track(row.track),
         kind=AgentKind(row.kind),
+        owner=row.owner.name,
         description=row.description,
         homepage=row.homepage,
     )

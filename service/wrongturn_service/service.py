@@ -21,6 +21,7 @@ from wrongturn_service.episodes.registry import Limits
 from wrongturn_service.errors import StartupError
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.idempotency import Idempotency
+from wrongturn_service.registration import Registrations
 from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.interface import SimulatorPool, SimulatorStartError
 from wrongturn_service.simulators.local_pool import LocalPool
@@ -31,6 +32,7 @@ from wrongturn_service.telemetry import Telemetry
 
 _PURGE_S = 3600.0
 _RETRY_S = 30.0
+_HOUR_S = 3600.0
 _DAY_S = 86400.0
 
 
@@ -44,6 +46,7 @@ class Service:
     episodes: EpisodeManager
     evaluations: RunningEvaluations
     accounts: Accounts
+    registrations: Registrations
     idempotency: Idempotency
     leaderboards: Leaderboards
     telemetry: Telemetry
@@ -78,7 +81,7 @@ async def run_service(
         pool = pool or _local_pool(settings, telemetry)
         await asyncio.gather(_start_pool(pool, stack), asyncio.to_thread(catalogue.warm_up))
         leaderboards = Leaderboards(store)
-        evaluations = RunningEvaluations(store, on_finished=leaderboards.forget)
+        evaluations = RunningEvaluations(store, telemetry, leaderboards.forget)
         await evaluations.resume()
         queue = SimulatorQueue(pool.slots, QueueLimits(settings.max_waiting, settings.max_line))
         episodes = EpisodeManager(
@@ -88,6 +91,7 @@ async def run_service(
             terms=Terms(settings.lease_release_s, settings.lease_abort_s),
             limits=Limits(settings.parallel, settings.practice, settings.open_episodes),
             telemetry=telemetry,
+            idle_s=settings.evaluation_idle_h * _HOUR_S,
         )
         stack.push_async_callback(episodes.stop)
         telemetry.watch("wrongturn_open_episodes", "Open episodes", lambda: episodes.open)
@@ -106,7 +110,10 @@ async def run_service(
         telemetry.watch("wrongturn_sockets", "Connections to /v1/drive", lambda: sockets.open)
         telemetry.watch("wrongturn_sockets_lent", "Connections lent to simulators", lambda: len(episodes.loans))
         memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, updated every 30 s")
-        for work in (episodes.watch_leases(), _housekeeping(settings, store, evaluations, pool, memory)):
+        accounts = Accounts(store, settings, episodes.loans.recall)
+        registrations = Registrations(store, settings, accounts)
+        await registrations.prepare()
+        for work in (episodes.watch_leases(), _housekeeping(settings, store, evaluations, episodes, pool, memory)):
             task = asyncio.create_task(work)
             stack.push_async_callback(_cancel, task)
         log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
@@ -116,7 +123,8 @@ async def run_service(
             pool,
             episodes,
             evaluations,
-            Accounts(store, settings, episodes.loans.recall),
+            accounts,
+            registrations,
             Idempotency(store),
             leaderboards,
             telemetry,
@@ -145,7 +153,12 @@ async def _start_pool(pool: SimulatorPool, stack: contextlib.AsyncExitStack) -> 
 
 
 async def _housekeeping(
-    settings: Settings, store: Store, evaluations: RunningEvaluations, pool: SimulatorPool, memory: Gauge
+    settings: Settings,
+    store: Store,
+    evaluations: RunningEvaluations,
+    episodes: EpisodeManager,
+    pool: SimulatorPool,
+    memory: Gauge,
 ) -> None:
     log = structlog.get_logger("service")
     purged = 0.0
@@ -155,17 +168,18 @@ async def _housekeeping(
                 now = time.time()
                 await store.purge(
                     practice_before=now - settings.practice_keep_days * _DAY_S,
-                    replies_before=now - settings.idempotency_keep_hours * 3600.0,
+                    replies_before=now - settings.idempotency_keep_hours * _HOUR_S,
                 )
                 purged = time.monotonic()
             memory.set(await asyncio.to_thread(pool.memory))
             await evaluations.retry()
+            await episodes.closings.close_idle()
             if pool.failure is not None and not pool.running:
                 # A service that is not ready gets no calls, so no call would start a simulator.
                 await pool.start()
         except Exception:
             log.exception("housekeeping failed")
-        await asyncio.sleep(_RETRY_S)
+        await asyncio.sleep(min(_RETRY_S, settings.evaluation_idle_h * _HOUR_S / 4))
 
 
 async def _cancel(task: "asyncio.Task[None]") -> None:

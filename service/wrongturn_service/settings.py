@@ -42,9 +42,11 @@ class Settings(BaseSettings):
     operator_token: SecretStr | None = None
     """The operator's bearer token. Without it there is no operator."""
     registration: Registration = Registration.OPEN
-    """``open``: everybody may register agents. ``operator``: only the operator may."""
+    """``open``: everybody may register owners and agents. ``operator``: only the operator registers owners.
+
+    Owners always register their agents by their token."""
     registration_limit: Annotated[int, Field(ge=1)] = 100
-    """Agents that one address may register within an hour. The operator is exempt."""
+    """Owners and agents that one address may register within an hour. The operator is exempt."""
     simulators: Annotated[int, Field(ge=1, le=4096)] = Field(
         default_factory=lambda: max(16, 4 * (os.cpu_count() or 1)),
     )
@@ -67,8 +69,8 @@ class Settings(BaseSettings):
     """Open practice episodes of one agent. Default: twice ``simulators``."""
     max_open: Annotated[int, Field(ge=1)] | None = None
     """Open episodes of one agent, scored and practice. Default: four times ``simulators``."""
-    max_evaluations: Annotated[int, Field(ge=1)] = 32
-    """Running evaluations of one agent."""
+    evaluation_idle_h: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 24.0
+    """Hours without a reset or a step after which a running evaluation is closed, as DELETE closes it."""
     max_waiting: Annotated[int, Field(ge=1)] = 64
     """Calls of one agent that may wait for a simulator."""
     max_line: Annotated[int, Field(ge=1)] = 1024

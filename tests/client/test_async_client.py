@@ -40,9 +40,9 @@ def test_calls_are_answered_while_others_wait() -> None:
 
     async def story() -> None:
         async with AsyncClient("http://fake", "t", transport=fake.transport) as client:
-            evaluation, suites = await asyncio.gather(client.evaluate(Slow(), "smoke@1"), client.suites())
+            evaluation, suites = await asyncio.gather(client.evaluate(Slow(), "smoke@2"), client.suites())
             assert evaluation.finished == evaluation.trials
-            assert [suite.id for suite in suites] == ["smoke@1"]
+            assert [suite.id for suite in suites] == ["smoke@2"]
 
     asyncio.run(story())
 

@@ -225,7 +225,7 @@ def test_without_local_suites_it_says_what_to_do(points: dict[tuple[str, str], s
 def test_the_services_lists(by: str, served: FakeService) -> None:
     args, environment = (["--url", "http://fake"], {}) if by == "option" else ([], {"WRONGTURN_URL": "http://fake"})
     result = runner.invoke(cli.app, ["suites", "--json", *args], env=environment)
-    assert [suite["id"] for suite in json.loads(result.stdout)] == ["smoke@1"]
+    assert [suite["id"] for suite in json.loads(result.stdout)] == ["smoke@2"]
     assert "me" in runner.invoke(cli.app, ["agents", *args], env=environment).output
 
 
@@ -237,7 +237,7 @@ def test_an_unknown_suite_is_told(served: FakeService) -> None:
 def test_an_empty_leaderboard_names_the_suites_that_have_entries(served: FakeService) -> None:
     shown = runner.invoke(cli.app, ["leaderboard", "--url", "http://fake"]).stdout
     assert "No evaluation on this suite has been finished yet." in shown
-    assert "wrongturn leaderboard smoke@1" in shown
+    assert "wrongturn leaderboard smoke@2" in shown
     assert "leaderboard wrong-command@2" not in shown
     assert json.loads(runner.invoke(cli.app, ["leaderboard", "--json", "--url", "http://fake"]).stdout)["entries"] == []
 

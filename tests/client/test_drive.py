@@ -100,7 +100,7 @@ def test_too_many_steps_for_a_message_are_refused_here(client: Client) -> None:
 def test_an_evaluation_goes_by_the_socket(client: Client, parallel: int) -> None:
     before = _stepped_over_http(client.url)
     told: list[int] = []
-    evaluation = client.evaluate(Gas(), "smoke@1", parallel=parallel, progress=lambda done, of: told.append(done))
+    evaluation = client.evaluate(Gas(), "smoke@2", parallel=parallel, progress=lambda done, of: told.append(done))
     assert evaluation.state is EvaluationState.FINISHED
     assert told == list(range(13))
     assert _stepped_over_http(client.url) == before
@@ -119,7 +119,7 @@ def test_both_ways_come_to_the_same_verdicts(client: Client, service: LocalServi
         token = anybody.register(f"other {np.random.default_rng().integers(2**40)}", Track.PRIVILEGED).token
     with Client(service.url, token, binary=False) as over_http:
         for one in (client, over_http):
-            evaluation = one.evaluate(Gas(), "smoke@1")
+            evaluation = one.evaluate(Gas(), "smoke@2")
             finished = one.finished_episodes(evaluation.id)
             verdicts.append({episode.trial: episode.outcome for episode in finished})
     assert len(verdicts[0]) == 12
@@ -139,7 +139,7 @@ def test_an_evaluation_goes_on_after_each_cut(client: Client, forwarder: Forward
 
     policy = Cutting()
     with Client(forwarder.url, client._token) as cut:
-        evaluation = cut.evaluate(policy, "smoke@1", parallel=1)
+        evaluation = cut.evaluate(policy, "smoke@2", parallel=1)
     assert evaluation.state is EvaluationState.FINISHED
     assert forwarder.plugged > policy.steps // 20
     episodes = client.finished_episodes(evaluation.id)
@@ -250,15 +250,15 @@ def test_an_evaluation_bears_that_the_service_is_started_again(
             return super().act(observation)
 
     with Client(forwarder.url, client._token) as here:
-        assert here.evaluate(Interrupted(), "smoke@1").state is EvaluationState.FINISHED
+        assert here.evaluate(Interrupted(), "smoke@2").state is EvaluationState.FINISHED
     assert forwarder.plugged > 1
 
 
 def test_open_episodes_are_gone_on_with(client: Client) -> None:
-    evaluation = client.create_evaluation("smoke@1")
+    evaluation = client.create_evaluation("smoke@2")
     episode = client.next_episode(evaluation.id)
     client.step(episode.id, 1, GAS)
-    done = client.evaluate(Gas(), "smoke@1", evaluation=evaluation.id)
+    done = client.evaluate(Gas(), "smoke@2", evaluation=evaluation.id)
     assert done.state is EvaluationState.FINISHED
     assert episode.id in [one.id for one in client.finished_episodes(evaluation.id)]
 
@@ -270,9 +270,9 @@ def test_a_policy_that_breaks_ends_its_episode(client: Client) -> None:
                 raise RuntimeError("broken")
             return super().act(observation)
 
-    evaluation = client.create_evaluation("smoke@1")
+    evaluation = client.create_evaluation("smoke@2")
     with pytest.raises(RuntimeError, match="broken"):
-        client.evaluate(Breaking(), "smoke@1", evaluation=evaluation.id)
+        client.evaluate(Breaking(), "smoke@2", evaluation=evaluation.id)
     assert len(client.finished_episodes(evaluation.id)) == 1
     assert not client.open_episodes(evaluation.id)
     client.cancel_evaluation(evaluation.id)

@@ -49,7 +49,7 @@ def test_drives_all_trials_of_every_track(track: Track, binary: bool) -> None:
     driver = Driver()
     told: list[tuple[int, int]] = []
     with _client(service, binary=binary) as client:
-        detail = client.evaluate(driver, "smoke@1", progress=lambda done, of: told.append((done, of)))
+        detail = client.evaluate(driver, "smoke@2", progress=lambda done, of: told.append((done, of)))
     assert isinstance(driver, Policy)
     assert detail.state is EvaluationState.FINISHED
     assert detail.metrics is not None
@@ -64,7 +64,7 @@ def test_drives_all_trials_of_every_track(track: Track, binary: bool) -> None:
 def test_puts_what_it_did() -> None:
     service = FakeService()
     with _client(service) as client:
-        client.evaluate(Driver(), "smoke@1", versions={"mine": "7"})
+        client.evaluate(Driver(), "smoke@2", versions={"mine": "7"})
     assert service.results is not None
     assert service.results["versions"]["mine"] == "7"
     assert "wrongturn-client" in service.results["versions"]
@@ -109,7 +109,7 @@ def test_every_call_survives_a_first_failure(name: str, when: str, monkeypatch: 
     service = FakeService()
     setattr(service, when, _each_first_time(breaks=BREAKS[name]))
     with _client(service) as client:
-        detail = client.evaluate(Driver(), "smoke@1")
+        detail = client.evaluate(Driver(), "smoke@2")
     assert detail.state is EvaluationState.FINISHED
     assert [len(actions) for actions in service.seen.values()] == [3] * 4
     assert service.aborted == []
@@ -119,7 +119,7 @@ def test_a_lost_episode_is_nobodys_fault_and_the_next_is_taken() -> None:
     service = FakeService()
     service.lost.add("ep1")
     with _client(service) as client:
-        detail = client.evaluate(Driver(), "smoke@1")
+        detail = client.evaluate(Driver(), "smoke@2")
     assert detail.state is EvaluationState.FINISHED
     assert service.results is not None
     assert [record["episode"] for record in service.results["episodes"]] == ["ep0", "ep2", "ep3", "ep4"]
@@ -141,7 +141,7 @@ def test_waits_while_no_trial_is_available(monkeypatch: pytest.MonkeyPatch) -> N
         answers.pop() if answers and request.url.path.endswith("/e1/episodes") and request.method == "POST" else None
     )
     with _client(service) as client:
-        assert client.evaluate(Driver(), "smoke@1").state is EvaluationState.FINISHED
+        assert client.evaluate(Driver(), "smoke@2").state is EvaluationState.FINISHED
     assert pauses == [2.0, 2.0, 2.0]
 
 
@@ -157,13 +157,13 @@ def test_goes_on_with_an_open_episode_from_its_last_reply() -> None:
 
     service.inject = kill
     with _client(service) as client, pytest.raises(Killed):
-        client.evaluate(Driver(), "smoke@1")
+        client.evaluate(Driver(), "smoke@2")
     service.inject = None
     assert service.open == ["ep1"]
     driver = Driver()
     told: list[tuple[int, int]] = []
     with _client(service) as client:
-        detail = client.evaluate(driver, "smoke@1", evaluation="e1", progress=lambda done, of: told.append((done, of)))
+        detail = client.evaluate(driver, "smoke@2", evaluation="e1", progress=lambda done, of: told.append((done, of)))
     assert detail.state is EvaluationState.FINISHED
     assert [len(actions) for actions in service.seen.values()] == [5] * 4
     assert len(driver.observations) == 3 + 2 * 5
@@ -175,13 +175,13 @@ def test_goes_on_with_an_open_episode_from_its_last_reply() -> None:
 def test_resuming_a_finished_evaluation_gives_it() -> None:
     service = FakeService(trials=0)
     with _client(service) as client:
-        detail = client.evaluate(Driver(), "smoke@1", evaluation="e1")
+        detail = client.evaluate(Driver(), "smoke@2", evaluation="e1")
     assert detail.metrics is not None
     assert service.paths("POST") == []
 
 
 def test_resuming_needs_the_same_suite() -> None:
-    with _client(FakeService()) as client, pytest.raises(WrongturnError, match="smoke@1, not on other@1"):
+    with _client(FakeService()) as client, pytest.raises(WrongturnError, match="smoke@2, not on other@1"):
         client.evaluate(Driver(), "other@1", evaluation="e1")
 
 
@@ -206,7 +206,7 @@ class NotReady(Driver):
 def test_a_policy_that_breaks_ends_its_episode_and_shows_why(policy: type[Driver], error: type[Exception]) -> None:
     service = FakeService()
     with _client(service) as client, pytest.raises(error):
-        client.evaluate(policy(), "smoke@1")
+        client.evaluate(policy(), "smoke@2")
     assert len(service.aborted) == 1
     assert service.open == []
 
@@ -215,7 +215,7 @@ def test_a_policy_that_breaks_shows_why_though_the_service_has_gone(monkeypatch:
     service = FakeService()
     service.inject = lambda request: httpx.ConnectError("gone") if request.method == "DELETE" else None
     with _client(service, patience=0) as client, pytest.raises(RuntimeError, match="no idea"):
-        client.evaluate(NotReady(), "smoke@1")
+        client.evaluate(NotReady(), "smoke@2")
 
 
 def test_ctrl_c_leaves_the_episode_for_later() -> None:
@@ -225,7 +225,7 @@ def test_ctrl_c_leaves_the_episode_for_later() -> None:
 
     service = FakeService()
     with _client(service) as client, pytest.raises(KeyboardInterrupt):
-        client.evaluate(Interrupted(), "smoke@1")
+        client.evaluate(Interrupted(), "smoke@2")
     assert service.aborted == []
 
 
@@ -235,9 +235,9 @@ def test_a_cancelled_evaluation_and_a_mismatch_are_told() -> None:
         problem(ProblemType.EVALUATION_CANCELLED, 409) if request.url.path.endswith("/episodes") else None
     )
     with _client(service) as client, pytest.raises(EvaluationCancelledError):
-        client.evaluate(Driver(), "smoke@1")
+        client.evaluate(Driver(), "smoke@2")
     service.inject = lambda request: (
         problem(ProblemType.RESULTS_MISMATCH, 409) if request.url.path.endswith("/results") else None
     )
     with _client(service) as client, pytest.raises(ResultsMismatchError):
-        client.evaluate(Driver(), "smoke@1")
+        client.evaluate(Driver(), "smoke@2")

@@ -37,7 +37,7 @@ def test_two_at_a_time_drive_all_trials_once() -> None:
     service.inject = lambda request: open_at_a_time.append(len(service.open))
     told: list[tuple[int, int]] = []
     with _client(service) as client:
-        detail = client.evaluate(Gas(), "smoke@1", parallel=2, progress=lambda done, of: told.append((done, of)))
+        detail = client.evaluate(Gas(), "smoke@2", parallel=2, progress=lambda done, of: told.append((done, of)))
     assert detail.state is EvaluationState.FINISHED
     assert max(open_at_a_time) == 2
     assert told == [(n, 4) for n in range(5)]
@@ -48,11 +48,11 @@ def test_two_at_a_time_drive_all_trials_once() -> None:
 def test_where_one_breaks_the_others_episode_stays_for_later() -> None:
     service = FakeService(parallel=2)
     with _client(service) as client, pytest.raises(RuntimeError, match="no idea"):
-        client.evaluate(Gas(breaks_at=5), "smoke@1", parallel=2)
+        client.evaluate(Gas(breaks_at=5), "smoke@2", parallel=2)
     assert len(service.aborted) == 1
     assert len(service.open) == 1
 
 
 def test_none_at_a_time_is_refused() -> None:
     with _client(FakeService()) as client, pytest.raises(ValueError, match="parallel: is 0; drive 1"):
-        client.evaluate(Gas(), "smoke@1", parallel=0)
+        client.evaluate(Gas(), "smoke@2", parallel=0)

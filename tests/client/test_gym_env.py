@@ -124,11 +124,11 @@ def test_an_episode_that_is_left_is_given_up() -> None:
 
 def test_a_suites_trial_is_practised() -> None:
     service = FakeService()
-    _make(service, token="t", suite="smoke@1", trial="one").reset()
-    _make(service, token="t", suite="smoke@1", trial="one").reset(options={"trial": "two"})
+    _make(service, token="t", suite="smoke@2", trial="one").reset()
+    _make(service, token="t", suite="smoke@2", trial="one").reset(options={"trial": "two"})
     assert [(request["suite"], request["trial"]) for request in service.practice] == [
-        ("smoke@1", "one"),
-        ("smoke@1", "two"),
+        ("smoke@2", "one"),
+        ("smoke@2", "two"),
     ]
 
 
@@ -136,10 +136,10 @@ def test_a_suites_trial_is_practised() -> None:
     "options",
     [
         {"trial": "one"},
-        {"suite": "smoke@1", "town": "Town01"},
+        {"suite": "smoke@2", "town": "Town01"},
         {"fault": "nothing"},
         {"task": "wander"},
-        {"suite": "smoke@1", "task": "straight"},
+        {"suite": "smoke@2", "task": "straight"},
         {"weather": "Fog"},
         {"traffic": {"vehicles": -1}},
         {"route": 9},

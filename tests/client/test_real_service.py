@@ -55,21 +55,21 @@ def test_the_public_calls(service: LocalService) -> None:
         assert client.live()
         assert client.ready()
         suites = {suite.id: suite for suite in client.suites()}
-        assert client.suite("smoke@1") == suites["smoke@1"]
-        trials = client.trials("smoke@1")
-        assert len(trials) == suites["smoke@1"].trials
+        assert client.suite("smoke@2") == suites["smoke@2"]
+        trials = client.trials("smoke@2")
+        assert len(trials) == suites["smoke@2"].trials
         towns = {town.name: town for town in client.towns()}
         town = client.town(trials[0].town)
         assert town.sha256 == towns[town.name].sha256
         assert trials[0].approach in {approach.id for approach in town.approaches}
         agent = client.register("public", Track.PRIVILEGED)
         assert client.agent(agent.id) in client.agents()
-        assert "smoke@1" in {board.suite for board in client.leaderboards()}
-        assert client.leaderboard("smoke@1").suite == "smoke@1"
-        with pytest.raises(NotFoundError, match="smoke@1"):
+        assert "smoke@2" in {board.suite for board in client.leaderboards()}
+        assert client.leaderboard("smoke@2").suite == "smoke@2"
+        with pytest.raises(NotFoundError, match="smoke@2"):
             client.suite("nothing@1")
         with pytest.raises(AuthenticationError):
-            client.create_evaluation("smoke@1")
+            client.create_evaluation("smoke@2")
 
 
 def test_tokens_turn_and_end(service: LocalService) -> None:
@@ -78,24 +78,24 @@ def test_tokens_turn_and_end(service: LocalService) -> None:
     with Client(service.url, agent.token) as client:
         token = client.rotate_token(agent.id).token
         with pytest.raises(AuthenticationError):
-            client.create_evaluation("smoke@1")
+            client.create_evaluation("smoke@2")
     with Client(service.url, token) as client:
         client.revoke_token(agent.id)
         with pytest.raises(AuthenticationError):
-            client.create_evaluation("smoke@1")
+            client.create_evaluation("smoke@2")
 
 
 def test_an_evaluation_from_beginning_to_end(service: LocalService) -> None:
     told: list[tuple[int, int]] = []
     with Client(service.url, _token(service.url, "parked")) as client:
-        detail = client.evaluate(Parked(), "smoke@1", progress=lambda done, of: told.append((done, of)))
+        detail = client.evaluate(Parked(), "smoke@2", progress=lambda done, of: told.append((done, of)))
         assert detail.state is EvaluationState.FINISHED
         assert told == [(n, 12) for n in range(13)]
         assert detail.metrics is not None
         assert detail.metrics.unsafe.trials == 6
         with pytest.raises(EvaluationFinishedError):
             client.next_episode(detail.id)
-        (entry,) = (one for one in client.leaderboard("smoke@1").entries if one.agent.name == "parked")
+        (entry,) = (one for one in client.leaderboard("smoke@2").entries if one.agent.name == "parked")
         assert not entry.eligible
 
 
@@ -105,8 +105,8 @@ def test_json_and_msgpack_say_the_same(service: LocalService) -> None:
     trajectories = []
     for binary in (True, False):
         with Client(service.url, token, binary=binary) as client:
-            trial = client.trials("smoke@1")[0].id
-            begin = client.practise(PracticeRequest(suite="smoke@1", trial=trial, track=Track.PRIVILEGED))
+            trial = client.trials("smoke@2")[0].id
+            begin = client.practise(PracticeRequest(suite="smoke@2", trial=trial, track=Track.PRIVILEGED))
             replies = []
             for seq in range(1, 500):
                 replies.append(client.step(begin.id, seq, Action(steer=0.1, throttle=0.6, brake=0)))
@@ -131,13 +131,13 @@ def test_an_interrupted_evaluation_goes_on(service: LocalService) -> None:
 
     token = _token(service.url, "interrupted")
     with Client(service.url, token) as client:
-        evaluation = client.create_evaluation("smoke@1").id
+        evaluation = client.create_evaluation("smoke@2").id
         with pytest.raises(KeyboardInterrupt):
-            client.evaluate(Parked(60, interrupt), "smoke@1", evaluation=evaluation)
+            client.evaluate(Parked(60, interrupt), "smoke@2", evaluation=evaluation)
         (left,) = client.open_episodes(evaluation)
         assert left.seq > 0
     with Client(service.url, token) as client:
-        detail = client.evaluate(Parked(), "smoke@1", evaluation=evaluation)
+        detail = client.evaluate(Parked(), "smoke@2", evaluation=evaluation)
     assert detail.state is EvaluationState.FINISHED
     assert detail.metrics is not None
     assert detail.metrics.verdicts["none"].get("aborted", 0) == 0  # type: ignore[call-overload]
@@ -154,7 +154,7 @@ def test_a_service_that_is_killed_and_started_again_costs_nothing(tmp_path: Path
             stack.enter_context(LocalService(database=database, port=int(first.url.rpartition(":")[2])))
 
         with Client(first.url, _token(first.url, "patient")) as client:
-            detail = client.evaluate(Parked(60, restart), "smoke@1")
+            detail = client.evaluate(Parked(60, restart), "smoke@2")
     assert detail.state is EvaluationState.FINISHED
     assert detail.finished == detail.trials == 12
     assert detail.metrics is not None
@@ -163,7 +163,7 @@ def test_a_service_that_is_killed_and_started_again_costs_nothing(tmp_path: Path
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"track": "privileged", "fault": "infeasible"}, {"track": "privileged", "suite": "smoke@1"}],
+    [{}, {"track": "privileged", "fault": "infeasible"}, {"track": "privileged", "suite": "smoke@2"}],
 )
 def test_the_environment_passes_both_checkers(service: LocalService, options: dict[str, Any]) -> None:
     env = gymnasium.make("wrongturn_client:Wrongturn-v0", url=service.url, **options)

@@ -31,7 +31,7 @@ def _entry(name: str, rank: int | None, **more: Any) -> dict[str, Any]:
 
 
 def _leaderboard(*entries: dict[str, Any]) -> Leaderboard:
-    board = {"suite": "wrong-command@1", "sha256": "0" * 64, "updated": None, "entries": entries}
+    board = {"suite": "wrong-command@2", "sha256": "0" * 64, "updated": None, "entries": entries}
     return Leaderboard.model_validate(board)
 
 
@@ -206,7 +206,7 @@ def test_a_leaderboard_of_journeys_has_a_row_for_each_task() -> None:
     two = _entry("an-agent-with-a-rather-long-name", 1, **OF_JOURNEYS)
     for width in (80, 132):
         lines = _shown(leaderboard_table(_leaderboard(one, two)), width).splitlines()
-        assert lines[0] == "wrong-command@1: success in % of 25 journeys"
+        assert lines[0] == "wrong-command@2: success in % of 25 journeys"
         at = next(number for number, line in enumerate(lines) if "careful" in line)
         assert lines[at].split() == ["1=", "careful", "straight", "100", "92", "88%", "76%"]
         assert lines[at + 1].split() == ["privileged", "nav.", "dynamic", "52", "-", "[70,", "95]%"]

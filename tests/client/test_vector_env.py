@@ -154,7 +154,7 @@ def test_it_may_be_reset_after_it_was_closed() -> None:
 
 def test_a_suites_trials_are_driven_one_each() -> None:
     service = FakeService()
-    envs = _make(service, suite="smoke@1", trial="one")
+    envs = _make(service, suite="smoke@2", trial="one")
     envs.reset(options={"trial": ["a", "b", "c"]})
     envs.reset()
     assert sorted(request["trial"] for request in service.practice[:3]) == ["a", "b", "c"]
@@ -198,7 +198,7 @@ def test_actions_that_are_none_are_named_and_nothing_is_driven(actions: Any, nam
         ({"patience": "long"}, "patience"),
         ({"patience": -1.0}, "patience"),
         ({"track": "sonar"}, "sonar"),
-        ({"suite": "smoke@1", "town": "Town01"}, "suite"),
+        ({"suite": "smoke@2", "town": "Town01"}, "suite"),
     ],
 )
 def test_what_cannot_be_made_says_why(options: dict[str, Any], named: str) -> None:
@@ -231,7 +231,7 @@ def test_a_reset_that_cannot_be_leaves_the_episodes_as_they_are(call: dict[str, 
 def test_a_reset_that_is_refused_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("wrongturn_client.vector_env._BRIEFLY", 0.0)
     service = FakeService()
-    envs = _make(service, suite="smoke@1", trial="one")
+    envs = _make(service, suite="smoke@2", trial="one")
     refused = problem(ProblemType.UNKNOWN_TRIAL, 404, "no trial nine")
     service.inject = lambda request: (
         BUSY if b"eight" in request.content else refused if b"nine" in request.content else None

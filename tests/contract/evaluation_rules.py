@@ -21,7 +21,7 @@ class EvaluationRules(Living):
 
     def begun(self, agent: Agent) -> Evaluation:
         """A new one."""
-        told = self.http(agent, "POST", "/v1/evaluations", {"suite": "smoke@1"})
+        told = self.http(agent, "POST", "/v1/evaluations", {"suite": "smoke@2"})
         assert (told.status, told.fields["trials"], told.fields["max_parallel"]) == (201, TRIALS, PARALLEL)
         return Evaluation(told.fields["id"], agent)
 

@@ -10,7 +10,7 @@ from served_app import ABORT_S, RELEASE_S, SLOTS, STEPS, WAITING
 Action = tuple[float, float, float]
 FLOATS = struct.Struct("<3f")
 TRIALS = 12
-"""Of smoke@1, twins and all."""
+"""Of smoke@2, twins and all."""
 
 
 @dataclass(eq=False)

@@ -94,7 +94,7 @@ class Living(RuleBasedStateMachine):
             assert told.fields["metrics"]["unsafe"]["trials"] == TRIALS // 2
             trials = [found["trial"] for found in listed if found["state"] == "finished"]
             assert len(trials) == len(set(trials)) == TRIALS
-            board = self.http(evaluation.agent, "GET", "/v1/leaderboards/{suite}", suite="smoke@1").fields["entries"]
+            board = self.http(evaluation.agent, "GET", "/v1/leaderboards/{suite}", suite="smoke@2").fields["entries"]
             ranked = [entry["evaluation"] for entry in board if entry["agent"]["id"] == evaluation.agent.id]
             assert len(ranked) == 1
 

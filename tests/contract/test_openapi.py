@@ -145,7 +145,7 @@ def real(service: RunningService, agent: Agent) -> dict[str, str]:
     with Client(service.url, agent.token, patience=60) as client:
         episode = client.practise(PracticeRequest(town="Town01", approach="J1-E", track=Track.STATE)).id
     return {
-        "suite": "smoke@1",
+        "suite": "smoke@2",
         "town": "Town01",
         "kind": "validation",
         "evaluation": agent.evaluate()["id"],

@@ -24,7 +24,7 @@ OUT_OF_REACH = {
     "DELETE /v1/agents/{agent}/token",
 }
 """Operations that no case need have success with; the tests beside this one do."""
-SUITE = "smoke@1"
+SUITE = "smoke@2"
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from wrongturn_protocol import Action, Outcome, Track, Trial
 from wrongturn_protocol.observations import Observation, decode
 from wrongturn_sim import Episode
 
-SUITE = "wrong-command@1"
+SUITE = "wrong-command@2"
 TRIALS = load_suite(SUITE).episodes[3::11][:10]
 assert len(TRIALS) == 10
 PICTURED = TRIALS[2:5]

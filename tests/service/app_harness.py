@@ -64,6 +64,13 @@ async def application(
                 yield http
 
 
+async def register(http: httpx.AsyncClient, path: str = "/v1/agents", **body: object) -> httpx.Response:
+    """Register as somebody without a token."""
+    request = http.build_request("POST", path, json=body)
+    request.headers.pop("Authorization", None)
+    return await http.send(request)
+
+
 def play(story: Callable[[], Awaitable[None]]) -> None:
     asyncio.run(asyncio.wait_for(story(), 240))  # type: ignore[arg-type]
 

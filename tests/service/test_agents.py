@@ -25,7 +25,7 @@ def test_an_agent_is_registered_and_listed(http: httpx.Client) -> None:
     agent = expect(http.post("/v1/agents", json=body), 201)
     token = agent.pop("token")
     assert token.startswith("wt_")
-    assert agent == {**body, "id": agent["id"], "kind": "submitted"}
+    assert agent == {**body, "id": agent["id"], "kind": "submitted", "owner": body["name"]}
     assert expect(http.get(f"/v1/agents/{agent['id']}"), 200) == agent
     assert agent in expect(http.get("/v1/agents"), 200)["agents"]
     assert token not in http.get("/v1/agents").text
@@ -58,7 +58,7 @@ def test_a_registration_that_is_none(http: httpx.Client, body: dict[str, str], p
 def test_other_kinds_need_the_operator(http: httpx.Client) -> None:
     body = {"name": name(), "track": "privileged", "kind": "baseline"}
     problem(http.post("/v1/agents", json=body), 403, "forbidden")
-    problem(http.post("/v1/agents", json=body, headers={"Authorization": "Bearer guess"}), 403, "forbidden")
+    problem(http.post("/v1/agents", json=body, headers={"Authorization": "Bearer guess"}), 401, "unauthenticated")
     assert expect(http.post("/v1/agents", json=body, headers=OPERATOR), 201)["kind"] == "baseline"
 
 
@@ -70,17 +70,17 @@ def test_a_token_is_rotated_and_revoked(service: RunningService, agent: Agent, o
     rotated = expect(agent.http.post(url, headers=key), 201)
     # The reply may have been lost: the repeat comes with the old token, which opens nothing else any more.
     assert expect(agent.http.post(url, headers=key), 201) == rotated
-    problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@1"}), 401, "unauthenticated")
+    problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 401, "unauthenticated")
     with Agent(service.url, rotated) as renewed:
         renewed.evaluate()
         assert renewed.http.delete(url).status_code == 204
-        problem(renewed.http.post("/v1/evaluations", json={"suite": "smoke@1"}), 401, "unauthenticated")
+        problem(renewed.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 401, "unauthenticated")
         problem(renewed.http.delete(url), 401, "unauthenticated")
     with httpx.Client(base_url=service.url) as operator:
         fresh = expect(operator.post(url, headers=OPERATOR), 201)
         assert operator.delete(url, headers=OPERATOR).status_code == 204
     with Agent(service.url, fresh) as revoked:
-        problem(revoked.http.post("/v1/evaluations", json={"suite": "smoke@1"}), 401, "unauthenticated")
+        problem(revoked.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 401, "unauthenticated")
 
 
 def test_a_registration_again_by_its_key(service: RunningService, http: httpx.Client) -> None:
@@ -98,17 +98,17 @@ def test_a_registration_again_by_its_key(service: RunningService, http: httpx.Cl
 
 def test_keys_belong_to_their_owners(agent: Agent, other: Agent) -> None:
     key = {"Idempotency-Key": "the same word"}
-    one = expect(agent.http.post("/v1/evaluations", json={"suite": "smoke@1"}, headers=key), 201)
-    again = expect(agent.http.post("/v1/evaluations", json={"suite": "smoke@1"}, headers=key), 201)
-    another = expect(other.http.post("/v1/evaluations", json={"suite": "smoke@1"}, headers=key), 201)
+    one = expect(agent.http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=key), 201)
+    again = expect(agent.http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=key), 201)
+    another = expect(other.http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=key), 201)
     assert one == again
     assert one["id"] != another["id"]
-    response = agent.http.post("/v1/evaluations", json={"suite": "wrong-command@1"}, headers=key)
+    response = agent.http.post("/v1/evaluations", json={"suite": "wrong-command@2"}, headers=key)
     problem(response, 422, "idempotency-key-reused")
 
 
 @pytest.mark.parametrize("key", ["", "x" * 256, "\xe9", "a\tb"])
 def test_a_key_that_is_none(agent: Agent, key: str) -> None:
     headers = {"Idempotency-Key": key.encode("latin-1")}
-    response = agent.http.post("/v1/evaluations", json={"suite": "smoke@1"}, headers=headers)
+    response = agent.http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=headers)
     problem(response, 422, "validation", "Idempotency-Key")

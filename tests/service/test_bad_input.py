@@ -80,7 +80,7 @@ def test_a_step_of_an_unknown_episode(agent: Agent) -> None:
     ("body", "status", "kind", "path"),
     [
         ({"suite": "nope@1", "trial": "x"}, 404, "unknown-suite", "suite"),
-        ({"suite": "smoke@1", "trial": "nope"}, 404, "unknown-trial", "trial"),
+        ({"suite": "smoke@2", "trial": "nope"}, 404, "unknown-trial", "trial"),
         ({"town": "Town99", "approach": "J3-S"}, 404, "unknown-town", "town"),
         ({"town": "Town01", "approach": "J99-N"}, 404, "unknown-approach", "approach"),
         ({"town": "Town01", "approach": "J3-S", "fault": "nope"}, 422, "validation", "fault"),
@@ -98,7 +98,7 @@ def test_a_step_of_an_unknown_episode(agent: Agent) -> None:
         ({"town": "Town01", "approach": "J3-S", "route": 4}, 422, "validation", "route"),
         ({"town": "Town01", "approach": "J3-S", "weather": "Snow"}, 422, "validation", "weather"),
         ({"town": "Town01"}, 422, "validation", "body"),
-        ({"suite": "smoke@1"}, 422, "validation", "body"),
+        ({"suite": "smoke@2"}, 422, "validation", "body"),
         ({}, 422, "validation", "body"),
         ({"town": "Town01", "approach": "J3-S", "extra": 1}, 422, "validation", "extra"),
         ({"town": "x" * 100_000, "approach": "J3-S"}, 404, "unknown-town", "town"),
@@ -129,7 +129,7 @@ def test_an_evaluation_of_an_unknown_suite(agent: Agent, suite: str) -> None:
 
 def test_an_evaluation_in_a_track_that_the_suite_lacks(service: RunningService) -> None:
     with service.agent(track="state") as agent:
-        problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@1"}), 422, "track-not-available", "suite")
+        problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 422, "track-not-available", "suite")
 
 
 @pytest.mark.parametrize("field", ["steer", "throttle", "brake"])
@@ -235,7 +235,7 @@ def test_huge_numbers(agent: Agent, episode: str) -> None:
 
 def test_another_content_type(agent: Agent, episode: str) -> None:
     problem(raw_step(agent, episode, json.dumps(STEP), "text/plain"), 415, "unsupported-media-type")
-    response = agent.http.post("/v1/evaluations", data={"suite": "smoke@1"})
+    response = agent.http.post("/v1/evaluations", data={"suite": "smoke@2"})
     problem(response, 415, "unsupported-media-type")
     # msgpack is for episodes alone.
     response = agent.http.post("/v1/evaluations", content=b"\x80", headers={"Content-Type": "application/msgpack"})
@@ -283,7 +283,7 @@ TOKEN_CALLS = [
     ("DELETE", "/v1/agents/{agent}/token"),
 ]
 BODIES = {
-    "/v1/evaluations": {"suite": "smoke@1"},
+    "/v1/evaluations": {"suite": "smoke@2"},
     "/v1/evaluations/{evaluation}/results": {"episodes": []},
     "/v1/episodes": {"town": "Town01", "approach": "J3-S"},
     "/v1/episodes/{episode}/step": STEP,

@@ -33,10 +33,10 @@ def finished(service: RunningService) -> Iterator[dict[str, Any]]:
 
 
 def test_what_a_new_evaluation_says(service: RunningService, agent: Agent) -> None:
-    evaluation = agent.evaluate("wrong-command@1")
+    evaluation = agent.evaluate("wrong-command@2")
     assert evaluation == {
         "id": evaluation["id"],
-        "suite": "wrong-command@1",
+        "suite": "wrong-command@2",
         "agent": agent.id,
         "state": "running",
         "trials": 120,
@@ -54,7 +54,7 @@ def test_each_trial_and_each_twin_was_driven_once(finished: dict[str, Any]) -> N
     metrics = Metrics.model_validate_json(json.dumps(detail["metrics"]))
     assert metrics.unsafe.trials == 6
     shown = expect(agent.http.get(f"/v1/evaluations/{finished['evaluation']['id']}/episodes"), 200)["episodes"]
-    trials = expect(agent.http.get("/v1/suites/smoke@1/trials"), 200)["trials"]
+    trials = expect(agent.http.get("/v1/suites/smoke@2/trials"), 200)["trials"]
     expected = {trial["id"] for trial in trials} | {trial["twin"] for trial in trials}
     assert {episode["trial"] for episode in shown} == expected
     assert {episode["id"]: episode["seq"] for episode in shown} == finished["episodes"]
@@ -102,7 +102,7 @@ def test_the_workers_record(finished: dict[str, Any]) -> None:
 
 def test_the_leaderboard(service: RunningService, finished: dict[str, Any]) -> None:
     with httpx.Client(base_url=service.url) as stranger:
-        found = stranger.get("/v1/leaderboards/smoke@1")
+        found = stranger.get("/v1/leaderboards/smoke@2")
         board = Leaderboard.model_validate_json(found.text)
         summaries = expect(stranger.get("/v1/leaderboards"), 200)["leaderboards"]
     entry = next(entry for entry in board.entries if entry.evaluation == finished["evaluation"]["id"])
@@ -110,12 +110,12 @@ def test_the_leaderboard(service: RunningService, finished: dict[str, Any]) -> N
     assert entry.agent.description == "drives on"
     assert entry.entry == "remote"
     assert board.updated is not None
-    assert {summary["suite"]: summary["entries"] for summary in summaries}["smoke@1"] == len(board.entries)
+    assert {summary["suite"]: summary["entries"] for summary in summaries}["smoke@2"] == len(board.entries)
 
 
 def test_a_leaderboard_without_entries(service: RunningService) -> None:
     with httpx.Client(base_url=service.url) as stranger:
-        board = Leaderboard.model_validate_json(stranger.get("/v1/leaderboards/wrong-command@1").text)
+        board = Leaderboard.model_validate_json(stranger.get("/v1/leaderboards/wrong-command@2").text)
     assert board.entries == ()
     assert board.updated is None
 
@@ -129,7 +129,7 @@ def test_only_the_first_finished_evaluation_counts(service: RunningService, fini
     detail = expect(agent.http.get(f"/v1/evaluations/{second}"), 200)
     assert detail["state"] == "finished"
     assert detail["metrics"]["unsafe"]["count"] == 6
-    board = Leaderboard.model_validate_json(agent.http.get("/v1/leaderboards/smoke@1").text)
+    board = Leaderboard.model_validate_json(agent.http.get("/v1/leaderboards/smoke@2").text)
     assert [entry.evaluation for entry in board.entries if entry.agent.id == agent.id] == [finished["evaluation"]["id"]]
 
 
@@ -137,7 +137,7 @@ def test_who_cancels_until_one_is_lucky_shows_it(finished: dict[str, Any]) -> No
     agent: Agent = finished["agent"]
 
     def cancelled() -> int:
-        board = Leaderboard.model_validate_json(agent.http.get("/v1/leaderboards/smoke@1").text)
+        board = Leaderboard.model_validate_json(agent.http.get("/v1/leaderboards/smoke@2").text)
         return next(entry.cancelled for entry in board.entries if entry.agent.id == agent.id)
 
     before = cancelled()

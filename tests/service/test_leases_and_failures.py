@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from app_harness import application, play, step, until
+from app_harness import application, play, register, step, until
 from fake_pool import FakePool
 from service_harness import COAST, expect, problem
 
+from wrongturn_protocol import Trial, twin_id
 from wrongturn_service.episodes import driver
 
 PRACTICE = {"town": "Town01", "approach": "J3-S"}
@@ -38,7 +39,7 @@ def test_an_agent_that_does_not_come_back(tmp_path: Path) -> None:
     async def story() -> None:
         pool = FakePool()
         async with application(tmp_path, pool, lease_release_s=10, lease_abort_s=600) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             reset = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)
             assert reset["lease_expires_in_s"] == 600
             expect(await step(http, reset["id"], 1), 200)
@@ -57,7 +58,7 @@ def test_a_simulator_that_dies_at_each_try_makes_the_episode_invalid_and_its_tri
     async def story() -> None:
         pool = FakePool()
         async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
             expect(await step(http, episode, 1), 200)
             pool.deaths_at_step += [None] * 4
@@ -207,7 +208,7 @@ def test_so_many_practice_episodes_and_no_more(tmp_path: Path) -> None:
 def test_so_many_episodes_of_an_evaluation_and_no_more(tmp_path: Path) -> None:
     async def story() -> None:
         async with application(tmp_path, FakePool(), max_parallel=2) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)
             assert evaluation["max_parallel"] == 2
             url = f"/v1/evaluations/{evaluation['id']}/episodes"
             for _ in range(2):
@@ -223,7 +224,7 @@ def test_an_evaluation_in_parallel_never_drives_a_trial_beside_its_twin(tmp_path
     async def story() -> None:
         pool = FakePool(slots=12)
         async with application(tmp_path, pool, max_parallel=12) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             store = http.app.state.service.store  # type: ignore[attr-defined]
             pairs: set[str] = set()
 
@@ -237,8 +238,8 @@ def test_an_evaluation_in_parallel_never_drives_a_trial_beside_its_twin(tmp_path
                         await asyncio.sleep(0.01)
                         continue
                     episode = expect(response, 201)["id"]
-                    town, approach, _, seed = (await store.episode(episode)).trial_id.split(".")
-                    pair = f"{town}.{approach}.{seed}"
+                    trial = Trial.model_validate_json((await store.episode(episode)).trial)
+                    pair = trial.id if trial.fault.kind == "none" else twin_id(trial)
                     assert pair not in pairs
                     pairs.add(pair)
                     for seq in range(1, 10):
@@ -258,6 +259,7 @@ def test_registration_by_the_operator_alone(tmp_path: Path) -> None:
         async with application(tmp_path, FakePool(), registration="operator", operator_token="secret") as http:
             body = {"name": "one", "track": "camera"}
             problem(await http.post("/v1/agents", json=body), 403, "registration-closed")
+            problem(await http.post("/v1/owners", json={"name": "one"}), 403, "registration-closed")
             headers = {"Authorization": "Bearer secret"}
             expect(await http.post("/v1/agents", json=body, headers=headers), 201)
 
@@ -267,9 +269,10 @@ def test_registration_by_the_operator_alone(tmp_path: Path) -> None:
 def test_so_many_registrations_from_one_address(tmp_path: Path) -> None:
     async def story() -> None:
         async with application(tmp_path, FakePool(), registration_limit=2, operator_token="secret") as http:
-            expect(await http.post("/v1/agents", json={"name": "two", "track": "camera"}), 201)
-            response = await http.post("/v1/agents", json={"name": "three", "track": "camera"})
+            expect(await register(http, name="two", track="camera"), 201)
+            response = await register(http, name="three", track="camera")
             problem(response, 429, "rate-limited")
+            problem(await register(http, "/v1/owners", name="four"), 429, "rate-limited")
             assert 3500 < int(response.headers["retry-after"]) <= 3601
             headers = {"Authorization": "Bearer secret"}
             expect(await http.post("/v1/agents", json={"name": "four", "track": "camera"}, headers=headers), 201)
@@ -311,7 +314,7 @@ def test_metrics_that_fail_are_computed_later(tmp_path: Path, monkeypatch: Any) 
 
     async def story() -> None:
         async with application(tmp_path, FakePool()) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             monkeypatch.setattr(metrics, "compute", lambda *_: 1 / 0)
             for _ in range(12):
                 episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
@@ -320,57 +323,5 @@ def test_metrics_that_fail_are_computed_later(tmp_path: Path, monkeypatch: Any) 
             monkeypatch.setattr(metrics, "compute", compute)
             problem(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 409, "evaluation-finished")
             assert expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)["state"] == "finished"
-
-    play(story)
-
-
-def test_an_episode_that_begins_between_an_evaluations_cancelling_and_its_end(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
-            store = http.app.state.service.store  # type: ignore[attr-defined]
-            cancelled, begun = asyncio.Event(), asyncio.Event()
-            acquire, cancel = pool.acquire, store.cancel_evaluation
-
-            async def late(town: str) -> Any:
-                await cancelled.wait()
-                return await acquire(town)
-
-            async def slow(evaluation_id: str) -> None:
-                await cancel(evaluation_id)
-                cancelled.set()
-                await begun.wait()
-
-            pool.acquire, store.cancel_evaluation = late, slow  # type: ignore[method-assign]
-            reset = asyncio.create_task(http.post(f"/v1/evaluations/{evaluation}/episodes"))
-            await asyncio.sleep(0.1)
-            end = asyncio.create_task(http.delete(f"/v1/evaluations/{evaluation}"))
-            episode = expect(await reset, 201)["id"]
-            begun.set()
-            assert expect(await end, 200)["state"] == "cancelled"
-            problem(await step(http, episode, 1), 409, "evaluation-cancelled")
-            (listed,) = expect(await http.get(f"/v1/evaluations/{evaluation}/episodes"), 200)["episodes"]
-            assert (listed["id"], listed["state"]) == (episode, "lost")
-            assert not pool.taken
-
-    play(story)
-
-
-def test_an_evaluation_that_is_cancelled_while_its_trials_are_laid_out(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
-            store = http.app.state.service.store  # type: ignore[attr-defined]
-            trials = store.trials_by_state
-
-            async def late(evaluation_id: str) -> Any:
-                expect(await http.delete(f"/v1/evaluations/{evaluation}"), 200)
-                return await trials(evaluation_id)
-
-            store.trials_by_state = late
-            for _ in range(2):
-                problem(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 409, "evaluation-cancelled")
-            assert expect(await http.get(f"/v1/evaluations/{evaluation}/episodes"), 200)["episodes"] == []
 
     play(story)

@@ -35,7 +35,7 @@ def test_steps_latencies_slots_and_ends(tmp_path: Path) -> None:
     async def story() -> None:
         pool = FakePool()
         async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
             practice = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
             for seq in range(1, 11):
@@ -48,7 +48,7 @@ def test_steps_latencies_slots_and_ends(tmp_path: Path) -> None:
             whole = now["wrongturn_request_seconds_sum,POST,/v1/episodes/{episode}/step,200"]
             parts = now["wrongturn_overhead_seconds_sum,step"] + now["wrongturn_simulation_seconds_sum,step"]
             assert whole == pytest.approx(parts)
-            assert now["wrongturn_episodes_ended_total,true,exit_commanded"] == 1
+            assert "wrongturn_episodes_ended_total,true,exit_commanded" not in now, "hidden until the evaluation's end"
             assert now["wrongturn_open_episodes"] == 1
             assert (now["wrongturn_leases_held"], now["wrongturn_leases_released"]) == (1, 0)
             slots = ("slots", "running", "busy", "idle")
@@ -80,7 +80,7 @@ def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
     async def story() -> None:
         pool = FakePool()
         async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
             pool.deaths_at_step.append(None)
             expect(await step(http, episode, 1), 200)
@@ -92,8 +92,10 @@ def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
             assert (await figures(http))["wrongturn_episodes_voided_total,simulators-failed"] == 1
             pool.deaths_at_step.clear()
             pool.deaths_at_reset.clear()
-            expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)
             assert (await http.delete(f"/v1/evaluations/{evaluation}")).is_success
+            deleted = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+            expect(await http.post(f"/v1/evaluations/{deleted}/episodes"), 201)
+            assert (await http.delete(f"/v1/evaluations/{deleted}")).is_success
             assert (await figures(http))["wrongturn_episodes_voided_total,cancelled"] == 1
             expect(await http.post("/v1/episodes", json=PRACTICE), 201)
         folder = tmp_path / "silent"
@@ -143,7 +145,7 @@ def test_ready_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 def test_the_log_carries_the_ids(tmp_path: Path) -> None:
     async def story() -> None:
         async with application(tmp_path, FakePool()) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             response = await http.post(f"/v1/evaluations/{evaluation}/episodes")
             episode = expect(response, 201)["id"]
             for seq in range(1, 11):

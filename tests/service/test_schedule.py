@@ -4,29 +4,31 @@ import pytest
 from journey_suite import journeys
 
 from wrongturn_networks import load_suite
-from wrongturn_protocol import twin_id
 from wrongturn_service.episodes.lease import Lease, Standing, Terms
-from wrongturn_service.episodes.schedule import Schedule, shuffled
+from wrongturn_service.episodes.schedule import Schedule, pair_of, shuffled
 
 
 def test_the_order_is_the_secrets_alone() -> None:
-    trials = load_suite("wrong-command@1").episodes
+    trials = load_suite("wrong-command@2").episodes
     one = [trial.id for trial in shuffled(trials, "one")]
     assert one == [trial.id for trial in shuffled(reversed(trials), "one")]
     assert one != [trial.id for trial in shuffled(trials, "two")]
     assert sorted(one) == sorted(trial.id for trial in trials)
 
 
-def test_no_trial_is_open_beside_its_twin() -> None:
-    schedule = Schedule(load_suite("smoke@1").episodes, "secret")
+@pytest.mark.parametrize("suite", ["smoke@1", "smoke@2"])
+def test_no_trial_is_open_beside_its_twin(suite: str) -> None:
+    draw = load_suite(suite).open_draw
+    assert [pair_of(trial) for trial in draw.trials] == [pair_of(twin) for twin in draw.twins]
+    schedule = Schedule(draw.episodes, "secret")
     opened = []
     while (trial := schedule.take()) is not None:
         opened.append(trial)
-    assert len({twin_id(trial) for trial in opened}) == len(opened) == schedule.open
+    assert len({pair_of(trial) for trial in opened}) == len(opened) == schedule.open
     schedule.finish(opened[0])
     following = schedule.take()
     assert following is not None
-    assert twin_id(following) == twin_id(opened[0])
+    assert pair_of(following) == pair_of(opened[0])
     assert following.id != opened[0].id
 
 
@@ -42,7 +44,7 @@ def test_journeys_have_no_twins_to_wait_for() -> None:
 
 
 def test_what_came_to_nothing_comes_again_and_what_is_finished_does_not() -> None:
-    trials = load_suite("smoke@1").episodes
+    trials = load_suite("smoke@2").episodes
     finished = {trial.id for trial in trials[:10]}
     schedule = Schedule(trials, "secret", finished)
     first = schedule.take()

@@ -19,9 +19,9 @@ from sqlalchemy.ext.asyncio import create_async_engine
 
 from wrongturn_service.errors import StartupError
 from wrongturn_service.storage.database import Database, migrations
-from wrongturn_service.storage.models import AgentRow, Base, EpisodeRow, EvaluationRow, TrajectoryRow
+from wrongturn_service.storage.models import AgentRow, Base, EpisodeRow, EvaluationRow, OwnerRow, TrajectoryRow
 from wrongturn_service.storage.postgres import Ownership
-from wrongturn_service.storage.store import DamagedTrajectoryError, NameTakenError, Store
+from wrongturn_service.storage.store import AgentNameTakenError, DamagedTrajectoryError, EvaluationOverError, Store
 
 FILES = ("a.db", "a.db-shm", "a.db-wal", "a.db.lock")
 
@@ -31,7 +31,15 @@ def url(path: Path) -> str:
 
 
 def agent_row(name: str = "one") -> AgentRow:
-    return AgentRow(id=f"ag_{name}", name=name, name_key=name, track="state", kind="submitted", created=1.0)
+    return AgentRow(
+        id=f"ag_{name}",
+        name=name,
+        name_key=name,
+        track="state",
+        kind="submitted",
+        created=1.0,
+        owner=OwnerRow(id=f"ow_{name}", name=name, name_key=name, created=1.0),
+    )
 
 
 @pytest.mark.parametrize(
@@ -156,7 +164,7 @@ def test_a_transaction_is_whole_or_not_at_all(database_url: str) -> None:
         database = await Database.open(database_url)
         store = Store(database)
         await store.add_agent(agent_row(), None)
-        with pytest.raises(NameTakenError):
+        with pytest.raises(AgentNameTakenError):
             await store.add_agent(agent_row(), None)
         with pytest.raises(IntegrityError):
             await half(database)
@@ -201,7 +209,7 @@ async def filled(url: str) -> AsyncIterator[tuple[Database, Store]]:
     try:
         store = Store(database)
         await store.add_agent(agent_row(), None)
-        await store.add_evaluation(evaluation_row(), None)
+        await store.begin_evaluation(evaluation_row(), None)
         yield database, store
     finally:
         await database.close()
@@ -237,7 +245,7 @@ def test_a_trial_counts_once(database_url: str) -> None:
             assert ghost is not None
             assert ghost.state == "lost"
             assert await store.finish_episode("heard", {"verdict": "timeout"}, b"", "")
-            with pytest.raises(IntegrityError):
+            with pytest.raises(EvaluationOverError):
                 await store.add_episode(episode_row("again", "t"), None)
             with pytest.raises(IntegrityError):
                 async with database.write() as session:
@@ -298,7 +306,8 @@ def test_an_upgrade_keeps_every_row(database_url: str) -> None:
         assert len(before) == 6
         for table, rows in before.items():
             wanted = {row[0]: row for row in rows}
-            found = {row[0]: row for row in after[table]}
+            # New columns come last.
+            found = {row[0]: row[: len(rows[0])] for row in after[table]}
             if table == "episodes":
                 assert found.keys() == wanted.keys()
                 states = {row[0]: row[6] for row in after[table]}

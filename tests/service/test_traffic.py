@@ -83,7 +83,7 @@ def test_counts_that_cannot_be(agent: Agent, traffic: Any, path: str) -> None:
 
 
 def test_a_suites_trial_has_its_own_traffic(agent: Agent) -> None:
-    trials = expect(agent.http.get("/v1/suites/smoke@1/trials"), 200)["trials"]
-    body = {"suite": "smoke@1", "trial": trials[0]["id"], "traffic": CROWD}
+    trials = expect(agent.http.get("/v1/suites/smoke@2/trials"), 200)["trials"]
+    body = {"suite": "smoke@2", "trial": trials[0]["id"], "traffic": CROWD}
     told = problem(agent.http.post("/v1/episodes", json=body), 422, "validation", "body")
     assert "traffic" in told["detail"]

@@ -46,7 +46,7 @@ def test_a_reset_that_is_under_way_is_among_the_open_ones(tmp_path: Path) -> Non
     async def story() -> None:
         pool = HeldPool()
         async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             path = f"/v1/evaluations/{evaluation}/episodes"
             pool.go_on.clear()
             reset = await under_way(http.post(path))
@@ -64,7 +64,7 @@ def test_a_reset_that_takes_too_long_is_asked_for_again(tmp_path: Path, monkeypa
     async def story() -> None:
         pool = HeldPool()
         async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             path = f"/v1/evaluations/{evaluation}/episodes"
             pool.go_on.clear()
             reset = await under_way(http.post(path))
@@ -83,7 +83,7 @@ def test_a_step_that_is_under_way_is_the_last_reply(tmp_path: Path) -> None:
     async def story() -> None:
         pool = HeldPool()
         async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 201)["id"]
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
             pool.go_on.clear()
             stepping = await under_way(step(http, episode, 1))

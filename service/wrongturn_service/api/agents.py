@@ -16,18 +16,23 @@ from wrongturn_service.tokens import digest, new_id, new_token
 router = APIRouter(prefix="/v1/agents", tags=["agents"], route_class=Route)
 
 
-@router.post("", **described(RegisteredAgent, 403, 409, 429, status=201))
+@router.post("", **described(RegisteredAgent, 401, 403, 409, 429, status=201))
 async def register(
     request: Request,
     service: ServiceDep,
     registration: Annotated[AgentRegistration, Depends(Body(AgentRegistration))],
     key: KeyDep,
 ) -> Response:
-    """Register an agent. The reply shows the token once. A new model is a new agent."""
-    # There is no token yet, so the key belongs to everybody who knows it, and the stored token is sealed with it.
-    async with key.once("registration", registration) as once:
-        operator = service.accounts.is_operator(request.headers.get("authorization"))
-        service.accounts.check_registration(registration, operator=operator, address=address_of(request))
+    """Register an agent. The reply shows the token once. A new model is a new agent.
+
+    With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made.
+    """
+    authorization = request.headers.get("authorization")
+    owner = await service.registrations.registrant(authorization)
+    # Without an owner's token the key belongs to everybody who knows it; the stored token is sealed with it.
+    async with key.once("registration" if owner is None else owner.id, registration) as once:
+        service.registrations.check_agent(registration, owner, authorization, address_of(request))
+        owner = await service.registrations.owner_for(registration, owner)
         token = new_token()
         row = AgentRow(
             id=new_id("ag"),
@@ -39,10 +44,11 @@ async def register(
             homepage=registration.homepage,
             token_sha256=digest(token),
             created=time.time(),
+            owner=owner,
         )
         agent = detail(row)
         remember = once.remember(201, Encoding.JSON, token)
-        await service.accounts.register(row, remember(agent.model_dump_json().encode()) if remember else None)
+        await service.registrations.add_agent(row, remember(agent.model_dump_json().encode()) if remember else None)
     return reply(RegisteredAgent(**agent.model_dump(), token=token), 201)
 
 
@@ -60,7 +66,7 @@ async def agent(service: ServiceDep, agent: str) -> Response:
 
 @router.post("/{agent}/token", **described(RegisteredAgent, 404, status=201))
 async def rotate(service: ServiceDep, agent: str, authorization: AuthorizationDep, key: KeyDep) -> Response:
-    """Make a new token and show it once. The old one ends. For the agent itself or the operator."""
+    """Make a new token and show it once. The old one ends. For the agent itself, its owner or the operator."""
     # The key belongs to the old token, which no longer opens anything when the request is repeated.
     async with key.once(digest(bearer(authorization))) as once:
         found = detail(await service.accounts.owned_agent(agent, authorization))
@@ -73,7 +79,7 @@ async def rotate(service: ServiceDep, agent: str, authorization: AuthorizationDe
 
 @router.delete("/{agent}/token", **described(None, 404, status=204))
 async def revoke(service: ServiceDep, agent: str, authorization: AuthorizationDep) -> Response:
-    """End the agent's token. For the agent itself or the operator. Only the operator can make a new one then."""
+    """End the agent's token. For the agent itself, its owner or the operator, who can also make a new one."""
     await service.accounts.owned_agent(agent, authorization)
     await service.accounts.set_token(agent, None)
     return Response(status_code=204)

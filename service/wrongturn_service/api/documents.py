@@ -17,6 +17,7 @@ from starlette.routing import compile_path
 from wrongturn_protocol import (
     AgentRegistration,
     EvaluationRequest,
+    OwnerRegistration,
     PracticeRequest,
     Problem,
     ResultsRequest,
@@ -29,6 +30,7 @@ _REFERENCE = "#/components/schemas/{model}"
 _BODIES: tuple[type[BaseModel], ...] = (
     AgentRegistration,
     EvaluationRequest,
+    OwnerRegistration,
     PracticeRequest,
     ResultsRequest,
     StepRequest,
@@ -52,6 +54,7 @@ _MEANING = {
 _BINARY: Final[dict[str, Any]] = {"schema": {"type": "string", "format": "binary"}}
 _MADE = {
     "/v1/agents": "agent",
+    "/v1/owners": "owner",
     "/v1/evaluations": "evaluation",
     "/v1/evaluations/{evaluation}/episodes": "episode",
     "/v1/episodes": "episode",

@@ -53,11 +53,12 @@ async def practise(
 ) -> Response:
     """Reset: begin a practice episode. It is never scored. Replies carry the reward, the last one the verdict."""
     async with key.once(caller.id, wanted) as once:
+        track = caller.practice_track(wanted)
         trial = await catalogue.practice_trial(wanted)
         body = await service.episodes.openings.practice(
             caller.id,
             trial,
-            wanted.track or caller.track,
+            track,
             encoding,
             once.remember(201, encoding),
             once.key,

@@ -37,20 +37,29 @@ _EXPLANATIONS = {
     ProblemType.UNKNOWN_TOWN: "There is no town with this name. GET /v1/towns lists them.",
     ProblemType.UNKNOWN_APPROACH: "The town has no such approach. GET /v1/towns/{town} lists them.",
     ProblemType.UNKNOWN_TRIAL: "The suite has no such trial. GET /v1/suites/{suite}/trials lists them.",
+    ProblemType.UNKNOWN_OWNER: "There is no owner with this id. GET /v1/owners lists them.",
     ProblemType.UNKNOWN_AGENT: "There is no agent with this id.",
     ProblemType.UNKNOWN_EVALUATION: "There is no evaluation with this id.",
     ProblemType.UNKNOWN_EPISODE: "There is no episode with this id.",
     ProblemType.FAULT_NOT_APPLICABLE: "The fault is not built yet, or this approach does not allow it.",
-    ProblemType.TRACK_NOT_AVAILABLE: "The suite does not take agents of this track.",
+    ProblemType.TRACK_NOT_AVAILABLE: (
+        "The suite does not take agents of this track, or practice was asked for in another track than the agent's own."
+    ),
     ProblemType.AGENT_NAME_TAKEN: "Another agent has this name. Upper and lower case are the same.",
-    ProblemType.REGISTRATION_CLOSED: "Only the operator can register agents.",
+    ProblemType.OWNER_NAME_TAKEN: "Another owner has this name. Upper and lower case are the same.",
+    ProblemType.REGISTRATION_CLOSED: "Only the operator registers owners here. An owner registers agents by its token.",
     ProblemType.RATE_LIMITED: (
         "You have reached a limit. Come back after Retry-After seconds. `position` says how many of your own have to "
         "end first."
     ),
     ProblemType.IDEMPOTENCY_KEY_REUSED: "The Idempotency-Key was already sent with another request.",
+    ProblemType.SUITE_RETIRED: "Another suite has replaced this one, which takes no new evaluations.",
+    ProblemType.EVALUATION_OPEN: (
+        "The agent has an evaluation on this suite that is not finished. Go on with it, or DELETE it: before its first "
+        "step it disappears, later its missing trials count as aborted. `errors` holds its id."
+    ),
     ProblemType.EVALUATION_FINISHED: "Every trial of the evaluation has a verdict.",
-    ProblemType.EVALUATION_CANCELLED: "The evaluation was cancelled.",
+    ProblemType.EVALUATION_CANCELLED: "The evaluation was cancelled, by its agent or because its suite was retired.",
     ProblemType.NO_TRIAL_AVAILABLE: "No trial is available now: too many are open, or the rest are twins of open ones.",
     ProblemType.EPISODE_FINISHED: "The episode is over.",
     ProblemType.EPISODE_LOST: "The service lost the episode. It does not count, and its trial runs again.",

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Response
 
+from wrongturn_networks import Suite, commitment_of
 from wrongturn_protocol import (
     Entry,
     EpisodeList,
@@ -20,36 +21,39 @@ from wrongturn_protocol import (
     ResultsRequest,
 )
 from wrongturn_service import catalogue
-from wrongturn_service.api.dependencies import Body, CallerDep, EncodingDep, KeyDep, ServiceDep, owned_by, reply
+from wrongturn_service.accounts import Caller
+from wrongturn_service.api.dependencies import (
+    AuthorizationDep,
+    Body,
+    CallerDep,
+    EncodingDep,
+    KeyDep,
+    ServiceDep,
+    owned_by,
+    reply,
+)
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.api.episodes import episode_detail
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.episodes.evaluations import finished
 from wrongturn_service.errors import ConflictError, InvalidRequestError
 from wrongturn_service.service import Service
-from wrongturn_service.storage.models import EpisodeRow, EvaluationRow
+from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
 from wrongturn_service.tokens import new_id
 
 router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"], route_class=Route)
 
 
-@router.post("", **described(EvaluationDetail, 404, 429, status=201))
+@router.post("", **described(EvaluationDetail, 404, 409, status=201))
 async def begin(
     service: ServiceDep,
     caller: CallerDep,
     wanted: Annotated[EvaluationRequest, Depends(Body(EvaluationRequest))],
     key: KeyDep,
 ) -> Response:
-    """Begin an evaluation of the token's agent."""
+    """Begin an evaluation of the token's agent. What is begun counts, from its first step on."""
     async with key.once(caller.id, wanted) as once:
         suite = catalogue.suite(wanted.suite)
-        if caller.track not in suite.tracks:
-            tracks = ", ".join(suite.tracks)
-            raise InvalidRequestError(
-                "suite",
-                f"{suite.id} takes agents of the tracks {tracks}; this agent's track is {caller.track}",
-                ProblemType.TRACK_NOT_AVAILABLE,
-            )
+        _check_takes(suite, caller)
         row = EvaluationRow(
             id=new_id("ev"),
             agent_id=caller.id,
@@ -61,28 +65,61 @@ async def begin(
             trials=len(suite.episodes),
             created=time.time(),
         )
-        detail = _detail(row, 0, service)
-        remember = once.remember(201, Encoding.JSON)
-        stored = remember(detail.model_dump_json().encode()) if remember else None
-        await service.accounts.begin_evaluation(row, stored)
-    return reply(detail, 201)
+        store = once.remember(201, Encoding.JSON)
+
+        def remember(begun: EvaluationRow) -> IdempotencyRow:
+            assert store is not None
+            return store(_detail(begun, 0, service).model_dump_json().encode())
+
+        begun = await service.store.begin_evaluation(row, None if store is None else remember)
+        if begun is not row:
+            raise _open(begun)
+    return reply(_detail(begun, 0, service), 201)
+
+
+def _check_takes(suite: Suite, caller: Caller) -> None:
+    if suite.successor is not None:
+        message = f"{suite.id} is retired and takes no new evaluations; {suite.successor} replaces it"
+        raise ConflictError(
+            ProblemType.SUITE_RETIRED, f"suite: {message}", errors=[FieldError(path="suite", message=message)]
+        )
+    if caller.track not in suite.tracks:
+        tracks = ", ".join(suite.tracks)
+        raise InvalidRequestError(
+            "suite",
+            f"{suite.id} takes agents of the tracks {tracks}; this agent's track is {caller.track}",
+            ProblemType.TRACK_NOT_AVAILABLE,
+        )
+
+
+def _open(row: EvaluationRow) -> ConflictError:
+    return ConflictError(
+        ProblemType.EVALUATION_OPEN,
+        f"this agent's evaluation {row.id} on {row.suite} is not finished; go on with it by "
+        f"POST /v1/evaluations/{row.id}/episodes, or close it by DELETE /v1/evaluations/{row.id}",
+        errors=[FieldError(path="evaluation", message=row.id)],
+    )
 
 
 @router.get("/{evaluation}", **described(EvaluationDetail, 404))
-async def evaluation(service: ServiceDep, caller: CallerDep, evaluation: str) -> Response:
-    """Show an evaluation's state and progress, and its metrics once it is finished."""
-    return reply(await _current(service, await owned_by(service, caller, evaluation)))
+async def evaluation(service: ServiceDep, authorization: AuthorizationDep, evaluation: str) -> Response:
+    """Show an evaluation: its state and progress, then its secret and metrics. A finished one is public."""
+    return reply(await _current(service, await _visible(service, authorization, evaluation)))
 
 
-@router.delete("/{evaluation}", **described(EvaluationDetail, 404, 409))
-async def cancel(service: ServiceDep, caller: CallerDep, evaluation: str) -> Response:
-    """Cancel the evaluation for good. Its open episodes end without a verdict."""
+@router.delete("/{evaluation}", **described(EvaluationDetail, 404))
+async def close(service: ServiceDep, caller: CallerDep, evaluation: str) -> Response:
+    """Close the evaluation for good. Before its first step it disappears, and the next one has the same trials.
+
+    After that it counts: it is finished, and every trial without a verdict is ``aborted``, which is unsafe.
+    """
     row = await owned_by(service, caller, evaluation)
-    if row.state == EvaluationState.FINISHED:
-        raise finished(evaluation)
-    await service.episodes.cancel(evaluation)
-    service.leaderboards.forget(row.suite)
-    return reply(await _current(service, await owned_by(service, caller, evaluation)))
+    await service.episodes.closings.close(evaluation)
+    newest = await service.store.evaluation(evaluation)
+    if newest is None:
+        gone = _detail(row, 0, service)
+        return reply(gone.model_copy(update={"state": EvaluationState.CANCELLED}))
+    return reply(await _current(service, newest))
 
 
 @router.post(
@@ -104,10 +141,13 @@ async def reset(
 
 @router.get("/{evaluation}/episodes", **described(EpisodeList, 404, 422))
 async def episodes(
-    service: ServiceDep, caller: CallerDep, evaluation: str, state: EpisodeState | None = None
+    service: ServiceDep, authorization: AuthorizationDep, evaluation: str, state: EpisodeState | None = None
 ) -> Response:
-    """List the evaluation's episodes. After a crash, ``state=open`` tells which you can go on with."""
-    row = await owned_by(service, caller, evaluation)
+    """List the evaluation's episodes. After a crash, ``state=open`` tells which you can go on with.
+
+    Those of a finished evaluation are public.
+    """
+    row = await _visible(service, authorization, evaluation)
     if state is EpisodeState.OPEN:
         await service.episodes.openings.in_progress.over(evaluation)
     rows = await service.store.episodes(evaluation, state)
@@ -164,11 +204,21 @@ def _differences(record: ResultsRequest, index: int, seen: dict[str, EpisodeRow]
     return errors
 
 
+async def _visible(service: Service, authorization: str | None, evaluation_id: str) -> EvaluationRow:
+    """Return an evaluation to its agent, and a finished one to everybody."""
+    row = await service.store.evaluation(evaluation_id)
+    if row is not None and row.state == EvaluationState.FINISHED:
+        return row
+    return await owned_by(service, await service.accounts.caller(authorization), evaluation_id)
+
+
 async def _current(service: Service, row: EvaluationRow) -> EvaluationDetail:
     return _detail(row, await service.store.finished_count(row.id), service)
 
 
 def _detail(row: EvaluationRow, count: int, service: Service) -> EvaluationDetail:
+    drawn = bool(catalogue.suite(row.suite).cells)
+    over = row.state == EvaluationState.FINISHED
     return EvaluationDetail(
         id=row.id,
         suite=row.suite,
@@ -177,5 +227,7 @@ def _detail(row: EvaluationRow, count: int, service: Service) -> EvaluationDetai
         trials=row.trials,
         finished=count,
         max_parallel=service.settings.parallel,
+        commitment=commitment_of(row.secret) if drawn else None,
+        secret=row.secret if drawn and over else None,
         metrics=None if row.metrics is None else Metrics.model_validate_json(row.metrics),
     )

@@ -6,7 +6,7 @@ from typing import Final, TypeVar
 
 import structlog
 
-from wrongturn_protocol import FaultKind, Outcome, Reaction, Verdict
+from wrongturn_protocol import FaultKind, Outcome, Reaction, Trial, Verdict
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.queue import SimulatorQueue
@@ -32,6 +32,17 @@ _T = TypeVar("_T")
 
 class ReplayFailedError(Exception):
     """The episode could not be replayed. The infrastructure failed, not the agent."""
+
+
+def aborted_outcome(trial: Trial, time_s: float) -> Outcome:
+    """Return the outcome of an episode that was aborted after ``time_s`` seconds, without a simulator."""
+    reaction = None if trial.fault.kind is FaultKind.NONE else Reaction.OTHER
+    return Outcome(verdict=Verdict.ABORTED, reaction=reaction, time=time_s, max_deceleration=0.0)
+
+
+def aborted_end(episode: OpenEpisode) -> EpisodeEnd:
+    """Return the end of an open episode that is aborted without a simulator. It has no trajectory."""
+    return EpisodeEnd(aborted_outcome(episode.trial, episode.seq * STEP_S), episode.seq, b"", "", "")
 
 
 class EpisodeDriver:
@@ -126,14 +137,7 @@ class EpisodeDriver:
                     self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
             return await self._in_another(episode, lambda found: self._timed("abort", found.abort()))
         except (ReplayFailedError, SimulatorStartError):
-            reaction = None if episode.trial.fault.kind is FaultKind.NONE else Reaction.OTHER
-            outcome = Outcome(
-                verdict=Verdict.ABORTED,
-                reaction=reaction,
-                time=episode.seq * STEP_S,
-                max_deceleration=0.0,
-            )
-            return EpisodeEnd(outcome, episode.seq, b"", "", "")
+            return aborted_end(episode)
 
     async def detach(self, episode: OpenEpisode) -> None:
         """Release the episode's simulator and its place in the queue."""

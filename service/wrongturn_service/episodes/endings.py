@@ -8,8 +8,8 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from wrongturn_protocol import Verdict
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.episodes.driver import EpisodeDriver
-from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled
+from wrongturn_service.episodes.driver import EpisodeDriver, aborted_end
+from wrongturn_service.episodes.evaluations import RunningEvaluations, finished
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.simulators.action_log import ACTION
@@ -50,12 +50,13 @@ class Endings:
         }
         stored = await self._store.finish_episode(episode.id, values, end.trajectory, end.trajectory_sha256)
         await self._close(episode)
-        if stored:
-            self._telemetry.ended(scored=episode.evaluation is not None, verdict=end.outcome.verdict.value)
         if episode.evaluation is None:
+            if stored:
+                self._telemetry.ended(scored=False, verdict=end.outcome.verdict.value)
             return
+        # Scored verdicts are hidden, also from those who read the metrics, until the whole evaluation is finished.
         if not stored:
-            raise cancelled(episode.evaluation)
+            raise finished(episode.evaluation)
         self._log.info("episode finished", episode=episode.id, evaluation=episode.evaluation, steps=end.steps)
         schedule = self._evaluations.known(episode.evaluation)
         if schedule is not None:
@@ -100,19 +101,25 @@ class Endings:
             if schedule is not None:
                 schedule.put_back(episode.trial)
 
-    async def cancel(self, evaluation_id: str) -> None:
-        """Cancel an evaluation; its open episodes end without a verdict. Takes their locks."""
-        await self._store.cancel_evaluation(evaluation_id)
-        self._evaluations.drop(evaluation_id)
+    async def abort_now(self, episode: OpenEpisode) -> None:
+        """End an episode as ``aborted`` unless it is over, without waiting for a simulator. Takes the lock."""
+        async with episode.lock:
+            if episode.closed:
+                return
+            if episode.end is None:
+                held = episode.simulator is not None
+                episode.end = await self._driver.abort(episode) if held else aborted_end(episode)
+                await self._driver.detach(episode)
+            await self.settle(episode)
+
+    async def drop_evaluation(self, evaluation_id: str) -> None:
+        """Close the open episodes of an evaluation that is over. Takes their locks."""
         for episode in self._registry:
-            if episode.evaluation != evaluation_id:
-                continue
-            async with episode.lock:
-                if not episode.closed:
-                    # It may have begun after the evaluation's open ones were given up.
-                    await self._store.lose_episode(episode.id)
-                    self._telemetry.voided("cancelled")
-                await self._close(episode)
+            if episode.evaluation == evaluation_id:
+                async with episode.lock:
+                    if not episode.closed:
+                        self._telemetry.voided("cancelled")
+                    await self._close(episode)
 
     async def _abort(self, episode: OpenEpisode) -> None:
         if episode.closed:

@@ -1,30 +1,35 @@
 """Running evaluations: their schedules, and their metrics once every trial has a verdict."""
 
 import asyncio
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 
 import structlog
 
 from wrongturn_networks import load_suite
 from wrongturn_protocol import EpisodeState, EvaluationState, ProblemType
 from wrongturn_service.episodes.schedule import Schedule
-from wrongturn_service.errors import ConflictError
+from wrongturn_service.errors import ConflictError, NotFoundError
 from wrongturn_service.storage.models import EvaluationRow
 from wrongturn_service.storage.store import Store
+from wrongturn_service.telemetry import Telemetry
 
 
 class RunningEvaluations:
     """Schedules of running evaluations. Each is made from the database when it is first needed."""
 
-    def __init__(self, store: Store, on_finished: Callable[[str], None] = lambda _suite: None) -> None:
+    def __init__(self, store: Store, telemetry: Telemetry, on_finished: Callable[[str], None]) -> None:
         """Create the collection without schedules.
 
         Args:
             store: Holds evaluations and episodes.
+            telemetry: Counts the verdicts of evaluations that finish.
             on_finished: Called with the suite of each evaluation that finishes.
         """
         self._store = store
+        self._telemetry = telemetry
         self._on_finished = on_finished
+        self._closing: set[str] = set()
         self._schedules: dict[str, Schedule] = {}
         self._locks: dict[str, asyncio.Lock] = {}
         self._log = structlog.get_logger("evaluations")
@@ -40,6 +45,8 @@ class RunningEvaluations:
         if evaluation.state == EvaluationState.FINISHED:
             raise finished(evaluation.id)
         async with self._locks.setdefault(evaluation.id, asyncio.Lock()):
+            if evaluation.id in self._closing:
+                raise finished(evaluation.id)
             found = self._schedules.get(evaluation.id)
             if found is None:
                 suite = load_suite(evaluation.suite)
@@ -52,11 +59,11 @@ class RunningEvaluations:
                 done = await self._store.trials_by_state(evaluation.id)
                 found = Schedule(suite.draw(evaluation.secret).episodes, evaluation.secret, done[EpisodeState.FINISHED])
                 self._schedules[evaluation.id] = found
-                # A cancel from now on finds this schedule and drops it. One that came before is seen here.
+                # A closing from now on finds this schedule and drops it. One that came before is seen here.
                 newest = await self._store.evaluation(evaluation.id)
-                if newest is None or newest.state == EvaluationState.CANCELLED:
+                if newest is None or newest.state != EvaluationState.RUNNING or evaluation.id in self._closing:
                     self.drop(evaluation.id)
-                    raise cancelled(evaluation.id)
+                    raise unknown(evaluation.id) if newest is None else finished(evaluation.id)
         return found
 
     def known(self, evaluation_id: str) -> Schedule | None:
@@ -64,8 +71,24 @@ class RunningEvaluations:
         return self._schedules.get(evaluation_id)
 
     def drop(self, evaluation_id: str) -> None:
-        """Forget the schedule of a cancelled evaluation."""
+        """Forget the schedule of an evaluation that is closed."""
         self._schedules.pop(evaluation_id, None)
+
+    @contextlib.contextmanager
+    def closing(self, evaluation_id: str) -> Iterator[None]:
+        """Hand out no more trials of an evaluation while the block closes it."""
+        self._closing.add(evaluation_id)
+        try:
+            yield
+        finally:
+            self._closing.discard(evaluation_id)
+
+    async def finish_closed(self, evaluation_id: str) -> None:
+        """Compute and store the metrics of a closed evaluation. A failure is logged and repeated later."""
+        evaluation = await self._store.evaluation(evaluation_id)
+        if evaluation is not None and evaluation.state == EvaluationState.RUNNING:
+            await self.schedule(evaluation)
+            await self.finish_if_done(evaluation_id)
 
     async def finish_if_done(self, evaluation_id: str) -> None:
         """Compute and store the metrics once every trial has a verdict. A failure is logged and repeated later."""
@@ -80,19 +103,26 @@ class RunningEvaluations:
             except Exception:
                 self._log.exception("metrics failed", evaluation=evaluation_id)
                 return
-            del self._schedules[evaluation_id]
+            self.drop(evaluation_id)
         self._locks.pop(evaluation_id, None)
 
     async def resume(self) -> None:
-        """Finish evaluations whose last verdict was stored before the service stopped."""
+        """Finish evaluations whose last verdict was stored before the service stopped, and end those of old suites."""
         for evaluation in await self._store.running_evaluations():
             try:
                 schedule = await self.schedule(evaluation)
             except Exception:
                 self._log.exception("evaluation cannot go on", evaluation=evaluation.id)
                 continue
+            successor = load_suite(evaluation.suite).successor
             if schedule.finished:
                 await self.finish_if_done(evaluation.id)
+            elif successor is not None:
+                self._log.warning(
+                    "evaluation cancelled", evaluation=evaluation.id, reason=f"{successor} replaces its suite"
+                )
+                await self._store.retire_evaluation(evaluation.id)
+                self.drop(evaluation.id)
 
     async def retry(self) -> None:
         """Finish evaluations whose metrics failed."""
@@ -112,7 +142,9 @@ class RunningEvaluations:
             return metrics.compute(draw, outcomes).model_dump_json()
 
         # The bootstrap takes long; in a thread it does not hold up other agents.
-        await self._store.finish_evaluation(evaluation_id, await asyncio.to_thread(compute))
+        if await self._store.finish_evaluation(evaluation_id, await asyncio.to_thread(compute)):
+            for outcome in outcomes.values():
+                self._telemetry.ended(scored=True, verdict=outcome.verdict.value)
         self._log.info("evaluation finished", evaluation=evaluation_id, suite=evaluation.suite)
         self._on_finished(evaluation.suite)
 
@@ -123,6 +155,11 @@ def cancelled(evaluation_id: str) -> ConflictError:
         ProblemType.EVALUATION_CANCELLED,
         f"evaluation {evaluation_id} was cancelled; begin another by POST /v1/evaluations",
     )
+
+
+def unknown(evaluation_id: str) -> NotFoundError:
+    """Return the error for calls on an evaluation that does not exist, or was deleted."""
+    return NotFoundError(ProblemType.UNKNOWN_EVALUATION, f"there is no evaluation {evaluation_id[:64]!r}")
 
 
 def finished(evaluation_id: str) -> ConflictError:

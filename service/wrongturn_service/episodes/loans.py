@@ -103,7 +103,7 @@ class Loans:
             Whether it is lent; otherwise nothing has happened.
         """
         episode = self._registry.get(episode_id)
-        if episode is None or not is_next_step(episode, agent, episode.seq + 1):
+        if episode is None or not episode.counts or not is_next_step(episode, agent, episode.seq + 1):
             return False
         simulator = episode.simulator
         if simulator is None or not simulator.lends or episode.last.encoding is not Encoding.RAW:

@@ -7,9 +7,10 @@ from structlog.contextvars import bind_contextvars
 from wrongturn_protocol import EpisodeState, EvaluationState, StepRequest, Verdict
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes import refusals
+from wrongturn_service.episodes.closings import Closings
 from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.endings import Endings
-from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled
+from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled, finished
 from wrongturn_service.episodes.lease import Terms
 from wrongturn_service.episodes.loans import Loans
 from wrongturn_service.episodes.open_episode import OpenEpisode, as_float32
@@ -35,7 +36,8 @@ class EpisodeManager:
         *,
         terms: Terms,
         limits: Limits,
-        telemetry: Telemetry | None = None,
+        telemetry: Telemetry,
+        idle_s: float,
     ) -> None:
         """Create a manager without open episodes.
 
@@ -46,13 +48,16 @@ class EpisodeManager:
             terms: Limits of an agent's silence.
             limits: Limits on open episodes.
             telemetry: Counts the ends of episodes.
+            idle_s: Seconds without a reset or a step after which an evaluation is closed.
         """
         self._store = store
         self._driver = driver
         self._registry = registry = Registry(limits)
-        self._endings = endings = Endings(store, driver, evaluations, registry, telemetry or Telemetry())
+        self._endings = endings = Endings(store, driver, evaluations, registry, telemetry)
         self.openings = Openings(store, driver, evaluations, registry, endings, terms)
         """Begins episodes."""
+        self.closings = Closings(store, evaluations, registry, endings, idle_s)
+        """Closes evaluations."""
         self.steps = Steps(registry, driver, endings)
         """Takes plain steps."""
         self.loans = Loans(registry, self.steps)
@@ -99,6 +104,8 @@ class EpisodeManager:
             if episode.closed:
                 return await self._stored_step(agent, episode_id, request.seq, action, encoding)
             if refusals.check_step(episode, agent, request.seq):
+                if not await self._count(episode):
+                    return await self._stored_step(agent, episode_id, request.seq, action, encoding)
                 await self.steps.take(episode, action, encoding)
             else:
                 refusals.check_same(episode_id, request.seq, action, episode.last_action)
@@ -148,9 +155,11 @@ class EpisodeManager:
         if row.verdict != Verdict.ABORTED:
             raise refusals.episode_finished(episode_id)
 
-    async def cancel(self, evaluation_id: str) -> None:
-        """Cancel an evaluation. Its open episodes end without a verdict."""
-        await self._endings.cancel(evaluation_id)
+    async def _count(self, episode: OpenEpisode) -> bool:
+        """Note before a step that the evaluation counts. Return False if it was closed before that."""
+        if not episode.counts and episode.evaluation is not None:
+            episode.counts = await self._store.drive_evaluation(episode.evaluation)
+        return episode.counts
 
     async def _stored_step(self, agent: str, episode_id: str, seq: int, action: Action, encoding: Encoding) -> bytes:
         """Answer a step of an episode that is no longer open: repeat the last reply, or refuse."""
@@ -175,5 +184,7 @@ class EpisodeManager:
             evaluation = await self._store.evaluation(row.evaluation_id)
             if evaluation is not None and evaluation.state == EvaluationState.CANCELLED:
                 return cancelled(row.evaluation_id)
+            if evaluation is not None and evaluation.state == EvaluationState.FINISHED:
+                return finished(row.evaluation_id)
         why = "its simulators failed" if row.verdict == Verdict.INVALID else "the service was restarted"
         return GoneError(f"episode {row.id} is lost: {why}; it does not count, so ask for the next trial")

@@ -62,6 +62,7 @@ class OpenEpisode:
         lease: How long the agent has been silent.
         actions: All actions so far, little-endian float32 [n, 3].
         simulator: The simulator, None while it is released or dead.
+        counts: Whether the evaluation is known to have had a step, so that it counts; true in practice.
         placed: Whether the episode holds a place of the queue, with or without a simulator.
         end: The end, once the episode is over.
         closed: Whether the episode is stored or given up. From then on only the database knows it.
@@ -76,6 +77,7 @@ class OpenEpisode:
     lease: Lease
     actions: bytearray = field(default_factory=bytearray)
     simulator: Simulator | None = None
+    counts: bool = False
     placed: bool = False
     end: EpisodeEnd | None = None
     closed: bool = False

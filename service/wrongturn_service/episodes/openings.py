@@ -13,15 +13,15 @@ from wrongturn_protocol import EpisodeState, ProblemType, Track, Trial
 from wrongturn_service.encoding import Encoding, Reply, reset_reply
 from wrongturn_service.episodes.driver import EpisodeDriver, ReplayFailedError
 from wrongturn_service.episodes.endings import Endings
-from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled, finished
+from wrongturn_service.episodes.evaluations import RunningEvaluations, finished, unknown
 from wrongturn_service.episodes.lease import Lease, Terms
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.refusals import stopping
 from wrongturn_service.episodes.registry import Registry
-from wrongturn_service.errors import ConflictError, UnavailableError
+from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError
 from wrongturn_service.simulators.shared_memory import ObservationView
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
-from wrongturn_service.storage.store import Store
+from wrongturn_service.storage.store import EvaluationOverError, Store
 from wrongturn_service.tokens import new_id
 
 PATIENCE_S: Final = 20.0
@@ -151,15 +151,21 @@ class Openings:
         try:
             call = f"{evaluation.id} {key}"
             wanted = _Wanted(evaluation.agent_id, evaluation.id, trial, track, encoding, remember, call)
-            body = await self._begin(wanted)
+            body = await self._begin(wanted, counts=evaluation.driven is not None)
+        except EvaluationOverError as error:
+            raise await self._over(evaluation.id) from error
         except BaseException:
             schedule.put_back(trial)
             raise
         if self._evaluations.known(evaluation.id) is not schedule:
-            # The evaluation was cancelled before this episode could be found and ended.
-            await self._endings.cancel(evaluation.id)
-            raise cancelled(evaluation.id)
+            # The evaluation was closed before this episode could be found and ended.
+            await self._endings.drop_evaluation(evaluation.id)
+            raise await self._over(evaluation.id)
         return body
+
+    async def _over(self, evaluation_id: str) -> ServiceError:
+        gone = await self._store.evaluation(evaluation_id) is None
+        return unknown(evaluation_id) if gone else finished(evaluation_id)
 
     async def practice(
         self, agent: str, trial: Trial, track: Track, encoding: Encoding, remember: Remember, key: str | None
@@ -170,21 +176,22 @@ class Openings:
             EpisodeRefusedError: The simulation refuses the trial.
         """
         self._check_stopping()
-        return await self._begin(_Wanted(agent, None, trial, track, encoding, remember, f"practice {key}"))
+        wanted = _Wanted(agent, None, trial, track, encoding, remember, f"practice {key}")
+        return await self._begin(wanted, counts=True)
 
     def _check_stopping(self) -> None:
         if self.stopping:
             raise stopping()
 
-    async def _begin(self, wanted: _Wanted) -> bytes:
+    async def _begin(self, wanted: _Wanted, *, counts: bool) -> bytes:
         self._registry.reserve(wanted.agent, practice=wanted.practice)
         try:
-            return await self._open(wanted)
+            return await self._open(wanted, counts=counts)
         except BaseException:
             self._registry.give_back(wanted.agent, practice=wanted.practice)
             raise
 
-    async def _open(self, wanted: _Wanted) -> bytes:
+    async def _open(self, wanted: _Wanted, *, counts: bool) -> bytes:
         trial, track, encoding = wanted.trial, wanted.track, wanted.encoding
         episode_id = new_id("ep")
         bind_contextvars(episode=episode_id, evaluation=wanted.evaluation)
@@ -202,6 +209,7 @@ class Openings:
             )
 
         episode = OpenEpisode(episode_id, wanted.agent, wanted.evaluation, trial, track, reply(b""), lease)
+        episode.counts = counts
         async with episode.lock:
             try:
                 result = await self._driver.begin(episode, encoding, wanted.call)

@@ -4,7 +4,7 @@ import hashlib
 import hmac
 from collections.abc import Iterable
 
-from wrongturn_protocol import Trial, twin_id
+from wrongturn_protocol import FaultKind, Trial, twin_id
 
 
 def shuffled(trials: Iterable[Trial], secret: str) -> list[Trial]:
@@ -14,8 +14,8 @@ def shuffled(trials: Iterable[Trial], secret: str) -> list[Trial]:
 
 
 def pair_of(trial: Trial) -> str:
-    """Return a name that a trial shares with its twin only. A journey has no twin."""
-    return twin_id(trial) if trial.journey is None else trial.id
+    """Return a name that a trial shares with its twin only: the twin's id. A journey has no twin."""
+    return trial.id if trial.journey is not None or trial.fault.kind is FaultKind.NONE else twin_id(trial)
 
 
 class Schedule:

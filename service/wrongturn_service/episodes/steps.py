@@ -95,7 +95,7 @@ class Steps:
             Whether the step was begun. If not, nothing has happened; the full path says why.
         """
         episode = self._registry.get(episode_id)
-        if episode is None or not is_next_step(episode, agent, seq):
+        if episode is None or not episode.counts or not is_next_step(episode, agent, seq):
             return False
         simulator = episode.simulator
         if simulator is None or simulator.dead or not episode.lock.taken_now():

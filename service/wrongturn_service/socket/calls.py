@@ -147,11 +147,12 @@ class Calls:
         async with service.idempotency.once(_key(key), caller.id, f"WS {Call.PRACTISE}", canonical) as once:
             if once.stored is not None:
                 return once.stored.body
+            track = caller.practice_track(wanted)
             trial = await catalogue.practice_trial(wanted)
             return await service.episodes.openings.practice(
                 caller.id,
                 trial,
-                wanted.track or self._caller.track,
+                track,
                 Encoding.RAW,
                 once.remember(201, Encoding.RAW),
                 once.key,

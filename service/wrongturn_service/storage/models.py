@@ -1,7 +1,7 @@
 """The tables, with types that SQLite and PostgreSQL share. Times are seconds since 1970, UTC."""
 
 from sqlalchemy import BigInteger, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, String, Text, text
-from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 _ID = String(40)
 _WORD = String(32)
@@ -21,6 +21,21 @@ class Base(DeclarativeBase):
     )
 
 
+class OwnerRow(Base):
+    """Who answers for agents. One that was made with its agent has no token."""
+
+    __tablename__ = "owners"
+
+    id: Mapped[str] = mapped_column(_ID, primary_key=True)
+    name: Mapped[str] = mapped_column(String(64))
+    name_key: Mapped[str] = mapped_column(String(64), unique=True)
+    """The name in lower case: names may not differ in case alone."""
+    contact: Mapped[str | None] = mapped_column(Text)
+    """For the operator's eyes."""
+    token_sha256: Mapped[str | None] = mapped_column(_SHA, unique=True)
+    created: Mapped[float] = mapped_column(Double)
+
+
 class AgentRow(Base):
     """An agent. A revoked one has no token."""
 
@@ -36,6 +51,9 @@ class AgentRow(Base):
     homepage: Mapped[str | None] = mapped_column(Text)
     token_sha256: Mapped[str | None] = mapped_column(_SHA, unique=True)
     created: Mapped[float] = mapped_column(Double)
+    owner_id: Mapped[str] = mapped_column(_ID, ForeignKey("owners.id"), index=True, nullable=True)
+    """Every agent has an owner. The column allows null because SQLite adds no other foreign key to a filled table."""
+    owner: Mapped[OwnerRow] = relationship(lazy="joined")
 
 
 class EvaluationRow(Base):
@@ -50,12 +68,27 @@ class EvaluationRow(Base):
     entry: Mapped[str] = mapped_column(_WORD)
     state: Mapped[str] = mapped_column(_WORD)
     secret: Mapped[str] = mapped_column(_SHA)
-    """Decides the order of the trials."""
+    """Decides the trials, if the suite has cells, and their order."""
     trials: Mapped[int] = mapped_column(Integer)
     created: Mapped[float] = mapped_column(Double)
     finished: Mapped[float | None] = mapped_column(Double)
     metrics: Mapped[str | None] = mapped_column(Text)
     """JSON of Metrics, once finished."""
+    driven: Mapped[float | None] = mapped_column(Double)
+    """When its first step arrived. From then on it counts."""
+
+
+class UnusedSecretRow(Base):
+    """The secret of an evaluation that was deleted before its first step. The agent's next one on the suite takes it.
+
+    Without this an agent could look at first observations, delete, and begin again until a draw looks easy.
+    """
+
+    __tablename__ = "unused_secrets"
+
+    agent_id: Mapped[str] = mapped_column(_ID, ForeignKey("agents.id"), primary_key=True)
+    suite: Mapped[str] = mapped_column(String(80), primary_key=True)
+    secret: Mapped[str] = mapped_column(_SHA)
 
 
 class EpisodeRow(Base):

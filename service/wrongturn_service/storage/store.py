@@ -4,27 +4,38 @@ import asyncio
 import hashlib
 import time
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from sqlalchemy import delete, func, select, update
-from sqlalchemy.exc import IntegrityError, SQLAlchemyError
+from sqlalchemy import delete, func, inspect, select, update
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import EpisodeState, EvaluationState, Outcome, Verdict
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import (
     AgentRow,
+    Base,
     EpisodeRow,
     EvaluationRow,
     IdempotencyRow,
+    OwnerRow,
     ResultsRow,
     TrajectoryRow,
+    UnusedSecretRow,
 )
 
 
-class NameTakenError(Exception):
+class AgentNameTakenError(Exception):
     """Another agent has this name."""
+
+
+class OwnerNameTakenError(Exception):
+    """Another owner has this name."""
+
+
+class EvaluationOverError(Exception):
+    """The evaluation takes no more episodes or steps: it is finished, cancelled or deleted."""
 
 
 class DamagedTrajectoryError(SQLAlchemyError):
@@ -46,15 +57,53 @@ class Store:
         async with self._database.read() as session:
             await session.execute(select(1))
 
+    # Owners
+
+    async def add_owner(self, owner: OwnerRow, reply: IdempotencyRow | None) -> None:
+        """Store a new owner. Raises OwnerNameTakenError."""
+        async with self._database.write() as session:
+            await _check_owner_name(session, owner)
+            _add(session, owner, reply)
+
+    async def owners(self) -> Sequence[OwnerRow]:
+        """Return all owners by name."""
+        async with self._database.read() as session:
+            return (await session.scalars(select(OwnerRow).order_by(OwnerRow.name_key))).all()
+
+    async def owner(self, owner_id: str) -> OwnerRow | None:
+        """Return an owner, or None."""
+        async with self._database.read() as session:
+            return await session.get(OwnerRow, owner_id)
+
+    async def owner_by_name(self, name_key: str) -> OwnerRow | None:
+        """Return the owner with a name in lower case, or None."""
+        async with self._database.read() as session:
+            return await session.scalar(select(OwnerRow).where(OwnerRow.name_key == name_key))
+
+    async def owner_by_token(self, token_sha256: str) -> OwnerRow | None:
+        """Return the owner with this token, or None."""
+        async with self._database.read() as session:
+            return await session.scalar(select(OwnerRow).where(OwnerRow.token_sha256 == token_sha256))
+
+    async def set_owner_token(
+        self, owner_id: str, token_sha256: str | None, reply: IdempotencyRow | None = None
+    ) -> None:
+        """Replace an owner's token. None revokes it."""
+        async with self._database.write() as session:
+            await session.execute(update(OwnerRow).where(OwnerRow.id == owner_id).values(token_sha256=token_sha256))
+            _add(session, reply)
+
     # Agents
 
     async def add_agent(self, agent: AgentRow, reply: IdempotencyRow | None) -> None:
-        """Store a new agent. Raises NameTakenError."""
-        try:
-            async with self._database.write() as session:
-                _add(session, agent, reply)
-        except IntegrityError as error:
-            raise NameTakenError(agent.name) from error
+        """Store a new agent, and its owner if that is new. Raises AgentNameTakenError, OwnerNameTakenError."""
+        async with self._database.write() as session:
+            taken = select(AgentRow.id).where(AgentRow.name_key == agent.name_key)
+            if await session.scalar(taken) is not None:
+                raise AgentNameTakenError(agent.name)
+            if inspect(agent.owner).transient:
+                await _check_owner_name(session, agent.owner)
+            _add(session, agent, reply)
 
     async def agents(self) -> Sequence[AgentRow]:
         """Return all agents by name."""
@@ -79,10 +128,32 @@ class Store:
 
     # Evaluations
 
-    async def add_evaluation(self, evaluation: EvaluationRow, reply: IdempotencyRow | None) -> None:
-        """Store a new evaluation."""
+    async def begin_evaluation(
+        self, evaluation: EvaluationRow, remember: Callable[[EvaluationRow], IdempotencyRow] | None
+    ) -> EvaluationRow:
+        """Store a new evaluation, unless one of the agent on the suite is running.
+
+        It takes the secret of the agent's last evaluation on the suite if that one was deleted before its first step.
+
+        Args:
+            evaluation: The new evaluation.
+            remember: Makes the reply for the idempotency key.
+
+        Returns:
+            The running evaluation: the new one, or the one that was there before.
+        """
         async with self._database.write() as session:
-            _add(session, evaluation, reply)
+            of_agent = EvaluationRow.agent_id == evaluation.agent_id, EvaluationRow.suite == evaluation.suite
+            running = select(EvaluationRow).where(*of_agent, EvaluationRow.state == EvaluationState.RUNNING)
+            found = await session.scalar(running.order_by(EvaluationRow.created).limit(1))
+            if found is not None:
+                return found
+            unused = await session.get(UnusedSecretRow, (evaluation.agent_id, evaluation.suite))
+            if unused is not None:
+                evaluation.secret = unused.secret
+                await session.delete(unused)
+            _add(session, evaluation, None if remember is None else remember(evaluation))
+        return evaluation
 
     async def evaluation(self, evaluation_id: str) -> EvaluationRow | None:
         """Return an evaluation, or None."""
@@ -95,37 +166,86 @@ class Store:
             query = select(EvaluationRow).where(EvaluationRow.state == EvaluationState.RUNNING)
             return (await session.scalars(query)).all()
 
-    async def running_count(self, agent_id: str) -> int:
-        """Return how many of an agent's evaluations are neither finished nor cancelled."""
+    async def idle_since(self) -> dict[str, float]:
+        """Return when each running evaluation last had a reset or an episode's end, or was begun."""
         async with self._database.read() as session:
-            query = select(func.count()).where(
-                EvaluationRow.agent_id == agent_id,
-                EvaluationRow.state == EvaluationState.RUNNING,
+            last = func.max(func.coalesce(EpisodeRow.finished, EpisodeRow.created))
+            query = (
+                select(EvaluationRow.id, EvaluationRow.created, last)
+                .outerjoin(EpisodeRow, EpisodeRow.evaluation_id == EvaluationRow.id)
+                .where(EvaluationRow.state == EvaluationState.RUNNING)
+                .group_by(EvaluationRow.id, EvaluationRow.created)
             )
-            return await session.scalar(query) or 0
+            rows = (await session.execute(query)).all()
+        return {evaluation: max(created, active or created) for evaluation, created, active in rows}
 
-    async def finish_evaluation(self, evaluation_id: str, metrics: str) -> None:
-        """Store an evaluation's metrics. A cancelled evaluation stays cancelled."""
+    async def drive_evaluation(self, evaluation_id: str) -> bool:
+        """Note an evaluation's first step, before it is taken. Return whether the evaluation is still running."""
+        async with self._database.write() as session:
+            row = await session.get(EvaluationRow, evaluation_id)
+            if row is None or row.state != EvaluationState.RUNNING:
+                return False
+            if row.driven is None:
+                row.driven = time.time()
+            return True
+
+    async def finish_evaluation(self, evaluation_id: str, metrics: str) -> bool:
+        """Store an evaluation's metrics. Return False if it was finished before."""
         async with self._database.write() as session:
             query = update(EvaluationRow).where(
                 EvaluationRow.id == evaluation_id,
                 EvaluationRow.state == EvaluationState.RUNNING,
             )
-            await session.execute(query.values(state=EvaluationState.FINISHED, finished=time.time(), metrics=metrics))
+            values = {"state": EvaluationState.FINISHED, "finished": time.time(), "metrics": metrics}
+            return bool(getattr(await session.execute(query.values(**values)), "rowcount", 0))
 
-    async def cancel_evaluation(self, evaluation_id: str) -> None:
-        """Cancel an evaluation and mark its open episodes as lost."""
+    async def retire_evaluation(self, evaluation_id: str) -> None:
+        """Cancel a running evaluation whose suite was retired. It has no end, because its agent did not cancel it."""
         async with self._database.write() as session:
             query = update(EvaluationRow).where(
-                EvaluationRow.id == evaluation_id,
-                EvaluationRow.state == EvaluationState.RUNNING,
+                EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.RUNNING
             )
-            await session.execute(query.values(state=EvaluationState.CANCELLED, finished=time.time()))
-            lost = update(EpisodeRow).where(
-                EpisodeRow.evaluation_id == evaluation_id,
-                EpisodeRow.state == EpisodeState.OPEN,
+            await session.execute(query.values(state=EvaluationState.CANCELLED))
+
+    async def delete_undriven(self, evaluation_id: str) -> bool:
+        """Delete a running evaluation without any step, and keep its secret for the agent's next one on the suite.
+
+        Returns:
+            Whether it was deleted.
+        """
+        async with self._database.write() as session:
+            row = await session.get(EvaluationRow, evaluation_id)
+            if row is None or row.state != EvaluationState.RUNNING or row.driven is not None:
+                return False
+            secret = UnusedSecretRow(agent_id=row.agent_id, suite=row.suite, secret=row.secret)
+            episodes = select(EpisodeRow.id).where(EpisodeRow.evaluation_id == evaluation_id)
+            await session.execute(delete(TrajectoryRow).where(TrajectoryRow.episode_id.in_(episodes)))
+            await session.execute(delete(EpisodeRow).where(EpisodeRow.evaluation_id == evaluation_id))
+            await session.execute(delete(ResultsRow).where(ResultsRow.evaluation_id == evaluation_id))
+            await session.delete(row)
+            await session.merge(secret)
+        return True
+
+    async def abort_rest(self, evaluation_id: str, aborted: Sequence[EpisodeRow]) -> None:
+        """Give an ``aborted`` episode to every trial of a running evaluation that has no verdict.
+
+        Args:
+            evaluation_id: Id of the evaluation.
+            aborted: A finished episode of each trial and twin.
+        """
+        async with self._database.write() as session:
+            row = await session.get(EvaluationRow, evaluation_id)
+            if row is None or row.state != EvaluationState.RUNNING:
+                return
+            ghosts = update(EpisodeRow).where(
+                EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.state == EpisodeState.OPEN
             )
-            await session.execute(lost.values(state=EpisodeState.LOST, finished=time.time()))
+            await session.execute(ghosts.values(state=EpisodeState.LOST, finished=time.time()))
+            scored = select(EpisodeRow.trial_id).where(
+                EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.state == EpisodeState.FINISHED
+            )
+            done = set((await session.scalars(scored)).all())
+            session.add_all([episode for episode in aborted if episode.trial_id not in done])
 
     async def finished_count(self, evaluation_id: str) -> int:
         """Return how many of an evaluation's episodes have a verdict."""
@@ -156,20 +276,25 @@ class Store:
         driven = select(EpisodeRow.evaluation_id).where(EpisodeRow.evaluation_id == EvaluationRow.id).exists()
         query = (
             select(EvaluationRow.agent_id, func.count())
-            .where(EvaluationRow.suite == suite, EvaluationRow.state == EvaluationState.CANCELLED, driven)
+            .where(
+                EvaluationRow.suite == suite,
+                EvaluationRow.state == EvaluationState.CANCELLED,
+                EvaluationRow.finished.is_not(None),  # the service itself cancels those of retired suites
+                driven,
+            )
             .group_by(EvaluationRow.agent_id)
         )
         async with self._database.read() as session:
             return dict((await session.execute(query)).tuples().all())
 
     async def first_finished(self, suite: str) -> Sequence[tuple[EvaluationRow, AgentRow]]:
-        """Return each agent's first finished evaluation of a suite, which is the one that counts."""
+        """Return the first evaluation that each agent began on a suite and that is finished: the one that counts."""
         async with self._database.read() as session:
             query = (
                 select(EvaluationRow, AgentRow)
                 .join(AgentRow, AgentRow.id == EvaluationRow.agent_id)
                 .where(EvaluationRow.suite == suite, EvaluationRow.state == EvaluationState.FINISHED)
-                .order_by(EvaluationRow.finished, EvaluationRow.id)
+                .order_by(EvaluationRow.created, EvaluationRow.id)
             )
             rows = (await session.execute(query)).all()
         first: dict[str, tuple[EvaluationRow, AgentRow]] = {}
@@ -198,10 +323,20 @@ class Store:
         """Store an open episode. An older open episode of the same trial and evaluation is marked as lost.
 
         Raises:
-            IntegrityError: The trial already has a verdict in this evaluation.
+            EvaluationOverError: The evaluation takes no more episodes, or has a verdict of this trial.
         """
         async with self._database.write() as session:
             if episode.evaluation_id is not None:
+                evaluation = await session.get(EvaluationRow, episode.evaluation_id)
+                if evaluation is None or evaluation.state != EvaluationState.RUNNING:
+                    raise EvaluationOverError(episode.evaluation_id)
+                scored = select(EpisodeRow.id).where(
+                    EpisodeRow.evaluation_id == episode.evaluation_id,
+                    EpisodeRow.trial_id == episode.trial_id,
+                    EpisodeRow.state == EpisodeState.FINISHED,
+                )
+                if await session.scalar(scored) is not None:
+                    raise EvaluationOverError(episode.evaluation_id)
                 # The connection may have broken during an earlier commit that did succeed.
                 ghost = update(EpisodeRow).where(
                     EpisodeRow.evaluation_id == episode.evaluation_id,
@@ -309,8 +444,14 @@ class Store:
             await session.execute(delete(IdempotencyRow).where(IdempotencyRow.created < replies_before))
 
 
-def _add(session: AsyncSession, *rows: AgentRow | EvaluationRow | EpisodeRow | IdempotencyRow | None) -> None:
+def _add(session: AsyncSession, *rows: Base | None) -> None:
     session.add_all([row for row in rows if row is not None])
+
+
+async def _check_owner_name(session: AsyncSession, owner: OwnerRow) -> None:
+    taken = select(OwnerRow.id).where(OwnerRow.name_key == owner.name_key)
+    if await session.scalar(taken) is not None:
+        raise OwnerNameTakenError(owner.name)
 
 
 def _unpacked(row: TrajectoryRow) -> bytes:

@@ -1,0 +1,66 @@
+"""Owners, who answer for agents, and their tokens."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Request, Response
+
+from wrongturn_protocol import OwnerDetail, OwnerList, OwnerRegistration, RegisteredOwner
+from wrongturn_service.accounts import bearer
+from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, address_of, reply
+from wrongturn_service.api.documents import Route, described
+from wrongturn_service.encoding import Encoding
+from wrongturn_service.registration import owner_detail, owner_of
+from wrongturn_service.tokens import digest, new_token
+
+router = APIRouter(prefix="/v1/owners", tags=["owners"], route_class=Route)
+
+
+@router.post("", **described(RegisteredOwner, 403, 409, 429, status=201))
+async def register(
+    request: Request,
+    service: ServiceDep,
+    registration: Annotated[OwnerRegistration, Depends(Body(OwnerRegistration))],
+    key: KeyDep,
+) -> Response:
+    """Register an owner. The reply shows the token once. With it the owner registers agents."""
+    async with key.once("registration", registration) as once:
+        service.registrations.check_owner(request.headers.get("authorization"), address_of(request))
+        token = new_token()
+        row = owner_of(registration, token)
+        owner = owner_detail(row)
+        remember = once.remember(201, Encoding.JSON, token)
+        await service.registrations.add_owner(row, remember(owner.model_dump_json().encode()) if remember else None)
+    return reply(RegisteredOwner(**owner.model_dump(), token=token), 201)
+
+
+@router.get("", **described(OwnerList))
+async def owners(service: ServiceDep) -> Response:
+    """List all owners by name."""
+    return reply(OwnerList(owners=tuple(owner_detail(row) for row in await service.store.owners())))
+
+
+@router.get("/{owner}", **described(OwnerDetail, 404))
+async def owner(service: ServiceDep, owner: str) -> Response:
+    """Show one owner."""
+    return reply(owner_detail(await service.registrations.owner(owner)))
+
+
+@router.post("/{owner}/token", **described(RegisteredOwner, 404, status=201))
+async def rotate(service: ServiceDep, owner: str, authorization: AuthorizationDep, key: KeyDep) -> Response:
+    """Make a new token and show it once. The old one ends. For the owner itself or the operator."""
+    # The key belongs to the old token, which no longer opens anything when the request is repeated.
+    async with key.once(digest(bearer(authorization))) as once:
+        found = owner_detail(await service.registrations.own(owner, authorization))
+        token = new_token()
+        remember = once.remember(201, Encoding.JSON, token)
+        stored = remember(found.model_dump_json().encode()) if remember else None
+        await service.registrations.set_owner_token(owner, token, stored)
+    return reply(RegisteredOwner(**found.model_dump(), token=token), 201)
+
+
+@router.delete("/{owner}/token", **described(None, 404, status=204))
+async def revoke(service: ServiceDep, owner: str, authorization: AuthorizationDep) -> Response:
+    """End the owner's token. For the owner itself or the operator. Only the operator can make a new one then."""
+    await service.registrations.own(owner, authorization)
+    await service.registrations.set_owner_token(owner, None)
+    return Response(status_code=204)

@@ -1,0 +1,129 @@
+"""Ends evaluations that are not driven to their end: what is begun counts."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import Final
+from weakref import WeakValueDictionary
+
+import structlog
+
+from wrongturn_networks import load_suite
+from wrongturn_protocol import EpisodeState, EvaluationState, Track, Trial
+from wrongturn_service.episodes.driver import aborted_outcome
+from wrongturn_service.episodes.endings import Endings
+from wrongturn_service.episodes.evaluations import RunningEvaluations
+from wrongturn_service.episodes.registry import Registry
+from wrongturn_service.storage.models import EpisodeRow, EvaluationRow
+from wrongturn_service.storage.store import Store
+from wrongturn_service.tokens import new_id
+
+GRACE_S: Final = 3600.0
+"""Seconds after the service's start in which no evaluation is closed as idle: it may have been the service's fault."""
+
+
+class Closings:
+    """Closes evaluations for their agents, and idle ones by itself."""
+
+    def __init__(
+        self,
+        store: Store,
+        evaluations: RunningEvaluations,
+        registry: Registry,
+        endings: Endings,
+        idle_s: float,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        """Begin to count the idle time of evaluations.
+
+        Args:
+            store: Holds evaluations and episodes.
+            evaluations: Holds the schedules of trials.
+            registry: Holds the open episodes.
+            endings: Ends the open episodes.
+            idle_s: Seconds without a reset or a step after which an evaluation is closed.
+            clock: Seconds since 1970.
+        """
+        self._store = store
+        self._evaluations = evaluations
+        self._registry = registry
+        self._endings = endings
+        self._idle_s = idle_s
+        self._clock = clock
+        self._began = clock()
+        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+        self._log = structlog.get_logger("evaluations")
+
+    async def close(self, evaluation_id: str) -> None:
+        """Close a running evaluation. Safe to call again.
+
+        Before its first step it is deleted. Later every trial without a verdict counts as ``aborted``, and the
+        evaluation is finished. If that fails half-way, another call or the next start goes on with it.
+        """
+        lock = self._locks.setdefault(evaluation_id, asyncio.Lock())
+        async with lock:
+            evaluation = await self._store.evaluation(evaluation_id)
+            if evaluation is None or evaluation.state != EvaluationState.RUNNING:
+                return
+            if await self._store.delete_undriven(evaluation_id):
+                self._evaluations.drop(evaluation_id)
+                await self._endings.drop_evaluation(evaluation_id)
+                self._log.info("evaluation deleted before its first step", evaluation=evaluation_id)
+                return
+            with self._evaluations.closing(evaluation_id):
+                for episode in self._registry:
+                    if episode.evaluation == evaluation_id:
+                        await self._endings.abort_now(episode)
+                await self._store.abort_rest(evaluation_id, await self._aborted(evaluation))
+                self._evaluations.drop(evaluation_id)
+                await self._endings.drop_evaluation(evaluation_id)
+            self._log.info("evaluation closed", evaluation=evaluation_id)
+            # From here on every trial has a verdict. The next start finishes the evaluation if this one fails.
+            await self._evaluations.finish_closed(evaluation_id)
+
+    async def close_idle(self) -> None:
+        """Close the evaluations whose agents have neither begun an episode nor taken a step for too long."""
+        now = self._clock()
+        if now - self._began < min(self._idle_s, GRACE_S):
+            return
+        for evaluation_id, active in (await self._store.idle_since()).items():
+            idle_s = now - active
+            for episode in self._registry:
+                if episode.evaluation == evaluation_id:
+                    idle_s = min(idle_s, 0.0 if episode.lock.locked() else episode.lease.silence_s)
+            if idle_s >= self._idle_s:
+                self._log.warning("evaluation idle", evaluation=evaluation_id, idle_s=int(idle_s))
+                try:
+                    await self.close(evaluation_id)
+                except Exception:
+                    self._log.exception("evaluation could not be closed", evaluation=evaluation_id)
+
+    async def _abort_episodes(self, evaluation_id: str) -> None:
+        for episode in self._registry:
+            if episode.evaluation == evaluation_id:
+                await self._endings.abort_now(episode)
+
+    async def _aborted(self, evaluation: EvaluationRow) -> list[EpisodeRow]:
+        """Return an episode for each trial and twin that ended before it began."""
+        agent = await self._store.agent(evaluation.agent_id)
+        assert agent is not None
+        draw = load_suite(evaluation.suite).draw(evaluation.secret)
+        return [self._unbegun(evaluation, trial, Track(agent.track)) for trial in draw.episodes]
+
+    def _unbegun(self, evaluation: EvaluationRow, trial: Trial, track: Track) -> EpisodeRow:
+        outcome = aborted_outcome(trial, 0.0)
+        now = self._clock()
+        return EpisodeRow(
+            id=new_id("ep"),
+            evaluation_id=evaluation.id,
+            agent_id=evaluation.agent_id,
+            trial_id=trial.id,
+            trial=trial.model_dump_json(),
+            track=track.value,
+            state=EpisodeState.FINISHED.value,
+            created=now,
+            finished=now,
+            verdict=outcome.verdict.value,
+            outcome=outcome.model_dump_json(),
+            steps=0,
+        )

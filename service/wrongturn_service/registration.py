@@ -1,0 +1,190 @@
+"""Registration of owners and agents: who may, how many, and which owner an agent gets."""
+
+import time
+from collections import OrderedDict, deque
+from typing import Final
+
+from wrongturn_protocol import AgentKind, AgentRegistration, OwnerDetail, OwnerRegistration, ProblemType
+from wrongturn_service.accounts import Accounts, bearer
+from wrongturn_service.errors import (
+    ConflictError,
+    ForbiddenError,
+    NotFoundError,
+    UnauthenticatedError,
+    UnavailableError,
+)
+from wrongturn_service.settings import Registration, Settings
+from wrongturn_service.storage.models import AgentRow, IdempotencyRow, OwnerRow
+from wrongturn_service.storage.store import AgentNameTakenError, OwnerNameTakenError, Store
+from wrongturn_service.tokens import digest, new_id
+
+SHIPPED: Final = "Wrongturn"
+"""Owner of the agents that the operator registers as other kinds than ``submitted``."""
+_HOUR_S = 3600.0
+_ADDRESSES = 10_000
+
+
+class AddressLimit:
+    """Limit on registrations from one address within an hour."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._times: OrderedDict[str, deque[float]] = OrderedDict()
+
+    def check(self, address: str) -> None:
+        """Count a registration. Raises UnavailableError beyond the limit."""
+        now = time.monotonic()
+        times = self._times.setdefault(address, deque())
+        self._times.move_to_end(address)
+        while len(self._times) > _ADDRESSES:
+            self._times.popitem(last=False)
+        while times and now - times[0] > _HOUR_S:
+            times.popleft()
+        if len(times) >= self._limit:
+            wait = int(_HOUR_S - (now - times[0])) + 1
+            raise UnavailableError(
+                ProblemType.RATE_LIMITED,
+                f"this address has registered {self._limit} owners and agents within an hour, the limit; "
+                f"come back in {wait} s",
+                retry_after_s=wait,
+                status=429,
+            )
+        times.append(now)
+
+
+class Registrations:
+    """Registers owners and agents."""
+
+    def __init__(self, store: Store, settings: Settings, accounts: Accounts) -> None:
+        self._store = store
+        self._settings = settings
+        self._accounts = accounts
+        self._limit = AddressLimit(settings.registration_limit)
+
+    async def prepare(self) -> None:
+        """Make the owner of the shipped agents, so that nobody else can take its name."""
+        if await self._store.owner_by_name(SHIPPED.lower()) is None:
+            await self._store.add_owner(new_owner(SHIPPED), None)
+
+    async def registrant(self, authorization: str | None) -> OwnerRow | None:
+        """Return the owner whose token an ``Authorization`` header holds; None for the operator or without a token.
+
+        Raises:
+            UnauthenticatedError: Nobody has this token.
+            ForbiddenError: It is an agent's token.
+        """
+        if authorization is None or self._accounts.is_operator(authorization):
+            return None
+        token_sha256 = digest(bearer(authorization))
+        owner = await self._store.owner_by_token(token_sha256)
+        if owner is not None:
+            return owner
+        if await self._store.agent_by_token(token_sha256) is not None:
+            raise ForbiddenError("this is an agent's token; register agents with their owner's token, or without one")
+        raise UnauthenticatedError(
+            "nobody has this token; it may have been rotated or revoked; leave it out, or mend it"
+        )
+
+    def check_agent(
+        self, registration: AgentRegistration, owner: OwnerRow | None, authorization: str | None, address: str
+    ) -> None:
+        """Check whether an agent may be registered. Raises ForbiddenError, UnavailableError."""
+        if self._accounts.is_operator(authorization):
+            return
+        if registration.kind is not AgentKind.SUBMITTED:
+            raise ForbiddenError(f"kind: {registration.kind} needs the operator's token; leave it out")
+        if owner is None:
+            self._check_open("agents", "ask the operator for an owner's token")
+        self._limit.check(address)
+
+    def check_owner(self, authorization: str | None, address: str) -> None:
+        """Check whether an owner may be registered. Raises ForbiddenError, UnavailableError."""
+        if not self._accounts.is_operator(authorization):
+            self._check_open("owners", "ask the operator to register you")
+            self._limit.check(address)
+
+    def _check_open(self, what: str, remedy: str) -> None:
+        if self._settings.registration is Registration.OPERATOR:
+            raise ForbiddenError(f"only the operator registers {what} here; {remedy}", ProblemType.REGISTRATION_CLOSED)
+
+    async def owner_for(self, registration: AgentRegistration, owner: OwnerRow | None) -> OwnerRow:
+        """Return the owner of an agent that is about to be registered.
+
+        Args:
+            registration: The agent.
+            owner: The owner that registers it. Without one, a shipped agent belongs to :data:`SHIPPED`, and any other
+                gets a new owner of its name.
+        """
+        if owner is not None:
+            return owner
+        if registration.kind is not AgentKind.SUBMITTED:
+            shipped = await self._store.owner_by_name(SHIPPED.lower())
+            assert shipped is not None
+            return shipped
+        return new_owner(registration.name)
+
+    async def add_agent(self, row: AgentRow, reply: IdempotencyRow | None) -> None:
+        """Store a new agent, and its owner if that is new. Raises ConflictError."""
+        try:
+            await self._store.add_agent(row, reply)
+        except AgentNameTakenError as error:
+            raise ConflictError(
+                ProblemType.AGENT_NAME_TAKEN,
+                f"name: {row.name!r} is taken; choose another (a new model is a new agent)",
+            ) from error
+        except OwnerNameTakenError as error:
+            raise ConflictError(
+                ProblemType.OWNER_NAME_TAKEN,
+                f"name: an owner is called {row.name!r}; choose another name, or send that owner's token",
+            ) from error
+
+    async def add_owner(self, row: OwnerRow, reply: IdempotencyRow | None) -> None:
+        """Store a new owner. Raises ConflictError."""
+        try:
+            await self._store.add_owner(row, reply)
+        except OwnerNameTakenError as error:
+            raise ConflictError(
+                ProblemType.OWNER_NAME_TAKEN, f"name: {row.name!r} is taken by another owner; choose another"
+            ) from error
+
+    async def owner(self, owner_id: str) -> OwnerRow:
+        """Return an owner. Raises NotFoundError."""
+        row = await self._store.owner(owner_id)
+        if row is None:
+            raise NotFoundError(ProblemType.UNKNOWN_OWNER, f"there is no owner {owner_id[:64]!r}")
+        return row
+
+    async def own(self, owner_id: str, authorization: str | None) -> OwnerRow:
+        """Return an owner to itself or the operator. Raises UnauthenticatedError, ForbiddenError, NotFoundError."""
+        bearer(authorization)
+        holder = await self.registrant(authorization)
+        row = await self.owner(owner_id)
+        if holder is not None and holder.id != owner_id:
+            raise ForbiddenError(f"this is not the token of owner {owner_id}")
+        return row
+
+    async def set_owner_token(self, owner_id: str, token: str | None, reply: IdempotencyRow | None = None) -> None:
+        """Replace an owner's token. None revokes it."""
+        await self._store.set_owner_token(owner_id, None if token is None else digest(token), reply)
+
+
+def new_owner(name: str, contact: str | None = None, token: str | None = None) -> OwnerRow:
+    """Return the row of a new owner."""
+    return OwnerRow(
+        id=new_id("ow"),
+        name=name,
+        name_key=name.lower(),
+        contact=contact,
+        token_sha256=None if token is None else digest(token),
+        created=time.time(),
+    )
+
+
+def owner_of(registration: OwnerRegistration, token: str) -> OwnerRow:
+    """Return the row of an owner that registers."""
+    return new_owner(registration.name, registration.contact, token)
+
+
+def owner_detail(row: OwnerRow) -> OwnerDetail:
+    """Return an owner's public details. The contact is none of them."""
+    return OwnerDetail(id=row.id, name=row.name)
