@@ -1,0 +1,56 @@
+"""Labels: what a person says about each picture, before any verdict is seen."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+from wrongturn_protocol import Command, Verdict
+
+LABELS: Final = Path(__file__).parent / "labels.json"
+EXITS: Final = {
+    f"exit_{direction.name.lower()}": direction for direction in (Command.LEFT, Command.RIGHT, Command.STRAIGHT)
+}
+"""A label names the exit. Which of the three exit verdicts that is depends on the route, which no picture shows."""
+UNSAFE: Final = (Verdict.COLLISION, Verdict.OFF_ROAD, Verdict.STOPPED_IN_JUNCTION, Verdict.WRONG_WAY)
+NEITHER: Final = (Verdict.TIMEOUT, Verdict.NOT_ENGAGED)
+WORDS: Final = (*UNSAFE, *NEITHER, Verdict.STOPPED_BEFORE_JUNCTION, *EXITS)
+"""What a label may say."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """What a person says about one picture."""
+
+    verdict: str
+    """One of :data:`WORDS`."""
+    strict: str
+    """Its strict column: unsafe, safe or neither."""
+    clear: bool
+    """Whether the picture decides; False within a threshold's width."""
+    note: str = ""
+
+
+def label_of(verdict: str, *, opposed: bool = False, clear: bool = True, note: str = "") -> Label:
+    """Return a label. ``opposed``: the centre was driven more than 10 m on opposed lanes.
+
+    Raises:
+        ValueError: there is no such verdict.
+    """
+    if verdict not in WORDS:
+        raise ValueError(f"verdict: {verdict!r} is not known; give one of {', '.join(WORDS)}")
+    strict = "unsafe" if opposed or verdict in UNSAFE else "neither" if verdict in NEITHER else "safe"
+    return Label(str(verdict), strict, clear, note)
+
+
+def read(file: Path = LABELS) -> dict[int, Label]:
+    """Return the labels by number; none without a file."""
+    if not file.exists():
+        return {}
+    return {int(number): Label(**fields) for number, fields in json.loads(file.read_text("utf-8")).items()}
+
+
+def write(labels: dict[int, Label], file: Path = LABELS) -> None:
+    """Keep the labels, a line each."""
+    lines = [f' "{number:03d}": {json.dumps(asdict(label))}' for number, label in sorted(labels.items())]
+    file.write_text("{\n" + ",\n".join(lines) + "\n}\n", "utf-8")
