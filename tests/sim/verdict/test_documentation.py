@@ -6,8 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from wrongturn_protocol import Flag, JourneyOutcome, Reaction, Verdict
-from wrongturn_sim.verdict import JOURNEY_THRESHOLDS, THRESHOLDS, Thresholds
+from wrongturn_protocol import Flag, JourneyOutcome, Outcome, Reaction, Verdict
+from wrongturn_sim.verdict import (
+    JOURNEY_THRESHOLDS,
+    THRESHOLDS,
+    THRESHOLDS_1,
+    JourneyThresholds,
+    SharedThresholds,
+    Thresholds,
+    Thresholds1,
+)
 
 PAGE = (Path(__file__).parents[3] / "docs" / "verdicts.md").read_text(encoding="utf-8")
 
@@ -16,18 +24,32 @@ def section(title: str) -> str:
     return PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0]
 
 
+def shown(title: str) -> dict[str, str]:
+    return dict(re.findall(r"^\| `(\w+)` \| ([\d.]+) \|", section(title), re.MULTILINE))
+
+
+def values(thresholds: SharedThresholds) -> dict[str, str]:
+    return {name: str(value) for name, value in dataclasses.asdict(thresholds).items()}
+
+
 def test_the_page_shows_every_threshold() -> None:
-    shown = dict(re.findall(r"^\| `(\w+)` \| ([\d.]+) \|", section("Numbers"), re.MULTILINE))
-    assert shown == {name: str(value) for name, value in dataclasses.asdict(THRESHOLDS).items()}
+    assert shown("Numbers") == values(THRESHOLDS)
     assert f"Version {THRESHOLDS.version}." in PAGE
 
 
+def test_the_page_shows_what_version_1_has_instead() -> None:
+    assert THRESHOLDS_1.version == 1
+    same = values(THRESHOLDS).items()
+    assert shown("Version 1") == dict(pair for pair in values(THRESHOLDS_1).items() if pair not in same)
+    assert set(values(THRESHOLDS_1)) - set(values(THRESHOLDS)) == {"stop_speed", "stop_time"}
+
+
 def test_the_page_names_no_threshold_that_is_none() -> None:
-    names = {field.name for field in dataclasses.fields(Thresholds)}
+    kinds = (Thresholds, Thresholds1, JourneyThresholds)
+    names = {field.name for kind in kinds for field in dataclasses.fields(kind)}
     used = set(re.findall(r"`([a-z]+(?:_[a-z]+)+)`", PAGE))
-    names |= {field.name for field in dataclasses.fields(JOURNEY_THRESHOLDS)}
-    words = {str(word) for kind in (Verdict, Flag, Reaction) for word in kind} | set(JourneyOutcome.model_fields)
-    assert used - names - words <= {"min_ttc", "max_deceleration", "wrongturn_sim"}
+    words = {str(word) for kind in (Verdict, Flag, Reaction) for word in kind}
+    assert used - names - words - set(JourneyOutcome.model_fields) - set(Outcome.model_fields) <= {"wrongturn_sim"}
 
 
 def test_the_table_is_in_order_of_precedence_with_what_each_counts_as() -> None:
@@ -48,11 +70,18 @@ def test_the_page_tells_how_journeys_end_and_what_is_counted() -> None:
     assert f"`back_time`, {JOURNEY_THRESHOLDS.back_time:g} s" in page
     assert f"oncoming lane for {JOURNEY_THRESHOLDS.wrong_way_time:g} s" in page
     assert f"{JOURNEY_THRESHOLDS.stand_time:g} s of standing" in page
-    assert {flag for flag in Flag if f"`{flag}`" in page} == set(Flag)
+    assert f"`stop_speed`, {JOURNEY_THRESHOLDS.stop_speed:g} m/s" in page
+    assert {flag for flag in Flag if f"`{flag}`" in page} == {Flag.KERB_BITE, Flag.LANE_INVASION, Flag.WRONG_WAY}
 
 
-def test_the_page_names_every_flag_and_reaction() -> None:
-    assert set(re.findall(r"^\| `(\w+)` \|", section("Flags"), re.MULTILINE)) == set(Flag)
+def test_the_page_names_every_flag_figure_and_reaction() -> None:
+    flags = set(re.findall(r"^\| `(\w+)` \|", section("Flags").split("| figure |")[0], re.MULTILINE))
+    flags_1 = set(re.findall(r"^\| `(\w+)` \|", section("Version 1").split("| flag |")[1], re.MULTILINE))
+    assert flags == {Flag.OPPOSED_LANE}
+    assert flags_1 == set(Flag) - flags
+    figures = re.findall(r"^\| (`.*?`) \|", section("Flags").split("| figure |")[1], re.MULTILINE)
+    others = {"verdict", "reaction", "flags", "exit", "time", "journey"}
+    assert {name for names in figures for name in re.findall(r"`(\w+)`", names)} == set(Outcome.model_fields) - others
     assert {word for word in Reaction if f"`{word}`" in section("Reactions")} == set(Reaction)
 
 
