@@ -16,9 +16,9 @@ from wrongturn_agents.registry import AgentSource, resolve
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_agents.worker import OPERATOR_TOKEN, RunRequest, begin, drive, episodes_side_by_side, service_at
-from wrongturn_client import settings
+from wrongturn_client import Client, WrongturnError, settings
 from wrongturn_client.invocation import program
-from wrongturn_client.tables import console, evaluation_table
+from wrongturn_client.tables import console, evaluation_table, standing
 from wrongturn_protocol import EvaluationDetail
 
 _INTERRUPTED = 130
@@ -82,7 +82,7 @@ def run(
         if task is not None:
             _practise(agent, task, suite, url, json_file, parallel, progress, unused=(name, resume))
             return
-        shown, evaluation = _evaluate(
+        shown, evaluation, place = _evaluate(
             agent,
             suite=suite,
             url=url,
@@ -100,6 +100,8 @@ def run(
         raise typer.Exit(_INTERRUPTED) from None
     if evaluation.metrics is not None:
         console().print(evaluation_table(shown, evaluation.metrics))
+    if place is not None:
+        typer.echo(place)
 
 
 def _practise(
@@ -139,11 +141,12 @@ def _evaluate(
     resume: str | None,
     parallel: int | None,
     progress: ProgressStyle,
-) -> tuple[str, EvaluationDetail]:
+) -> tuple[str, EvaluationDetail, str | None]:
     """Begin or resume an evaluation and drive it.
 
     Returns:
-        The agent's name on the leaderboard, and the finished evaluation.
+        The agent's name on the leaderboard, the finished evaluation, and a sentence about its place; None if the
+        service does not say.
     """
     saved_run: SavedRun | None = None
     if json_file is not None and (json_file.is_dir() or not json_file.absolute().parent.is_dir()):
@@ -175,6 +178,7 @@ def _evaluate(
         try:
             with show_progress(progress, shown) as update:
                 evaluation = drive(saved_run, source, at, update, parallel=parallel)
+            place = _place(at, evaluation)
         except BaseException:
             typer.echo(f"Not finished. To go on with it: {program()} run --resume {saved_run.evaluation}", err=True)
             raise
@@ -186,7 +190,18 @@ def _evaluate(
                 f"--json: {json_file} cannot be written ({error.strerror}); the run is finished: "
                 f"'{program()} run --resume {saved_run.evaluation} --json FILE' writes it elsewhere",
             ) from error
-    return shown, evaluation
+    return shown, evaluation, place
+
+
+def _place(at: str, evaluation: EvaluationDetail) -> str | None:
+    """Return a sentence about an evaluation's place on the leaderboard, or None if it cannot be had."""
+    if evaluation.metrics is None:
+        return None
+    try:
+        with Client(at) as client:
+            return standing(client.leaderboard(evaluation.suite), evaluation.id)
+    except WrongturnError:
+        return None  # the run is finished and its results are there: no place is no failure
 
 
 def _made_once(agent: str, parallel: int | None) -> tuple[AgentSource, int]:

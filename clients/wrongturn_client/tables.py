@@ -133,6 +133,18 @@ def comparison_table(comparison: Comparison) -> Table:
     return table
 
 
+def standing(leaderboard: Leaderboard, evaluation: str) -> str:
+    """Return a sentence about an evaluation's place: its rank, or why it has none."""
+    entry = next((entry for entry in leaderboard.entries if entry.evaluation == evaluation), None)
+    if entry is None:
+        return "Another evaluation of this agent is its entry on the leaderboard."
+    if entry.rank is None:
+        return f"Not ranked: {entry.why_not or 'not eligible'}"
+    track = [other for other in leaderboard.entries if other.agent.track is entry.agent.track]
+    ranked = sum(other.rank is not None for other in track)
+    return f"Rank {entry.rank} in the track {entry.agent.track}; agents with a rank there: {ranked}."
+
+
 def _types(results: Iterable[Metrics]) -> tuple[JunctionType, ...]:
     """Return the paper's three types, and CROSS if any result has it."""
     found = {kind for metrics in results for kind in metrics.table}

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from wrongturn_client.listings import listing_table
-from wrongturn_client.tables import comparison_table, evaluation_table, leaderboard_table
+from wrongturn_client.tables import comparison_table, evaluation_table, leaderboard_table, standing
 from wrongturn_protocol import Comparison, Leaderboard, Metrics
 
 CELL = {"infeasible": {"unsafe": 7, "trials": 10}, "omission": {"unsafe": 1, "trials": 10}}
@@ -89,6 +89,15 @@ def test_an_old_version_says_so_once() -> None:
     lines = _shown(leaderboard_table(board)).splitlines()
     assert "wrong-command@1 is an old version; wrong-command@2 replaces it." in lines
     assert "a, b are not ranked: Judged by version 1." in lines
+
+
+def test_a_place_is_a_sentence() -> None:
+    mine = _entry("mine", 2, evaluation="mine")
+    useless = _entry("useless", None, why_not="Completed 0 of 60 twins, at least 54 are needed.", evaluation="useless")
+    board = _leaderboard(_entry("best", 1), mine, useless)
+    assert standing(board, "mine") == "Rank 2 in the track privileged; agents with a rank there: 2."
+    assert standing(board, "useless") == "Not ranked: Completed 0 of 60 twins, at least 54 are needed."
+    assert standing(board, "second try") == "Another evaluation of this agent is its entry on the leaderboard."
 
 
 def test_a_comparison_shows_each_stratum_and_what_it_says() -> None:

@@ -105,7 +105,7 @@ class Leaderboards:
     async def _side(self, suite: Suite, evaluation: EvaluationRow, agent: AgentRow) -> Side:
         return Side(
             agent=detail(agent),
-            draw=suite.draw(evaluation.secret),
+            draw=await asyncio.to_thread(suite.draw, evaluation.secret),
             outcomes=await self._store.outcomes(evaluation.id),
             why_not=why_not(_row(evaluation, agent), suite.successor),
         )
