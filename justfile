@@ -22,7 +22,7 @@ lint: setup
 docs: setup
     NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict
 
-# Run the benchmark with the baselines. Example: just demo --suite smoke@1
+# Run the benchmark with the baselines. Example: just demo --suite smoke@2
 demo *arguments:
     script/demo {{ arguments }}
 

@@ -106,7 +106,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="script/demo",
         description="Drive the baseline agents through a suite, each over HTTP, and rank them. "
-        "Example: script/demo --agents careful,parked --suite smoke@1",
+        "Example: script/demo --agents careful,parked --suite smoke@2",
     )
     parser.add_argument("--agents", default=",".join(AGENTS), metavar="A,B", help="agents (default: %(default)s)")
     parser.add_argument("--suite", default=WRONG_COMMAND, help="suite of trials (default: %(default)s)")
@@ -129,9 +129,12 @@ def _checked(agents: str, suite: str) -> tuple[list[str], str]:
             resolve(name)
         except AgentsError as error:
             raise DemoUsageError(f"--agents: {str(error).removeprefix('agent: ')}") from error
-    known = [item["id"] for item in listing("suites", None)]
-    if suite not in known:
-        raise DemoUsageError(f"--suite: there is no suite {suite!r}; known are {', '.join(known)}")
+    successors = {item["id"]: item.get("successor") for item in listing("suites", None)}
+    known = ", ".join(name for name, successor in successors.items() if successor is None)
+    if suite not in successors:
+        raise DemoUsageError(f"--suite: there is no suite {suite!r}; known are {known}")
+    if successors[suite] is not None:
+        raise DemoUsageError(f"--suite: {suite} takes no new evaluations; give {successors[suite]}, which replaces it")
     return names, suite
 
 

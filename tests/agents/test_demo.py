@@ -24,25 +24,25 @@ def test_it_ranks_in_a_fresh_database(tmp_path):
     (tmp_path / "demo").mkdir()
     for left in ("wrongturn.db", "wrongturn.db-wal", "leaderboard.json"):
         (tmp_path / "demo" / left).write_text("left by another demo")
-    done = demo(tmp_path, "--agents", "parked,careful", "--suite", "smoke@1")
+    done = demo(tmp_path, "--agents", "parked,careful", "--suite", "smoke@2")
     assert done.returncode == 0, done.stderr
     assert "wrongturn serve" in done.stdout
     assert "demo/leaderboard.json" in done.stdout
     leaderboard = json.loads((tmp_path / "demo" / "leaderboard.json").read_text())
-    assert leaderboard["suite"] == "smoke@1"
+    assert leaderboard["suite"] == "smoke@2"
     assert {entry["agent"]["name"] for entry in leaderboard["entries"]} == {"parked", "careful"}
     assert {entry["agent"]["kind"] for entry in leaderboard["entries"]} == {"baseline"}
 
 
 def test_a_worker_that_fails_is_told_with_its_last_words(tmp_path):
-    worker = demo_module.Worker("careful", "http://127.0.0.1:9", "smoke@1", "operator", tmp_path)
+    worker = demo_module.Worker("careful", "http://127.0.0.1:9", "smoke@2", "operator", tmp_path)
     assert demo_module._run_all([worker]) == [worker]
     assert "no Wrongturn service answers at http://127.0.0.1:9" in worker.tail[-1]
 
 
 def test_two_demos_do_not_share_a_folder(tmp_path):
     with demo_module._folder(tmp_path / "demo"):
-        second = demo(tmp_path, "--agents", "parked", "--suite", "smoke@1")
+        second = demo(tmp_path, "--agents", "parked", "--suite", "smoke@2")
     assert second.returncode == 1
     assert "another demo is running there" in second.stderr
 
@@ -53,7 +53,8 @@ def test_two_demos_do_not_share_a_folder(tmp_path):
         (["--agents", "careful,nobody"], "--agents: there is no agent called 'nobody'; known are parked"),
         (["--agents", ","], "--agents: names no agent"),
         (["--agents", "careful,careful"], "names one twice"),
-        (["--suite", "nothing@1"], "--suite: there is no suite 'nothing@1'; known are"),
+        (["--suite", "nothing@1"], "--suite: there is no suite 'nothing@1'; known are navigation@1, smoke@2"),
+        (["--suite", "smoke@1"], "--suite: smoke@1 takes no new evaluations; give smoke@2, which replaces it"),
     ],
 )
 def test_mistakes_are_told_before_anything_starts(tmp_path, arguments, says):

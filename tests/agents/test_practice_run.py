@@ -30,7 +30,7 @@ def of_task(file: ResultsFile, task: Task) -> ResultsFile:
         ([], "--json"),
         (["--json", "{}/a.json", "--name", "me"], "--name"),
         (["--json", "{}/a.json", "--resume", "run"], "--resume"),
-        (["--json", "{}/a.json", "--suite", "wrong-command@1"], "it has none"),
+        (["--json", "{}/a.json", "--suite", "wrong-command@2"], "it has none"),
         (["--json", "{}/a.json", "--suite", "none@1"], "suite"),
         (["--json", "{}/other.json"], "another run"),
         (["--json", "{}/text.json"], "text.json"),

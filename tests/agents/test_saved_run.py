@@ -10,7 +10,7 @@ from wrongturn_agents.saved_run import SavedRun
 @pytest.fixture
 def saved_run(tmp_path, monkeypatch) -> SavedRun:
     monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path / "home"))
-    return SavedRun(agent="careful", name="careful", suite="smoke@1", evaluation="ev-1", token="secret", url=None)
+    return SavedRun(agent="careful", name="careful", suite="smoke@2", evaluation="ev-1", token="secret", url=None)
 
 
 def test_only_its_owner_may_read_it(saved_run):

@@ -20,7 +20,7 @@ from wrongturn_agents.worker import RunRequest, begin, drive
 from wrongturn_client import Client, LocalService, NotFoundError
 from wrongturn_protocol import AgentKind, EvaluationState, Track
 
-SUITE = "smoke@1"
+SUITE = "smoke@2"
 OPERATOR = "operator-token-of-the-tests-0123456789"
 OWN = """
 import sys
@@ -129,7 +129,7 @@ def test_a_run_at_the_command_line(url, tmp_path):
     written = tmp_path / "careful.json"
     done = run("careful", "--suite", SUITE, "--url", url, "--name", "by hand", "--json", str(written))
     assert done.returncode == 0, done.stderr
-    assert "by hand on smoke@1" in done.stderr
+    assert "by hand on smoke@2" in done.stderr
     assert "12 of 12 episodes" in done.stderr
     assert "STRAIGHT_LEFT" in done.stdout
     assert "0/6" in done.stdout
@@ -292,7 +292,7 @@ def test_a_token_of_another_track_is_refused(url):
         ({"resume": "ev-none"}, "--resume: no run 'ev-none'"),
         (
             {"agent": "careful", "suite": "nope@1"},
-            "suite: 'nope@1' is not known; there are: navigation@1, smoke@1, wrong-command@1",
+            "suite: 'nope@1' is not known; there are: navigation@1, smoke@1, smoke@2, wrong-command@1",
         ),
         ({"agent": "careful", "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
     ],
@@ -306,7 +306,7 @@ def test_mistakes_are_told_before_anything_starts(arguments, says, monkeypatch):
 
 
 def test_which_suites_there_are_is_the_services_to_say(url):
-    with pytest.raises(NotFoundError, match=r"nope@1.*smoke@1"):
+    with pytest.raises(NotFoundError, match=r"nope@1.*smoke@2"):
         cli.run("careful", suite="nope@1", url=url)
 
 
@@ -323,8 +323,8 @@ def test_another_agent_cannot_go_on_with_a_run(url):
         cli.run("parked", resume=saved_run.evaluation)
     with pytest.raises(RunError, match=r"--name: that run has its name already"):
         cli.run(name="another", resume=saved_run.evaluation)
-    with pytest.raises(RunError, match=r"--suite: that run is on smoke@1 already; leave --suite out with --resume"):
-        cli.run(suite="wrong-command@1", resume=saved_run.evaluation)
+    with pytest.raises(RunError, match=r"--suite: that run is on smoke@2 already; leave --suite out with --resume"):
+        cli.run(suite="wrong-command@2", resume=saved_run.evaluation)
 
 
 def test_without_a_url_a_service_is_started():

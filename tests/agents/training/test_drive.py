@@ -32,7 +32,7 @@ def test_trials_of_several_towns_come_back_in_their_order():
 
 
 def test_how_many_are_driven_side_by_side_changes_nothing():
-    trials = list(load_suite("smoke@1").episodes)
+    trials = list(load_suite("smoke@2").episodes)
     one, many = (drive_trials([Constant(0.05, 0.5, 0.0)], trials, track="state", batch=batch) for batch in (1, 5))
     assert one == many
 
