@@ -17,7 +17,7 @@ from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError
 from wrongturn_agents.progress import Progress
 from wrongturn_agents.registry import AgentSource
 from wrongturn_agents.saved_run import SavedRun, ensure_directory
-from wrongturn_client import AgentNameTakenError, Client, LocalService, NotFoundError
+from wrongturn_client import AgentNameTakenError, Client, LocalService, NotFoundError, OwnerNameTakenError
 from wrongturn_client.actions import action_error, is_of_action, refusal
 from wrongturn_protocol import Action, AgentKind, EvaluationDetail, RegisteredAgent
 from wrongturn_protocol.observations import Observation
@@ -143,7 +143,7 @@ def _register(client: Client, request: RunRequest, source: AgentSource, operator
             return client.register(name, source.track, description=source.description or None, kind=kind)
         except ValidationError as error:
             raise RunError(_registration_error(error, name)) from error
-        except AgentNameTakenError as error:
+        except (AgentNameTakenError, OwnerNameTakenError) as error:
             if request.name is not None:
                 raise RunError(f"--name: {name!r} is taken at {client.url}; choose another") from error
             if number >= _NAMES_TRIED:

@@ -3,11 +3,13 @@ from .client import Client as Client
 from .errors import AgentNameTakenError as AgentNameTakenError
 from .errors import ApiError as ApiError
 from .errors import AuthenticationError as AuthenticationError
+from .errors import CommitmentError as CommitmentError
 from .errors import ConflictError as ConflictError
 from .errors import EpisodeFinishedError as EpisodeFinishedError
 from .errors import EpisodeLostError as EpisodeLostError
 from .errors import EvaluationCancelledError as EvaluationCancelledError
 from .errors import EvaluationFinishedError as EvaluationFinishedError
+from .errors import EvaluationOpenError as EvaluationOpenError
 from .errors import EvaluationStalledError as EvaluationStalledError
 from .errors import InvalidActionError as InvalidActionError
 from .errors import InvalidRequestError as InvalidRequestError
@@ -15,6 +17,7 @@ from .errors import LocalServiceError as LocalServiceError
 from .errors import NotFoundError as NotFoundError
 from .errors import NotOfferedError as NotOfferedError
 from .errors import NoTrialAvailableError as NoTrialAvailableError
+from .errors import OwnerNameTakenError as OwnerNameTakenError
 from .errors import PluginError as PluginError
 from .errors import PolicyError as PolicyError
 from .errors import ProtocolError as ProtocolError
@@ -23,6 +26,7 @@ from .errors import ServiceBusyError as ServiceBusyError
 from .errors import ServiceFailedError as ServiceFailedError
 from .errors import ServiceFullError as ServiceFullError
 from .errors import ServiceUnreachableError as ServiceUnreachableError
+from .errors import SuiteRetiredError as SuiteRetiredError
 from .errors import WrongturnError as WrongturnError
 from .gym_env import RemoteEnv as RemoteEnv
 from .local_service import LocalService as LocalService

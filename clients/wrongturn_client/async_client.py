@@ -117,6 +117,12 @@ class AsyncClient(_Awaitable):
     towns = _awaited(Client.towns)
     town = _awaited(Client.town)
 
+    register_owner = _awaited(Client.register_owner)
+    owners = _awaited(Client.owners)
+    owner = _awaited(Client.owner)
+    rotate_owner_token = _awaited(Client.rotate_owner_token)
+    revoke_owner_token = _awaited(Client.revoke_owner_token)
+
     register = _awaited(Client.register)
     agents = _awaited(Client.agents)
     agent = _awaited(Client.agent)

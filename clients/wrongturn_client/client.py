@@ -11,10 +11,18 @@ import httpx
 from pydantic import BaseModel
 
 from wrongturn_client import settings
+from wrongturn_client.commitment import check_commitment
 from wrongturn_client.decoding import validated
 from wrongturn_client.drive import Drive
 from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, EpisodeCalls, Result
-from wrongturn_client.errors import ApiError, NotOfferedError, WrongturnError
+from wrongturn_client.errors import (
+    ApiError,
+    AuthenticationError,
+    EvaluationOpenError,
+    NotFoundError,
+    NotOfferedError,
+    WrongturnError,
+)
 from wrongturn_client.evaluation_driver import EvaluationDriver
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy
@@ -34,7 +42,11 @@ from wrongturn_protocol import (
     Leaderboard,
     LeaderboardList,
     LeaderboardSummary,
+    OwnerDetail,
+    OwnerList,
+    OwnerRegistration,
     RegisteredAgent,
+    RegisteredOwner,
     ResultsRequest,
     SuiteList,
     SuiteSummary,
@@ -123,7 +135,10 @@ class Client(EpisodeCalls):
 
     def simulators(self) -> int | None:
         """Return how many episodes all agents together can drive at a time; None if the service does not say."""
-        found = _SLOTS.search(self._transport.call("GET", "/metrics").content)
+        try:
+            found = _SLOTS.search(self._transport.call("GET", "/metrics").content)
+        except (AuthenticationError, NotFoundError):  # the operator keeps the metrics to itself
+            return None
         return None if found is None else int(float(found[1]))
 
     def suites(self) -> tuple[SuiteSummary, ...]:
@@ -146,7 +161,35 @@ class Client(EpisodeCalls):
         """Return a town with its approaches and geometry."""
         return self._get(TownDetail, "towns", town)
 
-    # Agents
+    # Owners and agents
+
+    def register_owner(self, name: str, *, contact: str | None = None) -> RegisteredOwner:
+        """Register an owner, who answers for agents. Its token is shown only now.
+
+        A client with that token registers agents for the owner, and rotates and revokes their tokens.
+
+        Args:
+            name: Shown beside the owner's agents.
+            contact: How the operator reaches the owner; nobody else sees it.
+        """
+        registration = OwnerRegistration(name=name, contact=contact)
+        return self._create(RegisteredOwner, registration.model_dump(mode="json"), "owners")
+
+    def owners(self) -> tuple[OwnerDetail, ...]:
+        """Return all owners."""
+        return self._get(OwnerList, "owners").owners
+
+    def owner(self, owner: str) -> OwnerDetail:
+        """Return an owner by its id."""
+        return self._get(OwnerDetail, "owners", owner)
+
+    def rotate_owner_token(self, owner: str) -> RegisteredOwner:
+        """Replace an owner's token; the old one becomes invalid. This client keeps using the old one."""
+        return self._create(RegisteredOwner, None, "owners", owner, "token")
+
+    def revoke_owner_token(self, owner: str) -> None:
+        """Make an owner's token invalid."""
+        self._transport.call("DELETE", path_of("v1", "owners", owner, "token"))
 
     def register(
         self,
@@ -157,7 +200,10 @@ class Client(EpisodeCalls):
         homepage: str | None = None,
         kind: AgentKind = AgentKind.SUBMITTED,
     ) -> RegisteredAgent:
-        """Register an agent. Its token is shown only now. Other kinds than ``submitted`` need the operator's token."""
+        """Register an agent. Its token is shown only now. Other kinds than ``submitted`` need the operator's token.
+
+        With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made.
+        """
         registration = AgentRegistration(name=name, track=track, description=description, homepage=homepage, kind=kind)
         return self._create(RegisteredAgent, registration.model_dump(mode="json"), "agents")
 
@@ -180,16 +226,26 @@ class Client(EpisodeCalls):
     # Evaluations
 
     def create_evaluation(self, suite: str) -> EvaluationDetail:
-        """Begin an evaluation of the agent that has this client's token."""
+        """Begin an evaluation of the agent that has this client's token. From its first step on it counts.
+
+        Raises:
+            EvaluationOpenError: The agent has an open one on the suite.
+            SuiteRetiredError: Another suite has replaced this one.
+        """
         return self._create(EvaluationDetail, {"suite": suite}, "evaluations")
 
     def evaluation(self, evaluation: str) -> EvaluationDetail:
-        """Return an evaluation: its state and progress, and its metrics once it is finished."""
+        """Return an evaluation: its state and progress, and its secret and metrics once it is finished."""
         return self._get(EvaluationDetail, "evaluations", evaluation)
 
-    def cancel_evaluation(self, evaluation: str) -> None:
-        """Cancel an evaluation for good."""
-        self._transport.call("DELETE", path_of("v1", "evaluations", evaluation))
+    def cancel_evaluation(self, evaluation: str) -> EvaluationDetail:
+        """Close an evaluation for good and return it. Safe to call again.
+
+        Before its first step it disappears, and the agent's next one on the suite has the same trials. After that it
+        counts: it is finished, and every trial without a verdict is ``aborted``, which is unsafe.
+        """
+        answer = self._transport.call("DELETE", path_of("v1", "evaluations", evaluation))
+        return validated(EvaluationDetail, answer.message())
 
     def open_episodes(self, evaluation: str) -> tuple[EpisodeDetail, ...]:
         """Return the evaluation's open episodes, for example to continue after a crash."""
@@ -226,25 +282,37 @@ class Client(EpisodeCalls):
     ) -> EvaluationDetail:
         """Drive a policy through all trials of a suite.
 
+        If the agent has an open evaluation on the suite, it is resumed: open episodes continue from their last reply.
+
         Args:
             policy: See :class:`~wrongturn_client.Policy`.
             suite: The suite's id.
-            evaluation: The id of an evaluation to resume. Its open episodes continue from their last reply.
+            evaluation: The id of an evaluation to resume.
             progress: Called with the numbers of finished and of all episodes, at the beginning and after each episode.
             versions: Versions of the agent's software by name, for the record.
             parallel: Episodes driven at a time. Above 1, several threads call the policy's ``act``, and the policy must
                 not keep a memory between steps.
 
         Returns:
-            The finished evaluation with its metrics.
+            The finished evaluation with its metrics and its secret.
 
         Raises:
+            CommitmentError: The secret is not the one that the service promised at the beginning.
+            SuiteRetiredError: Another suite has replaced this one.
             PolicyError: The policy returned something that is not an action.
             Exception: Whatever the policy raises. The episode then counts as aborted; you can resume the evaluation.
         """
         if parallel < 1:
             raise ValueError(f"parallel: is {parallel}; drive 1 episode at a time or more")
-        detail = self.create_evaluation(suite) if evaluation is None else self.evaluation(evaluation)
+        if evaluation is None:
+            try:
+                detail = self.create_evaluation(suite)
+            except EvaluationOpenError as error:
+                if not error.evaluation:
+                    raise
+                detail, evaluation = self.evaluation(error.evaluation), error.evaluation
+        else:
+            detail = self.evaluation(evaluation)
         if detail.suite != suite:
             raise WrongturnError(f"evaluation: {detail.id} is on the suite {detail.suite}, not on {suite}")
         if detail.state is EvaluationState.CANCELLED:
@@ -268,7 +336,9 @@ class Client(EpisodeCalls):
                 EvaluationDriver(connection, policy, detail.id, parallel=parallel, resumed=resumed, on_end=count).run()
         if records:
             self.put_results(detail.id, records, {**installed_versions(), **(versions or {})})
-        return self.evaluation(detail.id)
+        done = self.evaluation(detail.id)
+        check_commitment(detail, done)
+        return done
 
     # Episodes
 

@@ -8,6 +8,7 @@
     ├── NotOfferedError              there is no WebSocket for driving at the URL; HTTP does the same
     ├── LocalServiceError            ``wrongturn serve`` did not start
     ├── EvaluationStalledError       no trial was handed out for too long
+    ├── CommitmentError              the secret at the evaluation's end is not the one that was promised
     ├── PolicyError                  the policy returned something that is not an action
     ├── InvalidActionError           a Gymnasium environment got an invalid action (also a ValueError)
     ├── ServiceFullError             the service has fewer free simulators than environments were asked for
@@ -15,9 +16,12 @@
     └── ApiError                     the service refused the call (RFC 9457)
         ├── AuthenticationError      no token, another's token, registration closed
         ├── InvalidRequestError      a field is wrong or does not apply
-        ├── NotFoundError            unknown suite, town, approach, trial, agent, evaluation or episode
+        ├── NotFoundError            unknown suite, town, approach, trial, owner, agent, evaluation or episode
         ├── ConflictError            the call does not fit earlier calls
         │   ├── AgentNameTakenError
+        │   ├── OwnerNameTakenError
+        │   ├── SuiteRetiredError
+        │   ├── EvaluationOpenError
         │   ├── EvaluationFinishedError
         │   ├── EvaluationCancelledError
         │   ├── NoTrialAvailableError
@@ -64,6 +68,10 @@ class LocalServiceError(WrongturnError):
 
 class EvaluationStalledError(WrongturnError):
     """The service handed out no trial for too long, although the evaluation is not finished."""
+
+
+class CommitmentError(WrongturnError):
+    """The trials cannot be trusted: the secret told at the end does not have the SHA-256 told at the beginning."""
 
 
 class PolicyError(WrongturnError):
@@ -114,7 +122,7 @@ class InvalidRequestError(ApiError):
 
 
 class NotFoundError(ApiError):
-    """An unknown suite, town, approach, trial, agent, evaluation or episode."""
+    """An unknown suite, town, approach, trial, owner, agent, evaluation or episode."""
 
 
 class ConflictError(ApiError):
@@ -123,6 +131,23 @@ class ConflictError(ApiError):
 
 class AgentNameTakenError(ConflictError):
     """Another agent has the name."""
+
+
+class OwnerNameTakenError(ConflictError):
+    """Another owner has the name."""
+
+
+class SuiteRetiredError(ConflictError):
+    """Another suite has replaced this one, and it takes no new evaluations. The message names the other one."""
+
+
+class EvaluationOpenError(ConflictError):
+    """The agent has an evaluation on the suite that is not finished."""
+
+    @property
+    def evaluation(self) -> str:
+        """Id of the open evaluation; empty if the service does not say."""
+        return next((error.message for error in self.problem.errors if error.path == "evaluation"), "")
 
 
 class EvaluationFinishedError(ConflictError):

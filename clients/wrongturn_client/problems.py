@@ -13,12 +13,15 @@ from wrongturn_client.errors import (
     EpisodeLostError,
     EvaluationCancelledError,
     EvaluationFinishedError,
+    EvaluationOpenError,
     InvalidRequestError,
     NotFoundError,
     NoTrialAvailableError,
+    OwnerNameTakenError,
     ResultsMismatchError,
     ServiceBusyError,
     ServiceFailedError,
+    SuiteRetiredError,
 )
 from wrongturn_protocol import Problem, ProblemType
 
@@ -29,6 +32,9 @@ _BY_TYPE: Final[dict[str, type[ApiError]]] = {
     ProblemType.FAULT_NOT_APPLICABLE: InvalidRequestError,
     ProblemType.TRACK_NOT_AVAILABLE: InvalidRequestError,
     ProblemType.AGENT_NAME_TAKEN: AgentNameTakenError,
+    ProblemType.OWNER_NAME_TAKEN: OwnerNameTakenError,
+    ProblemType.SUITE_RETIRED: SuiteRetiredError,
+    ProblemType.EVALUATION_OPEN: EvaluationOpenError,
     ProblemType.EVALUATION_FINISHED: EvaluationFinishedError,
     ProblemType.EVALUATION_CANCELLED: EvaluationCancelledError,
     ProblemType.NO_TRIAL_AVAILABLE: NoTrialAvailableError,

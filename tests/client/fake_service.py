@@ -1,5 +1,6 @@
 """A service in memory that keeps the interface's promises, for tests of the client without sockets."""
 
+import hashlib
 import json
 import threading
 from collections.abc import Callable
@@ -13,13 +14,19 @@ from wrongturn_protocol import ProblemType, Track
 from wrongturn_protocol.observations import encode, observation_space
 
 SHA = "0" * 64
+SECRET = "5" * 64
 Injection = Callable[[httpx.Request], httpx.Response | Exception | None]
 
 
 def problem(
-    kind: ProblemType, status: int, detail: str = "no", headers: dict[str, str] | None = None
+    kind: ProblemType,
+    status: int,
+    detail: str = "no",
+    headers: dict[str, str] | None = None,
+    errors: list[dict[str, str]] | None = None,
 ) -> httpx.Response:
-    body = {"type": f"/problems/{kind}", "title": kind.value, "status": status, "detail": detail, "errors": []}
+    body = {"type": f"/problems/{kind}", "title": kind.value, "status": status, "detail": detail}
+    body["errors"] = errors or []
     return httpx.Response(
         status, content=json.dumps(body), headers={"content-type": "application/problem+json", **(headers or {})}
     )
@@ -55,6 +62,8 @@ class FakeService:
         self.last: dict[str, dict[str, Any]] = {}
         self.open: list[str] = []
         self.finished = 0
+        self.begun = False
+        self.secret: str | None = SECRET
         self.aborted: list[str] = []
         self.lost: set[str] = set()
         self.results: dict[str, Any] | None = None
@@ -118,7 +127,23 @@ class FakeService:
             case "GET", ["v1", "towns", town]:
                 return httpx.Response(200, json=_town(town))
             case "POST", ["v1", "evaluations"]:
+                if self.begun:
+                    open_one = [{"path": "evaluation", "message": "e1"}]
+                    return problem(ProblemType.EVALUATION_OPEN, 409, "e1 is open", errors=open_one)
+                self.begun = True
                 return httpx.Response(201, json=self._evaluation())
+            case "DELETE", ["v1", "evaluations", _]:
+                self.finished = self.trials
+                return httpx.Response(200, json=self._evaluation())
+            case "POST", ["v1", "owners", *_]:
+                body = json.loads(request.content or b"{}")
+                return httpx.Response(201, json={"id": "o1", "name": body.get("name", "us"), "token": "theirs"})
+            case "GET", ["v1", "owners"]:
+                return httpx.Response(200, json={"owners": [{"id": "o1", "name": "us"}]})
+            case "GET", ["v1", "owners", name]:
+                return httpx.Response(200, json={"id": name, "name": "us"})
+            case "DELETE", ["v1", "owners", _, "token"]:
+                return httpx.Response(204)
             case "GET", ["v1", "evaluations", _]:
                 return httpx.Response(200, json=self._evaluation())
             case "POST", ["v1", "evaluations", _, "episodes"]:
@@ -156,6 +181,8 @@ class FakeService:
             "trials": self.trials,
             "finished": self.finished,
             "max_parallel": self.parallel,
+            "commitment": hashlib.sha256(SECRET.encode()).hexdigest(),
+            "secret": self.secret if over else None,
             "metrics": metrics() if over else None,
         }
 

@@ -117,6 +117,26 @@ def test_a_repeated_creation_carries_the_same_key_and_another_creation_another()
     assert keys[1] != keys[2]
 
 
+def test_an_owner_registers_and_renews_its_token() -> None:
+    service = FakeService()
+    with Client("http://fake", transport=service.transport) as client:
+        owner = client.register_owner("us", contact="us@example.org")
+        assert (owner.name, owner.token) == ("us", "theirs")
+        assert json.loads(service.requests[-1].content) == {"name": "us", "contact": "us@example.org"}
+        assert client.owner(owner.id) in client.owners()
+        assert client.rotate_owner_token(owner.id).token == "theirs"
+        client.revoke_owner_token(owner.id)
+    assert service.paths("DELETE") == ["/v1/owners/o1/token"]
+
+
+@pytest.mark.parametrize("kind", [ProblemType.UNAUTHENTICATED, ProblemType.UNKNOWN_ROUTE])
+def test_metrics_that_are_the_operators_alone_tell_no_slots(kind: ProblemType) -> None:
+    service = FakeService()
+    service.inject = lambda _: problem(kind, 401 if kind is ProblemType.UNAUTHENTICATED else 404)
+    with Client("http://fake", transport=service.transport) as client:
+        assert client.simulators() is None
+
+
 @pytest.mark.parametrize("patience", [0.0, 0.3])
 def test_a_service_that_is_not_there_is_named_with_what_to_do(patience: float) -> None:
     with Client("http://fake:99", transport=_answering(httpx.ConnectError("refused")), patience=patience) as client:

@@ -13,10 +13,13 @@ from gymnasium import spaces
 from wrongturn_client import (
     Action,
     Client,
+    CommitmentError,
     EvaluationCancelledError,
+    EvaluationOpenError,
     Policy,
     PolicyError,
     ResultsMismatchError,
+    SuiteRetiredError,
     WrongturnError,
 )
 from wrongturn_protocol import EvaluationState, ProblemType, Track
@@ -145,7 +148,8 @@ def test_waits_while_no_trial_is_available(monkeypatch: pytest.MonkeyPatch) -> N
     assert pauses == [2.0, 2.0, 2.0]
 
 
-def test_goes_on_with_an_open_episode_from_its_last_reply() -> None:
+@pytest.mark.parametrize("by_id", [True, False])
+def test_goes_on_with_an_open_episode_from_its_last_reply(by_id: bool) -> None:
     service = FakeService(steps=5)
 
     class Killed(Exception):  # noqa: N818
@@ -163,7 +167,9 @@ def test_goes_on_with_an_open_episode_from_its_last_reply() -> None:
     driver = Driver()
     told: list[tuple[int, int]] = []
     with _client(service) as client:
-        detail = client.evaluate(driver, "smoke@2", evaluation="e1", progress=lambda done, of: told.append((done, of)))
+        # It finds the open one by itself, or by its id.
+        named = {"evaluation": "e1"} if by_id else {}
+        detail = client.evaluate(driver, "smoke@2", progress=lambda done, of: told.append((done, of)), **named)
     assert detail.state is EvaluationState.FINISHED
     assert [len(actions) for actions in service.seen.values()] == [5] * 4
     assert len(driver.observations) == 3 + 2 * 5
@@ -178,6 +184,34 @@ def test_resuming_a_finished_evaluation_gives_it() -> None:
         detail = client.evaluate(Driver(), "smoke@2", evaluation="e1")
     assert detail.metrics is not None
     assert service.paths("POST") == []
+
+
+@pytest.mark.parametrize("told", ["6" * 64, None])
+def test_a_service_that_breaks_its_promise_is_told(told: str | None) -> None:
+    service = FakeService()
+    service.secret = told
+    with _client(service) as client, pytest.raises(CommitmentError, match="do not trust"):
+        client.evaluate(Driver(), "smoke@2")
+
+
+def test_the_finished_evaluation_holds_secret_and_promise() -> None:
+    with _client(FakeService()) as client:
+        detail = client.evaluate(Driver(), "smoke@2")
+    assert detail.secret is not None
+    assert detail.commitment == hashlib.sha256(detail.secret.encode()).hexdigest()
+
+
+def test_an_open_evaluation_is_named_and_a_retired_suite_is_told() -> None:
+    service = FakeService()
+    with _client(service) as client:
+        begun = client.create_evaluation("smoke@2")
+        with pytest.raises(EvaluationOpenError) as caught:
+            client.create_evaluation("smoke@2")
+        assert caught.value.evaluation == begun.id
+        assert client.cancel_evaluation(begun.id).state is EvaluationState.FINISHED
+        service.inject = lambda _: problem(ProblemType.SUITE_RETIRED, 409, "smoke@2 replaces it")
+        with pytest.raises(SuiteRetiredError, match="smoke@2"):
+            client.evaluate(Driver(), "smoke@1")
 
 
 def test_resuming_needs_the_same_suite() -> None:
