@@ -26,6 +26,15 @@ from wrongturn_agents.errors import (
     NotAnAgentError,
     UnknownAgentError,
 )
+from wrongturn_agents.exploits.blocker import Blocker
+from wrongturn_agents.exploits.clones import Clone
+from wrongturn_agents.exploits.creeper import Creeper
+from wrongturn_agents.exploits.head_on import HeadOn
+from wrongturn_agents.exploits.odometer import Odometer
+from wrongturn_agents.exploits.oncoming_lane import OncomingLane, OncomingLaneBack
+from wrongturn_agents.exploits.pause_then_obey import PauseThenObey
+from wrongturn_agents.exploits.twin_tape import TwinTape
+from wrongturn_agents.exploits.twitcher import Twitcher
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, ShippedAgent
 from wrongturn_client.invocation import program
 from wrongturn_protocol import AgentKind, Track
@@ -34,6 +43,24 @@ AGENTS: Final = MappingProxyType(
     {agent.name: agent for agent in (Parked, AlwaysStops, IgnoresCommands, ObeysBlindly, Careful)},
 )
 """Classes of the baselines by name."""
+EXPLOITS: Final = MappingProxyType(
+    {
+        agent.name: agent
+        for agent in (
+            PauseThenObey,
+            OncomingLane,
+            OncomingLaneBack,
+            Creeper,
+            Blocker,
+            Twitcher,
+            Odometer,
+            Clone,
+            TwinTape,
+            HeadOn,
+        )
+    },
+)
+"""Classes of the exploits that only drive, by name. The others need a service: see ``wrongturn_agents.exploits``."""
 
 
 class AgentListing(BaseModel):
@@ -61,9 +88,10 @@ class AgentSource:
 
 
 def list_agents() -> list[AgentListing]:
-    """Return the baselines and the trained agents. The description says which ones must be trained first."""
+    """Return the baselines, the trained agents and the exploits. The description says which must be trained first."""
     described: list[tuple[Any, str]] = [(agent, agent.description) for agent in AGENTS.values()]
     described += [(agent, _description(agent)) for agent in SHIPPED_AGENTS.values()]
+    described += [(agent, agent.description) for agent in EXPLOITS.values()]
     return [
         AgentListing(name=agent.name, track=agent.track, kind=agent.kind, description=description)
         for agent, description in described
@@ -91,6 +119,8 @@ def resolve(named: str) -> AgentSource:
     """
     if named in AGENTS:
         return _source(named, AGENTS[named])
+    if named in EXPLOITS:
+        return _source(named, EXPLOITS[named])
     if named in SHIPPED_AGENTS:
         agent = SHIPPED_AGENTS[named]
         return AgentSource(agent.name, agent.track, agent.kind, agent.description, make=agent.make)
@@ -98,7 +128,7 @@ def resolve(named: str) -> AgentSource:
         return _model(Path(named))
     if ":" in named:
         return _source(named, _import(named))
-    known = ", ".join((*AGENTS, *SHIPPED_AGENTS))
+    known = ", ".join((*AGENTS, *SHIPPED_AGENTS, *EXPLOITS))
     raise UnknownAgentError(
         f"agent: there is no agent called {named!r}; known are {known}; or name package.module:Class or a .onnx file",
     )
