@@ -52,8 +52,12 @@ class RankingInput:
 
     @property
     def owner(self) -> str:
-        """Key of the agent's owner. An agent without an owner is its own."""
-        return f"owner {self.agent.owner}" if self.agent.owner else f"agent {self.agent.id}"
+        """Key of the agent's owner. An agent without an owner is its own, and so is each shipped one.
+
+        Shipped agents are there to be compared with each other, although one owner answers for all of them.
+        """
+        owned = self.agent.owner and self.agent.kind is AgentKind.SUBMITTED
+        return f"owner {self.agent.owner}" if owned else f"agent {self.agent.id}"
 
 
 def least_completed(trials: int) -> int:

@@ -1,5 +1,7 @@
 """Who stands where: rules of eligibility, ranks, ties and order. ``test_rank_rules.py`` has the general promises."""
 
+from dataclasses import replace
+
 import pytest
 
 from wrongturn_protocol import AgentDetail, AgentKind, LeaderboardEntry, Metrics, Seeds, SeedSpread, Track, Verdict
@@ -63,6 +65,16 @@ def test_agents_of_one_owner_never_count_against_each_other(kit, suite) -> None:
     assert standing(rank(field)) == {"a": 1, "b": 1, "c": 1}
     # They are listed by their counts.
     assert [entry.agent.name for entry in rank(field[::-1])] == ["a", "b", "c"]
+
+
+def test_shipped_agents_count_against_each_other(kit, suite) -> None:
+    """One owner answers for all of them: without this rule every baseline and exploit would share the first rank."""
+    field = [colliding(kit, suite, name, range(count), owner="Us") for name, count in (("a", 0), ("b", 20), ("c", 50))]
+    kinds = (AgentKind.BASELINE, AgentKind.EXPLOIT, AgentKind.REFERENCE)
+    shipped = [
+        replace(row, agent=row.agent.model_copy(update={"kind": kind})) for row, kind in zip(field, kinds, strict=True)
+    ]
+    assert standing(rank(shipped)) == {"a": 1, "b": 2, "c": 3}
 
 
 def test_ranks_count_who_is_better(kit, suite) -> None:
