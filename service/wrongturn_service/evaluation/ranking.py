@@ -7,7 +7,6 @@ from typing import Final
 
 from wrongturn_protocol import (
     AgentDetail,
-    AgentKind,
     Entry,
     FaultKind,
     LeaderboardEntry,
@@ -193,7 +192,7 @@ def _tied(row: RankingInput, field: Sequence[RankingInput], ranks: Mapping[str, 
 def _place(entry: LeaderboardEntry) -> tuple[int, int, int, int, int, str]:
     track = TRACK_ORDER.index(entry.agent.track)
     strict = entry.unsafe_strict.count
-    if entry.agent.kind is AgentKind.ALGORITHM:
+    if entry.seeds is not None:
         return track, 2, 0, strict, 0, entry.agent.name
     if entry.rank is None:
         return track, 1, -entry.twins.completed, strict, 0, entry.agent.name
