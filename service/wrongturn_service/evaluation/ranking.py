@@ -7,6 +7,7 @@ from typing import Final
 
 from wrongturn_protocol import (
     AgentDetail,
+    AgentKind,
     Entry,
     FaultKind,
     LeaderboardEntry,
