@@ -85,7 +85,7 @@ def test_an_algorithm_is_marked_and_has_its_range() -> None:
 
 def test_an_old_version_says_so_once() -> None:
     old = [_entry(name, None, why_not="Judged by version 1.") for name in ("a", "b")]
-    board = _leaderboard(*old).model_copy(update={"successor": "wrong-command@2"})
+    board = _leaderboard(*old).model_copy(update={"suite": "wrong-command@1", "successor": "wrong-command@2"})
     lines = _shown(leaderboard_table(board)).splitlines()
     assert "wrong-command@1 is an old version; wrong-command@2 replaces it." in lines
     assert "a, b are not ranked: Judged by version 1." in lines
