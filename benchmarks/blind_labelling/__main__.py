@@ -1,12 +1,13 @@
 """Blind labelling: a person and the judge look at the same 150 drives, and neither knows what the other says.
 
     python benchmarks/blind_labelling make PICTURES [--only 7 31]
-    python benchmarks/blind_labelling label 7 exit_left --safe [--unclear] [--note "…"]
-    python benchmarks/blind_labelling compare [--pictures docs/pictures]
+    python benchmarks/blind_labelling label 7 exit_left [--opposed] [--unclear] [--note "…"]
+    python benchmarks/blind_labelling compare
 
-``make`` drives eight drivers over trials of a draw of its own, on past any verdict, shuffles them, and draws each from
-above without naming driver, fault or verdict. ``label`` writes down what you say about a picture. ``compare`` asks the
-judge and prints both.
+``make`` draws each drive from above, without driver, fault, route or verdict. The drives lie in ``drives.npz``, which
+you do not look into. Without the file, ``make`` drives eight drivers anew, on past any verdict, in a shuffled order.
+``label`` writes down what you say about a picture. ``compare`` asks the judge and prints both. ``docs/labelling.md``
+tells what came of it.
 """
 
 import argparse
@@ -15,29 +16,66 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import comparison
 import experiment
+import labels
 import picture
 
 
-def make(given: argparse.Namespace) -> int:
-    if not experiment.DRIVES.exists():
-        experiment.save(list(experiment.drive_all()))
+def make(given: argparse.Namespace) -> None:
+    chosen = given.experiment
+    if not chosen.drives.exists():
+        experiment.save(list(chosen.drive_all()), chosen.drives)
     given.pictures.mkdir(parents=True, exist_ok=True)
-    for number, one in enumerate(experiment.load()):
+    for number, one in enumerate(experiment.load(chosen.drives)):
         if given.only is None or number in given.only:
             picture.draw(one.trajectory, number, given.pictures / f"{number:03d}.png")
-    return 0
+
+
+def label(given: argparse.Namespace) -> None:
+    said = labels.read(given.experiment.labels)
+    said[given.number] = labels.label_of(given.verdict, opposed=given.opposed, clear=not given.unclear, note=given.note)
+    labels.write(said, given.experiment.labels)
+
+
+def compare(given: argparse.Namespace) -> None:
+    chosen = given.experiment
+    pairs = comparison.compare(experiment.load(chosen.drives), labels.read(chosen.labels))
+    comparison.write(pairs, chosen.verdicts)
+    print(comparison.table(pairs))
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python benchmarks/blind_labelling", description=__doc__.split("\n")[0])
+    parser.add_argument(
+        "--experiment",
+        type=experiment.EXPERIMENTS.__getitem__,
+        choices=experiment.EXPERIMENTS.values(),
+        metavar="NAME",
+        default=experiment.EIGHT_DRIVERS,
+        help="eight_drivers or hard_cases. Example: --experiment hard_cases",
+    )
     ways = parser.add_subparsers(required=True)
-    made = ways.add_parser("make", help="drive and draw. Example: make pictures")
+    made = ways.add_parser("make", help="draw the drives. Example: make pictures")
     made.add_argument("pictures", type=Path, help="folder for the pictures")
-    made.add_argument("--only", type=int, nargs="+", metavar="NUMBER", help="draw these only")
+    made.add_argument("--only", type=int, nargs="+", metavar="NUMBER", help="draw these only. Example: --only 7 31")
     made.set_defaults(run=make)
+    said = ways.add_parser("label", help="write down what you say about a picture. Example: label 7 exit_left")
+    said.add_argument("number", type=int)
+    said.add_argument("verdict", choices=labels.WORDS)
+    said.add_argument("--opposed", action="store_true", help="the centre was more than 10 m on opposed lanes")
+    said.add_argument("--unclear", action="store_true", help="the picture does not decide")
+    said.add_argument("--note", default="", help='why. Example: --note "stands 15.1 m before the line"')
+    said.set_defaults(run=label)
+    both = ways.add_parser("compare", help="ask the judge, print both, and keep what it said in verdicts.json")
+    both.set_defaults(run=compare)
     given = parser.parse_args()
-    return given.run(given)
+    try:
+        given.run(given)
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
 
 
 if __name__ == "__main__":

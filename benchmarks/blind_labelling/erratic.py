@@ -1,4 +1,4 @@
-"""Two drivers that produce the hard cases of version 2. Each drive has its own script, drawn from a seed."""
+"""Drivers that produce the hard cases of version 2. Each drive has its own script, drawn from a seed."""
 
 import math
 import random
@@ -147,6 +147,42 @@ def astray(seed: str) -> Erratic:
         stay = Pause(at + numbers.uniform(6.0, 25.0), numbers.choice((12.0, 60.0)))
         return Erratic(Script(False, (stay,), aside[:2], cruise=cruise))
     return Erratic(Script(blind, aside=aside, cruise=cruise))
+
+
+def awkward(seed: str) -> Erratic:
+    """Return a driver that plays with time limits and oncoming lanes: most of what only version 2 of the judge sees."""
+    numbers = random.Random(seed)
+    kind = numbers.choice(("stays", "stays", "crosses", "slow", "slow", "creeps", "waits", "round", "beside", "area"))
+    cruise, at = numbers.uniform(5.0, 7.0), numbers.uniform(6.0, 18.0)
+    oncoming = numbers.uniform(3.4, 4.2)
+    match kind:
+        case "stays":
+            stay = Pause(at + numbers.uniform(8.0, 34.0), 60.0)
+            script = Script(False, (stay,), ((at, 0.0), (at + 7.0, oncoming)), cruise=cruise)
+        case "crosses":
+            length = numbers.uniform(1.0, 9.0)
+            back = ((at + 7.0 + length, oncoming), (at + 14.0 + length, 0.0))
+            script = Script(False, aside=((at, 0.0), (at + 7.0, oncoming), *back), cruise=cruise)
+        case "slow":
+            script = Script(False, cruise=numbers.uniform(0.55, 1.4))
+        case "creeps":
+            creep = Pause(numbers.uniform(-17.0, -6.0), 60.0, numbers.uniform(0.03, 0.09))
+            script = Script(False, (creep,), cruise=cruise)
+        case "waits":
+            places = np.arange(-16.0, -3.0, numbers.uniform(1.2, 2.5)).tolist()
+            script = Script(False, tuple(Pause(place, numbers.uniform(6.0, 9.3)) for place in places), cruise=cruise)
+        case "round":
+            where = numbers.uniform(7.0, 13.0), numbers.uniform(2.0, 4.0)
+            stay = (Pause(numbers.uniform(20.0, 55.0), 60.0),) if numbers.random() < 0.5 else ()
+            script = Script(False, stay, turn_round=where, cruise=numbers.uniform(2.0, 3.5))
+        case "beside":
+            begin = numbers.uniform(-24.0, -14.0)
+            stay = Pause(numbers.uniform(-6.0, 0.5), 60.0)
+            script = Script(False, (stay,), ((begin, 0.0), (begin + 7.0, oncoming)), cruise=cruise)
+        case _:
+            creep = Pause(numbers.uniform(0.0, 4.0), numbers.uniform(12.0, 19.0), numbers.uniform(0.13, 0.3))
+            script = Script(numbers.random() < 0.3, (creep,), cruise=cruise)
+    return Erratic(script)
 
 
 def u_turn(view: View, ahead: float, swing: float) -> NDArray[np.float64]:
