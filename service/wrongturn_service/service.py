@@ -21,6 +21,7 @@ from wrongturn_service.episodes.registry import Limits
 from wrongturn_service.errors import StartupError
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.idempotency import Idempotency
+from wrongturn_service.metrics_port import metrics_port
 from wrongturn_service.registration import Registrations
 from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.interface import SimulatorPool, SimulatorStartError
@@ -71,6 +72,7 @@ async def run_service(
     """
     log = structlog.get_logger("service")
     async with contextlib.AsyncExitStack() as stack:
+        await stack.enter_async_context(metrics_port(settings, telemetry))
         database = await Database.open(settings.database_url, home=settings.home)
         stack.push_async_callback(database.close)
         store = Store(database)

@@ -47,6 +47,10 @@ class Settings(BaseSettings):
     Owners always register their agents by their token."""
     registration_limit: Annotated[int, Field(ge=1)] = 100
     """Owners and agents that one address may register within an hour. The operator is exempt."""
+    metrics_token: SecretStr | None = None
+    """Bearer token that ``GET /metrics`` needs. Without it everybody may read the metrics."""
+    metrics_port: Annotated[int, Field(ge=1, le=65535)] | None = None
+    """Port of its own for ``/metrics``, which the main port then does not have."""
     simulators: Annotated[int, Field(ge=1, le=4096)] = Field(
         default_factory=lambda: max(16, 4 * (os.cpu_count() or 1)),
     )

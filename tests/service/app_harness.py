@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from fake_pool import FakePool
 from service_harness import GAS, expect
 
 from wrongturn_service.app import create_app
+from wrongturn_service.episodes.closings import Closings
 from wrongturn_service.episodes.lease import Lease, Terms
 from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.settings import Settings
@@ -29,10 +31,12 @@ class Clock:
 
     @contextlib.contextmanager
     def used(self) -> Iterator[None]:
-        """Let leases and the queue for simulators of new services go by this clock."""
+        """Let leases, the queue for simulators and idle evaluations of new services go by this clock."""
         with contextlib.ExitStack() as stack:
             for clocked in (Lease, SimulatorQueue):
                 stack.enter_context(patch.object(clocked.__init__, "__defaults__", (self,)))
+            # The database's times are the real ones.
+            stack.enter_context(patch.object(Closings.__init__, "__defaults__", (lambda: time.time() + self.now,)))
             # A service looks at its leases by the real clock. It does so often, so that tests need not wait for it.
             stack.enter_context(patch.object(Terms, "period_s", 0.005))
             yield

@@ -12,9 +12,11 @@ import pytest
 from app_harness import application, play, register, step
 from fake_pool import FakePool
 from service_harness import expect, problem
+from sqlalchemy import text
 
 from wrongturn_networks import load_suite
 from wrongturn_protocol import EpisodeState, Leaderboard
+from wrongturn_service import service
 
 SUITE = "smoke@2"
 
@@ -347,5 +349,69 @@ def test_the_first_step_counts_though_the_service_dies(tmp_path: Path) -> None:
         async with running(tmp_path, registration="operator") as http:
             http.headers["Authorization"] = token
             assert (await close(http, begun))["state"] == "finished"
+
+    play(story)
+
+
+HOUR_S = 3600.0
+
+
+async def state_of(http: httpx.AsyncClient, evaluation: str) -> str:
+    row = await http.app.state.service.store.evaluation(evaluation)  # type: ignore[attr-defined]
+    return "deleted" if row is None else str(row.state)
+
+
+async def becomes(http: httpx.AsyncClient, evaluation: str, state: str) -> None:
+    for _ in range(6000):
+        if await state_of(http, evaluation) == state:
+            return
+        await asyncio.sleep(0.01)
+    raise AssertionError(f"it is {await state_of(http, evaluation)}, not {state}")
+
+
+def test_an_idle_evaluation_is_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service, "_RETRY_S", 0.01)
+
+    async def story() -> None:
+        # An episode outlives the day here, so that its agent's silence alone counts.
+        async with running(tmp_path, lease_abort_s=48 * HOUR_S) as http:
+            other = expect(await register(http, name="other", track="privileged"), 201)
+            headers = {"Authorization": f"Bearer {other['token']}"}
+            untouched = expect(await http.post("/v1/evaluations", json={"suite": SUITE}, headers=headers), 201)
+            begun = (await begin(http))["id"]
+            await drive(http, begun)
+            episode = await reset(http, begun)
+            http.clock.now += 20 * HOUR_S  # type: ignore[attr-defined]
+            expect(await step(http, episode, 1), 200)
+            http.clock.now += 5 * HOUR_S  # type: ignore[attr-defined]
+            await becomes(http, untouched["id"], "deleted")
+            assert await state_of(http, begun) == "running", "its agent took a step five hours ago"
+            http.clock.now += 20 * HOUR_S  # type: ignore[attr-defined]
+            await becomes(http, begun, "finished")
+            problem(await step(http, episode, 2), 409, "episode-finished")
+            again = expect(await http.post("/v1/evaluations", json={"suite": SUITE}, headers=headers), 201)
+            assert again["commitment"] == untouched["commitment"]
+
+    play(story)
+
+
+def test_a_restart_is_no_activity_but_gives_an_hour(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The database's times count. After a start agents get an hour, for the service may have been away for days."""
+    monkeypatch.setattr(service, "_RETRY_S", 0.01)
+
+    async def story() -> None:
+        async with running(tmp_path) as http:
+            begun = (await begin(http))["id"]
+            await drive(http, begun)
+            store = http.app.state.service.store  # type: ignore[attr-defined]
+            async with store._database.write() as session:
+                for table in ("evaluations", "episodes"):
+                    await session.execute(text(f"UPDATE {table} SET created = created - 100000"))
+                await session.execute(text("UPDATE episodes SET finished = finished - 100000"))
+        async with running(tmp_path, registration="operator") as http:
+            await asyncio.sleep(0.1)
+            assert await state_of(http, begun) == "running"
+            http.clock.now += HOUR_S  # type: ignore[attr-defined]
+            await becomes(http, begun, "finished")
 
     play(story)

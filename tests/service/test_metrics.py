@@ -1,9 +1,12 @@
 """What Prometheus, the log and the health calls tell is what happened."""
 
+import asyncio
 import json
 import re
+import socket
 from pathlib import Path
 
+import httpx
 import pytest
 import structlog
 from app_harness import application, play, step, until
@@ -12,6 +15,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from service_harness import expect, problem
 from sqlalchemy.exc import OperationalError
 
+from wrongturn_service.errors import StartupError
 from wrongturn_service.storage.postgres import DatabaseTakenError
 
 DOCUMENT = Path(__file__).parents[2] / "docs/operating.md"
@@ -72,6 +76,59 @@ def test_each_route_bears_its_name(tmp_path: Path) -> None:
             assert ["GET", "/openapi.json", "200"] in routes
             assert ["HEAD", "/openapi.json", "200"] in routes
             assert [route for route in routes if "unknown" in route] == [["GET", "unknown", "404"]]
+
+    play(story)
+
+
+def test_scored_verdicts_are_counted_once_their_evaluation_is_finished(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool()) as http:
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+            for driven in range(12):
+                assert not [name for name in await figures(http) if "ended_total,true" in name], driven
+                episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+                if driven == 3:
+                    assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
+                    continue
+                for seq in range(1, 11):
+                    expect(await step(http, episode, seq), 200)
+            now = await figures(http)
+            ended = {name.rpartition(",")[2]: value for name, value in now.items() if "ended_total,true" in name}
+            assert ended == {"aborted": 1, "exit_commanded": 11}
+
+    play(story)
+
+
+def test_metrics_with_a_token(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool(), metrics_token="read") as http:
+            problem(await http.get("/metrics"), 401, "unauthenticated")
+            problem(await http.get("/metrics", headers={"Authorization": "Bearer guess"}), 401, "unauthenticated")
+            told = await http.get("/metrics", headers={"Authorization": "Bearer read"})
+            assert "wrongturn_steps_total" in told.text
+
+    play(story)
+
+
+def test_metrics_on_a_port_of_their_own(tmp_path: Path) -> None:
+    async def story() -> None:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        settings = {"metrics_port": port, "metrics_token": "read"}
+        async with application(tmp_path, FakePool(), **settings) as http, httpx.AsyncClient() as reader:
+            problem(await http.get("/metrics"), 404, "unknown-route")
+            assert (await reader.get(f"http://127.0.0.1:{port}/metrics")).status_code == 401
+            headers = {"Authorization": "Bearer read"}
+            told = await reader.get(f"http://127.0.0.1:{port}/metrics", headers=headers)
+            assert "wrongturn_open_episodes 0.0" in told.text
+            assert (await reader.get(f"http://127.0.0.1:{port}/v1/suites", headers=headers)).status_code == 404
+            other = tmp_path / "other"
+            other.mkdir()
+            with pytest.raises(StartupError, match="WRONGTURN_METRICS_PORT"):
+                async with application(other, FakePool(), **settings):
+                    pass
+        with pytest.raises(ConnectionRefusedError):
+            await asyncio.open_connection("127.0.0.1", port)
 
     play(story)
 

@@ -55,4 +55,4 @@ def test_a_value_that_cannot_be(monkeypatch: pytest.MonkeyPatch, name: str, valu
 
 
 def test_the_operators_token_is_not_shown() -> None:
-    assert "abc" not in repr(Settings(operator_token="abc"))  # type: ignore[arg-type]
+    assert "abc" not in repr(Settings(operator_token="abc", metrics_token="abc"))  # type: ignore[arg-type]

@@ -3,13 +3,14 @@
 import asyncio
 from typing import Final
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.api.dependencies import ServiceDep, reply
 from wrongturn_service.api.documents import Route, described
-from wrongturn_service.errors import UnavailableError
+from wrongturn_service.errors import NotFoundError, UnavailableError
+from wrongturn_service.metrics_port import check_reader
 from wrongturn_service.telemetry import CONTENT_TYPE
 
 router = APIRouter(tags=["health"], route_class=Route)
@@ -47,7 +48,10 @@ async def ready(service: ServiceDep) -> Response:
     return reply(Health())
 
 
-@router.get("/metrics", **described(None, media="text/plain"))
-async def metrics(service: ServiceDep) -> Response:
-    """Show metrics for Prometheus."""
+@router.get("/metrics", **described(None, 401, 404, media="text/plain"))
+async def metrics(request: Request, service: ServiceDep) -> Response:
+    """Show metrics for Prometheus. The operator may have given them a token, or a port of their own."""
+    if service.settings.metrics_port is not None:
+        raise NotFoundError(ProblemType.UNKNOWN_ROUTE, "the metrics of this service are on a port of their own")
+    check_reader(service.settings, request.headers.get("authorization"))
     return Response(service.telemetry.render(), headers={"Content-Type": CONTENT_TYPE})

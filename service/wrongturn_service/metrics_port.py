@@ -1,0 +1,88 @@
+"""The metrics: who may read them, and a port of their own."""
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import AsyncIterator, Iterator
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+from typing_extensions import override
+
+from wrongturn_service.accounts import bearer
+from wrongturn_service.errors import StartupError, UnauthenticatedError
+from wrongturn_service.settings import Settings
+from wrongturn_service.telemetry import CONTENT_TYPE, Telemetry
+from wrongturn_service.tokens import same
+
+
+def check_reader(settings: Settings, authorization: str | None) -> None:
+    """Check that an ``Authorization`` header holds the token of the metrics, if they have one.
+
+    Raises:
+        UnauthenticatedError: It does not.
+    """
+    wanted = settings.metrics_token
+    if wanted is None:
+        return
+    if authorization is None:
+        raise UnauthenticatedError("the metrics need a token: send 'Authorization: Bearer …' with the operator's")
+    if not same(bearer(authorization), wanted.get_secret_value()):
+        raise UnauthenticatedError("this is not the token of the metrics; ask the operator")
+
+
+@contextlib.asynccontextmanager
+async def metrics_port(settings: Settings, telemetry: Telemetry) -> AsyncIterator[None]:
+    """Serve the metrics on a port of their own while the block runs, if the settings name one.
+
+    Raises:
+        StartupError: The port cannot be listened on.
+    """
+    if settings.metrics_port is None:
+        yield
+        return
+    bound = _bound(settings.host, settings.metrics_port)
+
+    async def metrics(request: Request) -> Response:
+        return _metrics(request, settings, telemetry)
+
+    app = Starlette(routes=[Route("/metrics", metrics)])
+    config = uvicorn.Config(app, lifespan="off", access_log=False, log_config=None, log_level="critical")
+    server = _Server(config)
+    serving = asyncio.create_task(server.serve(sockets=[bound]))
+    try:
+        yield
+    finally:
+        server.should_exit = True
+        await serving
+        bound.close()
+
+
+class _Server(uvicorn.Server):
+    """Leaves signals to the service's own server."""
+
+    @override
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+def _metrics(request: Request, settings: Settings, telemetry: Telemetry) -> Response:
+    try:
+        check_reader(settings, request.headers.get("authorization"))
+    except UnauthenticatedError as error:
+        return Response(f"{error.detail}\n", error.status, headers=error.headers, media_type="text/plain")
+    return Response(telemetry.render(), headers={"Content-Type": CONTENT_TYPE})
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    try:
+        return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+    except OSError as error:
+        raise StartupError(
+            f"metrics_port: {host}:{port} cannot be listened on ({error.strerror}); name another by "
+            "WRONGTURN_METRICS_PORT"
+        ) from error
