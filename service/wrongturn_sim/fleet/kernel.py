@@ -146,33 +146,27 @@ def judge_row(tables: Tables, egos: Egos, i: int, command: int) -> bool:
     if egos.states.shape[1] > 0:
         for k in range(5):
             egos.states[i, row, k] = egos.state[i, k]
-    if tables.drive_on == 0 or egos.counts[i, decide.D_VERDICT] == 0:
-        found = verdict_of_row(tables, egos, i, command)
-        if tables.drive_on == 0:
-            return bool(found != 0)
-    return bool(row >= tables.drive_on)
-
-
-@njit()
-def verdict_of_row(tables: Tables, egos: Egos, i: int, command: int) -> int:
-    """Judge an ego's state, and return what the judge found: 0 if there is no verdict yet."""
-    row = egos.sub_steps[i]
+    over = tables.drive_on > 0 and row >= tables.drive_on
+    if tables.drive_on > 0 and egos.counts[i, decide.D_VERDICT] != 0:
+        return over
     geometry = egos.approaches[i]
     bases = tables.bases
     floats = tables.floats[bases[geometry, 0] : bases[geometry + 1, 0]]
     ints = tables.ints[bases[geometry, 1] : bases[geometry + 1, 1]]
     cells = tables.cells[bases[geometry, 2] : bases[geometry + 1, 2]]
     if egos.journeys[i]:
-        return journey_kernels.observe(
+        found = journey_kernels.observe(
             floats, ints, cells, tables.lanes, tables.numbers, tables.nobody, egos.terms[i],
             tables.rests[egos.goals[i]], egos.standing[i], egos.counts[i],
             row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3],
         )  # fmt: skip
-    return decide.observe(
-        floats, ints, cells, tables.numbers, tables.nobody, egos.standing[i], egos.counts[i], egos.history[i],
-        egos.routes[i], row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3],
-        command,
-    )  # fmt: skip
+    else:
+        found = decide.observe(
+            floats, ints, cells, tables.numbers, tables.nobody, egos.standing[i], egos.counts[i], egos.history[i],
+            egos.routes[i], row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3],
+            command,
+        )  # fmt: skip
+    return over if tables.drive_on > 0 else bool(found != 0)
 
 
 @njit()
