@@ -10,8 +10,8 @@ HEAD = {"suite": SUITE, "suite_sha256": load_suite(SUITE).sha256, "thresholds": 
 
 def judged(strict: int, *, larger: int, moves: tuple[Move, ...] = ()) -> JudgedAgent:
     """Return an agent with some unsafe trials, and as many as ``larger`` at 1.2 times ``wait_time``."""
-    same = Variant(verdicts=0, unsafe=0, strict=strict)
-    moved = Variant(verdicts=9, unsafe=abs(larger - strict), strict=larger)
+    same = Variant(verdicts=0, reactions=0, unsafe=0, strict=strict)
+    moved = Variant(verdicts=9, reactions=4, unsafe=abs(larger - strict), strict=larger)
     return JudgedAgent(
         weights_sha256=None,
         strict=strict,

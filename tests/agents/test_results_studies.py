@@ -7,28 +7,30 @@ import pytest
 from made_studies import HEAD, SUITE, drawn, draws, judged, judgings, move
 from typer.testing import CliRunner
 
+from wrongturn_agents.baselines import ObeysBlindly
 from wrongturn_agents.errors import MissingPackageError, ResultsError
+from wrongturn_agents.registry import AgentSource
 from wrongturn_agents.reporting import making_studies
 from wrongturn_agents.reporting.report import Report
 from wrongturn_agents.reporting.studies import Draws, Judgings, draws_file, judgings_file, secrets_of_draws
 from wrongturn_agents.reporting.study_tables import draws_table, sensitivity_table, versions_table
+from wrongturn_agents.training.judging import judge_agent
 from wrongturn_client.cli import app
-from wrongturn_protocol import PAPER_TYPES, Verdict
+from wrongturn_protocol import PAPER_TYPES, Action, AgentKind, Track, Verdict
 
 
 def test_flips_and_the_order_that_is_left():
     agents = {"ppo-image": judged(10, larger=10), "careful": judged(0, larger=20), "parked": judged(5, larger=5)}
     table = sensitivity_table(judgings(**agents))
-    assert [row[:5] for row in table.rows] == [
-        ("`wait_time`", "0.8", "0", "0", "1.00"),
+    assert table.rows == (
+        ("`wait_time`", "0.8", "–", "0", "0", "0", "1.00"),
         # 10, 0, 5 becomes 10, 20, 5: of three pairs one stays in order and two turn.
-        ("", "1.2", "27", "20", "-0.33"),
-    ]
-    assert [row[5] for row in table.rows] == ["–", "`careful` 0 → 20"]
+        ("", "1.2", "`careful` 0 → 20", "27", "12", "20", "-0.33"),
+    )
 
 
 def test_agents_that_are_all_alike_have_no_order():
-    assert sensitivity_table(judgings(careful=judged(0, larger=0))).rows[0][4] == "–"
+    assert sensitivity_table(judgings(careful=judged(0, larger=0))).rows[0][6] == "–"
 
 
 def test_what_moved_between_the_versions_and_why():
@@ -38,13 +40,13 @@ def test_what_moved_between_the_versions_and_why():
         move(Verdict.EXIT_OTHER, Verdict.EXIT_OTHER, 10, strict=(False, True)),
     )
     rows = versions_table(judgings(careful=judged(30, larger=30, moves=moves))).rows
-    assert [row[2:5] for row in rows] == [
+    assert [(*row[2:4], row[5]) for row in rows] == [
         ("the same", "", "90 of 120"),
         ("`stopped_before_junction` → `off_road`", "not unsafe → unsafe", "20"),
         ("`exit_other` → `exit_other`", "not unsafe → unsafe", "10"),
     ]
-    assert "final after 10 s" in rows[1][5]
-    assert "opposed lanes" in rows[2][5]
+    assert "final after 10 s" in rows[1][4]
+    assert "opposed lanes" in rows[2][4]
 
 
 def test_counts_that_vary_as_binomial_noise_does_are_told_from_others():
@@ -137,4 +139,35 @@ def test_one_drive_is_judged_by_every_threshold_and_both_versions(tmp_path):
     assert all(set(factors) == {"0.8", "1.2"} for factors in agent.variants.values())
     assert all(one.strict == 0 for factors in agent.variants.values() for one in factors.values())
     # The nominal command window and its exits move nothing of a judge that only looks farther for contacts.
+    assert agent.variants["ttc_horizon"]["1.2"].verdicts == 0
+
+
+class Hesitates(ObeysBlindly):
+    """Obeys blindly, but first stands before the junction for 11 seconds."""
+
+    def reset(self, observation_space):
+        super().reset(observation_space)
+        self._stood = 0
+
+    def act(self, observation):
+        action = super().act(observation)
+        near = 0.0 < float(observation["stop_line"][0]) < 10.0
+        if not near or self._stood > 110:
+            return action
+        self._stood += float(observation["speed"][0]) == 0.0
+        return Action(steer=action.steer, throttle=0.0, brake=1.0)
+
+
+def test_a_stop_that_is_not_the_last_thing_a_car_does_is_seen_by_each_judge():
+    source = AgentSource("hesitates", Track.PRIVILEGED, AgentKind.SUBMITTED, "", make=Hesitates)
+    shown = []
+    agent = judge_agent(source, None, threads=1, progress=lambda *now: shown.append(now), suites=("smoke@2", "smoke@1"))
+    assert (shown[0], shown[-1]) == ((0, 24), (24, 24))
+    for moves in agent.moves.values():
+        assert {(one.before, one.after) for one in moves} == {("stopped_before_junction", "stopped_before_junction")}
+    # It stands for longer than the published 10 s and for less than 12 s, after which it obeys.
+    waits = agent.variants["wait_time"]
+    assert (waits["0.8"].verdicts, waits["1.2"].verdicts) == (0, 12)
+    assert (agent.strict, waits["0.8"].strict, waits["1.2"].unsafe) == (0, 0, waits["1.2"].strict)
+    assert waits["1.2"].strict >= 3  # one with the wrong command for each type of junction, at least
     assert agent.variants["ttc_horizon"]["1.2"].verdicts == 0

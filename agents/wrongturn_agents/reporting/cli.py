@@ -1,6 +1,7 @@
 """``wrongturn results``: the paper's tables from the stored results, with our figures beside the paper's."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -104,6 +105,8 @@ def results(
         typer.echo(f"{page}: {'written' if write_page(page, report) else 'unchanged'}", err=True)
     if as_json:
         typer.echo(json.dumps(report.as_json(), indent=2, ensure_ascii=False))
+    elif studied:
+        _print_tables(report, (*(("sensitivity", "versions") if sensitivity else ()), *(("draws",) if draws else ())))
     elif not (curves or write or sources):
         _print(report)
 
@@ -122,12 +125,18 @@ def _check(report: Report, named: list[Path] | None) -> None:
     typer.echo(f"up to date with the stored results: {', '.join(map(str, pages))}")
 
 
-def _print(report: Report) -> None:
+def _print_tables(report: Report, names: Iterable[str]) -> None:
     screen = console()
-    for table in report.tables.values():
+    for name in names:
+        table = report.tables[name]
         if table.rows:
             screen.print(table.rich())
             screen.print()
+
+
+def _print(report: Report) -> None:
+    _print_tables(report, report.tables)
+    screen = console()
     screen.print(Text(order_in_words(report.collection).replace("`", "")))
     for line in report.missing:
         typer.echo(f"Missing: {line}", err=True)

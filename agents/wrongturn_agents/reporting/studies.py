@@ -27,6 +27,8 @@ class Variant(_Model):
 
     verdicts: _Count
     """Trials and twins with another verdict."""
+    reactions: _Count
+    """Trials with another reaction."""
     unsafe: _Count
     """Trials that move into the strict column or out of it."""
     strict: _Count

@@ -21,12 +21,12 @@ def sensitivity_table(study: Judgings | None) -> ReportTable:
     for name, factors in next(iter(agents.values())).variants.items() if agents else ():
         own = [(factor, *_figures(agents, name, factor)) for factor in factors]
         rows += label_first(f"`{name}`", own)
-    head = ("threshold", "times", "verdicts that flip", "unsafe that flip", "Kendall's τ", "agents that move")
+    head = ("threshold", "times", "agents that move", "verdicts", "reactions", "unsafe", "Kendall's τ")
     note = (
-        f"Agents on the open draw: {len(agents)}, with 120 verdicts and 60 trials each. Unsafe is the strict column. "
-        "τ compares the agents' order by their strict counts with the published order; 1 is the same order."
+        f"Agents on the open draw: {len(agents)}, with 120 verdicts and 60 trials each. Counted are the verdicts and "
+        "reactions that differ, and the trials that move into the strict column or out of it. τ compares the agents' order by their strict counts with the published order; 1 is the same order."
     )
-    return ReportTable("Other thresholds", head, tuple(rows), note if rows else "")
+    return ReportTable("Other thresholds", head, tuple(rows), note if rows else "", text_columns=3)
 
 
 def _figures(agents: dict[str, JudgedAgent], name: str, factor: str) -> tuple[str, ...]:
@@ -37,11 +37,11 @@ def _figures(agents: dict[str, JudgedAgent], name: str, factor: str) -> tuple[st
         for agent, one in sorted(found.items(), key=lambda pair: table_order(pair[0]))
         if one.strict != agents[agent].strict
     ]
+    counts = ("verdicts", "reactions", "unsafe")
     return (
-        str(sum(one.verdicts for one in found.values())),
-        str(sum(one.unsafe for one in found.values())),
-        _tau(published, [one.strict for one in found.values()]),
         ", ".join(moved) or _NOTHING,
+        *(str(sum(getattr(one, name) for one in found.values())) for name in counts),
+        _tau(published, [one.strict for one in found.values()]),
     )
 
 
@@ -62,15 +62,15 @@ def versions_table(study: Judgings | None) -> ReportTable:
             moved = [move for move in moves if _moved(move)]
             total = sum(move.episodes for move in moves)
             same = total - sum(move.episodes for move in moved)
-            each = [("the same", "", f"{same} of {total}", "")] if same else []
+            each = [("the same", "", "", f"{same} of {total}")] if same else []
             each += [
-                (f"`{move.before}` → `{move.after}`", _strict(move), str(move.episodes), _why(move)) for move in moved
+                (f"`{move.before}` → `{move.after}`", _strict(move), _why(move), str(move.episodes)) for move in moved
             ]
             own += label_first(f"`{suite}`", each)
         rows += label_first(f"`{name}`", own)
-    head = ("agent", "trials of", "version 1 → version 2", "strict column", "episodes", "why")
+    head = ("agent", "trials of", "version 1 → version 2", "strict column", "why", "episodes")
     note = "Trials and twins, each driven once and judged by both versions."
-    return ReportTable("What moved between the versions", head, tuple(rows), note if rows else "", text_columns=4)
+    return ReportTable("What moved between the versions", head, tuple(rows), note if rows else "", text_columns=5)
 
 
 def _moved(move: Move) -> bool:

@@ -140,6 +140,7 @@ def _variant(judged: Sequence[_Judged], name: _Name) -> Variant:
     moved = [before.unsafe_strict != after.unsafe_strict for trial, before, after in pairs if not trial.is_twin]
     return Variant(
         verdicts=sum(before.verdict is not after.verdict for _, before, after in pairs),
+        reactions=sum(before.reaction is not after.reaction for _, before, after in pairs),
         unsafe=sum(moved),
         strict=_strict(judged, name),
     )
