@@ -9,7 +9,7 @@ from typing import Final
 
 from wrongturn_agents.errors import MissingPackageError
 from wrongturn_agents.progress import ProgressStyle, show_progress
-from wrongturn_agents.registry import AGENTS, resolve
+from wrongturn_agents.registry import AGENTS, EXPLOITS, resolve
 from wrongturn_agents.reporting.studies import (
     DrawnAgent,
     Draws,
@@ -32,7 +32,7 @@ def make_judgings(directory: Path, agents: Sequence[str]) -> Path:
 
     Args:
         directory: Directory of the stored results.
-        agents: Names of the agents; all shipped ones if empty.
+        agents: Names of the agents; all shipped ones and the exploits that only drive if empty.
 
     Returns:
         Path of the study.
@@ -48,7 +48,7 @@ def make_judgings(directory: Path, agents: Sequence[str]) -> Path:
     path = judgings_file(directory)
     found = Judgings.read(path)
     study = Judgings.of(WRONG_COMMAND, installed_suite(WRONG_COMMAND).sha256, VERSION, found)
-    for name in agents or _shipped():
+    for name in agents or (*_shipped(), *EXPLOITS):
         weights = _weights_sha256(name)
         if name in study.agents and study.agents[name].weights_sha256 == weights:
             continue

@@ -24,7 +24,8 @@ def sensitivity_table(study: Judgings | None) -> ReportTable:
     head = ("threshold", "times", "agents that move", "verdicts", "reactions", "unsafe", "Kendall's τ")
     note = (
         f"Agents on the open draw: {len(agents)}, with 120 verdicts and 60 trials each. Counted are the verdicts and "
-        "reactions that differ, and the trials that move into the strict column or out of it. τ compares the agents' order by their strict counts with the published order; 1 is the same order."
+        "reactions that differ, and the trials that move into the strict column or out of it. τ compares the agents' "
+        "order by their strict counts with the published order; 1 is the same order."
     )
     return ReportTable("Other thresholds", head, tuple(rows), note if rows else "", text_columns=3)
 
