@@ -1,13 +1,13 @@
-"""Blind labelling: a person and the judge look at the same 150 drives, and neither knows what the other says.
+"""Blind labelling: a person and the judge look at the same drives, and neither knows what the other says.
 
-    python benchmarks/blind_labelling make PICTURES [--only 7 31]
-    python benchmarks/blind_labelling label 7 exit_left [--opposed] [--unclear] [--note "…"]
-    python benchmarks/blind_labelling compare
+    python benchmarks/blind_labelling [--experiment hard_cases] make PICTURES [--only 7 31]
+    python benchmarks/blind_labelling [--experiment hard_cases] label 7 exit_left [--opposed] [--unclear] [--note "…"]
+    python benchmarks/blind_labelling [--experiment hard_cases] compare [--version 1]
 
 ``make`` draws each drive from above, without driver, fault, route or verdict. The drives lie in ``drives.npz``, which
-you do not look into. Without the file, ``make`` drives eight drivers anew, on past any verdict, in a shuffled order.
-``label`` writes down what you say about a picture. ``compare`` asks the judge and prints both. ``docs/labelling.md``
-tells what came of it.
+you do not look into. Without that file ``make`` first drives anew, on past any verdict, in a shuffled order. ``label``
+writes down what you say about a picture. ``compare`` asks the judge and prints both. ``docs/labelling.md`` tells what
+came of it.
 """
 
 import argparse
@@ -21,9 +21,11 @@ import experiment
 import labels
 import picture
 
+from wrongturn_sim.verdict import THRESHOLDS, THRESHOLDS_1
+
 
 def make(given: argparse.Namespace) -> None:
-    chosen = given.experiment
+    chosen = experiment.EXPERIMENTS[given.experiment]
     if not chosen.drives.exists():
         experiment.save(list(chosen.drive_all()), chosen.drives)
     given.pictures.mkdir(parents=True, exist_ok=True)
@@ -33,15 +35,18 @@ def make(given: argparse.Namespace) -> None:
 
 
 def label(given: argparse.Namespace) -> None:
-    said = labels.read(given.experiment.labels)
+    file = experiment.EXPERIMENTS[given.experiment].labels
+    said = labels.read(file)
     said[given.number] = labels.label_of(given.verdict, opposed=given.opposed, clear=not given.unclear, note=given.note)
-    labels.write(said, given.experiment.labels)
+    labels.write(said, file)
 
 
 def compare(given: argparse.Namespace) -> None:
-    chosen = given.experiment
-    pairs = comparison.compare(experiment.load(chosen.drives), labels.read(chosen.labels))
-    comparison.write(pairs, chosen.verdicts)
+    chosen = experiment.EXPERIMENTS[given.experiment]
+    thresholds = THRESHOLDS if given.version == 2 else THRESHOLDS_1
+    pairs = comparison.compare(experiment.load(chosen.drives), labels.read(chosen.labels), thresholds)
+    if given.version == 2:
+        comparison.write(pairs, chosen.verdicts)
     print(comparison.table(pairs))
 
 
@@ -49,11 +54,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python benchmarks/blind_labelling", description=__doc__.split("\n")[0])
     parser.add_argument(
         "--experiment",
-        type=experiment.EXPERIMENTS.__getitem__,
-        choices=experiment.EXPERIMENTS.values(),
-        metavar="NAME",
-        default=experiment.EIGHT_DRIVERS,
-        help="eight_drivers or hard_cases. Example: --experiment hard_cases",
+        choices=experiment.EXPERIMENTS,
+        default=experiment.EIGHT_DRIVERS.name,
+        help="the drives. Example: --experiment hard_cases",
     )
     ways = parser.add_subparsers(required=True)
     made = ways.add_parser("make", help="draw the drives. Example: make pictures")
@@ -68,6 +71,7 @@ def main() -> int:
     said.add_argument("--note", default="", help='why. Example: --note "stands 15.1 m before the line"')
     said.set_defaults(run=label)
     both = ways.add_parser("compare", help="ask the judge, print both, and keep what it said in verdicts.json")
+    both.add_argument("--version", type=int, choices=(1, 2), default=2, help="of the judge. Example: --version 1")
     both.set_defaults(run=compare)
     given = parser.parse_args()
     try:

@@ -9,8 +9,8 @@ from drives import Drive
 from labels import Label, strict_column
 
 from wrongturn_networks import load_town
-from wrongturn_protocol import Flag, Outcome
-from wrongturn_sim.verdict import JudgeGeometry, judge
+from wrongturn_protocol import Flag
+from wrongturn_sim.verdict import THRESHOLDS, JudgeGeometry, Thresholds, Thresholds1, judge
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,10 @@ class Pair:
         return (self.label.verdict, self.label.strict) == (self.judged.verdict, self.judged.strict)
 
 
-def judged(drive: Drive) -> Judged:
-    """Return what the judge says of a drive, by its present version."""
-    outcome = outcome_of(drive)
+def judged(drive: Drive, thresholds: Thresholds | Thresholds1 = THRESHOLDS) -> Judged:
+    """Return what the judge of the thresholds' version says of a drive, which goes on past the verdict."""
+    geometry = JudgeGeometry.of(load_town(drive.trial.town), drive.trial)
+    outcome = judge(drive.trajectory, geometry, thresholds)
     word = str(outcome.verdict)
     if outcome.verdict.exited:
         assert outcome.exit is not None
@@ -48,13 +49,10 @@ def judged(drive: Drive) -> Judged:
     return Judged(word, strict_column(outcome.verdict, opposed=Flag.OPPOSED_LANE in outcome.flags), outcome.time)
 
 
-def outcome_of(drive: Drive) -> Outcome:
-    """Return the judge's outcome of a drive, which goes on past it."""
-    return judge(drive.trajectory, JudgeGeometry.of(load_town(drive.trial.town), drive.trial))
-
-
-def compare(drives: list[Drive], labels: dict[int, Label]) -> list[Pair]:
-    """Return a pair for each drive.
+def compare(
+    drives: list[Drive], labels: dict[int, Label], thresholds: Thresholds | Thresholds1 = THRESHOLDS
+) -> list[Pair]:
+    """Return a pair for each drive, by the judge of the thresholds' version.
 
     Raises:
         ValueError: a drive has no label.
@@ -62,7 +60,7 @@ def compare(drives: list[Drive], labels: dict[int, Label]) -> list[Pair]:
     missing = [number for number in range(len(drives)) if number not in labels]
     if missing:
         raise ValueError(f"labels: {missing} have none; label them before you compare")
-    return [Pair(number, drive, labels[number], judged(drive)) for number, drive in enumerate(drives)]
+    return [Pair(number, drive, labels[number], judged(drive, thresholds)) for number, drive in enumerate(drives)]
 
 
 def table(pairs: list[Pair]) -> str:
@@ -76,14 +74,13 @@ def table(pairs: list[Pair]) -> str:
             counts += [len(some), sum(pair.agrees for pair in some)]
         name = word if word == "all" else f"`{word}`"
         lines.append(f"| {name} | {' | '.join(map(str, counts))} |")
-    lines += ["", "| picture | driver | label | judge | clear |", "|---|---|---|---|---|"]
-    for pair in pairs:
-        if not pair.agrees:
-            said, found = (f"`{one.verdict}`, {one.strict}" for one in (pair.label, pair.judged))
-            clear = "yes" if pair.label.clear else "no"
-            lines.append(
-                f"| {pair.number:03d} | {pair.drive.driver} | {said} | {found}, {pair.judged.time} s | {clear} |"
-            )
+    different = [pair for pair in pairs if not pair.agrees]
+    if different:
+        lines += ["", "| picture | driver | label | judge | clear |", "|---|---|---|---|---|"]
+    for pair in different:
+        said, found = (f"`{one.verdict}`, {one.strict}" for one in (pair.label, pair.judged))
+        clear = "yes" if pair.label.clear else "no"
+        lines.append(f"| {pair.number:03d} | {pair.drive.driver} | {said} | {found}, {pair.judged.time} s | {clear} |")
     return "\n".join(lines)
 
 

@@ -1,0 +1,148 @@
+"""The blind labelling: its drives are the service's own, its pictures tell nothing, and its page says what is so."""
+
+import importlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wrongturn_protocol import DIRECTIONS, Fault, FaultKind, Track
+from wrongturn_sim import Episode
+
+ROOT = Path(__file__).parents[2]
+MODULES = ("comparison", "drives", "erratic", "experiment", "labels", "picture")
+NAMES = ("eight_drivers", "hard_cases")
+
+
+@pytest.fixture(scope="module")
+def tool() -> Iterator[Any]:
+    """Give the modules of the tool, which is a folder to run and no package."""
+    sys.path.insert(0, str(ROOT / "benchmarks/blind_labelling"))
+    try:
+        yield SimpleNamespace(**{name: importlib.import_module(name) for name in MODULES})
+    finally:
+        sys.path.pop(0)
+        for name in MODULES:
+            sys.modules.pop(name, None)
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def pairs(tool: Any, request: pytest.FixtureRequest) -> list[Any]:
+    """Give each drive's label and what the judge says."""
+    made = tool.experiment.EXPERIMENTS[request.param]
+    compared: list[Any] = tool.comparison.compare(tool.experiment.load(made.drives), tool.labels.read(made.labels))
+    return compared
+
+
+@pytest.mark.slow
+def test_the_page_shows_what_labels_and_judge_say(tool: Any, pairs: list[Any]) -> None:
+    page = (ROOT / "docs/labelling.md").read_text("utf-8")
+    assert tool.comparison.table(pairs) in page
+
+
+@pytest.mark.slow
+def test_the_judge_says_what_it_said_then(tool: Any, pairs: list[Any]) -> None:
+    made = tool.experiment.EXPERIMENTS["eight_drivers" if len(pairs) == 150 else "hard_cases"]
+    assert {pair.number: pair.judged for pair in pairs} == tool.comparison.read(made.verdicts)
+
+
+@pytest.mark.slow
+def test_labels_and_judge_agree_on_99_percent_of_the_clear_drives(pairs: list[Any]) -> None:
+    clear = [pair for pair in pairs if pair.label.clear]
+    assert len(clear) > 0.9 * len(pairs)
+    assert sum(pair.agrees for pair in clear) >= 0.99 * len(clear)
+
+
+def test_a_disagreement_is_a_line_of_the_table(tool: Any) -> None:
+    drive = tool.experiment.load(tool.experiment.EIGHT_DRIVERS.drives)[0]
+    wrong = tool.labels.label_of("exit_left", clear=False)
+    (pair,) = tool.comparison.compare([drive], {0: wrong})
+    assert not pair.agrees
+    said = f"| 000 | {drive.driver} | `exit_left`, safe | `stopped_in_junction`, unsafe, {pair.judged.time} s | no |"
+    assert said in tool.comparison.table([pair])
+
+
+def test_an_opposed_lane_counts_in_the_strict_column(tool: Any) -> None:
+    label = tool.labels.label_of("exit_left", opposed=True)
+    assert label.strict == "unsafe"
+    assert tool.labels.label_of("timeout").strict == "neither"
+
+
+def test_a_drive_without_a_label_is_named(tool: Any) -> None:
+    drive = tool.experiment.load(tool.experiment.EIGHT_DRIVERS.drives)[0]
+    with pytest.raises(ValueError, match=r"labels: \[0\] have none"):
+        tool.comparison.compare([drive], {})
+
+
+def test_an_unknown_label_is_refused(tool: Any) -> None:
+    with pytest.raises(ValueError, match="'exit' is not known; give one of collision"):
+        tool.labels.label_of("exit")
+
+
+def test_labels_are_read_as_they_were_written(tool: Any, tmp_path: Path) -> None:
+    said = {
+        3: tool.labels.label_of("exit_right", opposed=True, clear=False, note="ten metres"),
+        1: tool.labels.label_of("off_road"),
+    }
+    tool.labels.write(said, tmp_path / "labels.json")
+    assert tool.labels.read(tmp_path / "labels.json") == said
+    assert tool.labels.read(tmp_path / "none.json") == {}
+
+
+@pytest.mark.parametrize("number", [2, 33, 121])
+def test_a_drive_has_the_bytes_of_an_episode_and_goes_on_past_its_end(tool: Any, number: int) -> None:
+    drive = tool.experiment.load(tool.experiment.EIGHT_DRIVERS.drives)[number]
+    episode = Episode(drive.trial, Track.STATE)
+    episode.reset()
+    for action in drive.actions.tolist():
+        if episode.outcome is None:
+            episode.step(*action)
+    rows = drive.trajectory.rows
+    assert episode.outcome is not None
+    assert len(rows) > len(episode.trajectory.rows)
+    assert rows[: len(episode.trajectory.rows)] == episode.trajectory.rows
+
+
+def test_a_picture_shows_neither_fault_nor_route_nor_trial(tool: Any, tmp_path: Path) -> None:
+    drive = tool.experiment.load(tool.experiment.EIGHT_DRIVERS.drives)[15]
+    trajectory = drive.trajectory
+    assert trajectory.trial.fault.kind is not FaultKind.NONE
+    others = {
+        "id": "another",
+        "fault": Fault(kind=FaultKind.NONE),
+        "route": next(route for route in DIRECTIONS if route is not trajectory.trial.route),
+        "seed": 1,
+    }
+    tool.picture.draw(trajectory, 15, tmp_path / "1.png")
+    trajectory.trial = trajectory.trial.model_copy(update=others)
+    tool.picture.draw(trajectory, 15, tmp_path / "2.png")
+    assert (tmp_path / "1.png").read_bytes() == (tmp_path / "2.png").read_bytes()
+
+
+@pytest.mark.parametrize("kind", ["hesitant", "astray", "awkward"])
+def test_the_same_seed_gives_the_same_erratic_drive(tool: Any, kind: str) -> None:
+    trial = tool.experiment.HARD_CASES.plan()[0][1]
+    make = tool.experiment.ERRATIC[kind]
+    first, again, other = (tool.drives.drive(kind, make(seed), trial).actions for seed in ("a", "a", "b"))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_a_plan_has_each_drivers_share_and_no_trial_twice(tool: Any) -> None:
+    plan = tool.experiment.EIGHT_DRIVERS.plan()
+    pairs = {(driver, trial.id) for driver, trial in plan}
+    assert len(plan) == len(pairs) == 150
+    for driver, share in tool.experiment.EIGHT_DRIVERS.shares.items():
+        assert sum(name == driver for name, _ in plan) == share
+
+
+def test_kept_drives_come_back(tool: Any, tmp_path: Path) -> None:
+    drives = tool.experiment.load(tool.experiment.HARD_CASES.drives)[:3]
+    tool.experiment.save(drives, tmp_path / "drives.npz")
+    for one, other in zip(drives, tool.experiment.load(tmp_path / "drives.npz"), strict=True):
+        assert (one.driver, one.trial) == (other.driver, other.trial)
+        assert np.array_equal(one.actions, other.actions)
