@@ -1,4 +1,4 @@
-"""Blind labelling: a person and the judge look at the same drives, and neither knows what the other says.
+"""Blind labelling: a labeller and the judge look at the same drives, and neither knows what the other says.
 
     python benchmarks/blind_labelling [--experiment hard_cases] make PICTURES [--only 7 31]
     python benchmarks/blind_labelling [--experiment hard_cases] label 7 exit_left [--opposed] [--unclear] [--note "…"]

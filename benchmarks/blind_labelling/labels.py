@@ -1,4 +1,4 @@
-"""Labels: what a person says about each picture, before any verdict is seen."""
+"""Labels: what is said of each picture, before any verdict is seen."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -26,7 +26,7 @@ WORDS: Final = (*OTHERS, *EXITS)
 
 @dataclass(frozen=True)
 class Label:
-    """What a person says about one picture."""
+    """What the labeller says of one picture."""
 
     verdict: str
     """One of :data:`WORDS`."""
