@@ -45,7 +45,7 @@ def test_what_moved_between_the_versions_and_why():
         ("`stopped_before_junction` → `off_road`", "not unsafe → unsafe", "20"),
         ("`exit_other` → `exit_other`", "not unsafe → unsafe", "10"),
     ]
-    assert "final after 10 s" in rows[1][4]
+    assert "10 s without 0.5 m" in rows[1][4]
     assert "opposed lanes" in rows[2][4]
 
 

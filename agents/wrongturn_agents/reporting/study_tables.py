@@ -88,16 +88,16 @@ def _why(move: Move) -> str:
     before, after = move.before, move.after
     if before is after:
         return "more than 10 m on opposed lanes count as unsafe"
-    if before in {Verdict.STOPPED_BEFORE_JUNCTION, Verdict.NOT_ENGAGED}:
-        return "a stop before the junction is final after 10 s, not 3 s: the car drove on"
-    if before is Verdict.TIMEOUT:
-        return "an episode may take 60 s, not 40 s"
-    if before is Verdict.STOPPED_IN_JUNCTION:
-        return "standing is less than 0.3 m in 3 s, not a speed, and time in the junction may be 20 s"
     if after is Verdict.STOPPED_IN_JUNCTION:
         return "standing in the junction adds up to 5 s, and 20 s there are a stop"
     if after is Verdict.WRONG_WAY:
-        return "ending on an opposed lane, or over the junction, is the wrong way"
+        return "time that runs out on an opposed lane, or over the junction, is the wrong way"
+    if before in {Verdict.STOPPED_BEFORE_JUNCTION, Verdict.NOT_ENGAGED}:
+        return "a stop before the junction is 10 s without 0.5 m, not 3 s below 0.3 m/s: the car drove on"
+    if before is Verdict.TIMEOUT:
+        return "an episode may take 60 s, not 40 s"
+    if before is Verdict.STOPPED_IN_JUNCTION:
+        return "standing is less than 0.3 m in 3 s, not a speed, and 20 s in the junction are allowed"
     return "the definitions of these verdicts differ"
 
 
