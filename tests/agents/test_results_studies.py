@@ -22,15 +22,13 @@ from wrongturn_protocol import PAPER_TYPES, Action, AgentKind, Track, Verdict
 def test_flips_and_the_order_that_is_left():
     agents = {"ppo-image": judged(10, larger=10), "careful": judged(0, larger=20), "parked": judged(5, larger=5)}
     table = sensitivity_table(judgings(**agents))
-    assert table.rows == (
-        ("`wait_time`", "0.8", "–", "0", "0", "0", "1.00"),
-        # 10, 0, 5 becomes 10, 20, 5: of three pairs one stays in order and two turn.
-        ("", "1.2", "`careful` 0 → 20", "27", "12", "20", "-0.33"),
-    )
+    # 10, 0, 5 becomes 10, 20, 5: of three pairs one stays in order and two turn.
+    moved = "at 1.2 `careful` 0 → 20"
+    assert table.rows == (("`wait_time`", moved, "0 · 27", "0 · 12", "0 · 20", "1.00 · -0.33"),)
 
 
 def test_agents_that_are_all_alike_have_no_order():
-    assert sensitivity_table(judgings(careful=judged(0, larger=0))).rows[0][6] == "–"
+    assert sensitivity_table(judgings(careful=judged(0, larger=0))).rows[0][5] == "– · –"
 
 
 def test_what_moved_between_the_versions_and_why():
@@ -47,6 +45,8 @@ def test_what_moved_between_the_versions_and_why():
     ]
     assert "10 s without 0.5 m" in rows[1][4]
     assert "opposed lanes" in rows[2][4]
+    still = versions_table(judgings(careful=judged(0, larger=0, moves=moves[:1]))).rows
+    assert still == (("`careful`", "all", "the same", "", "", "90 of 90"),)
 
 
 def test_counts_that_vary_as_binomial_noise_does_are_told_from_others():
@@ -75,7 +75,7 @@ def test_stored_studies_are_in_the_report_and_fill_a_page(tmp_path):
     done = CliRunner().invoke(app, ["results", "--directory", str(tmp_path), "--write", str(page)])
     assert done.exception is None
     assert "| `careful` | 1, 2, 3 | 2.0 |" in page.read_text()
-    assert "`wait_time` | 0.8 |" in page.read_text()
+    assert "| `wait_time` | at 1.2 `careful` 0 → 1 | 0 · 9 |" in page.read_text()
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"suite": "a"}', '{"agents": 3}'])

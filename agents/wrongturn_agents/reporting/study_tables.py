@@ -17,22 +17,27 @@ _NOTHING: Final = "–"
 def sensitivity_table(study: Judgings | None) -> ReportTable:
     """Return what other values of each threshold change, over all agents of a study."""
     agents = {} if study is None else study.agents
-    rows: Rows = []
-    for name, factors in next(iter(agents.values())).variants.items() if agents else ():
-        own = [(factor, *_figures(agents, name, factor)) for factor in factors]
-        rows += label_first(f"`{name}`", own)
-    head = ("threshold", "times", "agents that move", "verdicts", "reactions", "unsafe", "Kendall's τ")
+    rows = []
+    factors: list[str] = []
+    for threshold, found in next(iter(agents.values())).variants.items() if agents else ():
+        factors = list(found)
+        each = [_figures(agents, threshold, factor) for factor in factors]
+        moved = "; ".join(f"at {factor} {one[0]}" for factor, one in zip(factors, each, strict=True) if one[0])
+        figures = (" · ".join(column) for column in zip(*(one[1:] for one in each), strict=True))
+        rows.append((f"`{threshold}`", moved or _NOTHING, *figures))
+    head = ("threshold", "agents that move", "verdicts", "reactions", "unsafe", "Kendall's τ")
     note = (
-        f"Agents on the open draw: {len(agents)}, with 120 verdicts and 60 trials each. Counted are the verdicts and "
-        "reactions that differ, and the trials that move into the strict column or out of it. τ compares the agents' "
-        "order by their strict counts with the published order; 1 is the same order."
+        f"Each threshold times {' · '.join(factors)}. Agents on the open draw: {len(agents)}, with 120 verdicts and 60 "
+        "trials each. Counted are the verdicts and reactions that differ, and the trials that move into the strict "
+        "column or out of it. τ compares the agents' order by their strict counts with the published order; 1 is the "
+        "same order."
     )
-    return ReportTable("Other thresholds", head, tuple(rows), note if rows else "", text_columns=3)
+    return ReportTable("Other thresholds", head, tuple(rows), note if rows else "", text_columns=2)
 
 
-def _figures(agents: dict[str, JudgedAgent], name: str, factor: str) -> tuple[str, ...]:
-    found = {agent: one.variants[name][factor] for agent, one in agents.items()}
-    published = [agents[agent].strict for agent in found]
+def _figures(agents: dict[str, JudgedAgent], threshold: str, factor: str) -> tuple[str, ...]:
+    """Return the agents whose strict count moves, how much flips over all agents, and the order that is left."""
+    found = {agent: one.variants[threshold][factor] for agent, one in agents.items()}
     moved = [
         f"`{agent}` {agents[agent].strict} → {one.strict}"
         for agent, one in sorted(found.items(), key=lambda pair: table_order(pair[0]))
@@ -40,9 +45,9 @@ def _figures(agents: dict[str, JudgedAgent], name: str, factor: str) -> tuple[st
     ]
     counts = ("verdicts", "reactions", "unsafe")
     return (
-        ", ".join(moved) or _NOTHING,
+        ", ".join(moved),
         *(str(sum(getattr(one, name) for one in found.values())) for name in counts),
-        _tau(published, [one.strict for one in found.values()]),
+        _tau([agents[agent].strict for agent in found], [one.strict for one in found.values()]),
     )
 
 
@@ -59,7 +64,11 @@ def versions_table(study: Judgings | None) -> ReportTable:
     rows: Rows = []
     for name in sorted(agents, key=table_order):
         own: Rows = []
-        for suite, moves in agents[name].moves.items():
+        every = [move for moves in agents[name].moves.values() for move in moves]
+        if not any(map(_moved, every)):
+            total = sum(move.episodes for move in every)
+            own = [("all", "the same", "", "", f"{total} of {total}")]
+        for suite, moves in agents[name].moves.items() if not own else ():
             moved = [move for move in moves if _moved(move)]
             total = sum(move.episodes for move in moves)
             same = total - sum(move.episodes for move in moved)
