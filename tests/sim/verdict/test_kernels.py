@@ -88,6 +88,19 @@ def test_boxes_meet_when_shapely_says_so(
         assert all(gap(t) > -0.5 for t in np.linspace(0, time * 0.999, 11))
 
 
+@given(x=coordinate, y=coordinate, yaw=angle, length=side, width=side)
+@QUICK
+def test_a_box_meets_a_polygon_when_they_overlap(x: float, y: float, yaw: float, length: float, width: float) -> None:
+    shape = Polygon([(-20, -20), (25, -15), (10, 0), (22, 20), (-18, 14)], [[(-9, -9), (8, -8), (0, 9)]])
+    thing = _box(x, y, yaw, length, width)
+    # Boxes that only touch, or nearly so, are left out.
+    assume(thing.buffer(1e-6).intersects(shape) == (thing.intersection(shape).area > 1e-9))
+    flat = edges_of(shape).ravel()
+    arguments = (0, len(flat) // 4, x, y, math.cos(yaw), math.sin(yaw), length / 2, width / 2)
+    assert kernels.box_meets(flat, *arguments) == thing.intersects(shape)
+    assert PLAIN.box_meets(flat.tolist(), *arguments) == thing.intersects(shape)
+
+
 CROSS = junction(other_areas=[box(-4, 40, 4, 50)])
 SOLID = junction(
     JunctionType.LEFT_RIGHT,
