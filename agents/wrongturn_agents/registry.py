@@ -35,6 +35,7 @@ from wrongturn_agents.exploits.oncoming_lane import OncomingLane, OncomingLaneBa
 from wrongturn_agents.exploits.pause_then_obey import PauseThenObey
 from wrongturn_agents.exploits.twin_tape import TwinTape
 from wrongturn_agents.exploits.twitcher import Twitcher
+from wrongturn_agents.exploits.u_turner import UTurner
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, ShippedAgent
 from wrongturn_client.invocation import program
 from wrongturn_protocol import AgentKind, Track
@@ -56,6 +57,7 @@ EXPLOITS: Final = MappingProxyType(
             Odometer,
             Clone,
             TwinTape,
+            UTurner,
             HeadOn,
         )
     },

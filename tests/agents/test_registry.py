@@ -5,6 +5,7 @@ import pytest
 
 from wrongturn_agents import AGENTS, Agent, AgentListing, list_agents, resolve
 from wrongturn_agents.errors import AgentImportError, ModelFileError, NotAnAgentError, UnknownAgentError
+from wrongturn_agents.registry import EXPLOITS
 from wrongturn_protocol import AgentKind, Track
 
 OWN = '''
@@ -74,6 +75,16 @@ def test_a_registered_name_makes_an_agent(name):
     agent = source.make()
     assert isinstance(agent, Agent)
     assert agent is not source.make()
+
+
+@pytest.mark.parametrize("name", sorted(EXPLOITS))
+def test_an_exploit_is_made_by_its_name_and_says_what_it_is(name):
+    source = resolve(name)
+    assert (source.name, source.kind) == (name, AgentKind.EXPLOIT)
+    assert isinstance(source.make(), Agent)
+    (listed,) = (agent for agent in list_agents() if agent.name == name)
+    assert listed.kind is AgentKind.EXPLOIT
+    assert listed.description.endswith(".")
 
 
 def test_an_unknown_name_lists_the_known_ones():
