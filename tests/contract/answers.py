@@ -95,7 +95,9 @@ class Answers:
     ) -> Answer:
         """A request of the OpenAPI document, by its name or by its method and path."""
         method, path = SAME[call] if isinstance(call, str) else call
-        headers = {"Authorization": f"Bearer {token}", "Accept": MSGPACK if binary else JSON}
+        headers = {"Accept": MSGPACK if binary else JSON}
+        if token:
+            headers["Authorization"] = f"Bearer {token}"
         content: dict[str, Any] = {}
         if body is not None and binary:
             headers["Content-Type"] = MSGPACK

@@ -26,6 +26,11 @@ class EpisodeRules(Living):
             if keyed:
                 self.keys.append((agent, way, call, answer))
 
+    @rule(data=st.data(), way=WAYS, track=st.sampled_from(["camera", "state"]))
+    def practise_in_another_track(self, data: st.DataObject, way: Way, track: str) -> None:
+        answer = self.call(self.an_agent(data), way, "practise", {**PRACTISED, "track": track}, None)
+        assert answer.kind == "track-not-available"
+
     @precondition(lambda self: self.world.open)
     @rule(data=st.data(), way=WAYS, action=ACTIONS)
     def step(self, data: st.DataObject, way: Way, action: Action) -> None:
@@ -81,6 +86,7 @@ class EpisodeRules(Living):
         if survived:
             episode.take(action, answer)
         else:
+            episode.asked()
             episode.lose()
             assert answer.kind == "episode-lost"
 

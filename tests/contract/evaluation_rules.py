@@ -1,4 +1,4 @@
-"""Rules about evaluations: begun, driven, cancelled, told, and the worker's own record."""
+"""Rules about evaluations: begun, driven, closed, told, and the worker's own record."""
 
 import uuid
 
@@ -17,13 +17,30 @@ class EvaluationRules(Living):
     @rule(data=st.data())
     def evaluate(self, data: st.DataObject) -> None:
         agent = self.an_agent(data)
-        self.evaluations.append(self.begun(agent))
+        running = self.running(agent)
+        if running is None:
+            self.evaluations.append(self.begun(agent))
+            return
+        told = self.http(agent, "POST", "/v1/evaluations", {"suite": "smoke@2"})
+        assert told.kind == "evaluation-open"
+        assert told.fields["errors"] == [{"path": "evaluation", "message": running.id}]
+
+    def running(self, agent: Agent) -> Evaluation | None:
+        """The agent's open one; there is one at most."""
+        return next((one for one in self.evaluations if one.agent is agent and one.state == "running"), None)
 
     def begun(self, agent: Agent) -> Evaluation:
-        """A new one."""
+        """A new one. Its draw is the one that the agent has not used yet, or new."""
         told = self.http(agent, "POST", "/v1/evaluations", {"suite": "smoke@2"})
         assert (told.status, told.fields["trials"], told.fields["max_parallel"]) == (201, TRIALS, PARALLEL)
-        return Evaluation(told.fields["id"], agent)
+        commitment = told.fields["commitment"]
+        if agent.unused:
+            assert commitment == agent.unused
+            agent.unused = ""
+        else:
+            taken = {one.commitment for one in self.evaluations} | {one.unused for one in self.agents}
+            assert commitment not in taken
+        return Evaluation(told.fields["id"], agent, commitment)
 
     @precondition(lambda self: self.evaluations)
     @rule(data=st.data(), way=WAYS, keyed=st.booleans())
@@ -74,23 +91,24 @@ class EvaluationRules(Living):
 
     @precondition(lambda self: any(evaluation.episodes for evaluation in self.evaluations))
     @rule(data=st.data())
-    def cancel(self, data: st.DataObject) -> None:
+    def close(self, data: st.DataObject) -> None:
         evaluation, agent = self.an_evaluation(data), self.an_agent(data)
         answer = self.http(agent, "DELETE", "/v1/evaluations/{evaluation}", evaluation=evaluation.id)
         if agent is not evaluation.agent:
             assert answer.kind == "forbidden"
-        elif evaluation.state == "finished":
-            assert answer.kind == "evaluation-finished"
-        else:
+        elif evaluation.state == "running" and not evaluation.driven:
             assert (answer.status, answer.fields["state"]) == (200, "cancelled")
-            self.cancelled(evaluation)
+            self.deleted(evaluation)
+        else:
+            assert (answer.status, answer.fields["state"]) == (200, "finished")
+            evaluation.close()
 
     @precondition(lambda self: self.evaluations)
     @rule(data=st.data(), way=WAYS)
-    def cancel_while_an_episode_begins(self, data: st.DataObject, way: Way) -> None:
-        """Either may come first, so that nothing of it stays for other rules."""
+    def delete_while_an_episode_begins(self, data: st.DataObject, way: Way) -> None:
+        """Either may come first, and nothing of it stays but its draw."""
         agent = self.an_agent(data)
-        if self.world.full or self.world.line:
+        if self.world.full or self.world.line or self.running(agent) is not None:
             return
         evaluation = self.begun(agent)
         begun, ended = self.at_once(
@@ -98,19 +116,24 @@ class EvaluationRules(Living):
             self.answers.http(agent.token, ("DELETE", "/v1/evaluations/{evaluation}"), {"evaluation": evaluation.id}),
         )
         assert (ended.status, ended.fields["state"]) == (200, "cancelled")
-        assert begun.kind in {"", "evaluation-cancelled"}
-        path = "/v1/evaluations/{evaluation}/episodes"
-        listed = self.http(agent, "GET", path, evaluation=evaluation.id).fields["episodes"]
-        assert [found["state"] for found in listed] in ([], ["lost"])
+        assert begun.kind in {"", "unknown-evaluation"}
+        agent.unused = evaluation.commitment
         if not begun.kind:
-            assert [found["id"] for found in listed] == [begun.fields["id"]]
-            assert self.call(agent, way, "step", begun.fields["id"], 1, 0.0, 0.0, 0.0).kind == "evaluation-cancelled"
+            assert self.call(agent, way, "step", begun.fields["id"], 1, 0.0, 0.0, 0.0).kind == "unknown-episode"
+        self.nothing_is_left(evaluation)
 
-    def cancelled(self, evaluation: Evaluation) -> None:
-        evaluation.cancelled = True
+    def deleted(self, evaluation: Evaluation) -> None:
+        """It has disappeared, with its episodes, but for its draw."""
+        self.evaluations.remove(evaluation)
         for episode in evaluation.episodes:
-            if episode.state == "open":
-                episode.lose()
+            self.world.episodes.remove(episode)
+            assert self.call(evaluation.agent, Way.JSON, "look", episode.id).kind == "unknown-episode"
+        evaluation.agent.unused = evaluation.commitment
+        self.nothing_is_left(evaluation)
+
+    def nothing_is_left(self, evaluation: Evaluation) -> None:
+        for path in ("/v1/evaluations/{evaluation}", "/v1/evaluations/{evaluation}/episodes"):
+            assert self.http(evaluation.agent, "GET", path, evaluation=evaluation.id).kind == "unknown-evaluation"
 
     @precondition(lambda self: self.evaluations)
     @rule(data=st.data(), mistake=st.sampled_from(["", "", "steps", "actions_sha256", "twice", "unknown"]))

@@ -35,7 +35,7 @@ class Life(EvaluationRules, EpisodeRules):
         for _ in range(2):
             name = uuid.uuid4().hex
             told = self.served.wait(
-                self.answers.http("none", ("POST", "/v1/agents"), {}, {"name": name, "track": "privileged"})
+                self.answers.http("", ("POST", "/v1/agents"), {}, {"name": name, "track": "privileged"})
             )
             assert told.status == 201
             self.agents.append(Agent(told.fields["id"], told.fields["token"]))

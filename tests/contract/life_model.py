@@ -19,15 +19,25 @@ class Agent:
 
     id: str
     token: str
+    unused: str = ""
+    """What the deleted evaluation had promised, whose secret the next one takes."""
 
 
 @dataclass(eq=False)
 class Evaluation:
-    """One of an agent's."""
+    """One of an agent's.
+
+    Attributes:
+        commitment: what it promised at its begin.
+        driven: whether a step was asked for.
+        rest: trials that had no verdict when it was closed.
+    """
 
     id: str
     agent: Agent
-    cancelled: bool = False
+    commitment: str
+    driven: bool = False
+    rest: int = 0
     episodes: "list[Episode]" = field(default_factory=list)
 
     @property
@@ -38,14 +48,19 @@ class Evaluation:
     @property
     def finished(self) -> int:
         """Trials that have their verdict."""
-        return sum(episode.state == "finished" for episode in self.episodes)
+        return sum(episode.state == "finished" for episode in self.episodes) + self.rest
 
     @property
     def state(self) -> str:
         """As the service has to tell it."""
-        if self.cancelled:
-            return "cancelled"
         return "finished" if self.finished == TRIALS else "running"
+
+    def close(self) -> None:
+        """What is missing counts as aborted."""
+        for episode in self.episodes:
+            if episode.state == "open":
+                episode.end("aborted")
+        self.rest = TRIALS - self.finished
 
 
 @dataclass(eq=False)
@@ -92,8 +107,7 @@ class Episode:
         if agent is not self.agent:
             return "forbidden"
         if self.state == "lost":
-            cancelled = self.evaluation is not None and self.evaluation.cancelled
-            return "evaluation-cancelled" if cancelled else "episode-lost"
+            return "episode-lost"
         return None
 
     def step(self, agent: Agent, seq: int, action: Action) -> str:
@@ -113,10 +127,19 @@ class Episode:
             return "repeat" if action == self.actions[-1] else "action-mismatch"
         if self.state == "finished":
             return "episode-finished"
-        return "taken" if seq == self.seq + 1 else "sequence-gap"
+        if seq != self.seq + 1:
+            return "sequence-gap"
+        self.asked()
+        return "taken"
+
+    def asked(self) -> None:
+        """Its next step was asked for, so that its evaluation counts."""
+        if self.evaluation is not None:
+            self.evaluation.driven = True
 
     def take(self, action: Action, answer: Answer) -> None:
         """It was stepped, and has to have told so."""
+        self.asked()
         self.actions.append(action)
         self.last = answer
         over = self.seq == STEPS

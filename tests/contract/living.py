@@ -1,6 +1,7 @@
 """What the rules of the state machine share: the world as the model has it, and how calls are made of it."""
 
 import asyncio
+import hashlib
 from typing import Any, ClassVar
 
 from answers import Answer, Answers, Way
@@ -9,7 +10,9 @@ from hypothesis.stateful import RuleBasedStateMachine
 from life_model import TRIALS, Action, Agent, Episode, Evaluation, World
 from served_app import ABORT_S, ServedApp
 
-PRACTISED = {"town": "Town01", "approach": "J3-S", "track": "state"}
+from wrongturn_networks import load_suite
+
+PRACTISED = {"town": "Town01", "approach": "J3-S"}
 WAYS = st.sampled_from(Way)
 ACTIONS: st.SearchStrategy[Action] = st.sampled_from([(0.0, 0.5, 0.0), (0.25, 0.0, 1.0), (-1.0, 1.0, 0.0)])
 
@@ -22,6 +25,7 @@ class Living(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.world = World(now=self.served.clock.now)
+        self.served.secrets = 0
         self.agents: list[Agent] = []
         self.evaluations: list[Evaluation] = []
         self.keys: list[tuple[Agent, Way, tuple[Any, ...], Answer]] = []
@@ -84,16 +88,25 @@ class Living(RuleBasedStateMachine):
     def see(self, evaluation: Evaluation) -> None:
         """Each trial has counted once, and what the service tells of all of them is what was done."""
         told = self.http(evaluation.agent, "GET", "/v1/evaluations/{evaluation}", evaluation=evaluation.id)
-        assert (told.status, told.fields["state"]) == (200, evaluation.state)
+        assert (told.status, told.fields.get("state")) == (200, evaluation.state), (told, evaluation)
         assert told.fields["finished"] == evaluation.finished
         path = "/v1/evaluations/{evaluation}/episodes"
         listed = self.http(evaluation.agent, "GET", path, evaluation=evaluation.id).fields["episodes"]
         states = {found["id"]: found["state"] for found in listed}
-        assert states == {episode.id: episode.state for episode in evaluation.episodes}, (states, evaluation)
+        known = {episode.id: episode.state for episode in evaluation.episodes}
+        assert {name: states.get(name) for name in known} == known, (states, evaluation)
+        rest = [found for found in listed if found["id"] not in known]
+        assert [found["outcome"]["verdict"] for found in rest] == ["aborted"] * evaluation.rest
+        assert told.fields["commitment"] == evaluation.commitment
+        if evaluation.state == "running":
+            assert told.fields["secret"] is None
         if evaluation.state == "finished":
+            secret = told.fields["secret"]
+            assert hashlib.sha256(secret.encode()).hexdigest() == evaluation.commitment
             assert told.fields["metrics"]["unsafe"]["trials"] == TRIALS // 2
             trials = [found["trial"] for found in listed if found["state"] == "finished"]
-            assert len(trials) == len(set(trials)) == TRIALS
+            assert len(trials) == TRIALS
+            assert set(trials) == {trial.id for trial in load_suite("smoke@2").draw(secret).episodes}
             board = self.http(evaluation.agent, "GET", "/v1/leaderboards/{suite}", suite="smoke@2").fields["entries"]
             ranked = [entry["evaluation"] for entry in board if entry["agent"]["id"] == evaluation.agent.id]
             assert len(ranked) == 1

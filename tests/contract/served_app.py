@@ -72,15 +72,20 @@ class ServedApp:
             lease_release_s=RELEASE_S,
             lease_abort_s=ABORT_S,
             registration_limit=1_000_000,
+            evaluation_idle_h=1_000_000,
         )
         self._exit = contextlib.ExitStack()
         self._exit.enter_context(self.clock.used())
-        # The order of an evaluation's trials comes from its secret; a try that is made again has to find the same.
-        known = SimpleNamespace(token_hex=lambda size: "0" * 2 * size)
-        self._exit.enter_context(patch.object(evaluations, "secrets", known))
+        self.secrets = 0
+        """Secrets that a try has drawn so far. A try that is made again has to find the same ones."""
+        self._exit.enter_context(patch.object(evaluations, "secrets", SimpleNamespace(token_hex=self._secret)))
         self._exit.callback(structlog.reset_defaults)
         structlog.configure(processors=[self._heard])
         self._start()
+
+    def _secret(self, size: int) -> str:
+        self.secrets += 1
+        return f"{self.secrets:0{2 * size}x}"
 
     def _heard(self, _logger: object, level: str, event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
         if level in {"error", "exception", "critical"}:

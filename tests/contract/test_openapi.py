@@ -26,6 +26,11 @@ INTERFACE = {
     "GET /v1/agents/{agent}",
     "POST /v1/agents/{agent}/token",
     "DELETE /v1/agents/{agent}/token",
+    "POST /v1/owners",
+    "GET /v1/owners",
+    "GET /v1/owners/{owner}",
+    "POST /v1/owners/{owner}/token",
+    "DELETE /v1/owners/{owner}/token",
     "POST /v1/evaluations",
     "GET /v1/evaluations/{evaluation}",
     "DELETE /v1/evaluations/{evaluation}",
@@ -43,6 +48,9 @@ INTERFACE = {
     "GET /problems/{kind}",
 }
 PUBLIC = {
+    "POST /v1/owners",
+    "GET /v1/owners",
+    "GET /v1/owners/{owner}",
     "POST /v1/agents",
     "GET /v1/agents",
     "GET /v1/agents/{agent}",
@@ -90,6 +98,7 @@ def test_problems_bodies_and_the_token_are_documented(document: dict[str, Any]) 
             assert {"401", "403"} <= set(refusals), name
     with_body = {name for name, operation in operations(document).items() if "requestBody" in operation}
     assert with_body == {
+        "POST /v1/owners",
         "POST /v1/agents",
         "POST /v1/evaluations",
         "PUT /v1/evaluations/{evaluation}/results",
@@ -143,8 +152,10 @@ def real(service: RunningService, agent: Agent) -> dict[str, str]:
     """What there is, by the names of the paths' parameters."""
     # Simulators may be held by other agents' episodes until those have been silent for a while.
     with Client(service.url, agent.token, patience=60) as client:
-        episode = client.practise(PracticeRequest(town="Town01", approach="J1-E", track=Track.STATE)).id
+        episode = client.practise(PracticeRequest(town="Town01", approach="J1-E", track=Track.PRIVILEGED)).id
+    owner = next(owner["id"] for owner in agent.http.get("/v1/owners").json()["owners"] if owner["name"] == agent.name)
     return {
+        "owner": owner,
         "suite": "smoke@2",
         "town": "Town01",
         "kind": "validation",

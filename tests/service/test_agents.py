@@ -72,7 +72,7 @@ def test_a_token_is_rotated_and_revoked(service: RunningService, agent: Agent, o
     assert expect(agent.http.post(url, headers=key), 201) == rotated
     problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 401, "unauthenticated")
     with Agent(service.url, rotated) as renewed:
-        renewed.evaluate()
+        renewed.evaluate("wrong-command@2")
         assert renewed.http.delete(url).status_code == 204
         problem(renewed.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 401, "unauthenticated")
         problem(renewed.http.delete(url), 401, "unauthenticated")

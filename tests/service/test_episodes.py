@@ -9,7 +9,7 @@ import numpy as np
 from service_harness import COAST, GAS, Agent, expect, problem
 
 from wrongturn_protocol import Track
-from wrongturn_protocol.observations import decode
+from wrongturn_protocol.observations import FIELDS, decode
 
 
 def test_a_practice_episode_from_reset_to_verdict(agent: Agent) -> None:
@@ -18,7 +18,7 @@ def test_a_practice_episode_from_reset_to_verdict(agent: Agent) -> None:
     assert reset["seq"] == 0
     assert reset["town"] == "Town01"
     assert reset["trial"] == "Town01.J3-S.infeasible.s3"
-    assert set(reset["observation"]) == {"speed", "steering", "command"}
+    assert set(reset["observation"]) == {field.name for field in FIELDS[Track.PRIVILEGED]}, "the agent's own track"
     steps, last = agent.drive(reset["id"])
     assert set(last) == {"seq", "observation", "terminated", "truncated", "reward", "verdict"}
     shown = expect(agent.http.get(f"/v1/episodes/{reset['id']}"), 200)

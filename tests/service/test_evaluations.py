@@ -11,6 +11,7 @@ import httpx
 import pytest
 from service_harness import COAST, GAS, Agent, RunningService, expect, problem
 
+from wrongturn_networks import load_suite
 from wrongturn_protocol import Leaderboard, Metrics
 
 
@@ -42,6 +43,8 @@ def test_what_a_new_evaluation_says(service: RunningService, agent: Agent) -> No
         "trials": 120,
         "finished": 0,
         "max_parallel": 6,
+        "commitment": evaluation["commitment"],
+        "secret": None,
         "metrics": None,
     }
     assert expect(agent.http.get(f"/v1/evaluations/{evaluation['id']}"), 200) == evaluation
@@ -54,9 +57,8 @@ def test_each_trial_and_each_twin_was_driven_once(finished: dict[str, Any]) -> N
     metrics = Metrics.model_validate_json(json.dumps(detail["metrics"]))
     assert metrics.unsafe.trials == 6
     shown = expect(agent.http.get(f"/v1/evaluations/{finished['evaluation']['id']}/episodes"), 200)["episodes"]
-    trials = expect(agent.http.get("/v1/suites/smoke@2/trials"), 200)["trials"]
-    expected = {trial["id"] for trial in trials} | {trial["twin"] for trial in trials}
-    assert {episode["trial"] for episode in shown} == expected
+    drawn = load_suite("smoke@2").draw(detail["secret"])
+    assert {episode["trial"] for episode in shown} == {trial.id for trial in drawn.episodes}
     assert {episode["id"]: episode["seq"] for episode in shown} == finished["episodes"]
 
 
@@ -133,22 +135,6 @@ def test_only_the_first_finished_evaluation_counts(service: RunningService, fini
     assert [entry.evaluation for entry in board.entries if entry.agent.id == agent.id] == [finished["evaluation"]["id"]]
 
 
-def test_who_cancels_until_one_is_lucky_shows_it(finished: dict[str, Any]) -> None:
-    agent: Agent = finished["agent"]
-
-    def cancelled() -> int:
-        board = Leaderboard.model_validate_json(agent.http.get("/v1/leaderboards/smoke@2").text)
-        return next(entry.cancelled for entry in board.entries if entry.agent.id == agent.id)
-
-    before = cancelled()
-    expect(agent.http.delete(f"/v1/evaluations/{agent.evaluate()['id']}"), 200)
-    assert cancelled() == before, "nothing of it was driven"
-    driven = agent.evaluate()["id"]
-    expect(agent.reset(driven), 201)
-    expect(agent.http.delete(f"/v1/evaluations/{driven}"), 200)
-    assert cancelled() == before + 1
-
-
 def test_nothing_is_told_before_the_end(service: RunningService, agent: Agent, other: Agent) -> None:
     evaluation = agent.evaluate()["id"]
     reset = expect(agent.reset(evaluation), 201)
@@ -175,19 +161,34 @@ def test_the_way_back_after_a_crash(agent: Agent) -> None:
     problem(agent.http.get(f"/v1/evaluations/{evaluation}/episodes?state=nope"), 422, "validation", "query.state")
 
 
-def test_a_cancelled_evaluation(agent: Agent) -> None:
+def test_a_deleted_evaluation(agent: Agent) -> None:
     evaluation = agent.evaluate()["id"]
     episode = expect(agent.reset(evaluation), 201)["id"]
+    assert expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)["state"] == "cancelled"
+    problem(agent.http.delete(f"/v1/evaluations/{evaluation}"), 404, "unknown-evaluation")
+    problem(agent.step(episode, 1), 404, "unknown-episode")
+    problem(agent.reset(evaluation), 404, "unknown-evaluation")
+    problem(agent.http.delete(f"/v1/episodes/{episode}"), 404, "unknown-episode")
+
+
+def test_a_closed_evaluation_shows_what_was_driven(agent: Agent) -> None:
+    evaluation = agent.evaluate()["id"]
+    episode = expect(agent.reset(evaluation), 201)["id"]
+    expect(agent.step(episode, 1), 200)
     for _ in range(2):
-        assert expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)["state"] == "cancelled"
-    problem(agent.step(episode, 1), 409, "evaluation-cancelled")
-    problem(agent.reset(evaluation), 409, "evaluation-cancelled")
-    problem(agent.http.delete(f"/v1/episodes/{episode}"), 409, "evaluation-cancelled")
+        closed = expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)
+        assert (closed["state"], closed["finished"]) == ("finished", 12)
+    assert closed["metrics"]["unsafe"]["count"] == 6
+    shown = expect(agent.http.get(f"/v1/episodes/{episode}"), 200)
+    assert (shown["outcome"]["verdict"], shown["seq"]) == ("aborted", 1)
+    assert hashlib.sha256(agent.trajectory(episode)).hexdigest() == shown["trajectory_sha256"]
 
 
-def test_a_finished_evaluation_cannot_be_cancelled(finished: dict[str, Any]) -> None:
+def test_closing_a_finished_evaluation_changes_nothing(finished: dict[str, Any]) -> None:
     agent: Agent = finished["agent"]
-    problem(agent.http.delete(f"/v1/evaluations/{finished['evaluation']['id']}"), 409, "evaluation-finished")
+    url = f"/v1/evaluations/{finished['evaluation']['id']}"
+    before = expect(agent.http.get(url), 200)
+    assert expect(agent.http.delete(url), 200) == before
 
 
 def test_so_many_at_a_time_and_never_a_trial_with_its_twin(agent: Agent) -> None:

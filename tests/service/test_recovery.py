@@ -73,7 +73,7 @@ def test_a_service_that_is_killed_with_episodes_open(own) -> None:
         steps, last = agent.drive(done)
         key = {"Idempotency-Key": str(uuid.uuid4())}
         body = {"name": f"agent {uuid.uuid4().hex[:8]}", "track": "camera"}
-        registered = expect(agent.http.post("/v1/agents", json=body, headers=key), 201)
+        registered = expect(httpx.post(f"{service.url}/v1/agents", json=body, headers=key, timeout=60), 201)
         opened = expect(agent.reset(evaluation), 201)["id"]
         practice = agent.practise()["id"]
         expect(agent.step(opened, 1), 200)
@@ -90,7 +90,8 @@ def test_a_service_that_is_killed_with_episodes_open(own) -> None:
             assert expect(back.http.get(f"/v1/episodes/{opened}"), 200)["state"] == "lost"
             # What was told is still there: the finished one, its last reply, the token behind its key.
             assert expect(back.step(done, steps), 200) == last
-            assert expect(back.http.post("/v1/agents", json=body, headers=key), 201) == registered
+            again_told = httpx.post(f"{again.url}/v1/agents", json=body, headers=key, timeout=60)
+            assert expect(again_told, 201) == registered
             detail = expect(back.http.get(f"/v1/evaluations/{evaluation}"), 200)
             assert (detail["state"], detail["finished"]) == ("running", 1)
             # The lost trial comes again, and nobody is charged for it.

@@ -10,7 +10,7 @@ from wrongturn_service.episodes import refusals
 from wrongturn_service.episodes.closings import Closings
 from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.endings import Endings
-from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled, finished
+from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled
 from wrongturn_service.episodes.lease import Terms
 from wrongturn_service.episodes.loans import Loans
 from wrongturn_service.episodes.open_episode import OpenEpisode, as_float32
@@ -184,7 +184,5 @@ class EpisodeManager:
             evaluation = await self._store.evaluation(row.evaluation_id)
             if evaluation is not None and evaluation.state == EvaluationState.CANCELLED:
                 return cancelled(row.evaluation_id)
-            if evaluation is not None and evaluation.state == EvaluationState.FINISHED:
-                return finished(row.evaluation_id)
         why = "its simulators failed" if row.verdict == Verdict.INVALID else "the service was restarted"
         return GoneError(f"episode {row.id} is lost: {why}; it does not count, so ask for the next trial")

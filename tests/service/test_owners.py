@@ -1,0 +1,131 @@
+"""Owners answer for agents: who may register one, what its token opens, and who sees what of it."""
+
+import uuid
+from pathlib import Path
+
+import httpx
+import pytest
+from app_harness import application, play, register
+from fake_pool import FakePool
+from service_harness import Agent, RunningService, expect, problem
+
+OPERATOR = {"Authorization": "Bearer the-operators-own-token"}
+
+
+def name() -> str:
+    return f"owner {uuid.uuid4().hex[:10]}"
+
+
+@pytest.fixture
+def http(service: RunningService):
+    with httpx.Client(base_url=service.url, timeout=60) as http:
+        yield http
+
+
+def bearer(registered: dict[str, str]) -> dict[str, str]:
+    return {"Authorization": f"Bearer {registered['token']}"}
+
+
+def test_an_owner_is_registered_and_its_contact_is_nobodys(http: httpx.Client) -> None:
+    wanted = name()
+    owner = expect(http.post("/v1/owners", json={"name": wanted, "contact": "us@example.org"}), 201)
+    assert set(owner) == {"id", "name", "token"}
+    shown = {"id": owner["id"], "name": wanted}
+    assert expect(http.get(f"/v1/owners/{owner['id']}"), 200) == shown
+    assert shown in expect(http.get("/v1/owners"), 200)["owners"]
+    assert "us@example.org" not in http.get("/v1/owners").text
+    problem(http.get("/v1/owners/ow_none"), 404, "unknown-owner")
+    problem(http.post("/v1/owners", json={"name": wanted.upper()}), 409, "owner-name-taken")
+    problem(http.post("/v1/owners", json={"name": "<b>"}), 422, "validation", "name")
+
+
+def test_an_owners_agents(http: httpx.Client) -> None:
+    owner = expect(http.post("/v1/owners", json={"name": name()}), 201)
+    agents = [
+        expect(http.post("/v1/agents", json={"name": name(), "track": track}, headers=bearer(owner)), 201)
+        for track in ("camera", "privileged")
+    ]
+    assert [agent["owner"] for agent in agents] == [owner["name"]] * 2
+    assert expect(http.get(f"/v1/agents/{agents[0]['id']}"), 200)["owner"] == owner["name"]
+    kind = {"name": name(), "track": "camera", "kind": "exploit"}
+    problem(http.post("/v1/agents", json=kind, headers=bearer(owner)), 403, "forbidden")
+    # An agent's token registers nobody, and an owner's drives nothing.
+    body = {"name": name(), "track": "camera"}
+    told = problem(http.post("/v1/agents", json=body, headers=bearer(agents[0])), 403, "forbidden")
+    assert "agent's token" in told["detail"]
+    problem(http.post("/v1/agents", json=body, headers={"Authorization": "Bearer guess"}), 401, "unauthenticated")
+    problem(http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=bearer(owner)), 401, "unauthenticated")
+
+
+def test_an_owner_renews_and_revokes_its_agents_tokens(service: RunningService, http: httpx.Client) -> None:
+    owner, stranger = (expect(http.post("/v1/owners", json={"name": name()}), 201) for _ in range(2))
+    agent = expect(http.post("/v1/agents", json={"name": name(), "track": "camera"}, headers=bearer(owner)), 201)
+    url = f"/v1/agents/{agent['id']}/token"
+    problem(http.post(url, headers=bearer(stranger)), 403, "forbidden")
+    fresh = expect(http.post(url, headers=bearer(owner)), 201)
+    problem(http.delete(url, headers=bearer(agent)), 401, "unauthenticated")
+    with Agent(service.url, fresh) as renewed:
+        renewed.evaluate()
+    assert http.delete(url, headers=bearer(owner)).status_code == 204
+    problem(http.delete(url, headers=bearer(fresh)), 401, "unauthenticated")
+
+
+def test_an_owners_token_is_rotated_and_revoked(http: httpx.Client) -> None:
+    owner, stranger = (expect(http.post("/v1/owners", json={"name": name()}), 201) for _ in range(2))
+    url = f"/v1/owners/{owner['id']}/token"
+    problem(http.post(url), 401, "unauthenticated")
+    problem(http.post(url, headers=bearer(stranger)), 403, "forbidden")
+    key = {"Idempotency-Key": str(uuid.uuid4())}
+    rotated = expect(http.post(url, headers={**bearer(owner), **key}), 201)
+    assert expect(http.post(url, headers={**bearer(owner), **key}), 201) == rotated
+    body = {"name": name(), "track": "camera"}
+    problem(http.post("/v1/agents", json=body, headers=bearer(owner)), 401, "unauthenticated")
+    assert http.delete(url, headers=bearer(rotated)).status_code == 204
+    problem(http.post("/v1/agents", json=body, headers=bearer(rotated)), 401, "unauthenticated")
+    fresh = expect(http.post(url, headers=OPERATOR), 201)
+    assert expect(http.post("/v1/agents", json=body, headers=bearer(fresh)), 201)["owner"] == owner["name"]
+
+
+def test_an_agent_without_an_owner_gets_one_of_its_name(http: httpx.Client) -> None:
+    body = {"name": name(), "track": "camera"}
+    agent = expect(http.post("/v1/agents", json=body), 201)
+    assert agent["owner"] == body["name"]
+    problem(http.post("/v1/owners", json={"name": body["name"]}), 409, "owner-name-taken")
+    owner = expect(http.post("/v1/owners", json={"name": name()}), 201)
+    problem(http.post("/v1/agents", json={"name": owner["name"], "track": "camera"}), 409, "owner-name-taken")
+    own = expect(http.post("/v1/agents", json={"name": owner["name"], "track": "camera"}, headers=bearer(owner)), 201)
+    assert own["owner"] == owner["name"]
+
+
+def test_shipped_agents_belong_to_wrongturn(http: httpx.Client) -> None:
+    for kind, owner in (("baseline", "Wrongturn"), ("exploit", "Wrongturn"), ("submitted", None)):
+        body = {"name": name(), "track": "camera", "kind": kind}
+        agent = expect(http.post("/v1/agents", json=body, headers=OPERATOR), 201)
+        assert agent["owner"] == (owner or body["name"])
+    problem(http.post("/v1/owners", json={"name": "wrongturn"}), 409, "owner-name-taken")
+    problem(http.post("/v1/agents", json={"name": "Wrongturn", "track": "camera"}), 409, "owner-name-taken")
+
+
+def test_a_registration_again_by_its_key(service: RunningService, http: httpx.Client) -> None:
+    key = {"Idempotency-Key": str(uuid.uuid4())}
+    body = {"name": name()}
+    owner = expect(http.post("/v1/owners", json=body, headers=key), 201)
+    assert expect(http.post("/v1/owners", json=body, headers=key), 201) == owner
+    for path in service.database.parent.glob("wrongturn.db*"):
+        assert owner["token"].encode() not in path.read_bytes()
+    agent = {"name": name(), "track": "camera"}
+    registered = expect(http.post("/v1/agents", json=agent, headers={**bearer(owner), **key}), 201)
+    assert expect(http.post("/v1/agents", json=agent, headers={**bearer(owner), **key}), 201) == registered
+
+
+def test_where_the_operator_registers_owners_they_register_agents(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool(), registration="operator", operator_token="secret") as http:
+            body = {"name": "one", "track": "camera"}
+            problem(await register(http, **body), 403, "registration-closed")
+            problem(await register(http, "/v1/owners", name="us"), 403, "registration-closed")
+            operator = {"Authorization": "Bearer secret"}
+            owner = expect(await http.post("/v1/owners", json={"name": "us"}, headers=operator), 201)
+            expect(await http.post("/v1/agents", json=body, headers=bearer(owner)), 201)
+
+    play(story)
