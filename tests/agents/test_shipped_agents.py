@@ -10,6 +10,7 @@ import pytest
 from wrongturn_agents import list_agents, resolve
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
 from wrongturn_agents.onnx_agent import open_session
+from wrongturn_agents.registry import AGENTS
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.observations import observation_space
@@ -24,7 +25,9 @@ def needs_weights(name: str) -> None:
 
 def test_the_three_are_listed_as_references_after_the_baselines():
     listed = {agent.name: agent for agent in list_agents()}
-    assert list(listed)[-3:] == ["ppo-segmentation", "ppo-image", "ppo-auxiliary"]
+    after = [name for name in listed if listed[name].kind is not AgentKind.EXPLOIT]
+    assert after == [*AGENTS, "ppo-segmentation", "ppo-image", "ppo-auxiliary"]
+    assert list(listed)[: len(after)] == after
     tracks = [listed[name].track for name in ("ppo-segmentation", "ppo-image", "ppo-auxiliary")]
     assert tracks == [Track.SEGMENTATION, Track.CAMERA, Track.CAMERA]
     assert {listed[name].kind for name in SHIPPED_AGENTS} == {AgentKind.REFERENCE}
