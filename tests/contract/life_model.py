@@ -56,7 +56,9 @@ class Evaluation:
         return "finished" if self.finished == TRIALS else "running"
 
     def close(self) -> None:
-        """What is missing counts as aborted."""
+        """What is missing counts as aborted. A second time changes nothing."""
+        if self.state == "finished":
+            return
         for episode in self.episodes:
             if episode.state == "open":
                 episode.end("aborted")
