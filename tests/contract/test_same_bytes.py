@@ -80,7 +80,7 @@ DRIVES = [*((trial, Track.PRIVILEGED) for trial in TRIALS), *((trial, Track.SEGM
 def test_in_process_and_over_http(service: RunningService, trial: Trial, track: Track) -> None:
     observations, trajectory, outcome = in_process(trial, track)
     media = ("application/json", "application/msgpack")[TRIALS.index(trial) % 2]
-    with service.agent() as agent:
+    with service.agent(track.value) as agent:
 
         def call(path: str, body: dict[str, Any], status: int) -> dict[str, Any]:
             headers = {"Content-Type": "application/msgpack", "Accept": media}

@@ -51,7 +51,7 @@ def _copy(observation: Observation) -> Observation:
 def test_in_process_and_over_http(service: RunningService, trial: Trial, track: Track, most: int) -> None:
     observations, episode = in_process(trial, track, most)
     headers = {"Content-Type": "application/msgpack", "Accept": "application/msgpack"}
-    with service.agent() as agent:
+    with service.agent(track.value) as agent:
         body = msgpack.packb({"suite": SUITE, "trial": trial.id, "track": track.value})
         response = agent.http.post("/v1/episodes", content=body, headers=headers)
         assert response.status_code == 201, response.text

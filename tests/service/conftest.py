@@ -39,6 +39,13 @@ def agent(service: RunningService) -> Iterator[Agent]:
 
 
 @pytest.fixture
+def seeing(service: RunningService) -> Iterator[Agent]:
+    """An agent whose observations are large."""
+    with service.agent("segmentation") as agent:
+        yield agent
+
+
+@pytest.fixture
 def drive(service: RunningService, agent: Agent) -> Iterator[LentSocket]:
     with LentSocket(service, agent.token) as drive:
         yield drive

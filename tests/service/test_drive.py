@@ -23,15 +23,25 @@ def drive(service: RunningService, agent: Agent) -> Iterator[DriveSocket]:
 
 
 @pytest.mark.parametrize("track", Track)
-def test_observations_are_those_of_http(agent: Agent, drive: DriveSocket, track: Track) -> None:
-    told = agent.practise(track=track.value)
-    status, fields, block = drive.one("practise", {**PRACTICE, "track": track.value}, None)
-    assert status == 201
-    assert fields.keys() == told.keys() - {"observation"}
-    _same(told["observation"], block, track)
-    told = expect(agent.step(told["id"], 1), 200)
-    _same(told["observation"], drive.one("step", fields["id"], 1, *ACTION)[2], track)
-    drive.one("abort", fields["id"])
+def test_observations_are_those_of_http(service: RunningService, track: Track) -> None:
+    with service.agent(track.value) as agent, DriveSocket(service, agent.token) as drive:
+        told = agent.practise()
+        status, fields, block = drive.one("practise", {**PRACTICE, "track": track.value}, None)
+        assert status == 201
+        assert fields.keys() == told.keys() - {"observation"}
+        _same(told["observation"], block, track)
+        told = expect(agent.step(told["id"], 1), 200)
+        _same(told["observation"], drive.one("step", fields["id"], 1, *ACTION)[2], track)
+        drive.one("abort", fields["id"])
+
+
+def test_practice_is_in_the_agents_own_track(agent: Agent, drive: DriveSocket) -> None:
+    wanted = {**PRACTICE, "track": "camera"}
+    over_http = problem(agent.http.post("/v1/episodes", json=wanted), 422, "track-not-available", "track")
+    status, over_socket, *_ = drive.one("practise", wanted, None)
+    assert (status, over_socket["detail"]) == (422, over_http["detail"])
+    assert "camera" in over_http["detail"]
+    assert "privileged" in over_http["detail"]
 
 
 def _same(message: dict[str, object], block: bytes, track: Track) -> None:

@@ -105,9 +105,10 @@ def test_a_revoked_token_ends_the_connection(service: RunningService) -> None:
         assert (number, status, fields["type"]) == (None, 401, "/problems/unauthenticated")
 
 
-def test_who_asks_without_reading_is_not_read_either(service: RunningService, agent: Agent) -> None:
+def test_who_asks_without_reading_is_not_read_either(service: RunningService, seeing: Agent) -> None:
     """Replies that nobody takes must not pile up in the service; other clients go on meanwhile."""
-    episode = agent.practise(track="segmentation")["id"]
+    agent = seeing
+    episode = agent.practise()["id"]
     with DriveSocket(service, agent.token) as drive:
         drive.one("step", episode, 1, *ACTION)
     parts = urlsplit(service.url)

@@ -77,16 +77,18 @@ def test_an_episode_that_is_deleted(story: Story) -> None:
     assert stored(story.drive.service, story.episode)[1:4:2] == ("aborted", story.seq)
 
 
-def test_an_evaluation_that_is_cancelled(service: RunningService, agent: Agent, drive: LentSocket) -> None:
+def test_an_evaluation_that_is_closed(service: RunningService, agent: Agent, drive: LentSocket) -> None:
     evaluation = agent.evaluate()["id"]
     episode = expect(agent.reset(evaluation), 201)["id"]
     seq = 0
     while not lent(service):
         seq += 1
         assert not over(drive.step(episode, seq, action(seq)))
-    expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)
+    assert seq > 1, "the first step counts before a connection is lent"
+    assert expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)["state"] == "finished"
     status, problem = drive.call("step", episode, seq + 1, *action(seq + 1))
-    assert (status, problem["type"]) == (409, "/problems/evaluation-cancelled")
+    assert (status, problem["type"]) == (409, "/problems/episode-finished")
+    assert stored(service, episode)[1:4:2] == ("aborted", seq)
     assert drive.call(*LOOK)[0] == 404
 
 
@@ -214,7 +216,10 @@ def test_a_simulator_that_dies_or_hangs_at_any_moment(
 def test_a_client_that_does_not_read_is_closed_and_goes_on_over_http(fragile: RunningService) -> None:
     closed = 'wrongturn_connections_closed_total{reason="slow-reader"}'
     before = figure(fragile, closed)
-    with fragile.agent() as agent, LentSocket(fragile, agent.token, receive_buffer=65536) as drive:
+    with (
+        fragile.agent("segmentation") as agent,
+        LentSocket(fragile, agent.token, receive_buffer=65536) as drive,
+    ):
         episode = agent.practise(**TRIAL | {"track": "segmentation"})["id"]
         seq = 0
         while not lent(fragile):

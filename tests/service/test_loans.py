@@ -58,7 +58,7 @@ def test_in_an_evaluation_replies_have_no_reward(service: RunningService, agent:
 
 
 def test_steps_are_counted_while_a_loan_lasts(service: RunningService, agent: Agent, drive: LentSocket) -> None:
-    journey = {"town": "Town01", "task": "navigation", "seed": 3, "track": "state"}
+    journey = {"town": "Town01", "task": "navigation", "seed": 3}
     episode = expect(agent.http.post("/v1/episodes", json=journey), 201)["id"]
     before = figure(service, "wrongturn_steps_total")
     seq = 0

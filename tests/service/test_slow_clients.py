@@ -132,8 +132,8 @@ def test_a_message_that_comes_byte_by_byte_though_pings_are_answered(strict: Clo
 
 def test_who_never_reads_is_closed_and_its_replies_are_gone(strict: ClockedService) -> None:
     before = _closed(strict, "slow-reader")
-    with strict.agent() as agent, connected(strict, 65536) as raw:
-        episode = agent.practise(track="segmentation")["id"]
+    with strict.agent("segmentation") as agent, connected(strict, 65536) as raw:
+        episode = agent.practise()["id"]
         expect(agent.step(episode, 1), 200)
         upgrade(raw, agent.token)
         batch = frame(wire.pack_calls(1, [["step", episode, 1, 0.0, 0.8, 0.0]] * wire.CALLS))
