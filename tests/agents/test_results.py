@@ -280,3 +280,19 @@ def test_the_seeds_called_shipped_are_those_of_the_weights():
     for agent, seed in Collection.read(STORED).shipped.items():
         model = onnx.load(SHIPPED_AGENTS[agent].file)
         assert {entry.key: entry.value for entry in model.metadata_props}["seed"] == str(seed), agent
+
+
+def test_results_of_version_1_stay_readable(tmp_path):
+    suite = load_suite("wrong-command@1")
+    content = {
+        "agent": "ppo-image",
+        "seed": 1,
+        "suite": suite.id,
+        "suite_sha256": suite.sha256,
+        "driven": "in process",
+        "trials": {trial.id: {"verdict": "exit_route", "reaction": "overrode"} for trial in suite.episodes},
+    }
+    (tmp_path / "old.json").write_text(json.dumps(content))
+    collection = read(tmp_path)
+    assert [str(file) for file in collection.files] == ["ppo-image seed 1 on wrong-command@1 in process"]
+    assert [row[1] for row in wrong_command_table(collection).rows if row[0] == "`ppo-image`"] == ["the paper"]
