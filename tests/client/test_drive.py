@@ -47,7 +47,7 @@ class Gas:
 def client(service: LocalService) -> Iterator[Client]:
     with Client(service.url) as anybody:
         agent = anybody.register(
-            f"driver {threading.get_ident()} {np.random.default_rng().integers(2**40)}", Track.PRIVILEGED
+            f"driver {threading.get_ident()} {np.random.default_rng().integers(2**40)}", Track.SEGMENTATION
         )
     with Client(service.url, agent.token) as client:
         yield client
@@ -116,7 +116,7 @@ def _stepped_over_http(url: str) -> float:
 def test_both_ways_come_to_the_same_verdicts(client: Client, service: LocalService) -> None:
     verdicts = []
     with Client(service.url) as anybody:
-        token = anybody.register(f"other {np.random.default_rng().integers(2**40)}", Track.PRIVILEGED).token
+        token = anybody.register(f"other {np.random.default_rng().integers(2**40)}", Track.SEGMENTATION).token
     with Client(service.url, token, binary=False) as over_http:
         for one in (client, over_http):
             evaluation = one.evaluate(Gas(), "smoke@2")

@@ -36,6 +36,8 @@ _BODIES: tuple[type[BaseModel], ...] = (
     StepRequest,
 )
 _INPUTS: list[tuple[Any, Literal["validation"]]] = [(model, "validation") for model in (*_BODIES, Problem)]
+WITHOUT_TOKEN_TOO: Final[dict[str, Any]] = {"openapi_extra": {"security": [{}]}}
+"""Keyword arguments of a route that shows a finished evaluation, or an episode of one, without a token too."""
 _MEANING = {
     400: "Malformed body",
     401: "No token, or an unknown one",

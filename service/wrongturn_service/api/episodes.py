@@ -19,7 +19,7 @@ from wrongturn_protocol import (
 )
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import AuthorizationDep, Body, CallerDep, EncodingDep, KeyDep, ServiceDep
-from wrongturn_service.api.documents import Route, described
+from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.errors import ConflictError, ForbiddenError, GoneError
 from wrongturn_service.service import Service
@@ -66,7 +66,7 @@ async def practise(
     return Response(body, 201, media_type=encoding)
 
 
-@router.get("/{episode}", **described(EpisodeDetail, 404))
+@router.get("/{episode}", **described(EpisodeDetail, 404), **WITHOUT_TOKEN_TOO)
 async def look(service: ServiceDep, encoding: EncodingDep, authorization: AuthorizationDep, episode: str) -> Response:
     """Show an episode: its last reply while it is open, all of it once the evaluation is finished."""
     row, shown = await _visible(service, authorization, episode)
@@ -79,7 +79,7 @@ async def look(service: ServiceDep, encoding: EncodingDep, authorization: Author
     return Response(body, media_type=encoding)
 
 
-@router.get("/{episode}/trajectory", **described(None, 404, 409, 410))
+@router.get("/{episode}/trajectory", **described(None, 404, 409, 410), **WITHOUT_TOKEN_TOO)
 async def trajectory(service: ServiceDep, authorization: AuthorizationDep, episode: str) -> Response:
     """Show a finished episode's trajectory as canonical JSON."""
     row, shown = await _visible(service, authorization, episode)

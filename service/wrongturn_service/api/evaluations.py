@@ -32,7 +32,7 @@ from wrongturn_service.api.dependencies import (
     owned_by,
     reply,
 )
-from wrongturn_service.api.documents import Route, described
+from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.api.episodes import episode_detail
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.errors import ConflictError, InvalidRequestError
@@ -101,7 +101,7 @@ def _open(row: EvaluationRow) -> ConflictError:
     )
 
 
-@router.get("/{evaluation}", **described(EvaluationDetail, 404))
+@router.get("/{evaluation}", **described(EvaluationDetail, 404), **WITHOUT_TOKEN_TOO)
 async def evaluation(service: ServiceDep, authorization: AuthorizationDep, evaluation: str) -> Response:
     """Show an evaluation: its state and progress, then its secret and metrics. A finished one is public."""
     return reply(await _current(service, await _visible(service, authorization, evaluation)))
@@ -139,7 +139,7 @@ async def reset(
     return Response(body, 201, media_type=encoding)
 
 
-@router.get("/{evaluation}/episodes", **described(EpisodeList, 404, 422))
+@router.get("/{evaluation}/episodes", **described(EpisodeList, 404, 422), **WITHOUT_TOKEN_TOO)
 async def episodes(
     service: ServiceDep, authorization: AuthorizationDep, evaluation: str, state: EpisodeState | None = None
 ) -> Response:
