@@ -94,6 +94,7 @@ async def run_service(
             limits=Limits(settings.parallel, settings.practice, settings.open_episodes),
             telemetry=telemetry,
             idle_s=settings.evaluation_idle_h * _HOUR_S,
+            longest_s=settings.evaluation_days * 24 * _HOUR_S,
         )
         stack.push_async_callback(episodes.stop)
         telemetry.watch("wrongturn_open_episodes", "Open episodes", lambda: episodes.open)
@@ -175,7 +176,7 @@ async def _housekeeping(
                 purged = time.monotonic()
             memory.set(await asyncio.to_thread(pool.memory))
             await evaluations.retry()
-            await episodes.closings.close_idle()
+            await episodes.closings.close_overdue()
             if pool.failure is not None and not pool.running:
                 # A service that is not ready gets no calls, so no call would start a simulator.
                 await pool.start()

@@ -75,6 +75,8 @@ class Settings(BaseSettings):
     """Open episodes of one agent, scored and practice. Default: four times ``simulators``."""
     evaluation_idle_h: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 24.0
     """Hours without a reset or a step after which a running evaluation is closed, as DELETE closes it."""
+    evaluation_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 7.0
+    """Days that a driven evaluation may take. Then it is closed, however active its agent is."""
     max_waiting: Annotated[int, Field(ge=1)] = 64
     """Calls of one agent that may wait for a simulator."""
     max_line: Annotated[int, Field(ge=1)] = 1024

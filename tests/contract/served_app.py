@@ -73,6 +73,7 @@ class ServedApp:
             lease_abort_s=ABORT_S,
             registration_limit=1_000_000,
             evaluation_idle_h=1_000_000,
+            evaluation_days=1_000_000,
         )
         self._exit = contextlib.ExitStack()
         self._exit.enter_context(self.clock.used())

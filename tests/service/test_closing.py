@@ -395,6 +395,26 @@ def test_an_idle_evaluation_is_closed(tmp_path: Path, monkeypatch: pytest.Monkey
     play(story)
 
 
+def test_a_step_a_day_does_not_keep_an_evaluation_open_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(service, "_RETRY_S", 0.01)
+
+    async def story() -> None:
+        async with running(tmp_path, lease_abort_s=1000 * HOUR_S) as http:
+            begun = (await begin(http))["id"]
+            await drive(http, begun)
+            episode = await reset(http, begun)
+            for day in range(1, 8):
+                http.clock.now += 23.5 * HOUR_S  # type: ignore[attr-defined]
+                expect(await step(http, episode, day), 200)
+                assert await state_of(http, begun) == "running"
+            http.clock.now += 4 * HOUR_S  # type: ignore[attr-defined]
+            await becomes(http, begun, "finished")
+
+    play(story)
+
+
 def test_a_restart_is_no_activity_but_gives_an_hour(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The database's times count. After a start agents get an hour, for the service may have been away for days."""
     monkeypatch.setattr(service, "_RETRY_S", 0.01)

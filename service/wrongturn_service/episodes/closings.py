@@ -19,11 +19,11 @@ from wrongturn_service.storage.store import Store
 from wrongturn_service.tokens import new_id
 
 GRACE_S: Final = 3600.0
-"""Seconds after the service's start in which no evaluation is closed as idle: it may have been the service's fault."""
+"""Seconds after the start in which no evaluation is closed as overdue: it may have been the service's fault."""
 
 
 class Closings:
-    """Closes evaluations for their agents, and idle ones by itself."""
+    """Closes evaluations for their agents, and overdue ones by itself."""
 
     def __init__(
         self,
@@ -32,9 +32,10 @@ class Closings:
         registry: Registry,
         endings: Endings,
         idle_s: float,
+        longest_s: float,
         clock: Callable[[], float] = time.time,
     ) -> None:
-        """Begin to count the idle time of evaluations.
+        """Begin to watch the evaluations.
 
         Args:
             store: Holds evaluations and episodes.
@@ -42,6 +43,8 @@ class Closings:
             registry: Holds the open episodes.
             endings: Ends the open episodes.
             idle_s: Seconds without a reset or a step after which an evaluation is closed.
+            longest_s: Seconds after its begin when a driven evaluation is closed in any case, or one step a day would
+                keep a bad one from ever becoming an entry.
             clock: Seconds since 1970.
         """
         self._store = store
@@ -49,6 +52,7 @@ class Closings:
         self._registry = registry
         self._endings = endings
         self._idle_s = idle_s
+        self._longest_s = longest_s
         self._clock = clock
         self._began = clock()
         self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
@@ -81,27 +85,22 @@ class Closings:
             # From here on every trial has a verdict. The next start finishes the evaluation if this one fails.
             await self._evaluations.finish_closed(evaluation_id)
 
-    async def close_idle(self) -> None:
-        """Close the evaluations whose agents have neither begun an episode nor taken a step for too long."""
+    async def close_overdue(self) -> None:
+        """Close the evaluations whose agents were idle for too long, and those that were begun too long ago."""
         now = self._clock()
         if now - self._began < min(self._idle_s, GRACE_S):
             return
-        for evaluation_id, active in (await self._store.idle_since()).items():
+        for evaluation_id, begun, active in await self._store.running_since():
             idle_s = now - active
             for episode in self._registry:
                 if episode.evaluation == evaluation_id:
                     idle_s = min(idle_s, 0.0 if episode.lock.locked() else episode.lease.silence_s)
-            if idle_s >= self._idle_s:
-                self._log.warning("evaluation idle", evaluation=evaluation_id, idle_s=int(idle_s))
+            if idle_s >= self._idle_s or now - begun >= self._longest_s:
+                self._log.warning("evaluation overdue", evaluation=evaluation_id, idle_s=int(idle_s))
                 try:
                     await self.close(evaluation_id)
                 except Exception:
                     self._log.exception("evaluation could not be closed", evaluation=evaluation_id)
-
-    async def _abort_episodes(self, evaluation_id: str) -> None:
-        for episode in self._registry:
-            if episode.evaluation == evaluation_id:
-                await self._endings.abort_now(episode)
 
     async def _aborted(self, evaluation: EvaluationRow) -> list[EpisodeRow]:
         """Return an episode for each trial and twin that ended before it began."""

@@ -38,6 +38,7 @@ class EpisodeManager:
         limits: Limits,
         telemetry: Telemetry,
         idle_s: float,
+        longest_s: float,
     ) -> None:
         """Create a manager without open episodes.
 
@@ -49,6 +50,7 @@ class EpisodeManager:
             limits: Limits on open episodes.
             telemetry: Counts the ends of episodes.
             idle_s: Seconds without a reset or a step after which an evaluation is closed.
+            longest_s: Seconds after its begin when a driven evaluation is closed in any case.
         """
         self._store = store
         self._driver = driver
@@ -56,7 +58,7 @@ class EpisodeManager:
         self._endings = endings = Endings(store, driver, evaluations, registry, telemetry)
         self.openings = Openings(store, driver, evaluations, registry, endings, terms)
         """Begins episodes."""
-        self.closings = Closings(store, evaluations, registry, endings, idle_s)
+        self.closings = Closings(store, evaluations, registry, endings, idle_s, longest_s)
         """Closes evaluations."""
         self.steps = Steps(registry, driver, endings)
         """Takes plain steps."""

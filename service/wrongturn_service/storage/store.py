@@ -166,8 +166,8 @@ class Store:
             query = select(EvaluationRow).where(EvaluationRow.state == EvaluationState.RUNNING)
             return (await session.scalars(query)).all()
 
-    async def idle_since(self) -> dict[str, float]:
-        """Return when each running evaluation last had a reset or an episode's end, or was begun."""
+    async def running_since(self) -> list[tuple[str, float, float]]:
+        """Return each running evaluation, when it was begun, and when it last had a reset or an episode's end."""
         async with self._database.read() as session:
             last = func.max(func.coalesce(EpisodeRow.finished, EpisodeRow.created))
             query = (
@@ -177,7 +177,7 @@ class Store:
                 .group_by(EvaluationRow.id, EvaluationRow.created)
             )
             rows = (await session.execute(query)).all()
-        return {evaluation: max(created, active or created) for evaluation, created, active in rows}
+        return [(evaluation, created, max(created, active or created)) for evaluation, created, active in rows]
 
     async def drive_evaluation(self, evaluation_id: str) -> bool:
         """Note an evaluation's first step, before it is taken. Return whether the evaluation is still running."""
