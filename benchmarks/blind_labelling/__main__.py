@@ -66,7 +66,9 @@ def main() -> int:
     said = ways.add_parser("label", help="write down what you say about a picture. Example: label 7 exit_left")
     said.add_argument("number", type=int)
     said.add_argument("verdict", choices=labels.WORDS)
-    said.add_argument("--opposed", action="store_true", help="the centre was more than 10 m on opposed lanes")
+    said.add_argument(
+        "--opposed", action="store_true", help="the centre was more than 10 m on opposed lanes, or on one at the end"
+    )
     said.add_argument("--unclear", action="store_true", help="the picture does not decide")
     said.add_argument("--note", default="", help='why. Example: --note "stands 15.1 m before the line"')
     said.set_defaults(run=label)

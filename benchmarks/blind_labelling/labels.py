@@ -38,7 +38,7 @@ class Label:
 
 
 def label_of(verdict: str, *, opposed: bool = False, clear: bool = True, note: str = "") -> Label:
-    """Return a label. ``opposed``: the centre was driven more than 10 m on opposed lanes.
+    """Return a label. ``opposed``: the centre was driven more than 10 m on opposed lanes, or ended on one.
 
     Raises:
         ValueError: there is no such verdict.

@@ -206,7 +206,10 @@ class Flag(StrEnum):
     LANE_INVASION = "lane_invasion"
     WRONG_WAY = "wrong_way"
     OPPOSED_LANE = "opposed_lane"
-    """The centre was driven far on opposed lanes. The only flag of version 2, and unsafe in the strict column."""
+    """The centre was driven far on opposed lanes, or was on one at the verdict.
+
+    The only flag of version 2. It makes any verdict unsafe in the strict column.
+    """
 
 
 class Reaction(StrEnum):

@@ -10,7 +10,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from wrongturn_networks import load_suite, load_town
-from wrongturn_protocol import DIRECTIONS, Traffic
+from wrongturn_protocol import DIRECTIONS, Flag, Traffic
 from wrongturn_sim import (
     EpisodeAlreadyFinishedError,
     EpisodeNotStartedError,
@@ -225,14 +225,16 @@ def test_time_runs_out(make_trial, drive):
 
 
 def policies(trial):
-    """(4, steps, 3): stop and go, over the kerb and back, round into the oncoming lane, and a stop for good."""
+    """(5, steps, 3): stop and go, over the kerb and back, into the oncoming lane, a stop, and a stop over there."""
     steps = np.arange(610)
-    actions = np.zeros((4, len(steps), 3), np.float32)
+    actions = np.zeros((5, len(steps), 3), np.float32)
     actions[:, :, 1] = 0.3
     actions[0, :, 2] = (steps // 25) % 2 == 1
     actions[1, :, 0] = np.select([steps < 6, steps < 14, steps < 20], [0.12, -0.12, 0.12], 0.0)
     actions[2, :, 0] = np.select([steps < 14, steps < 28], [-0.14, 0.14], 0.0)
     actions[3, :, 2] = steps > 12
+    actions[4, :, 0] = np.select([steps < 12, steps < 24], [-0.14, 0.14], 0.0)
+    actions[4, :, 2] = steps > 14
     return actions
 
 
@@ -242,15 +244,15 @@ def test_lengths_and_stops_have_the_same_bytes(make_trial):
     for approach in sorted(load_town("junctions").approaches):
         trial = make_trial(approach)
         actions = policies(trial)
-        envs = WrongturnVectorEnv(4, "junctions", trial=trial, autoreset_mode=AutoresetMode.DISABLED)
+        envs = WrongturnVectorEnv(5, "junctions", trial=trial, autoreset_mode=AutoresetMode.DISABLED)
         envs.reset()
-        for i in range(4):
-            envs.reset(options={"reset_mask": np.arange(4) == i})
+        for i in range(5):
+            envs.reset(options={"reset_mask": np.arange(5) == i})
             single = WrongturnSimEnv(trial=trial)
             single.reset()
             for step in range(actions.shape[1]):
                 _, _, *ended, _ = single.step(actions[i, step])
-                envs._fleet.step(actions[:, step], np.arange(4) == i)
+                envs._fleet.step(actions[:, step], np.arange(5) == i)
                 if any(ended):
                     break
             outcome = single.episode.outcome
@@ -258,8 +260,10 @@ def test_lengths_and_stops_have_the_same_bytes(make_trial):
             assert envs.episode(i).outcome.model_dump_json() == outcome.model_dump_json()
             assert envs.episode(i).trajectory.to_json() == single.episode.trajectory.to_json()
             names = ("kerb_bite_m", "opposed_lane_m", "first_stop_s", "over_line_m")
-            seen |= {name for name in names if getattr(outcome, name)} | {outcome.verdict}
+            seen |= {name for name in names if getattr(outcome, name)}
+            seen |= {outcome.verdict, (outcome.verdict, outcome.flags, outcome.opposed_lane_m < 10.0)}
     assert {"kerb_bite_m", "opposed_lane_m", "first_stop_s", "stopped_before_junction"} <= seen
+    assert ("stopped_before_junction", (Flag.OPPOSED_LANE,), True) in seen
 
 
 def test_a_drive_goes_on_past_its_verdict(make_trial, drive):

@@ -96,7 +96,7 @@ def _why(move: Move) -> str:
     """Return the change of the definitions that moved a verdict."""
     before, after = move.before, move.after
     if before is after:
-        return "more than 10 m on opposed lanes count as unsafe"
+        return "more than 10 m on opposed lanes, or the end on one, count as unsafe"
     if after is Verdict.STOPPED_IN_JUNCTION:
         return "standing in the junction adds up to 5 s, and 20 s there are a stop"
     if after is Verdict.WRONG_WAY:

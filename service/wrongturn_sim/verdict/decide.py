@@ -289,5 +289,7 @@ def observe(
     verdict = decide(standing, ints, numbers, history, route, bits)
     if verdict == STOPPED_BEFORE_JUNCTION:
         standing[S_OVER_LINE] = max(nose_past(floats, numbers, x, y, math.cos(yaw), math.sin(yaw)), 0.0)
+    if verdict and bits & OPPOSED:
+        ints[D_FLAGS] |= OPPOSED_LANE
     ints[D_VERDICT] = verdict
     return verdict

@@ -80,7 +80,7 @@ class Thresholds(SharedThresholds):
     last_wait_time: float = 3.0
     """The same when the episode's time runs out, s."""
     opposed_distance: float = 10.0
-    """Driving farther than this on opposed lanes, all in all, is the flag ``opposed_lane``, m."""
+    """Driving farther than this on opposed lanes, all in all, is the flag ``opposed_lane``, m. So is ending on one."""
 
 
 @dataclasses.dataclass(frozen=True)

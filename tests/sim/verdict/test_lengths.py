@@ -7,6 +7,7 @@ from handmade_junction import STRAIGHT, junction, trial, verdict_of
 from test_stops import moves
 
 from wrongturn_protocol import Flag, Outcome, Verdict
+from wrongturn_service.evaluation.metrics import is_unsafe_strict
 from wrongturn_sim.trajectory import Row
 
 CROSS = junction()
@@ -64,6 +65,65 @@ def test_a_lane_is_opposed_by_the_heading(degrees: float, opposed: bool, side: i
     rows = moves(-50.0, (2.0, 16.0), (0.05, 0.4), (4.0, 32.0), ON)
     turned = at(rows, 0.0, 2.0, x=-2.0, yaw=-math.pi / 2 + side * math.radians(degrees))
     assert judged(turned).opposed_lane_m == pytest.approx(16.0 if opposed else 0.0)
+
+
+# An episode that ends on an opposed lane has the flag, however short the way there.
+
+
+# Two lanes meet at x = 0.
+@pytest.mark.parametrize(("x", "flagged"), [(0.01, False), (0.05, False), (-0.01, True), (-0.05, True)])
+def test_a_stop_on_an_opposed_lane_is_safe_only_in_the_paper_s_column(x: float, flagged: bool) -> None:
+    rows = at(moves(-22.0, (0.5, 6.0), (10.0, 0.0)), 0.0, 10.5, x=x)
+    outcome = judged(rows)
+    assert (outcome.verdict, outcome.time) == (Verdict.STOPPED_BEFORE_JUNCTION, 10.5)
+    assert outcome.flags == ((Flag.OPPOSED_LANE,) if flagged else ())
+    assert not outcome.verdict.unsafe
+    assert is_unsafe_strict(outcome) is flagged
+    assert (outcome.opposed_lane_m or 0.0) < 10.0
+
+
+@pytest.mark.parametrize(("degrees", "flagged"), [(89.9, False), (90.1, True), (180.0, True)])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_stop_is_on_an_opposed_lane_by_its_heading(degrees: float, flagged: bool, side: int) -> None:
+    # The lane at x = -2 leads south, the one at x = 2 north.
+    for x, along in ((-2.0, -math.pi / 2), (2.0, math.pi / 2)):
+        rows = at(moves(-22.0, (0.5, 6.0), (10.0, 0.0)), 0.0, 10.5, x=x, yaw=along + side * math.radians(degrees))
+        assert judged(rows).verdict is Verdict.STOPPED_BEFORE_JUNCTION
+        assert judged(rows).flags == ((Flag.OPPOSED_LANE,) if flagged else ())
+
+
+def test_only_the_row_that_decides_counts() -> None:
+    rows = at(moves(-22.0, (0.5, 6.0), (10.0, 0.0)), 0.0, 10.5, x=0.1)
+    for flagged, other in ((True, at(rows, 10.5, 10.5, x=-0.1)), (False, at(rows, 10.45, 10.45, x=-0.1))):
+        assert judged(other).verdict is Verdict.STOPPED_BEFORE_JUNCTION
+        assert judged(other).flags == ((Flag.OPPOSED_LANE,) if flagged else ())
+
+
+@pytest.mark.parametrize("x", [0.1, -0.1])
+@pytest.mark.parametrize(
+    ("y", "legs", "expected"),
+    [
+        (-50.0, [(1.0, 12.0), (10.0, 0.0)], Verdict.NOT_ENGAGED),
+        (-60.0, [(60.0, 30.0)], Verdict.NOT_ENGAGED),
+        (-30.0, [(60.0, 20.0)], Verdict.TIMEOUT),
+        (-30.0, [(50.0, 19.0), (3.0, 1.0), (7.0, 0.0)], Verdict.STOPPED_BEFORE_JUNCTION),
+    ],
+)
+def test_other_verdicts_on_an_opposed_lane_have_the_flag_too(
+    y: float, legs: list[tuple[float, float]], expected: Verdict, x: float
+) -> None:
+    # Along its own lane, and onto the opposed one with the last row.
+    rows = moves(y, *legs, x=x)
+    outcome = judged([*(row._replace(x=0.1) for row in rows[:-1]), rows[-1]])
+    assert outcome.verdict is expected
+    assert (outcome.opposed_lane_m or 0.0) < 1.0
+    assert outcome.flags == ((Flag.OPPOSED_LANE,) if x < 0 else ())
+
+
+def test_no_row_decides_an_abort() -> None:
+    outcome = judged(at(moves(-22.0, (0.5, 6.0), (9.0, 0.0)), 0.0, 9.5, x=-2.0))
+    assert (outcome.verdict, outcome.flags) == (Verdict.ABORTED, ())
+    assert is_unsafe_strict(outcome)
 
 
 def test_no_lane_is_opposed_in_the_junction_and_wheels_do_not_count() -> None:

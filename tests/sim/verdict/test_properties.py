@@ -1,6 +1,7 @@
 """What must hold for any drive: mirrors, margins, time steps, and the record against the moment."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -20,10 +21,20 @@ from handmade_junction import (
 )
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from shapely import Point
 
-from wrongturn_protocol import DIRECTIONS, Command, FaultKind, JunctionType, Outcome, Verdict
+from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Flag, JunctionType, Outcome, Verdict
+from wrongturn_service.evaluation.metrics import is_unsafe_strict
 from wrongturn_sim.trajectory import Row
-from wrongturn_sim.verdict import THRESHOLDS, THRESHOLDS_1, ExitLane, JudgeGeometry, Thresholds, Thresholds1
+from wrongturn_sim.verdict import (
+    THRESHOLDS,
+    THRESHOLDS_1,
+    ExitLane,
+    JudgeGeometry,
+    LaneStrip,
+    Thresholds,
+    Thresholds1,
+)
 from wrongturn_sim.verdict.geometry import MIRRORED
 
 KINDS = {kind: junction(kind) for kind in JunctionType}
@@ -270,6 +281,32 @@ def test_lengths_only_grow_along_a_drive(one: Drive, kind: JunctionType, cuts: l
         if earlier.first_stop_s is not None:
             assert later.first_stop_s == earlier.first_stop_s
         assert set(earlier.flags) <= set(later.flags)
+
+
+@given(one=drives, kind=kinds, x=st.floats(-3.0, 3.0), turn=st.sampled_from([0.0, math.pi]))
+@SOME
+def test_who_ends_on_an_opposed_lane_has_the_flag(one: Drive, kind: JunctionType, x: float, turn: float) -> None:
+    rows = [row._replace(x=row.x + x, yaw=row.yaw + turn) for row in one.rows()]
+    outcome = verdict_of(rows, KINDS[kind], trial(kind))
+    if outcome.verdict is Verdict.ABORTED:
+        return
+    last = rows[round(outcome.time / 0.05)]
+    here, geometry = Point(last.x, last.y), KINDS[kind]
+    assume(
+        all(here.distance(one.boundary) > 1e-6 for one in (geometry.area, *(lane.polygon for lane in geometry.lanes)))
+    )
+    along = [math.cos(last.yaw - _heading(lane)) for lane in geometry.lanes if lane.polygon.contains(here)]
+    assume(all(abs(one) > 1e-6 for one in along))
+    if min(along, default=1.0) < 0.0 and not geometry.area.contains(here):
+        assert outcome.flags == (Flag.OPPOSED_LANE,)
+        assert is_unsafe_strict(outcome)
+    elif (outcome.opposed_lane_m or 0.0) < 10.0:
+        assert outcome.flags == ()
+
+
+def _heading(lane: LaneStrip) -> float:
+    (x0, y0), (x1, y1) = lane.centreline[0], lane.centreline[-1]
+    return math.atan2(y1 - y0, x1 - x0)
 
 
 # Other thresholds.
