@@ -22,8 +22,10 @@ from wrongturn_client import (
     NotOfferedError,
     ServiceUnreachableError,
 )
-from wrongturn_protocol import EvaluationState, PracticeRequest, Track
+from wrongturn_networks import load_suite
+from wrongturn_protocol import EvaluationState, Outcome, PracticeRequest, Track, Trial
 from wrongturn_protocol.observations import Observation
+from wrongturn_sim import Episode
 
 GAS = Action(steer=0.0, throttle=0.8, brake=0.0)
 REQUEST = PracticeRequest(town="Town01", approach="J3-S", seed=3, track=Track.SEGMENTATION)
@@ -113,17 +115,25 @@ def _stepped_over_http(url: str) -> float:
     return sum(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(wanted))
 
 
-def test_both_ways_come_to_the_same_verdicts(client: Client, service: LocalService) -> None:
-    verdicts = []
+def test_both_ways_come_to_the_verdicts_of_the_simulation(client: Client, service: LocalService) -> None:
     with Client(service.url) as anybody:
         token = anybody.register(f"other {np.random.default_rng().integers(2**40)}", Track.SEGMENTATION).token
     with Client(service.url, token, binary=False) as over_http:
         for one in (client, over_http):
             evaluation = one.evaluate(Gas(), "smoke@2")
-            finished = one.finished_episodes(evaluation.id)
-            verdicts.append({episode.trial: episode.outcome for episode in finished})
-    assert len(verdicts[0]) == 12
-    assert verdicts[0] == verdicts[1]
+            assert evaluation.secret is not None
+            seen = {episode.trial: episode.outcome for episode in one.finished_episodes(evaluation.id)}
+            trials = load_suite("smoke@2").draw(evaluation.secret).episodes
+            assert seen == {trial.id: full_throttle(trial) for trial in trials}
+
+
+def full_throttle(trial: Trial) -> Outcome | None:
+    """Drive a trial in this process as Gas does."""
+    episode = Episode(trial, Track.STATE)
+    episode.reset()
+    while episode.outcome is None:
+        episode.step(GAS.steer, GAS.throttle, GAS.brake)
+    return episode.outcome
 
 
 def test_an_evaluation_goes_on_after_each_cut(client: Client, forwarder: Forwarder) -> None:

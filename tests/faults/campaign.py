@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from databases import Store
-from ledger import Findings, examine, journal, results
+from ledger import Findings, examine, journal
 from moments import CLIENT, POSTGRES, SERVICE, SIMULATOR, Moment
 from processes import Kept, Service, until
+from undisturbed import drive_undisturbed
 from worker import HTTP, SOCKET
 
 from wrongturn_client import Client
@@ -146,14 +147,6 @@ def run(
     taken: list[Seat] = []
     try:
         service.await_ready()
-        policies = sorted({policy for policy, _, _ in seats})
-        quiet = [Seat(service, folder, f"undisturbed {policy}", (policy, SOCKET, 2)) for policy in policies]
-        taken += quiet
-        for seat in quiet:
-            seat.last.set()
-            seat.thread.start()
-        _await(quiet)
-        undisturbed = {seat.policy: results(store, seat.evaluations[0]) for seat in quiet}
         driving = [Seat(service, folder, f"seat {number}", drives) for number, drives in enumerate(seats, 1)]
         taken += driving
         for seat in driving:
@@ -187,7 +180,8 @@ def run(
     assert status == 0, f"the service ended with status {status}"
     told = journal([path for seat in taken for path in seat.journals])
     evaluations = {evaluation: seat.policy for seat in driving for evaluation in seat.evaluations}
-    report.findings = examine(store, evaluations, undisturbed, told, [*service.kills, *disturbances])
+    undisturbed = {name: drive_undisturbed(store, name, policy) for name, policy in evaluations.items()}
+    report.findings = examine(store, undisturbed, told, [*service.kills, *disturbances])
     _tell(report, told, driving, store)
     report.seconds = time.monotonic() - began
     return report

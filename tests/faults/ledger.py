@@ -44,7 +44,7 @@ class Findings:
     cut_off: list[str] = field(default_factory=list)
     """Episodes that have a verdict which nobody drove to."""
     differing: list[str] = field(default_factory=list)
-    """Trials whose verdict, actions or trajectory are not those of the undisturbed evaluation."""
+    """Trials whose verdict, actions or trajectory are not those of the undisturbed drive."""
     unfinished: list[str] = field(default_factory=list)
     unexplained: list[str] = field(default_factory=list)
     """Episodes given up though neither the service nor its database was killed while they were open."""
@@ -62,21 +62,20 @@ class Findings:
 
 def examine(
     store: Store,
-    evaluations: Mapping[str, str],
     undisturbed: Mapping[str, dict[str, tuple[Any, ...]]],
     told: Sequence[dict[str, Any]],
     disturbances: Sequence[float],
 ) -> Findings:
-    """Compare the database with what was told and with an undisturbed evaluation.
+    """Compare the database with what was told and with undisturbed drives.
 
     Args:
         store: the database, after all.
-        evaluations: those that were driven meanwhile, and by which policy.
-        undisturbed: by policy and trial, as :func:`results` has it.
+        undisturbed: for each evaluation that was driven meanwhile, what its trials come to when nothing is killed, as
+            :func:`results` has it.
         told: the journal.
         disturbances: times of kills of the service and of the database's server, which alone may cost an episode.
     """
-    found = Findings(evaluations=len(evaluations))
+    found = Findings(evaluations=len(undisturbed))
     episodes = {row["id"]: row for row in store.rows("SELECT * FROM episodes")}
     finals = {(line["episode"], line["seq"]) for line in told if line["what"] == "final"}
     found.acknowledged = len(finals)
@@ -88,10 +87,10 @@ def examine(
     for line in told:
         if line["what"] == "finished" and done.get(line["evaluation"], {}).get("state") != "finished":
             found.lost.append(f"the end of {line['evaluation']}")
-    for evaluation, policy in evaluations.items():
+    for evaluation, expected in undisturbed.items():
         _examine_one(found, done[evaluation], [row for row in episodes.values() if row["evaluation_id"] == evaluation])
         got = results(store, evaluation)
-        for trial, wanted in undisturbed[policy].items():
+        for trial, wanted in expected.items():
             if got.get(trial) != wanted:
                 found.differing.append(f"{evaluation} {trial}: {got.get(trial)} and not {wanted}")
     for row in episodes.values():
