@@ -53,22 +53,36 @@ def train(
 
 
 def score(
-    checkpoint: Annotated[Path, typer.Argument(help="A run's best.pt or last.pt.")],
+    checkpoint: Annotated[
+        str, typer.Argument(help="A run's best.pt or last.pt, or the name of an agent. Example: ppo-image")
+    ],
     suite: Annotated[str, typer.Option(help="Id of the suite.")] = WRONG_COMMAND,
     json: Annotated[Path | None, typer.Option(help="File to write the results to. Example: results.json")] = None,
     device: _Device = "auto",
     threads: _Threads = None,
     batch: Annotated[int | None, typer.Option(min=1, help="Number of trials at once.")] = None,
 ) -> None:
-    """Drive a suite with a checkpoint in this process, and report how each trial ended."""
+    """Drive a suite with a checkpoint or a registered agent in this process, and report how each trial ended.
+
+    Example: wrongturn score runs/ppo-image-3/best.pt --suite wrong-command@2
+    """
     _require_extra()
-    from wrongturn_agents.training.score import check_writable, summary, write_results  # noqa: PLC0415
+    from wrongturn_agents.registry import list_agents  # noqa: PLC0415
+    from wrongturn_agents.training.score import (  # noqa: PLC0415
+        check_writable,
+        score_agent,
+        summary,
+        write_results,
+    )
     from wrongturn_agents.training.score import score as run  # noqa: PLC0415
 
     if json is not None:
         check_writable(json)
     begin = time.monotonic()
-    results = run(checkpoint, suite, device=device, threads=threads, batch=batch)
+    if checkpoint in {agent.name for agent in list_agents()}:
+        results = score_agent(checkpoint, suite, threads=threads)
+    else:
+        results = run(checkpoint, suite, device=device, threads=threads, batch=batch)
     for line in summary(results):
         typer.echo(line)
     typer.echo(f"{len(results['trials'])} trials in {time.monotonic() - begin:.0f} s.")

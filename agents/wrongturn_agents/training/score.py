@@ -10,11 +10,14 @@ from typing import Any
 
 import torch
 
+from wrongturn_agents.registry import resolve
+from wrongturn_agents.reporting.collection import STORED, Collection
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.drive import drive_trials
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.in_process import drive_in_process
 from wrongturn_networks import load_suite
 
 Results = dict[str, Any]
@@ -80,6 +83,37 @@ def score(
         steps=found["steps"],
         device=torch.cuda.get_device_name() if place.type == "cuda" else "cpu",
         trials={trial.id: TrialResult.of(outcome) for trial, outcome, _ in driven if outcome is not None},
+    ).model_dump(mode="json")
+
+
+def score_agent(name: str, suite: str, *, threads: int | None = None) -> Results:
+    """Drive each trial and twin of a suite with a registered agent, as it is shipped.
+
+    Args:
+        name: name of the agent. Example: ``ppo-image``
+        suite: id of the suite. Of a suite that draws its trials, the open draw is driven.
+        threads: threads that share the simulation and an agent without memory; all cores by default.
+
+    Returns:
+        As :func:`score`.
+
+    Raises:
+        AgentsError: there is no such agent, or it fails.
+        UnknownSuiteError: there is no such suite.
+    """
+    source = resolve(name)
+    chosen = load_suite(suite)
+    trials = [trial for trial in chosen.episodes if not (trial.traffic.vehicles or trial.traffic.pedestrians)]
+    driven = drive_in_process(source, trials, threads=threads or len(os.sched_getaffinity(0)))
+    return ResultsFile(
+        agent=source.name,
+        seed=Collection.read(STORED).shipped.get(source.name),
+        suite=chosen.id,
+        suite_sha256=chosen.sha256,
+        secret=chosen.open_draw.secret,
+        driven="in process",
+        device="cpu",
+        trials={trial.id: TrialResult.of(outcome) for trial, _, outcome in driven if outcome is not None},
     ).model_dump(mode="json")
 
 

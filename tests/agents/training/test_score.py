@@ -8,7 +8,7 @@ from wrongturn_agents.reporting.results_file import ResultsFile
 from wrongturn_agents.training.checkpoint import save_checkpoint
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.score import score, summary, write_results
+from wrongturn_agents.training.score import score, score_agent, summary, write_results
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Verdict
 
@@ -34,6 +34,16 @@ def test_every_trial_of_a_suite_has_its_verdict(checkpoint, tmp_path):
     write_results(tmp_path / "a" / "results.json", results)
     assert json.loads((tmp_path / "a" / "results.json").read_text()) == results
     assert any(line.startswith("Town01 infeasible: ") for line in summary(results))
+
+
+def test_a_shipped_agent_is_scored_as_it_is():
+    results = score_agent("careful", "smoke@2", threads=1)
+    suite = load_suite("smoke@2")
+    twins = {trial.id for trial in suite.episodes if trial.is_twin}
+    assert {results["trials"][twin]["verdict"] for twin in twins} == {"exit_commanded"}
+    assert set(results["trials"]) == {trial.id for trial in suite.episodes}
+    assert (results["agent"], results["seed"], results["secret"]) == ("careful", None, suite.id)
+    assert ResultsFile.model_validate(results).driven == "in process"
 
 
 def test_devices_that_cannot_be(checkpoint):
