@@ -47,8 +47,12 @@ class SavedRun(BaseModel):
         return self.path
 
     @classmethod
-    def load(cls, named: str) -> Self:
+    def load(cls, named: str, option: str = "--resume") -> Self:
         """Read a run by its file or by the id of its evaluation.
+
+        Args:
+            named: The file or the id.
+            option: The option of the command line that errors name.
 
         Raises:
             RunFileError: There is no such file, or it is not a saved run.
@@ -61,11 +65,11 @@ class SavedRun(BaseModel):
         except OSError as error:
             known = ", ".join(sorted(file.stem for file in directory().glob("*.json"))) or "none"
             raise RunFileError(
-                f"--resume: no run {named!r} ({path}: {error.strerror}); runs known here: {known}",
+                f"{option}: no run {named!r} ({path}: {error.strerror}); runs known here: {known}",
             ) from error
         except (ValidationError, UnicodeDecodeError) as error:
             raise RunFileError(
-                f"--resume: {path} is not a saved run; name a file that 'wrongturn run' wrote"
+                f"{option}: {path} is not a saved run; name a file that 'wrongturn run' wrote"
             ) from error
 
 

@@ -65,9 +65,9 @@ def import_results(source: Path, directory: Path, overrides: Overrides) -> Path:
     if isinstance(content, dict) and "trials" in content and "verdict" not in content and "id" not in content:
         file = ResultsFile.read(source)
     elif isinstance(content, dict) and {"id", "suite", "state"} <= content.keys() and isinstance(content["id"], str):
-        file = _fetch_evaluation(SavedRun.load(content["id"]))
+        file = _fetch_evaluation(SavedRun.load(content["id"], "--import"))
     elif isinstance(content, dict) and {"evaluation", "suite", "token"} <= content.keys():
-        file = _fetch_evaluation(SavedRun.load(str(source)))
+        file = _fetch_evaluation(SavedRun.load(str(source), "--import"))
     else:
         raise ResultsError(f"--import: {source} cannot be stored; {_REMEDY}")
     given = {name: value for name, value in vars(overrides).items() if value is not None}
