@@ -4,6 +4,8 @@ import time
 from collections import OrderedDict, deque
 from typing import Final
 
+import structlog
+
 from wrongturn_protocol import AgentKind, AgentRegistration, OwnerDetail, OwnerRegistration, ProblemType
 from wrongturn_service.accounts import Accounts, bearer
 from wrongturn_service.errors import (
@@ -20,6 +22,7 @@ from wrongturn_service.tokens import digest, new_id
 
 SHIPPED: Final = "Wrongturn"
 """Owner of the agents that the operator registers as other kinds than ``submitted``."""
+_log = structlog.get_logger("registration")
 _HOUR_S = 3600.0
 _ADDRESSES = 10_000
 
@@ -62,9 +65,10 @@ class Registrations:
         self._limit = AddressLimit(settings.registration_limit)
 
     async def prepare(self) -> None:
-        """Make the owner of the shipped agents, so that nobody else can take its name."""
-        if await self._store.owner_by_name(SHIPPED.lower()) is None:
-            await self._store.add_owner(new_owner(SHIPPED), None)
+        """Make the owner of the shipped agents, so that nobody else has or takes its name."""
+        renamed = await self._store.reserve_owner(new_owner(SHIPPED))
+        if renamed is not None:
+            _log.warning("owner renamed, because its name is reserved", owner=renamed.id, name=renamed.name)
 
     async def registrant(self, authorization: str | None) -> OwnerRow | None:
         """Return the owner whose token an ``Authorization`` header holds; None for the operator or without a token.

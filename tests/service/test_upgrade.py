@@ -9,7 +9,7 @@ from alembic import command
 from app_harness import application, play
 from fake_pool import FakePool
 from service_harness import expect, problem
-from sqlalchemy import Connection, MetaData, insert
+from sqlalchemy import Connection, MetaData, insert, text
 from sqlalchemy.ext.asyncio import create_async_engine
 
 from wrongturn_networks import load_suite
@@ -18,7 +18,10 @@ from wrongturn_service.evaluation import metrics
 from wrongturn_service.storage.database import migrations
 from wrongturn_service.tokens import digest
 
-AGENTS = {"ag_done": "Done", "ag_begun": "Begun"}
+AGENTS = {"ag_done": "Done", "ag_begun": "Begun", "ag_like": "WrongTurn", "ag_taken": "wrongturn-2"}
+BASELINES = {"ag_base": "Careful"}
+OWNERS = AGENTS | {"ag_like": "WrongTurn-3", "ag_base": "Wrongturn"}
+"""Each agent's owner afterwards. A stranger cannot have the name of the shipped agents' owner."""
 SHOWN = {"registration": "operator"}
 
 
@@ -28,8 +31,10 @@ def outcome(trial: Trial, verdict: Verdict) -> Outcome:
 
 
 def agent(name: str) -> dict[str, Any]:
-    words = {"id": name, "name": AGENTS[name], "name_key": AGENTS[name].lower(), "token_sha256": digest(name)}
-    return {**words, "track": "privileged", "kind": "submitted", "created": 1.0}
+    shown = (AGENTS | BASELINES)[name]
+    words = {"id": name, "name": shown, "name_key": shown.lower(), "token_sha256": digest(name)}
+    kind = "baseline" if name in BASELINES else "submitted"
+    return {**words, "track": "privileged", "kind": kind, "created": 1.0}
 
 
 def evaluation(name: str, agent_id: str, suite: str, **more: Any) -> dict[str, Any]:
@@ -54,7 +59,7 @@ def rows() -> dict[str, list[dict[str, Any]]]:
     del told["unsafe_strict"]["ci83"]  # version 1 had none
     first = draw.trials[0]
     return {
-        "agents": [agent(name) for name in AGENTS],
+        "agents": [agent(name) for name in (*AGENTS, *BASELINES)],
         "evaluations": [
             evaluation(
                 "ev_done",
@@ -117,9 +122,9 @@ def test_an_upgraded_database_is_all_there(database_url: str, tmp_path: Path) ->
 
     async def seen(http: Any) -> None:
         listed = expect(await http.get("/v1/agents"), 200)["agents"]
-        assert {one["id"]: one["owner"] for one in listed} == AGENTS
+        assert {one["id"]: one["owner"] for one in listed} == OWNERS
         owners = expect(await http.get("/v1/owners"), 200)["owners"]
-        assert {one["name"] for one in owners} == {*AGENTS.values(), "Wrongturn"}
+        assert sorted(one["name"] for one in owners) == sorted(OWNERS.values())
         done = expect(await http.get("/v1/evaluations/ev_done"), 200)
         assert (done["state"], done["finished"], done["commitment"], done["secret"]) == ("finished", 12, None, None)
         assert expect(await http.get("/v1/episodes/ep_done0"), 200)["outcome"]["verdict"] == "exit_commanded"
@@ -167,5 +172,33 @@ def test_two_journeys_that_were_open_before_can_both_be_driven(tmp_path: Path) -
             assert told["errors"][0]["message"] == "ev_journeys"
             for name in ("ev_journeys", "ev_later"):
                 expect(await http.post(f"/v1/evaluations/{name}/episodes"), 201)
+
+    play(story)
+
+
+def test_a_stranger_that_has_the_reserved_name_loses_it(database_url: str, tmp_path: Path) -> None:
+    """An earlier form of the upgrade gave it away: the agent's owner had the agent's name."""
+
+    async def story() -> None:
+        await made(database_url)
+        operator = {"Authorization": "Bearer the-operator"}
+        words = {**SHOWN, "database": database_url, "operator_token": "the-operator"}
+        async with application(tmp_path, FakePool(), **words):
+            pass
+        engine = create_async_engine(database_url)
+        async with engine.begin() as connection:
+            await connection.execute(text("UPDATE agents SET owner_id = 'ow_like' WHERE id = 'ag_base'"))
+            await connection.execute(text("DELETE FROM owners WHERE name = 'Wrongturn'"))
+            await connection.execute(
+                text("UPDATE owners SET name = 'WrongTurn', name_key = 'wrongturn' WHERE id = 'ow_like'")
+            )
+        await engine.dispose()
+        for _ in range(2):
+            async with application(tmp_path, FakePool(), **words) as http:
+                listed = expect(await http.get("/v1/agents"), 200)["agents"]
+                assert {one["id"]: one["owner"] for one in listed if one["id"] in OWNERS} == OWNERS
+                body = {"name": f"baseline {len(listed)}", "track": "camera", "kind": "baseline"}
+                added = expect(await http.post("/v1/agents", json=body, headers=operator), 201)
+                assert added["owner"] == "Wrongturn"
 
     play(story)

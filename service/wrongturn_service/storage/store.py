@@ -11,7 +11,7 @@ from sqlalchemy import delete, func, inspect, select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wrongturn_protocol import EpisodeState, EvaluationState, Outcome, Verdict
+from wrongturn_protocol import AgentKind, EpisodeState, EvaluationState, Outcome, Verdict
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import (
     AgentRow,
@@ -64,6 +64,33 @@ class Store:
         async with self._database.write() as session:
             await _check_owner_name(session, owner)
             _add(session, owner, reply)
+
+    async def reserve_owner(self, owner: OwnerRow) -> OwnerRow | None:
+        """Store a new owner, unless it is there already.
+
+        An owner of its name that an upgrade made of an agent is somebody else; the rest of its id is the agent's.
+        It gets a number behind its name, and the new owner gets its agents of other kinds than ``submitted``.
+
+        Returns:
+            The owner that has a new name now, or None.
+        """
+        async with self._database.write() as session:
+            found = await session.scalar(select(OwnerRow).where(OwnerRow.name_key == owner.name_key))
+            if found is None:
+                session.add(owner)
+            elif await session.get(AgentRow, f"ag{found.id[2:]}") is None:
+                return None
+            else:
+                taken = set((await session.scalars(select(OwnerRow.name_key))).all())
+                names = (f"{found.name}-{number}" for number in range(2, len(taken) + 3))
+                found.name = next(name for name in names if name.lower() not in taken)
+                found.name_key = found.name.lower()
+                await session.flush()  # the name has to be free before another has it
+                session.add(owner)
+                await session.flush()
+                shipped = update(AgentRow).where(AgentRow.owner_id == found.id, AgentRow.kind != AgentKind.SUBMITTED)
+                await session.execute(shipped.values(owner_id=owner.id))
+        return found
 
     async def owners(self) -> Sequence[OwnerRow]:
         """Return all owners by name."""
