@@ -108,8 +108,8 @@ def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
             trials[index] = _trial(cell, f"{index} trial", place, numbers, 2 * index, slots)
             twin = _trial(cell, f"{index} twin", place, numbers, 2 * index + 1, slots)
             twins[index] = twin.model_copy(update={"id": twin_id(trials[index]), "fault": Fault(kind=FaultKind.NONE)})
-    order = range(len(cells))
-    return Draw(suite_id, tuple(trials[k] for k in order), tuple(twins[k] for k in order), secret)
+    # Equal cells need not stand together; the draw has the order of the cells.
+    return Draw(suite_id, tuple(trials[k] for k in sorted(trials)), tuple(twins[k] for k in sorted(twins)), secret)
 
 
 def possible_trials(cell: Cell) -> tuple[Trial, ...]:
