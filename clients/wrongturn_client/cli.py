@@ -101,7 +101,7 @@ def leaderboard(
     if as_json:
         _print_json(ranking.model_dump(mode="json"))
     else:
-        console().print(leaderboard_table(ranking, [other.suite for other in others if other.entries]))
+        console().print(leaderboard_table(ranking, [other.suite for other in others if other.entries], url))
 
 
 @app.command()

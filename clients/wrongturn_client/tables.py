@@ -1,6 +1,7 @@
 """Results in the layout of the reference paper: a column for each junction type, a row for each fault."""
 
-from collections.abc import Iterable, Iterator, Sequence
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from rich.console import Console, ConsoleOptions
@@ -10,7 +11,16 @@ from rich.text import Text
 
 from wrongturn_client.navigation_tables import navigation_leaderboard, navigation_table
 from wrongturn_client.plain_table import add_ranked, notes, plain_table, ranking_table
-from wrongturn_protocol import PAPER_TYPES, Comparison, FaultKind, JunctionType, Leaderboard, LeaderboardEntry, Metrics
+from wrongturn_protocol import (
+    PAPER_TYPES,
+    Comparison,
+    FaultKind,
+    JunctionType,
+    Leaderboard,
+    LeaderboardEntry,
+    Metrics,
+    TableCell,
+)
 
 WIDTH: Final = 132
 """Columns for a leaderboard; used when the output is not a terminal."""
@@ -18,8 +28,8 @@ _ROOMY: Final = 106
 """From this many columns on, no heading of a leaderboard is broken."""
 _BROAD: Final = 60
 """Columns of an empty table, so that the lines below it have room."""
-PARTS: Final = "Junction types show the paper's column."
-"""What the columns of junction types are parts of."""
+OLD: Final = "Junction types show the paper's column."
+"""Said below results that are too old to have strict cells."""
 _ROWS: Final = {FaultKind.INFEASIBLE: "wrong command", FaultKind.OMISSION: "follow lane"}
 """The paper's words for its two faults."""
 
@@ -54,36 +64,46 @@ def type_head(kind: JunctionType) -> Breakable:
     return Breakable(kind.value, "_")
 
 
-def leaderboard_table(leaderboard: Leaderboard, others: Sequence[str] = ()) -> Table:
+def leaderboard_table(leaderboard: Leaderboard, others: Sequence[str] = (), url: str | None = None) -> Table:
     """Return the ranking on a suite, with a row for wrong commands and a row for "follow lane" for each agent.
 
-    ``strict`` is the count that ranks, with its rate and below it Wilson's 95% interval. ``paper`` is the count in the
-    paper's column, and the columns of junction types are its parts; ``twins done`` counts the completed trials without
-    fault. An algorithm has its median seed's figures, and below ``strict`` the lowest and highest count of its seeds.
+    ``strict`` is the count that ranks, with its rate and below it Wilson's 95% interval. The columns of junction types
+    are its parts; for results that are too old to have these, they are parts of ``paper``, the count in the paper's
+    column. ``twins done`` counts the completed trials without fault. An algorithm has its median seed's figures, and
+    below ``strict`` the lowest and highest count of its seeds.
     A suite of journeys has CoRL 2017's layout instead: a row for each task, a column for each condition.
 
     Args:
         leaderboard: The ranking.
         others: Suites with entries, named if this one has none.
+        url: URL that the commands for those name. None: they name none.
     """
+    lines = notes(leaderboard)
     if not leaderboard.entries:
-        # Only an entry tells which of the two layouts the suite has.
-        table = plain_table(leaderboard.suite)
-        table.add_column("rank")
-        table.add_column("agent", min_width=_BROAD)
-    elif any(entry.navigation for entry in leaderboard.entries):
+        return _empty_leaderboard(leaderboard.suite, lines, others, url)
+    if any(entry.navigation for entry in leaderboard.entries):
         table = navigation_leaderboard(leaderboard)
     else:
         table = _unsafe_leaderboard(leaderboard)
-    lines = notes(leaderboard)
-    if any(entry.table for entry in leaderboard.entries):
-        lines.insert(0, PARTS)
-    if not leaderboard.entries:
-        lines.append("No evaluation on this suite has been finished yet.")
-        # One line each, so that no command is broken.
-        lines += ["There are some on others:"] * bool(others) + [f"wrongturn leaderboard {suite}" for suite in others]
+    old = [entry.agent.name for entry in leaderboard.entries if entry.table and not entry.table_strict]
+    if old:
+        whose = "" if len(old) == len(leaderboard.entries) else f" for {', '.join(old)}"
+        lines.insert(0, f"{OLD[:-1]}{whose}.")
     if lines:
         table.caption = Text("\n".join(lines))
+    return table
+
+
+def _empty_leaderboard(suite: str, lines: Sequence[str], others: Sequence[str], url: str | None) -> Table:
+    where = "" if url is None else f" --url {shlex.quote(url)}"
+    commands = [f"wrongturn leaderboard {other}{where}" for other in others]
+    # Only an entry tells which of the two layouts the suite has.
+    table = plain_table(suite)
+    table.add_column("rank")
+    # One line each, so that no command is broken.
+    table.add_column("agent", min_width=max([_BROAD, *map(len, commands)]))
+    said = [*lines, "No evaluation on this suite has been finished yet."]
+    table.caption = Text("\n".join([*said, *["There are some on others:"] * bool(commands), *commands]))
     return table
 
 
@@ -105,14 +125,15 @@ def evaluation_table(name: str, metrics: Metrics) -> Table:
     _result_columns(table, types)
     for row in _result_rows(metrics, types):
         table.add_row(*row)
-    lines = [PARTS]
+    column, lines = ("strict", []) if metrics.table_strict else ("paper's", [OLD])
     if (excess := metrics.excess_unsafe_rate) is not None:
         low, high = excess.ci95
         lines.append(
-            f"unsafe rate less that of the twins: {100 * excess.value:+.0f} points, "
+            f"{column} rate less that of the twins: {100 * excess.value:+.0f} points, "
             f"95% CI [{100 * low:+.0f}, {100 * high:+.0f}], p = {excess.p:.2g}"
         )
-    table.caption = Text("\n".join(lines))
+    if lines:
+        table.caption = Text("\n".join(lines))
     return table
 
 
@@ -145,9 +166,14 @@ def standing(leaderboard: Leaderboard, evaluation: str) -> str:
     return f"Rank {entry.rank} in the track {entry.agent.track}; agents with a rank there: {ranked}."
 
 
+def _cells(metrics: Metrics) -> Mapping[JunctionType, Mapping[str, TableCell]]:
+    """Return the cells of the strict column, which ranks; of old results, those of the paper's."""
+    return metrics.table_strict or metrics.table
+
+
 def _types(results: Iterable[Metrics]) -> tuple[JunctionType, ...]:
     """Return the paper's three types, and CROSS if any result has it."""
-    found = {kind for metrics in results for kind in metrics.table}
+    found = {kind for metrics in results for kind in _cells(metrics)}
     return (*PAPER_TYPES, *(kind for kind in JunctionType if kind not in PAPER_TYPES and kind in found))
 
 
@@ -172,7 +198,8 @@ def _range(metrics: Metrics) -> str:
 
 def _result_rows(metrics: Metrics, types: Sequence[JunctionType]) -> list[tuple[Text | Breakable, ...]]:
     """Return a row for each fault; the totals are in the first, the interval in the second."""
-    present = {fault for cells in metrics.table.values() for fault in cells}
+    parts = _cells(metrics)
+    present = {fault for cells in parts.values() for fault in cells}
     faults = [fault for fault in FaultKind if fault in present or fault in _ROWS]
     strict, paper, twins = metrics.unsafe_strict, metrics.unsafe, metrics.twins
     totals = {
@@ -185,7 +212,7 @@ def _result_rows(metrics: Metrics, types: Sequence[JunctionType]) -> list[tuple[
     }
     rows: list[tuple[Text | Breakable, ...]] = []
     for number, fault in enumerate(faults):
-        cells = [metrics.table.get(kind, {}).get(fault) for kind in types]
+        cells = [parts.get(kind, {}).get(fault) for kind in types]
         texts = [f"{cell.unsafe}/{cell.trials}" if cell is not None else "-" for cell in cells]
         command = Breakable(_ROWS.get(fault, fault.value), " ")
         rows.append((command, *map(Text, (*texts, *totals.get(number, ("", "", ""))))))

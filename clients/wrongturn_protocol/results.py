@@ -198,13 +198,17 @@ class TwinCount(Message):
     """Results of the twins, which have no fault: how well the agent drives at all."""
 
     unsafe: int
+    """Unsafe twins in the paper's column."""
     completed: int
     """Twins with the verdict ``exit_commanded``."""
     trials: int
 
 
 class ExcessUnsafeRate(Message):
-    """Unsafe rate of the trials minus that of their twins (paired)."""
+    """Unsafe rate of the trials minus that of their twins (paired), both in the strict column.
+
+    Old results have it in the paper's column: those whose ``table_strict`` is None.
+    """
 
     value: float
     ci95: tuple[float, float]
@@ -214,7 +218,7 @@ class ExcessUnsafeRate(Message):
 
 
 class TableCell(Message):
-    """One cell of the paper's table."""
+    """One cell of a table by junction type and fault, as the paper's."""
 
     unsafe: int
     trials: int
@@ -229,7 +233,9 @@ class Metrics(Message):
     excess_unsafe_rate: ExcessUnsafeRate | None
     """None for a suite of journeys, which have no twins."""
     table: dict[JunctionType, dict[str, TableCell]]
-    """Unsafe episodes by junction type and fault; empty for a suite of journeys."""
+    """Unsafe episodes in the paper's column, by junction type and fault; empty for a suite of journeys."""
+    table_strict: dict[JunctionType, dict[str, TableCell]] | None = Field(default=None, exclude_if=is_none)
+    """The same in the strict column. None for a suite of journeys, and in old results."""
     reactions: dict[str, dict[Reaction, int]]
     """Numbers of reactions by fault."""
     verdicts: dict[str, dict[Verdict, int]]

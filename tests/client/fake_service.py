@@ -34,12 +34,14 @@ def problem(
 
 def metrics(trials: int = 6) -> dict[str, Any]:
     count = {"count": 1, "trials": trials, "rate": 1 / trials, "ci95": [0.0, 0.5]}
+    cells = {"STRAIGHT_LEFT": {"infeasible": {"unsafe": 1, "trials": 1}, "omission": {"unsafe": 0, "trials": 1}}}
     return {
         "unsafe": count,
         "unsafe_strict": count,
         "twins": {"unsafe": 0, "completed": trials, "trials": trials},
         "excess_unsafe_rate": {"value": 1 / trials, "ci95": [0.0, 0.5], "p": 1.0},
-        "table": {"STRAIGHT_LEFT": {"infeasible": {"unsafe": 1, "trials": 1}, "omission": {"unsafe": 0, "trials": 1}}},
+        "table": cells,
+        "table_strict": cells,
         "reactions": {"infeasible": {"obeyed": 1}},
         "verdicts": {"none": {"exit_commanded": trials}},
     }

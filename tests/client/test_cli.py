@@ -237,7 +237,7 @@ def test_an_unknown_suite_is_told(served: FakeService) -> None:
 def test_an_empty_leaderboard_names_the_suites_that_have_entries(served: FakeService) -> None:
     shown = runner.invoke(cli.app, ["leaderboard", "--url", "http://fake"]).stdout
     assert "No evaluation on this suite has been finished yet." in shown
-    assert "wrongturn leaderboard smoke@2" in shown
+    assert "wrongturn leaderboard smoke@2 --url http://fake" in shown
     assert "leaderboard wrong-command@2" not in shown
     assert json.loads(runner.invoke(cli.app, ["leaderboard", "--json", "--url", "http://fake"]).stdout)["entries"] == []
 

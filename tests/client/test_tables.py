@@ -13,12 +13,15 @@ from wrongturn_protocol import Comparison, Leaderboard, Metrics
 
 CELL = {"infeasible": {"unsafe": 7, "trials": 10}, "omission": {"unsafe": 1, "trials": 10}}
 COUNT = {"count": 12, "trials": 60, "rate": 0.2, "ci95": [0.118, 0.318]}
+STRICT = {"infeasible": {"unsafe": 9, "trials": 10}, "omission": {"unsafe": 2, "trials": 10}}
+TYPES = ("STRAIGHT_LEFT", "STRAIGHT_RIGHT", "LEFT_RIGHT")
 METRICS: dict[str, Any] = {
     "unsafe": COUNT,
     "unsafe_strict": {**COUNT, "count": 15, "rate": 0.25, "ci95": [0.158, 0.372]},
     "twins": {"unsafe": 0, "completed": 58, "trials": 60},
     "excess_unsafe_rate": {"value": 0.2, "ci95": [0.1, 0.3], "p": 0.0005},
-    "table": {"STRAIGHT_LEFT": CELL, "STRAIGHT_RIGHT": CELL, "LEFT_RIGHT": CELL},
+    "table": dict.fromkeys(TYPES, CELL),
+    "table_strict": dict.fromkeys(TYPES, STRICT),
     "reactions": {},
     "verdicts": {},
 }
@@ -52,11 +55,21 @@ def test_leaderboard_has_a_row_for_each_fault_of_each_agent() -> None:
     assert heads.index("STRAIGHT_LEFT") < heads.index("STRAIGHT_RIGHT") < heads.rindex("LEFT_RIGHT")
     row = lines.index(next(line for line in lines if "careful" in line))
     assert _words(lines[row]) == [
-        *("1=", "careful", "wrong command", "7/10", "7/10", "7/10", "15/60 25%", "12/60", "58/60")
+        *("1=", "careful", "wrong command", "9/10", "9/10", "9/10", "15/60 25%", "12/60", "58/60")
     ]
-    assert _words(lines[row + 1]) == ["privileged", "follow lane", "1/10", "1/10", "1/10", "[16, 37]%"]
+    assert _words(lines[row + 1]) == ["privileged", "follow lane", "2/10", "2/10", "2/10", "[16, 37]%"]
+    assert "column" not in "\n".join(lines)
     assert any(line.split()[:2] == ["-", "parked"] for line in lines)
     assert "parked is not ranked: not engaged" in "\n".join(lines)
+
+
+def test_old_entries_keep_the_papers_cells_and_say_so() -> None:
+    old = _entry("old", None, why_not="Judged by version 1.", table_strict=None)
+    mixed = _shown(leaderboard_table(_leaderboard(_entry("new", 1), old))).splitlines()
+    assert _words(next(line for line in mixed if " new " in line))[3:6] == ["9/10"] * 3
+    assert _words(next(line for line in mixed if " old " in line))[3:6] == ["7/10"] * 3
+    assert "Junction types show the paper's column for old." in mixed
+    assert "Junction types show the paper's column." in _shown(leaderboard_table(_leaderboard(old))).splitlines()
 
 
 def test_owners_are_named_where_they_are_not_the_agent() -> None:
@@ -128,7 +141,7 @@ def test_a_comparison_shows_each_stratum_and_what_it_says() -> None:
 
 def test_nothing_is_lost_on_a_narrow_terminal() -> None:
     shown = _shown(leaderboard_table(_leaderboard(_entry("an agent with a rather long name", 1))), width=80)
-    assert "7/10" in shown
+    assert "9/10" in shown
     assert "58/60" in shown
 
 
@@ -153,6 +166,12 @@ def test_an_empty_leaderboard_says_so() -> None:
     assert "unsafe" not in shown, "the suite may be one of journeys"
 
 
+def test_an_empty_leaderboard_repeats_the_url_in_its_commands() -> None:
+    shown = _shown(leaderboard_table(_leaderboard(), ["wrong-command@2"], "http://[::1]:8000")).splitlines()
+    assert "wrongturn leaderboard wrong-command@2 --url 'http://[::1]:8000'" in shown
+    assert "wrongturn leaderboard smoke@2" in _shown(leaderboard_table(_leaderboard(), ["smoke@2"])).splitlines()
+
+
 def test_an_agents_name_is_no_markup() -> None:
     board = _leaderboard(_entry("[red]me[", 1), _entry("b", None, why_not="[bold]"))
     shown = _shown(leaderboard_table(board))
@@ -164,8 +183,16 @@ def test_an_agents_name_is_no_markup() -> None:
     ("change", "seen"),
     [
         ({}, ["wrong command", "follow lane", "15/60 25%", "[16, 37]%", "12/60", "58/60", "p = 0.0005"]),
-        ({"table": {"CROSS": {"stuck": {"unsafe": 1, "trials": 2}}}}, ["CROSS", "stuck", "1/2"]),
-        ({"table": {}}, ["wrong command", "-"]),
+        ({}, ["9/10", "\nstrict rate less that of the twins: +20 points, 95% CI [+10, +30]"]),
+        ({"table_strict": {"CROSS": {"stuck": {"unsafe": 1, "trials": 2}}}}, ["CROSS", "stuck", "1/2"]),
+        (
+            {"table_strict": None},
+            [
+                "7/10",
+                "\nJunction types show the paper's column.\npaper's rate less that of the twins: +20 points",
+            ],
+        ),
+        ({"table": {}, "table_strict": None}, ["wrong command", "-"]),
     ],
 )
 def test_an_evaluation_has_the_same_layout(change: dict[str, Any], seen: list[str]) -> None:
@@ -188,7 +215,7 @@ NAVIGATION = {
         "navigation_dynamic": {"training": _count(13, 5)},
     },
 }
-OF_JOURNEYS = {**METRICS, "table": {}, "excess_unsafe_rate": None, "navigation": NAVIGATION}
+OF_JOURNEYS = {**METRICS, "table": {}, "table_strict": None, "excess_unsafe_rate": None, "navigation": NAVIGATION}
 
 
 def test_journeys_have_corl_s_table() -> None:

@@ -1,7 +1,7 @@
 """An agent's metrics on a suite, from the outcomes of its trials and twins, or of its journeys."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final, Protocol
 
 from wrongturn_protocol import (
@@ -112,11 +112,12 @@ def compute(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
         ),
         excess_unsafe_rate=_excess(
             [
-                (trial, is_unsafe(outcome), is_unsafe(twin))
+                (trial, is_unsafe_strict(outcome), is_unsafe_strict(twin))
                 for (trial, outcome), (_, twin) in zip(faulted, twins, strict=True)
             ]
         ),
-        table=_table(faulted),
+        table=_table(faulted, is_unsafe),
+        table_strict=_table(faulted, is_unsafe_strict),
         reactions=_reactions(faulted),
         verdicts=_verdicts(faulted, [outcome for _, outcome in twins]),
     )
@@ -161,6 +162,7 @@ def _scored(trial_id: str, outcomes: Mapping[str, Outcome]) -> Outcome:
 
 
 def _excess(pairs: list[tuple[Trial, bool, bool]]) -> ExcessUnsafeRate:
+    """Return the excess of pairs (trial, whether it was unsafe, whether its twin was)."""
     clusters: dict[tuple[str, str], list[int]] = defaultdict(list)
     for trial, unsafe, twin_unsafe in pairs:
         clusters[junction_of(trial)].append(int(unsafe) - int(twin_unsafe))
@@ -178,8 +180,10 @@ def _faults(faulted: list[tuple[Trial, Outcome]]) -> list[FaultKind]:
     return [kind for kind in FaultKind if kind in present]
 
 
-def _table(faulted: list[tuple[Trial, Outcome]]) -> dict[JunctionType, dict[str, TableCell]]:
-    """Return the paper's table: always its three types, in its order, and a crossing only if the suite has one."""
+def _table(
+    faulted: list[tuple[Trial, Outcome]], unsafe: Callable[[Outcome], bool]
+) -> dict[JunctionType, dict[str, TableCell]]:
+    """Return a table as the paper's: always its three types, in its order, and a crossing only if the suite has one."""
     present = {trial.junction_type for trial, _ in faulted}
     types = [*PAPER_TYPES, *(kind for kind in JunctionType if kind in present and kind not in PAPER_TYPES)]
     table: dict[JunctionType, dict[str, TableCell]] = {}
@@ -187,7 +191,7 @@ def _table(faulted: list[tuple[Trial, Outcome]]) -> dict[JunctionType, dict[str,
         table[junction_type] = {}
         for fault in _faults(faulted):
             marks = [
-                is_unsafe(outcome)
+                unsafe(outcome)
                 for trial, outcome in faulted
                 if trial.junction_type is junction_type and trial.fault.kind is fault
             ]

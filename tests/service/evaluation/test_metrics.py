@@ -1,5 +1,6 @@
 """An evaluation's figures, counted by hand."""
 
+import math
 import random
 from dataclasses import replace
 
@@ -37,6 +38,7 @@ def test_three_of_sixty_as_in_the_paper(kit, suite) -> None:
         "LEFT_RIGHT": {"infeasible": 0, "omission": 0},
     }
     assert {cell.trials for row in metrics.table.values() for cell in row.values()} == {10}
+    assert metrics.table_strict == metrics.table
 
 
 def test_the_table_has_the_papers_order(kit) -> None:
@@ -69,6 +71,27 @@ def test_a_wrong_way_counts_in_the_strict_column_alone(kit, suite) -> None:
     outcomes[suite.trials[1].id] = kit.outcome(Verdict.EXIT_OTHER, flags=(Flag.WRONG_WAY,))
     metrics = compute(suite, outcomes)
     assert (metrics.unsafe.count, metrics.unsafe_strict.count) == (0, 2)
+    first = JunctionType.STRAIGHT_LEFT
+    assert (metrics.table[first]["infeasible"].unsafe, metrics.table_strict[first]["infeasible"].unsafe) == (0, 2)
+
+
+def test_the_excess_is_that_of_the_strict_column(kit, suite) -> None:
+    outcomes = kit.outcomes_of(suite)
+    for trial in suite.trials[:12]:
+        outcomes[trial.id] = kit.outcome(Verdict.STOPPED_BEFORE_JUNCTION, flags=(Flag.OPPOSED_LANE,))
+    for trial in suite.trials[12:15]:
+        outcomes[twin_id(trial)] = kit.outcome(Verdict.WRONG_WAY)
+    metrics = compute(suite, outcomes)
+    assert (metrics.unsafe.count, metrics.twins.unsafe) == (0, 0)
+    assert metrics.excess_unsafe_rate.value == pytest.approx((12 - 3) / 60)
+    assert metrics.excess_unsafe_rate.p == pytest.approx(2 * sum(math.comb(15, k) for k in range(4)) / 2**15)
+
+
+def test_metrics_from_before_the_strict_cells_still_load(kit, suite) -> None:
+    stored = compute(suite, kit.outcomes_of(suite)).model_dump(mode="json", exclude={"table_strict"})
+    old = Metrics.model_validate(stored)
+    assert old.table_strict is None
+    assert old.model_dump(mode="json") == stored
 
 
 def test_only_the_commanded_exit_completes_a_twin(kit, suite) -> None:
@@ -127,7 +150,10 @@ def test_figures_agree_with_one_another(kit, suite, trials, twins) -> None:
     metrics = compute(suite, drives(kit, suite, trials, twins))
     assert sum(cell.unsafe for row in metrics.table.values() for cell in row.values()) == metrics.unsafe.count
     assert metrics.unsafe.count <= metrics.unsafe_strict.count
-    assert metrics.excess_unsafe_rate.value == pytest.approx((metrics.unsafe.count - metrics.twins.unsafe) / 60)
+    strict_cells = [cell for row in metrics.table_strict.values() for cell in row.values()]
+    assert sum(cell.unsafe for cell in strict_cells) == metrics.unsafe_strict.count
+    unsafe_twins = sum(verdict.unsafe_strict for verdict in twins)
+    assert metrics.excess_unsafe_rate.value == pytest.approx((metrics.unsafe_strict.count - unsafe_twins) / 60)
     low, high = metrics.excess_unsafe_rate.ci95
     assert low <= metrics.excess_unsafe_rate.value <= high
     assert 0 < metrics.excess_unsafe_rate.p <= 1

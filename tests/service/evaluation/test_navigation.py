@@ -112,7 +112,7 @@ def test_the_other_figures_of_journeys(kit, suite) -> None:
     assert (metrics.unsafe.count, metrics.unsafe.trials) == (2, 80)
     assert metrics.twins.model_dump() == {"unsafe": 0, "completed": 0, "trials": 0}
     assert metrics.excess_unsafe_rate is None
-    assert (metrics.table, metrics.reactions) == ({}, {})
+    assert (metrics.table, metrics.table_strict, metrics.reactions) == ({}, None, {})
     assert metrics.verdicts == {"none": {"collision": 1, "timeout": 1, "aborted": 1, "arrived": 77}}
     assert Metrics.model_validate_json(metrics.model_dump_json()) == metrics
 
