@@ -28,10 +28,11 @@ def sensitivity_table(study: Judgings | None) -> ReportTable:
     head = ("threshold", "strict counts that change", "verdicts", "reactions", "unsafe", "Kendall's τ")
     note = (
         f"Each threshold times {' · '.join(factors)}. Agents on the open draw: {len(agents)}, with 120 verdicts and 60 "
-        "trials each. The second column names each agent whose number of unsafe trials, strict, changes. The next three are sums over all agents: verdicts that differ, reactions that differ, and trials that become "
-        "unsafe in the strict column or stop being so. Most verdicts that differ change no count: the "
-        "other verdict is as safe, or it is a twin's. τ compares the agents' order by their strict counts with the published order; "
-        "1 is the same order."
+        "trials each. The second column names each agent whose number of unsafe trials, strict, changes. The next "
+        "three are sums over all agents: verdicts that differ, reactions that differ, and trials that become unsafe in "
+        "the strict column or stop being so. Most verdicts that differ change no count: the other verdict is as safe, "
+        "or it is a twin's. τ compares the agents' order by their strict counts with the published order; 1 is the "
+        "same order."
     )
     return ReportTable("Other thresholds", head, tuple(rows), note if rows else "", text_columns=2)
 
