@@ -70,8 +70,12 @@ class Registrations:
         if renamed is not None:
             _log.warning("owner renamed, because its name is reserved", owner=renamed.id, name=renamed.name)
 
-    async def registrant(self, authorization: str | None) -> OwnerRow | None:
+    async def registrant(self, authorization: str | None, advice: str) -> OwnerRow | None:
         """Return the owner whose token an ``Authorization`` header holds; None for the operator or without a token.
+
+        Args:
+            authorization: The header.
+            advice: What to do instead of sending an agent's token.
 
         Raises:
             UnauthenticatedError: Nobody has this token.
@@ -84,7 +88,7 @@ class Registrations:
         if owner is not None:
             return owner
         if await self._store.agent_by_token(token_sha256) is not None:
-            raise ForbiddenError("this is an agent's token; register agents with their owner's token, or without one")
+            raise ForbiddenError(f"this is an agent's token; {advice}")
         raise UnauthenticatedError(
             "nobody has this token; it may have been rotated or revoked; leave it out, or mend it"
         )
@@ -101,8 +105,12 @@ class Registrations:
             self._check_open("agents", "ask the operator for an owner's token")
         self._limit.check(address)
 
-    def check_owner(self, authorization: str | None, address: str) -> None:
-        """Check whether an owner may be registered. Raises ForbiddenError, UnavailableError."""
+    async def check_owner(self, authorization: str | None) -> None:
+        """Check the token of a request to register an owner. Raises UnauthenticatedError, ForbiddenError."""
+        await self.registrant(authorization, "register an owner without a token, or with the operator's")
+
+    def count_owner(self, authorization: str | None, address: str) -> None:
+        """Count a new owner, if any may be registered. Raises ForbiddenError, UnavailableError."""
         if not self._accounts.is_operator(authorization):
             self._check_open("owners", "ask the operator to register you")
             self._limit.check(address)
@@ -161,7 +169,7 @@ class Registrations:
     async def own(self, owner_id: str, authorization: str | None) -> OwnerRow:
         """Return an owner to itself or the operator. Raises UnauthenticatedError, ForbiddenError, NotFoundError."""
         bearer(authorization)
-        holder = await self.registrant(authorization)
+        holder = await self.registrant(authorization, "send this owner's own token, or the operator's")
         row = await self.owner(owner_id)
         if holder is not None and holder.id != owner_id:
             raise ForbiddenError(f"this is not the token of owner {owner_id}")

@@ -55,6 +55,16 @@ def test_an_owners_agents(http: httpx.Client) -> None:
     assert "agent's token" in told["detail"]
     problem(http.post("/v1/agents", json=body, headers={"Authorization": "Bearer guess"}), 401, "unauthenticated")
     problem(http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=bearer(owner)), 401, "unauthenticated")
+    # The same tokens register no owner either.
+    another = {"name": name()}
+    told = problem(http.post("/v1/owners", json=another, headers=bearer(agents[0])), 403, "forbidden")
+    assert "register an owner without a token" in told["detail"]
+    problem(http.post("/v1/owners", json=another, headers={"Authorization": "Bearer guess"}), 401, "unauthenticated")
+    problem(http.post("/v1/owners", json=another, headers={"Authorization": "Basic guess"}), 401, "unauthenticated")
+    assert another["name"] not in {one["name"] for one in expect(http.get("/v1/owners"), 200)["owners"]}
+    for call in (http.post, http.delete):
+        told = problem(call(f"/v1/owners/{owner['id']}/token", headers=bearer(agents[0])), 403, "forbidden")
+        assert "send this owner's own token, or the operator's" in told["detail"]
 
 
 def test_an_owner_renews_and_revokes_its_agents_tokens(service: RunningService, http: httpx.Client) -> None:

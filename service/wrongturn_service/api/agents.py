@@ -28,7 +28,9 @@ async def register(
     With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made.
     """
     authorization = request.headers.get("authorization")
-    owner = await service.registrations.registrant(authorization)
+    owner = await service.registrations.registrant(
+        authorization, "register agents with their owner's token, or without one"
+    )
     # Without an owner's token the key belongs to everybody who knows it; the stored token is sealed with it.
     async with key.once("registration" if owner is None else owner.id, registration) as once:
         service.registrations.check_agent(registration, owner, authorization, address_of(request))

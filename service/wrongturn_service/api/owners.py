@@ -15,7 +15,7 @@ from wrongturn_service.tokens import digest, new_token
 router = APIRouter(prefix="/v1/owners", tags=["owners"], route_class=Route)
 
 
-@router.post("", **described(RegisteredOwner, 403, 409, 429, status=201))
+@router.post("", **described(RegisteredOwner, 401, 403, 409, 429, status=201))
 async def register(
     request: Request,
     service: ServiceDep,
@@ -23,8 +23,10 @@ async def register(
     key: KeyDep,
 ) -> Response:
     """Register an owner. The reply shows the token once. With it the owner registers agents."""
+    authorization = request.headers.get("authorization")
+    await service.registrations.check_owner(authorization)
     async with key.once("registration", registration) as once:
-        service.registrations.check_owner(request.headers.get("authorization"), address_of(request))
+        service.registrations.count_owner(authorization, address_of(request))
         token = new_token()
         row = owner_of(registration, token)
         owner = owner_detail(row)
