@@ -41,7 +41,7 @@ class RunningEvaluations:
             ConflictError: The evaluation is finished or cancelled, or its suite has changed.
         """
         if evaluation.state == EvaluationState.CANCELLED:
-            raise cancelled(evaluation.id)
+            raise cancelled(evaluation)
         if evaluation.state == EvaluationState.FINISHED:
             raise finished(evaluation.id)
         async with self._locks.setdefault(evaluation.id, asyncio.Lock()):
@@ -149,11 +149,14 @@ class RunningEvaluations:
         self._on_finished(evaluation.suite)
 
 
-def cancelled(evaluation_id: str) -> ConflictError:
+def cancelled(evaluation: EvaluationRow) -> ConflictError:
     """Return the error for calls on a cancelled evaluation."""
+    successor = load_suite(evaluation.suite).successor
+    what = (
+        "begin another" if successor is None else f"{successor} replaces {evaluation.suite}; begin one on {successor}"
+    )
     return ConflictError(
-        ProblemType.EVALUATION_CANCELLED,
-        f"evaluation {evaluation_id} was cancelled; begin another by POST /v1/evaluations",
+        ProblemType.EVALUATION_CANCELLED, f"evaluation {evaluation.id} was cancelled; {what} by POST /v1/evaluations"
     )
 
 

@@ -185,6 +185,6 @@ class EpisodeManager:
         if row.evaluation_id is not None:
             evaluation = await self._store.evaluation(row.evaluation_id)
             if evaluation is not None and evaluation.state == EvaluationState.CANCELLED:
-                return cancelled(row.evaluation_id)
+                return cancelled(evaluation)
         why = "its simulators failed" if row.verdict == Verdict.INVALID else "the service was restarted"
         return GoneError(f"episode {row.id} is lost: {why}; it does not count, so ask for the next trial")
