@@ -48,6 +48,7 @@ from wrongturn_protocol import (
     RegisteredAgent,
     RegisteredOwner,
     ResultsRequest,
+    SuiteDetail,
     SuiteList,
     SuiteSummary,
     TownDetail,
@@ -145,9 +146,9 @@ class Client(EpisodeCalls):
         """Return all suites."""
         return self._get(SuiteList, "suites").suites
 
-    def suite(self, suite: str) -> SuiteSummary:
+    def suite(self, suite: str) -> SuiteDetail:
         """Return a suite by its id, such as ``wrong-command@2``."""
-        return self._get(SuiteSummary, "suites", suite)
+        return self._get(SuiteDetail, "suites", suite)
 
     def trials(self, suite: str) -> tuple[TrialDetail, ...]:
         """Return the trials of a suite's open split, for practice. You can practise their twins too."""

@@ -48,6 +48,7 @@ from .results import Seeds as Seeds
 from .results import SeedSpread as SeedSpread
 from .results import StratumComparison as StratumComparison
 from .results import StrictUnsafeCount as StrictUnsafeCount
+from .results import SuiteDetail as SuiteDetail
 from .results import SuiteList as SuiteList
 from .results import SuiteSummary as SuiteSummary
 from .results import TableCell as TableCell

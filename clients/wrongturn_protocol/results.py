@@ -1,10 +1,10 @@
 """Messages about agents, suites, towns, evaluations, leaderboards and problems."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints
 
-from wrongturn_protocol.episodes import EpisodeDetail, Fault, Journey, Message, Outcome, Start, Traffic, is_none
+from wrongturn_protocol.episodes import Cell, EpisodeDetail, Fault, Journey, Message, Outcome, Start, Traffic, is_none
 from wrongturn_protocol.navigation import NavigationMetrics
 from wrongturn_protocol.vocabulary import (
     AgentKind,
@@ -44,6 +44,14 @@ class SuiteSummary(Message):
     """Id of the suite that replaces it. A suite with a successor takes no new evaluations."""
 
 
+class SuiteDetail(SuiteSummary):
+    """``GET /v1/suites/{suite}``."""
+
+    cells: tuple[Cell, ...] = ()
+    """What each evaluation draws its own trials from, in the order of the open draw's trials. Empty for a suite that
+    lists its trials, which are the same for everybody."""
+
+
 class TrialDetail(Message):
     """One trial of the open draw, or of a suite that lists its trials."""
 
@@ -69,6 +77,9 @@ class TrialList(Message):
     """``GET /v1/suites/{suite}/trials``."""
 
     trials: tuple[TrialDetail, ...]
+    draw: Literal["open", "listed"] | None = None
+    """``open``: the open draw, for practice; every evaluation draws its own trials. ``listed``: the suite's own trials,
+    the same in every evaluation. None from a service that does not say."""
 
 
 class TownSummary(Message):
@@ -415,6 +426,8 @@ class LeaderboardSummary(Message):
     title: str
     updated: str | None
     entries: int
+    successor: str | None = None
+    """Id of the suite that replaces it. Entries of a suite with a successor have no rank."""
 
 
 class LeaderboardList(Message):

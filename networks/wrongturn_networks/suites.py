@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from wrongturn_networks.draws import Draw, draw_cells
 from wrongturn_networks.errors import CorruptFileError, UnknownSuiteError
-from wrongturn_protocol import Cell, SuiteSummary, Track, Trial, TrialDetail, TrialList, twin_id
+from wrongturn_protocol import Cell, SuiteDetail, SuiteSummary, Track, Trial, TrialDetail, TrialList, twin_id
 
 SUITES: Final = Path(__file__).parent / "suites"
 SUCCESSORS: Final = {"smoke@1": "smoke@2", "wrong-command@1": "wrong-command@2"}
@@ -94,13 +94,18 @@ class Suite:
             successor=self.successor,
         )
 
+    def detail(self) -> SuiteDetail:
+        """Return the suite as the service shows it alone, with its cells."""
+        return SuiteDetail(**self.summary().model_dump(), cells=self.cells)
+
     def trial_list(self) -> TrialList:
         """Return the trials of the open draw as the service lists them, each with its twin's id if it has one."""
         return TrialList(
             trials=tuple(
                 TrialDetail.model_validate({**trial.model_dump(), "twin": None if trial.journey else twin_id(trial)})
                 for trial in self.trials
-            )
+            ),
+            draw="open" if self.cells else "listed",
         )
 
 

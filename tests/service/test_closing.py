@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import hashlib
+import uuid
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from service_harness import expect, problem
 from sqlalchemy import text
 
 from wrongturn_networks import load_suite
-from wrongturn_protocol import EpisodeState, Leaderboard
+from wrongturn_protocol import EpisodeState, Leaderboard, SuiteDetail, TrialList
 from wrongturn_service import service
 
 SUITE = "smoke@2"
@@ -81,6 +82,23 @@ def test_a_retired_suite_names_its_successor(tmp_path: Path) -> None:
     play(story)
 
 
+@pytest.mark.parametrize(("suite", "draw", "cells"), [("smoke@2", "open", 6), ("smoke@1", "listed", 0)])
+def test_a_suite_shows_its_cells_and_which_draw_its_trials_are(
+    suite: str, draw: str, cells: int, tmp_path: Path
+) -> None:
+    async def story() -> None:
+        async with running(tmp_path) as http:
+            shown = SuiteDetail.model_validate(expect(await http.get(f"/v1/suites/{suite}"), 200))
+            assert shown.cells == load_suite(suite).cells
+            assert len(shown.cells) == cells
+            trials = TrialList.model_validate(expect(await http.get(f"/v1/suites/{suite}/trials"), 200))
+            assert trials.draw == draw
+            for trial, cell in zip(trials.trials, shown.cells, strict=False):
+                assert (trial.town, trial.junction_type, trial.fault) == (cell.town, cell.junction_type, cell.fault)
+
+    play(story)
+
+
 def test_the_secret_is_promised_first_and_told_last(tmp_path: Path) -> None:
     async def story() -> None:
         async with running(tmp_path) as http:
@@ -113,6 +131,26 @@ def test_a_running_evaluation_is_its_agents_alone(tmp_path: Path) -> None:
             for path in (f"/v1/evaluations/{begun}", f"/v1/evaluations/{begun}/episodes"):
                 problem(await http.get(path, headers=headers), 403, "forbidden")
                 problem(await http.get(path, headers={"Authorization": "Bearer x"}), 401, "unauthenticated")
+
+    play(story)
+
+
+def test_a_key_does_not_bring_a_deleted_evaluation_back(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with running(tmp_path) as http:
+            key, of_reset = ({"Idempotency-Key": str(uuid.uuid4())} for _ in range(2))
+            body = {"suite": SUITE}
+            begun = expect(await http.post("/v1/evaluations", json=body, headers=key), 201)
+            assert expect(await http.post("/v1/evaluations", json=body, headers=key), 201) == begun
+            resets = f"/v1/evaluations/{begun['id']}/episodes"
+            opened = expect(await http.post(resets, headers=of_reset), 201)
+            assert expect(await http.post(resets, headers=of_reset), 201) == opened
+            await close(http, begun["id"])
+            told = problem(await http.post("/v1/evaluations", json=body, headers=key), 404, "unknown-evaluation")
+            assert begun["id"] in told["detail"]
+            assert "send a new Idempotency-Key" in told["detail"]
+            problem(await http.post(resets, headers=of_reset), 404, "unknown-evaluation")
+            assert (await begin(http))["id"] != begun["id"]
 
     play(story)
 

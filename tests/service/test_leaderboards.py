@@ -103,11 +103,29 @@ def test_a_comparison_that_makes_no_sense_says_what_is_wrong(tmp_path: Path) -> 
             url = f"/v1/leaderboards/{SUITE}/compare"
             told = problem(await http.get(url, params={"a": "here", "b": here["id"]}), 422, "validation", "query.b")
             assert "two different" in told["detail"]
+            assert told["errors"][0]["message"] == "is 'here', the same agent as a; name two different agents"
             told = problem(await http.get(url, params={"a": "here", "b": "idle"}), 404, "unknown-evaluation", "query.b")
-            assert "'idle' has no entry on smoke@2" in told["detail"]
-            problem(await http.get(url, params={"a": "nobody", "b": "here"}), 404, "unknown-agent", "query.a")
+            assert "query.b: 'idle' has no entry on smoke@2" in told["detail"]
+            assert told["errors"][0]["message"].startswith("'idle' has no entry")
+            told = problem(await http.get(url, params={"a": "nobody", "b": "here"}), 404, "unknown-agent", "query.a")
+            assert told["errors"][0]["message"].startswith("there is no agent 'nobody'")
             problem(await http.get(url, params={"b": "here"}), 422, "validation", "query.a")
             problem(await http.get("/v1/leaderboards/no@1/compare", params={"a": "x", "b": "y"}), 404, "unknown-suite")
+
+    play(story)
+
+
+def test_the_list_names_the_successors_of_retired_suites(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool()) as http:
+            listed = expect(await http.get("/v1/leaderboards"), 200)["leaderboards"]
+            assert {one["suite"]: one["successor"] for one in listed} == {
+                "navigation@1": None,
+                "smoke@1": "smoke@2",
+                "smoke@2": None,
+                "wrong-command@1": "wrong-command@2",
+                "wrong-command@2": None,
+            }
 
     play(story)
 

@@ -29,13 +29,15 @@ from wrongturn_service.api.dependencies import (
     EncodingDep,
     KeyDep,
     ServiceDep,
+    StoredReplyError,
     owned_by,
     reply,
 )
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.api.episodes import episode_detail
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.errors import ConflictError, InvalidRequestError
+from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError
+from wrongturn_service.idempotency import HEADER, Once
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
 from wrongturn_service.tokens import new_id
@@ -51,30 +53,51 @@ async def begin(
     key: KeyDep,
 ) -> Response:
     """Begin an evaluation of the token's agent. What is begun counts, from its first step on."""
-    async with key.once(caller.id, wanted) as once:
-        suite = catalogue.suite(wanted.suite)
-        _check_takes(suite, caller)
-        row = EvaluationRow(
-            id=new_id("ev"),
-            agent_id=caller.id,
-            suite=suite.id,
-            suite_sha256=suite.sha256,
-            entry=Entry.REMOTE.value,
-            state=EvaluationState.RUNNING.value,
-            secret=secrets.token_hex(32),
-            trials=len(suite.episodes),
-            created=time.time(),
-        )
-        store = once.remember(201, Encoding.JSON)
-
-        def remember(begun: EvaluationRow) -> IdempotencyRow:
-            assert store is not None
-            return store(_detail(begun, 0, service).model_dump_json().encode())
-
-        begun = await service.store.begin_evaluation(row, None if store is None else remember)
-        if begun is not row:
-            raise _open(begun)
+    try:
+        async with key.once(caller.id, wanted) as once:
+            begun = await _begin(service, caller, wanted, once)
+    except StoredReplyError as error:
+        await _check_there(service, error)
+        raise
     return reply(_detail(begun, 0, service), 201)
+
+
+async def _check_there(service: Service, answered: StoredReplyError) -> None:
+    """Raise NotFoundError if the evaluation that a key began was deleted since."""
+    assert answered.once.stored is not None
+    begun = EvaluationDetail.model_validate_json(answered.once.stored.body)
+    if await service.store.evaluation(begun.id) is None:
+        raise NotFoundError(
+            ProblemType.UNKNOWN_EVALUATION,
+            f"evaluation {begun.id}, which this {HEADER} began, was deleted before its first step; "
+            f"send a new {HEADER} to begin another",
+        )
+
+
+async def _begin(service: Service, caller: Caller, wanted: EvaluationRequest, once: Once) -> EvaluationRow:
+    suite = catalogue.suite(wanted.suite)
+    _check_takes(suite, caller)
+    row = EvaluationRow(
+        id=new_id("ev"),
+        agent_id=caller.id,
+        suite=suite.id,
+        suite_sha256=suite.sha256,
+        entry=Entry.REMOTE.value,
+        state=EvaluationState.RUNNING.value,
+        secret=secrets.token_hex(32),
+        trials=len(suite.episodes),
+        created=time.time(),
+    )
+    store = once.remember(201, Encoding.JSON)
+
+    def remember(begun: EvaluationRow) -> IdempotencyRow:
+        assert store is not None
+        return store(_detail(begun, 0, service).model_dump_json().encode())
+
+    begun = await service.store.begin_evaluation(row, None if store is None else remember)
+    if begun is not row:
+        raise _open(begun)
+    return begun
 
 
 def _check_takes(suite: Suite, caller: Caller) -> None:
@@ -131,8 +154,8 @@ async def reset(
 ) -> Response:
     """Reset: begin the next trial's episode. You learn which trial it was once the evaluation is finished."""
     with service.episodes.openings.in_progress.one(evaluation):
+        row = await owned_by(service, caller, evaluation)  # before a stored reply, whose evaluation may be deleted
         async with key.once(caller.id) as once:
-            row = await owned_by(service, caller, evaluation)
             body = await service.episodes.openings.next(
                 row, caller.track, encoding, once.remember(201, encoding), once.key
             )

@@ -3,7 +3,7 @@
 from fastapi import APIRouter, Response
 
 from wrongturn_networks.catalogue import list_suites
-from wrongturn_protocol import SuiteList, SuiteSummary, TrialList
+from wrongturn_protocol import SuiteDetail, SuiteList, TrialList
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import reply
 from wrongturn_service.api.documents import Route, described
@@ -17,13 +17,16 @@ async def suites() -> Response:
     return reply(SuiteList(suites=tuple(list_suites())))
 
 
-@router.get("/{suite}", **described(SuiteSummary, 404))
+@router.get("/{suite}", **described(SuiteDetail, 404))
 async def suite(suite: str) -> Response:
-    """Show one suite, such as ``wrong-command@2``."""
-    return reply(catalogue.suite(suite).summary())
+    """Show one suite, such as ``wrong-command@2``, and the cells from which each evaluation draws its trials."""
+    return reply(catalogue.suite(suite).detail())
 
 
 @router.get("/{suite}/trials", **described(TrialList, 404))
 async def trials(suite: str) -> Response:
-    """List the suite's trials for practice. Each names its twin, which can be practised too."""
+    """List the suite's trials for practice. Each names its twin, which can be practised too.
+
+    If every evaluation draws its own trials, these are those of the open draw, and ``draw`` says so.
+    """
     return reply(catalogue.suite(suite).trial_list())

@@ -66,6 +66,7 @@ class Leaderboards:
                     title=suite.title,
                     updated=_iso(newest),
                     entries=entries,
+                    successor=suite.successor,
                 ),
             )
         return LeaderboardList(leaderboards=tuple(summaries))
@@ -82,7 +83,7 @@ class Leaderboards:
         first = await self._entrant(suite_id, "query.a", a, found)
         second = await self._entrant(suite_id, "query.b", b, found)
         if first[1].id == second[1].id:
-            message = f"query.b: is {second[1].name!r}, the same agent as a; name two different agents"
+            message = f"is {second[1].name!r}, the same agent as a; name two different agents"
             raise InvalidRequestError("query.b", message)
         sides = [await self._side(suite, *pair) for pair in (first, second)]
         return await asyncio.to_thread(compare, *sides)
@@ -97,9 +98,9 @@ class Leaderboards:
             if wanted == agent.id or wanted.lower() == agent.name_key:
                 if agent.id in entries:
                     return entries[agent.id]
-                message = f"{field}: {agent.name!r} has no entry on {suite_id}; it has one after its first evaluation"
+                message = f"{agent.name!r} has no entry on {suite_id}; it has one after its first evaluation"
                 raise _unknown(ProblemType.UNKNOWN_EVALUATION, field, message)
-        message = f"{field}: there is no agent {wanted[:64]!r}; give an id or a name of GET /v1/agents"
+        message = f"there is no agent {wanted[:64]!r}; give an id or a name of GET /v1/agents"
         raise _unknown(ProblemType.UNKNOWN_AGENT, field, message)
 
     async def _side(self, suite: Suite, evaluation: EvaluationRow, agent: AgentRow) -> Side:
@@ -149,7 +150,7 @@ def _row(evaluation: EvaluationRow, agent: AgentRow, cancelled: int = 0) -> Rank
 
 
 def _unknown(kind: ProblemType, field: str, message: str) -> NotFoundError:
-    return NotFoundError(kind, message, errors=(FieldError(path=field, message=message),))
+    return NotFoundError(kind, f"{field}: {message}", errors=(FieldError(path=field, message=message),))
 
 
 def _iso(seconds: float | None) -> str | None:
