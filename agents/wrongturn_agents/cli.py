@@ -15,7 +15,16 @@ from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import AgentSource, resolve
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
-from wrongturn_agents.worker import OPERATOR_TOKEN, RunRequest, begin, drive, episodes_side_by_side, service_at
+from wrongturn_agents.worker import (
+    OPERATOR_TOKEN,
+    OWNER_TOKEN,
+    RunRequest,
+    begin,
+    check_current,
+    drive,
+    episodes_side_by_side,
+    service_at,
+)
 from wrongturn_client import Client, WrongturnError, settings
 from wrongturn_client.invocation import program
 from wrongturn_client.tables import console, evaluation_table, standing
@@ -75,6 +84,8 @@ def run(
     Example: wrongturn run careful --suite smoke@2
 
     WRONGTURN_TOKEN: the token of your agent, if you have registered it already.
+
+    WRONGTURN_OWNER_TOKEN: the token of the owner whose agent it becomes. Example: export WRONGTURN_OWNER_TOKEN=wt_…
 
     WRONGTURN_OPERATOR_TOKEN: the operator's token. With it, baselines are registered as baselines.
     """
@@ -164,14 +175,16 @@ def _evaluate(
         raise RunError("AGENT: name one, or a run to resume with --resume; 'wrongturn agents' lists the shipped ones")
     suite = suite or WRONG_COMMAND
     if saved_run is None and url is None:
-        installed_suite(suite)  # the service that is started has the installed suites; another service may have others
+        # The service that is started has the installed suites; another service may have others.
+        check_current(suite, installed_suite(suite).successor)
     source, parallel = _made_once(agent, parallel)
     token = settings.token() if url is not None else None
+    owner_token = (os.environ.get(OWNER_TOKEN) or None) if url is not None and token is None else None
     if saved_run is None and token is not None and name is not None:
         raise RunError("--name: WRONGTURN_TOKEN is the token of an agent that has its name; leave out one of the two")
     with service_at(url, os.environ.get(OPERATOR_TOKEN) or None) as (at, operator_token):
         if saved_run is None:
-            request = RunRequest(agent=agent, suite=suite, url=url, name=name, token=token)
+            request = RunRequest(agent=agent, suite=suite, url=url, name=name, token=token, owner_token=owner_token)
             saved_run = begin(request, source, at, operator_token)
         shown = saved_run.name or source.name
         typer.echo(f"{shown} on {suite} at {at}: evaluation {saved_run.evaluation}", err=True)

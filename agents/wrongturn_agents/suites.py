@@ -27,6 +27,8 @@ class SuiteTrials:
     """The secret of the draw; None for a suite that lists its trials."""
     commitment: str | None = None
     """SHA-256 of the secret's text; None for a suite that lists its trials."""
+    successor: str | None = None
+    """Id of the suite that replaces it, which then takes no new evaluations."""
 
     @property
     def crowded(self) -> set[str]:
@@ -53,6 +55,5 @@ def installed_suite(suite: str, secret: str | None = None) -> SuiteTrials:
     except ValueError as error:
         raise ResultsError(str(error)) from error
     draw = found.open_draw if secret is None else found.draw(secret)
-    return SuiteTrials(
-        found.id, found.sha256, {trial.id: trial for trial in draw.episodes}, draw.secret, draw.commitment
-    )
+    trials = {trial.id: trial for trial in draw.episodes}
+    return SuiteTrials(found.id, found.sha256, trials, draw.secret, draw.commitment, found.successor)

@@ -17,14 +17,24 @@ from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError
 from wrongturn_agents.progress import Progress
 from wrongturn_agents.registry import AgentSource
 from wrongturn_agents.saved_run import SavedRun, ensure_directory
-from wrongturn_client import AgentNameTakenError, Client, LocalService, NotFoundError, OwnerNameTakenError
+from wrongturn_client import (
+    AgentNameTakenError,
+    AuthenticationError,
+    Client,
+    LocalService,
+    NotFoundError,
+    OwnerNameTakenError,
+    WrongturnError,
+)
 from wrongturn_client.actions import action_error, is_of_action, refusal
-from wrongturn_protocol import Action, AgentKind, EvaluationDetail, RegisteredAgent
+from wrongturn_protocol import Action, AgentKind, EvaluationDetail, ProblemType, RegisteredAgent
 from wrongturn_protocol.observations import Observation
 
 _NAMES_TRIED: Final = 100
 OPERATOR_TOKEN: Final = "WRONGTURN_OPERATOR_TOKEN"  # noqa: S105 - the variable's name
 """Environment variable with the operator's token, which may register baselines."""
+OWNER_TOKEN: Final = "WRONGTURN_OWNER_TOKEN"  # noqa: S105 - the variable's name
+"""Environment variable with an owner's token, which registers the agent as one of that owner's."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +50,8 @@ class RunRequest:
     """Name on the leaderboard; None for the agent's own, with a number if it is taken."""
     token: str | None = None
     """Token of an agent that is already registered; None to register it."""
+    owner_token: str | None = None
+    """Token of the owner whose agent it becomes; None to register it without one."""
 
 
 @contextlib.contextmanager
@@ -57,13 +69,15 @@ def begin(request: RunRequest, source: AgentSource, url: str, operator_token: st
     """Register the agent, begin its evaluation and save what is needed to resume it.
 
     Raises:
-        RunError: The name is taken or not valid, or the suite does not have the agent's track.
+        RunError: The name is taken or not valid, the owner's token is missing or not valid, or the suite is retired or
+            does not have the agent's track.
         RunFileError: The run cannot be saved.
         WrongturnError: The service refuses, or cannot be reached.
     """
     ensure_directory()  # fails before a name is taken by a run that could not be resumed
-    with Client(url, operator_token) as client:
+    with Client(url, request.owner_token or operator_token) as client:
         suite = client.suite(request.suite)
+        check_current(suite.id, suite.successor)
         if source.track not in suite.tracks:
             raise RunError(
                 f"suite: {suite.id} is driven in the tracks {', '.join(suite.tracks)}, "
@@ -136,13 +150,15 @@ def drive(
 
 def _register(client: Client, request: RunRequest, source: AgentSource, operator_token: str | None) -> RegisteredAgent:
     """Register the agent under the wanted name, or under its own with the first number that is free."""
-    kind = source.kind if operator_token else AgentKind.SUBMITTED
+    kind = source.kind if operator_token and not request.owner_token else AgentKind.SUBMITTED
     for number in count(1):
         name = request.name or (source.name if number == 1 else f"{source.name}-{number}")
         try:
             return client.register(name, source.track, description=source.description or None, kind=kind)
         except ValidationError as error:
             raise RunError(_registration_error(error, name)) from error
+        except AuthenticationError as error:
+            raise _not_registered(error, client.url, request) from error
         except (AgentNameTakenError, OwnerNameTakenError) as error:
             if request.name is not None:
                 raise RunError(f"--name: {name!r} is taken at {client.url}; choose another") from error
@@ -151,6 +167,23 @@ def _register(client: Client, request: RunRequest, source: AgentSource, operator
                     f"--name: {source.name} to {name} are all taken at {client.url}; give one yourself",
                 ) from error
     raise AssertionError("count() has no end")
+
+
+def check_current(suite: str, successor: str | None) -> None:
+    """Raise RunError if another suite has replaced this one."""
+    if successor is not None:
+        raise RunError(
+            f"--suite: {suite} is retired and takes no new evaluations; {successor} replaces it: --suite {successor}"
+        )
+
+
+def _not_registered(error: AuthenticationError, url: str, request: RunRequest) -> WrongturnError | RunError:
+    """Return the error for an agent that the service does not register for want of a valid token."""
+    if request.owner_token is not None:
+        return RunError(f"{OWNER_TOKEN}: {url} does not take it: {error}")
+    if error.type == ProblemType.REGISTRATION_CLOSED:
+        return RunError(f"{OWNER_TOKEN}: {url} registers agents only for owners; ask its operator for a token")
+    return error
 
 
 def _registration_error(error: ValidationError, name: str) -> str:

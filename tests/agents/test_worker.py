@@ -100,7 +100,7 @@ def url(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def home(tmp_path, monkeypatch) -> Path:
-    for name in ("WRONGTURN_URL", "WRONGTURN_TOKEN", "WRONGTURN_OPERATOR_TOKEN"):
+    for name in ("WRONGTURN_URL", "WRONGTURN_TOKEN", "WRONGTURN_OPERATOR_TOKEN", "WRONGTURN_OWNER_TOKEN"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path / "home"))
     (tmp_path / "own_agents.py").write_text(OWN)
@@ -166,6 +166,45 @@ def test_an_unknown_suite_registers_nobody(url):
         begin(RunRequest("careful", "no-such-suite@1", url, name="unlucky"), resolve("careful"), url, OPERATOR)
     with Client(url) as client:
         assert "unlucky" not in {agent.name for agent in client.agents()}
+
+
+def test_a_retired_suite_registers_nobody(url):
+    says = r"--suite: smoke@1 is retired and takes no new evaluations; smoke@2 replaces it"
+    with pytest.raises(RunError, match=says):
+        begin(RunRequest("careful", "smoke@1", url, name="too late"), resolve("careful"), url, OPERATOR)
+    with Client(url) as client:
+        assert "too late" not in {agent.name for agent in client.agents()}
+        assert "too late" not in {owner.name for owner in client.owners()}
+
+
+@pytest.fixture(scope="module")
+def closed(tmp_path_factory):
+    """URL of a service where only the operator makes owners."""
+    database = f"sqlite+aiosqlite:///{tmp_path_factory.mktemp('closed') / 'wrongturn.db'}"
+    environment = {"WRONGTURN_OPERATOR_TOKEN": OPERATOR, "WRONGTURN_REGISTRATION": "operator"}
+    with LocalService(database=database, environment=environment) as service:
+        yield service.url
+
+
+def test_a_run_with_an_owners_token_registers_the_owners_agent(closed):
+    arguments = ("careful", "--suite", SUITE, "--url", closed)
+    refused = run(*arguments)
+    assert refused.returncode == 1
+    assert f"WRONGTURN_OWNER_TOKEN: {closed} registers agents only for owners; ask its operator" in refused.stderr
+    with Client(closed, OPERATOR) as client:
+        owner = client.register_owner("us")
+    # The owner answers for the agent, even if the operator's token is there too.
+    done = run(*arguments, WRONGTURN_OWNER_TOKEN=owner.token, WRONGTURN_OPERATOR_TOKEN=OPERATOR)
+    assert done.returncode == 0, done.stderr
+    with Client(closed) as client:
+        (agent,) = client.agents()
+    assert (agent.name, agent.owner, agent.kind) == ("careful", "us", AgentKind.SUBMITTED)
+
+
+def test_an_owners_token_that_nobody_has_is_told(closed):
+    request = RunRequest("careful", SUITE, closed, owner_token="guess")
+    with pytest.raises(RunError, match=r"WRONGTURN_OWNER_TOKEN: .* does not take it: nobody has this token"):
+        begin(request, resolve("careful"), closed, OPERATOR)
 
 
 def test_a_track_that_the_suite_lacks(url):
@@ -293,6 +332,10 @@ def test_a_token_of_another_track_is_refused(url):
         (
             {"agent": "careful", "suite": "nope@1"},
             "suite: 'nope@1' is not known; there are: navigation@1, smoke@1, smoke@2, wrong-command@1",
+        ),
+        (
+            {"agent": "careful", "suite": "wrong-command@1"},
+            "--suite: wrong-command@1 is retired and takes no new evaluations; wrong-command@2 replaces it",
         ),
         ({"agent": "careful", "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
     ],
