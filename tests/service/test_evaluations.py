@@ -12,7 +12,7 @@ import pytest
 from service_harness import COAST, GAS, Agent, RunningService, expect, problem
 
 from wrongturn_networks import load_suite
-from wrongturn_protocol import Leaderboard, Metrics
+from wrongturn_protocol import AgentKind, Leaderboard, Metrics
 
 
 @pytest.fixture(scope="module")
@@ -115,10 +115,10 @@ def test_the_leaderboard(service: RunningService, finished: dict[str, Any]) -> N
     assert {summary["suite"]: summary["entries"] for summary in summaries}["smoke@2"] == len(board.entries)
 
 
-def test_a_leaderboard_without_entries(service: RunningService) -> None:
+def test_a_leaderboard_without_agents_has_algorithms_alone(service: RunningService) -> None:
     with httpx.Client(base_url=service.url) as stranger:
         board = Leaderboard.model_validate_json(stranger.get("/v1/leaderboards/wrong-command@2").text)
-    assert board.entries == ()
+    assert {entry.agent.kind for entry in board.entries} == {AgentKind.ALGORITHM}
     assert board.updated is None
 
 
