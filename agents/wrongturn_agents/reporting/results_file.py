@@ -3,7 +3,7 @@
 import json
 import re
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
@@ -15,6 +15,25 @@ Driven = Literal["in process", "over the service"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
 _NOT_IN_FILE_NAMES: Final = re.compile(r"[^A-Za-z0-9@.]+")
 _TRIALS_NAMED: Final = 3  # trials that an error names as examples
+
+
+_M = TypeVar("_M", bound=BaseModel)
+
+
+def read_model(kind: type[_M], path: Path, remedy: str) -> _M:
+    """Read a JSON file as a model.
+
+    Raises:
+        ResultsError: The file cannot be read, or does not fit. The error names the first wrong field and the remedy.
+    """
+    try:
+        return kind.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise ResultsError(f"{path}: cannot be read ({error.strerror})") from error
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(map(str, first["loc"])) or "the file"
+        raise ResultsError(f"{path.name}: {field}: {first['msg']}; {remedy}") from error
 
 
 class TrialResult(BaseModel):
@@ -98,17 +117,7 @@ class ResultsFile(BaseModel):
         Raises:
             ResultsError: The file cannot be read, or is not a results file. The error names the first wrong field.
         """
-        try:
-            return cls.model_validate_json(path.read_bytes())
-        except OSError as error:
-            raise ResultsError(f"{path}: cannot be read ({error.strerror})") from error
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            field = ".".join(map(str, first["loc"])) or "the file"
-            raise ResultsError(
-                f"{path.name}: {field}: {first['msg']}; make a new file with 'wrongturn score' or 'wrongturn results "
-                "--import'",
-            ) from error
+        return read_model(cls, path, "make a new file with 'wrongturn score' or 'wrongturn results --import'")
 
     def write(self, directory: Path) -> Path:
         """Write the file into a directory under its own name, and return the path.

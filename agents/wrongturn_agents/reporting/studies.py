@@ -6,9 +6,10 @@
 from pathlib import Path
 from typing import Annotated, Final, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from wrongturn_agents.errors import ResultsError
+from wrongturn_agents.reporting.results_file import read_model
 from wrongturn_protocol import FaultKind, JunctionType, Verdict
 
 STUDIES: Final = "studies"
@@ -98,14 +99,7 @@ class Study(_Model):
         """
         if not path.is_file():
             return None
-        try:
-            return cls.model_validate_json(path.read_bytes())
-        except OSError as error:
-            raise ResultsError(f"{path}: cannot be read ({error.strerror})") from error
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            field = ".".join(map(str, first["loc"])) or "the file"
-            raise ResultsError(f"{path.name}: {field}: {first['msg']}; delete the file and make it anew") from error
+        return read_model(cls, path, "delete the file and make it anew")
 
     def write(self, path: Path) -> None:
         """Write the study, all at once or not at all.

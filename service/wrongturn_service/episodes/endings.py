@@ -104,13 +104,7 @@ class Endings:
     async def abort_now(self, episode: OpenEpisode) -> None:
         """End an episode as ``aborted`` unless it is over, without waiting for a simulator. Takes the lock."""
         async with episode.lock:
-            if episode.closed:
-                return
-            if episode.end is None:
-                held = episode.simulator is not None
-                episode.end = await self._driver.abort(episode) if held else aborted_end(episode)
-                await self._driver.detach(episode)
-            await self.settle(episode)
+            await self._abort(episode, wait=False)
 
     async def drop_evaluation(self, evaluation_id: str) -> None:
         """Close the open episodes of an evaluation that is over. Takes their locks."""
@@ -121,11 +115,12 @@ class Endings:
                         self._telemetry.voided("cancelled")
                     await self._close(episode)
 
-    async def _abort(self, episode: OpenEpisode) -> None:
+    async def _abort(self, episode: OpenEpisode, *, wait: bool = True) -> None:
         if episode.closed:
             return
         if episode.end is None:
-            episode.end = await self._driver.abort(episode)
+            simulated = wait or episode.simulator is not None
+            episode.end = await self._driver.abort(episode) if simulated else aborted_end(episode)
             await self._driver.detach(episode)
         await self.settle(episode)
 

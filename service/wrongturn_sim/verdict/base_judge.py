@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from wrongturn_protocol import Flag, Outcome, Verdict
 from wrongturn_sim.verdict import decide
 from wrongturn_sim.verdict.errors import RowError
 from wrongturn_sim.verdict.packing import Floats
+
+if TYPE_CHECKING:
+    from wrongturn_sim.trajectory import Row
 
 NOBODY: Final = np.empty((0, 6))
 """Array of no road users."""
@@ -43,6 +46,22 @@ class BaseJudge(ABC):
         self.ran_out = False
         """Whether the episode ended because its time ran out."""
 
+    def observe(self, row: Row) -> Outcome | None:
+        """Take the next row.
+
+        Returns:
+            The outcome at the row that decides it; None for rows before and after.
+
+        Raises:
+            RowError: the row is not finite, or not later than the one before.
+        """
+        if self.outcome is not None:
+            return None
+        found = self._take(row, np.array(row.road_users, np.float64) if row.road_users else NOBODY)
+        if not found:
+            return None  # so it is for nearly every row
+        return self._fall(found, row.t)
+
     def abort(self, t: float) -> Outcome:
         """End the episode because the agent gave up or stayed away.
 
@@ -68,6 +87,10 @@ class BaseJudge(ABC):
         self.ran_out = bool(self._counts[decide.D_RAN_OUT])
         self.outcome = self._conclude()
         return self.outcome
+
+    @abstractmethod
+    def _take(self, row: Row, users: Floats) -> int:
+        """Give a row to the kernel, and return its result."""
 
     @abstractmethod
     def _conclude(self) -> Outcome:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wrongturn_protocol import JourneyOutcome, Outcome, Trial, Verdict
 from wrongturn_sim.ego import VEHICLE, Vehicle
 from wrongturn_sim.verdict import decide, journey_kernels
-from wrongturn_sim.verdict.base_judge import FLAGS, NOBODY, VERDICTS, BaseJudge
+from wrongturn_sim.verdict.base_judge import FLAGS, VERDICTS, BaseJudge
 from wrongturn_sim.verdict.errors import GeometryMismatchError
 from wrongturn_sim.verdict.journey_geometry import JourneyGeometry
 from wrongturn_sim.verdict.packing import CLOCK_TOLERANCE, Floats, numbers_of
@@ -113,25 +113,11 @@ class JourneyJudge(BaseJudge):
         self._rest = geometry.rest(goal) if goal is not None else _NO_REST
         journey_kernels.begin(self._standing, self._counts)
 
-    def observe(self, row: Row) -> Outcome | None:
-        """Take the next row.
-
-        Returns:
-            The outcome at the row that decides it; None for rows before and after.
-
-        Raises:
-            RowError: the row is not finite, or not later than the one before.
-        """
-        if self.outcome is not None:
-            return None
-        t, x, y, yaw, v, _, _, _, _, _, _, road_users = row
-        users = np.array(road_users, np.float64) if road_users else NOBODY
-        found = journey_kernels.observe(
-            *self._arrays, self._numbers, users, self._terms, self._rest, self._standing, self._counts, t, x, y, yaw, v
+    def _take(self, row: Row, users: Floats) -> int:
+        found: int = journey_kernels.observe(
+            *self._arrays, self._numbers, users, self._terms, self._rest, self._standing, self._counts, *row[:5]
         )
-        if not found:
-            return None
-        return self._fall(found, t)
+        return found
 
     def _conclude(self) -> Outcome:
         return conclude_journey(self._standing, self._counts, self.trial)

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_protocol import DIRECTIONS, Outcome, Trial
+from wrongturn_protocol import DIRECTIONS, Trial
 from wrongturn_sim.verdict import decide
-from wrongturn_sim.verdict.base_judge import FLAGS, NOBODY, VERDICTS, BaseJudge
+from wrongturn_sim.verdict.base_judge import FLAGS, VERDICTS, BaseJudge
 from wrongturn_sim.verdict.errors import GeometryMismatchError
 from wrongturn_sim.verdict.geometry import JudgeGeometry
 from wrongturn_sim.verdict.packing import Floats
 from wrongturn_sim.verdict.reaction import reaction_of
 from wrongturn_sim.verdict.thresholds import SharedThresholds
-
-if TYPE_CHECKING:
-    from wrongturn_sim.trajectory import Row
 
 
 class Zone(IntEnum):
@@ -75,26 +71,6 @@ class JunctionJudge(BaseJudge):
     def zone(self) -> Zone:
         """Zone that the car is in."""
         return Zone(int(self._counts[decide.D_ZONE]))
-
-    def observe(self, row: Row) -> Outcome | None:
-        """Take the next row.
-
-        Returns:
-            The outcome at the row that decides it; None for rows before and after.
-
-        Raises:
-            RowError: the row is not finite, or not later than the one before.
-        """
-        if self.outcome is not None:
-            return None
-        found = self._take(row, np.array(row.road_users, np.float64) if row.road_users else NOBODY)
-        if not found:
-            return None  # so it is for nearly every row
-        return self._fall(found, row.t)
-
-    @abstractmethod
-    def _take(self, row: Row, users: Floats) -> int:
-        """Give a row to the kernel, and return its result."""
 
 
 def outcome_fields(
