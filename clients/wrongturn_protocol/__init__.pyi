@@ -60,6 +60,10 @@ from .results import TrialList as TrialList
 from .results import TwinCount as TwinCount
 from .results import UnsafeCount as UnsafeCount
 from .segmentation import SegmentationClass as SegmentationClass
+from .submissions import SubmissionDetail as SubmissionDetail
+from .submissions import SubmissionList as SubmissionList
+from .submissions import SubmissionLog as SubmissionLog
+from .submissions import SubmissionLogLine as SubmissionLogLine
 from .trial_options import TrialKeywords as TrialKeywords
 from .trial_options import TrialOptions as TrialOptions
 from .vocabulary import CORL_TASKS as CORL_TASKS
@@ -79,6 +83,7 @@ from .vocabulary import JunctionType as JunctionType
 from .vocabulary import ProblemType as ProblemType
 from .vocabulary import Reaction as Reaction
 from .vocabulary import Safety as Safety
+from .vocabulary import SubmissionState as SubmissionState
 from .vocabulary import Task as Task
 from .vocabulary import Track as Track
 from .vocabulary import Verdict as Verdict

@@ -260,6 +260,25 @@ class EpisodeState(StrEnum):
     LOST = "lost"
 
 
+class SubmissionState(StrEnum):
+    """State of a submission.
+
+    ``queued``: it waits for its check. ``checked``: its model works, and it waits for its turn.
+    """
+
+    QUEUED = "queued"
+    CHECKED = "checked"
+    RUNNING = "running"
+    FINISHED = "finished"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def over(self) -> bool:
+        """Whether it stays in this state for good."""
+        return self in {SubmissionState.FINISHED, SubmissionState.FAILED, SubmissionState.CANCELLED}
+
+
 class ProblemType(StrEnum):
     """Everything that can go wrong with a call: the last part of a problem's ``type`` (RFC 9457)."""
 
@@ -286,6 +305,7 @@ class ProblemType(StrEnum):
     UNKNOWN_OWNER = "unknown-owner"
     UNKNOWN_EVALUATION = "unknown-evaluation"
     UNKNOWN_EPISODE = "unknown-episode"
+    UNKNOWN_SUBMISSION = "unknown-submission"
     FAULT_NOT_APPLICABLE = "fault-not-applicable"
     TRACK_NOT_AVAILABLE = "track-not-available"
     AGENT_NAME_TAKEN = "agent-name-taken"
@@ -297,6 +317,7 @@ class ProblemType(StrEnum):
     EVALUATION_OPEN = "evaluation-open"
     EVALUATION_FINISHED = "evaluation-finished"
     EVALUATION_CANCELLED = "evaluation-cancelled"
+    SUBMISSIONS_UNAVAILABLE = "submissions-unavailable"
     NO_TRIAL_AVAILABLE = "no-trial-available"
     EPISODE_FINISHED = "episode-finished"
     EPISODE_LOST = "episode-lost"

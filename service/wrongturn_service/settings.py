@@ -97,6 +97,18 @@ class Settings(BaseSettings):
     """Proxies whose ``X-Forwarded-For`` is believed: addresses and networks, separated by commas, or ``*``."""
     body_limit: Annotated[int, Field(ge=1024)] = 4 * 1024 * 1024
     """Largest body of a request, bytes."""
+    submissions: Annotated[int, Field(ge=0, le=256)] = Field(default_factory=lambda: max(1, (os.cpu_count() or 1) // 2))
+    """Submissions driven at a time. 0 refuses them all."""
+    submissions_per_owner: Annotated[int, Field(ge=1)] = 8
+    """Submissions of one owner that may wait or be driven."""
+    runner_socket: Path | None = None
+    """Unix socket of a runner container, which holds the sandboxes. Default: bubblewrap on this machine."""
+    model_limit: Annotated[int, Field(ge=1024, le=1 << 30)] = 128 * 1024 * 1024
+    """Largest model, bytes."""
+    model_memory: Annotated[int, Field(ge=1 << 28)] = 2 * 1024 * 1024 * 1024
+    """Memory that the sandbox of a model may take, bytes."""
+    submission_keep_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 30.0
+    """Days to keep the models and logs of submissions that are over."""
     practice_keep_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 7.0
     """Days to keep finished practice episodes."""
     idempotency_keep_hours: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 48.0

@@ -41,6 +41,7 @@ _EXPLANATIONS = {
     ProblemType.UNKNOWN_AGENT: "There is no agent with this id.",
     ProblemType.UNKNOWN_EVALUATION: "There is no evaluation with this id.",
     ProblemType.UNKNOWN_EPISODE: "There is no episode with this id.",
+    ProblemType.UNKNOWN_SUBMISSION: "There is no submission with this id.",
     ProblemType.FAULT_NOT_APPLICABLE: "The fault is not built yet, or this approach does not allow it.",
     ProblemType.TRACK_NOT_AVAILABLE: (
         "The suite does not take agents of this track, or practice was asked for in another track than the agent's own."
@@ -60,6 +61,10 @@ _EXPLANATIONS = {
     ),
     ProblemType.EVALUATION_FINISHED: "Every trial of the evaluation has a verdict.",
     ProblemType.EVALUATION_CANCELLED: "The evaluation was cancelled, by its agent or because its suite was retired.",
+    ProblemType.SUBMISSIONS_UNAVAILABLE: (
+        "This service takes no submissions: it has no sandbox for models, or its operator has turned them off. "
+        "Drive the agent yourself: wrongturn run."
+    ),
     ProblemType.NO_TRIAL_AVAILABLE: "No trial is available now: too many are open, or the rest are twins of open ones.",
     ProblemType.EPISODE_FINISHED: "The episode is over.",
     ProblemType.EPISODE_LOST: "The service lost the episode. It does not count, and its trial runs again.",

@@ -1,0 +1,105 @@
+"""What the service and a runner tell each other: JSON, one message a line, over the runner's stdin and stdout.
+
+The service starts ``python -m wrongturn_runner`` and writes a :class:`Check` or a :class:`Drive`. The runner writes
+events and ends with status 0 after ``passed``, ``refused`` or ``driven``. Any other end is the infrastructure's
+failure, and the service starts another runner.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, TypeAdapter
+
+from wrongturn_protocol import Track
+from wrongturn_protocol.episodes import Message
+
+
+class Place(Message):
+    """Where the sandbox is, and what it allows."""
+
+    socket: Path | None = None
+    """Unix socket of a runner container; None for bubblewrap on this machine."""
+    memory: int
+    """Bytes that the model's process may take."""
+
+
+class Check(Message):
+    """Look at a model, then let it drive six steps of practice."""
+
+    task: Literal["check"] = "check"
+    model: Path
+    sha256: str
+    place: Place
+    tracks: tuple[Track, ...]
+    """Tracks that the suite takes."""
+    url: str
+    """URL of the service."""
+
+
+class Practice(Message):
+    """Answer to ``described``: go on with practice. Without it the runner ends when its stdin is closed."""
+
+    token: str
+    suite: str
+    trial: str
+
+
+class Drive(Message):
+    """Drive an evaluation to its end, from wherever it is."""
+
+    task: Literal["drive"] = "drive"
+    model: Path
+    sha256: str
+    place: Place
+    url: str
+    token: str
+    """Token that is good for this evaluation alone."""
+    evaluation: str
+    suite: str
+
+
+class Described(Message):
+    """The model was loaded and keeps the contract."""
+
+    event: Literal["described"] = "described"
+    track: Track
+    description: str
+    """One line for the log: inputs, outputs, opset, nodes, size."""
+
+
+class Passed(Message):
+    """The model drove its practice steps."""
+
+    event: Literal["passed"] = "passed"
+    step_ms: tuple[float, ...]
+    """Milliseconds of each step in the sandbox."""
+
+
+class Refused(Message):
+    """The model is at fault: the submission has failed."""
+
+    event: Literal["refused"] = "refused"
+    reason: str
+    """What is wrong and what to do, for its owner."""
+
+
+class Progressed(Message):
+    """An episode of the evaluation is over."""
+
+    event: Literal["progressed"] = "progressed"
+    finished: int
+    episodes: int
+
+
+class Driven(Message):
+    """Every episode of the evaluation is over."""
+
+    event: Literal["driven"] = "driven"
+
+
+Job = Annotated[Check | Drive, Field(discriminator="task")]
+Event = Annotated[Described | Passed | Refused | Progressed | Driven, Field(discriminator="event")]
+JOB: TypeAdapter[Check | Drive] = TypeAdapter(Job)
+"""Reads the first line of a runner's stdin."""
+EVENT: TypeAdapter[Described | Passed | Refused | Progressed | Driven] = TypeAdapter(Event)
+"""Reads a line of a runner's stdout."""
