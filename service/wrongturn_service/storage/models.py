@@ -1,6 +1,18 @@
 """The tables, with types that SQLite and PostgreSQL share. Times are seconds since 1970, UTC."""
 
-from sqlalchemy import BigInteger, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, String, Text, text
+from sqlalchemy import (
+    BigInteger,
+    Boolean,
+    Double,
+    ForeignKey,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Text,
+    text,
+)
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 _ID = String(40)
@@ -171,6 +183,59 @@ class IdempotencyRow(Base):
     sealed_token: Mapped[bytes | None] = mapped_column(LargeBinary)
     """The reply's token, encrypted with the key."""
     created: Mapped[float] = mapped_column(Double, index=True)
+
+
+class SubmissionRow(Base):
+    """A model that was handed in. The row stays when the model and the log are deleted."""
+
+    __tablename__ = "submissions"
+
+    id: Mapped[str] = mapped_column(_ID, primary_key=True)
+    seq: Mapped[int] = mapped_column(BigInteger, unique=True)
+    """Order of arrival, from 1."""
+    owner_id: Mapped[str] = mapped_column(_ID, ForeignKey("owners.id"), index=True)
+    agent_id: Mapped[str | None] = mapped_column(_ID, ForeignKey("agents.id", ondelete="SET NULL"), index=True)
+    """The agent that handed it in, or the one that was made after the check."""
+    agent_made: Mapped[bool] = mapped_column(Boolean)
+    """Whether the service makes the agent. Otherwise the agent was there before, and handed it in."""
+    evaluation_id: Mapped[str | None] = mapped_column(
+        _ID, ForeignKey("evaluations.id", ondelete="SET NULL"), index=True
+    )
+    suite: Mapped[str] = mapped_column(String(80))
+    name: Mapped[str] = mapped_column(String(64))
+    name_key: Mapped[str] = mapped_column(String(64), index=True)
+    """The agent's name in lower case."""
+    track: Mapped[str | None] = mapped_column(_WORD)
+    """Track of the agent, once the model is checked."""
+    sha256: Mapped[str] = mapped_column(_SHA)
+    """SHA-256 of the model."""
+    size: Mapped[int] = mapped_column(BigInteger)
+    """Bytes of the model."""
+    state: Mapped[str] = mapped_column(_WORD, index=True)
+    reason: Mapped[str | None] = mapped_column(Text)
+    """Why it failed or was cancelled, and what to do."""
+    token_sha256: Mapped[str | None] = mapped_column(_SHA, unique=True)
+    """Of the runner's token, which is good for this submission alone and ends with its state."""
+    attempts: Mapped[int] = mapped_column(Integer, default=0)
+    """Runners in a row that ended without an episode finished."""
+    created: Mapped[float] = mapped_column(Double)
+    started: Mapped[float | None] = mapped_column(Double)
+    """When it began to run."""
+    ended: Mapped[float | None] = mapped_column(Double)
+    """When it finished, failed or was cancelled."""
+    owner: Mapped[OwnerRow] = relationship(lazy="joined")
+
+
+class SubmissionLogRow(Base):
+    """One line of a submission's log."""
+
+    __tablename__ = "submission_log"
+
+    submission_id: Mapped[str] = mapped_column(_ID, ForeignKey("submissions.id"), primary_key=True)
+    number: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=False)
+    """From 1."""
+    time: Mapped[float] = mapped_column(Double)
+    message: Mapped[str] = mapped_column(Text)
 
 
 class OwnershipRow(Base):

@@ -1,0 +1,265 @@
+"""All queries about submissions, one method each. Rows are detached: read them, do not change them."""
+
+import time
+from collections.abc import Awaitable, Callable, Iterable, Sequence
+from typing import Any, Final
+
+from sqlalchemy import delete, func, select, update
+from sqlalchemy.ext.asyncio import AsyncSession
+
+from wrongturn_protocol import SubmissionState
+from wrongturn_service.storage.database import Database
+from wrongturn_service.storage.models import (
+    AgentRow,
+    EpisodeRow,
+    EvaluationRow,
+    IdempotencyRow,
+    SubmissionLogRow,
+    SubmissionRow,
+    TrajectoryRow,
+    UnusedSecretRow,
+)
+from wrongturn_service.storage.store import AgentNameTakenError
+
+OPEN: Final = tuple(state for state in SubmissionState if not state.over)
+"""States of submissions that wait or run."""
+_LONGEST: Final = 4000
+"""Characters of a reason or a log's message. Part of them can come from a model."""
+
+
+class TooManySubmissionsError(Exception):
+    """The owner has as many open submissions as one may have."""
+
+
+class SuiteBegunError(Exception):
+    """The agent has an evaluation or an open submission on the suite already."""
+
+
+class SubmissionOverError(Exception):
+    """The submission is over, or is not in the state that the call needs."""
+
+
+async def _nobody(submission_id: str) -> None:
+    """Tell nobody."""
+
+
+class SubmissionStore:
+    """Reads and writes submissions. Each method is one transaction.
+
+    A runner's token ends whenever its submission changes its state. :attr:`token_ended` is awaited then.
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self.token_ended: Callable[[str], Awaitable[None]] = _nobody
+        """Awaited with the submission's id after its token has ended."""
+
+    async def add(self, submission: SubmissionRow, reply: IdempotencyRow | None, *, most: int) -> None:
+        """Store a new submission as the last in line. Sets its ``seq``.
+
+        Args:
+            submission: The row, in the state ``queued``.
+            reply: The reply for the idempotency key.
+            most: Open submissions that an owner may have.
+
+        Raises:
+            AgentNameTakenError: An agent or an open submission has the name of the agent that is to be made.
+            SuiteBegunError: The agent that hands it in has begun the suite.
+            TooManySubmissionsError: The owner has as many already.
+        """
+        async with self._database.write() as session:
+            if submission.agent_id is None:
+                await _check_name(session, submission.name_key)
+            else:
+                await _check_not_begun(session, submission.agent_id, submission.suite)
+            is_open = SubmissionRow.owner_id == submission.owner_id, SubmissionRow.state.in_(OPEN)
+            if (await session.scalar(select(func.count()).where(*is_open)) or 0) >= most:
+                raise TooManySubmissionsError(submission.owner_id)
+            submission.seq = (await session.scalar(select(func.max(SubmissionRow.seq))) or 0) + 1
+            session.add_all([submission] if reply is None else [submission, reply])
+
+    async def check_free(self, name_key: str) -> None:
+        """Check whether a new agent could have a name. Raises AgentNameTakenError."""
+        async with self._database.read() as session:
+            await _check_name(session, name_key)
+
+    async def check_not_begun(self, agent_id: str, suite: str) -> None:
+        """Check that an agent has neither an evaluation nor an open submission on a suite. Raises SuiteBegunError."""
+        async with self._database.read() as session:
+            await _check_not_begun(session, agent_id, suite)
+
+    async def open_count(self, owner_id: str) -> int:
+        """Return how many submissions of an owner wait or run."""
+        async with self._database.read() as session:
+            is_open = SubmissionRow.owner_id == owner_id, SubmissionRow.state.in_(OPEN)
+            return await session.scalar(select(func.count()).where(*is_open)) or 0
+
+    async def get(self, submission_id: str) -> SubmissionRow | None:
+        """Return a submission, or None."""
+        async with self._database.read() as session:
+            return await session.get(SubmissionRow, submission_id)
+
+    async def by_token(self, token_sha256: str) -> SubmissionRow | None:
+        """Return the submission whose runner has this token, or None."""
+        async with self._database.read() as session:
+            return await session.scalar(select(SubmissionRow).where(SubmissionRow.token_sha256 == token_sha256))
+
+    async def all(self) -> Sequence[SubmissionRow]:
+        """Return all submissions, newest first."""
+        return await self._list()
+
+    async def of_owner(self, owner_id: str) -> Sequence[SubmissionRow]:
+        """Return an owner's submissions, newest first."""
+        return await self._list(SubmissionRow.owner_id == owner_id)
+
+    async def of_agent(self, agent_id: str) -> Sequence[SubmissionRow]:
+        """Return an agent's submissions, newest first."""
+        return await self._list(SubmissionRow.agent_id == agent_id)
+
+    async def _list(self, *where: Any) -> Sequence[SubmissionRow]:
+        async with self._database.read() as session:
+            return (await session.scalars(select(SubmissionRow).where(*where).order_by(SubmissionRow.seq.desc()))).all()
+
+    async def waiting(self, *states: SubmissionState) -> Sequence[SubmissionRow]:
+        """Return the submissions in these states in the order of arrival. Without any, all that wait or run."""
+        async with self._database.read() as session:
+            query = select(SubmissionRow).where(SubmissionRow.state.in_(states or OPEN))
+            return (await session.scalars(query.order_by(SubmissionRow.seq))).all()
+
+    async def last_started(self) -> dict[str, float]:
+        """Return when each owner's last submission began to run, by the owner's id."""
+        async with self._database.read() as session:
+            last = func.max(SubmissionRow.started)
+            query = select(SubmissionRow.owner_id, last).group_by(SubmissionRow.owner_id)
+            rows = (await session.execute(query)).all()
+        return {owner: started for owner, started in rows if started is not None}
+
+    async def set_state(
+        self, submission_id: str, state: SubmissionState, *, reason: str | None = None, **columns: Any
+    ) -> bool:
+        """Move a submission into a state, and end its runner's token unless a new one is among the columns.
+
+        A submission that is over stays as it is. ``started`` is set when it first runs, ``ended`` when it is over.
+
+        Args:
+            submission_id: Id of the submission.
+            state: The new state.
+            reason: Why it failed or was cancelled.
+            **columns: Other columns, by name.
+
+        Returns:
+            Whether it has changed.
+        """
+        now = time.time()
+        values: dict[str, Any] = {"token_sha256": None, **columns, "state": state, "reason": storable(reason)}
+        if state is SubmissionState.RUNNING:
+            values["started"] = func.coalesce(SubmissionRow.started, now)
+        if state.over:
+            values["ended"] = now
+        return await self._change(submission_id, values, ends_token=True)
+
+    async def set_columns(self, submission_id: str, **columns: Any) -> bool:
+        """Change columns of a submission that is not over. Returns whether it has changed."""
+        return await self._change(submission_id, columns, ends_token="token_sha256" in columns)
+
+    async def _change(self, submission_id: str, values: dict[str, Any], *, ends_token: bool) -> bool:
+        async with self._database.write() as session:
+            where = SubmissionRow.id == submission_id, SubmissionRow.state.in_(OPEN)
+            result = await session.execute(update(SubmissionRow).where(*where).values(**values))
+            changed = bool(getattr(result, "rowcount", 0))
+        if changed and ends_token:
+            await self.token_ended(submission_id)
+        return changed
+
+    async def make_agent(self, submission_id: str, agent: AgentRow) -> None:
+        """Store the agent of a submission that is being checked.
+
+        Raises:
+            SubmissionOverError: The submission is not ``queued`` any more, or has an agent.
+            AgentNameTakenError: Another agent has the name.
+        """
+        async with self._database.write() as session:
+            row = await session.get(SubmissionRow, submission_id)
+            if row is None or row.state != SubmissionState.QUEUED or row.agent_id is not None:
+                raise SubmissionOverError(submission_id)
+            if await session.scalar(select(AgentRow.id).where(AgentRow.name_key == agent.name_key)) is not None:
+                raise AgentNameTakenError(agent.name)
+            session.add(agent)
+            await session.flush()
+            row.agent_id, row.track = agent.id, agent.track
+
+    async def remove_agent(self, submission_id: str) -> str | None:
+        """Delete the agent that was made for a submission, and its practice, unless it has an evaluation.
+
+        Returns:
+            The id of the agent that was deleted, or None.
+        """
+        async with self._database.write() as session:
+            row = await session.get(SubmissionRow, submission_id)
+            if row is None or not row.agent_made or row.agent_id is None:
+                return None
+            agent = row.agent_id
+            begun = select(EvaluationRow.id).where(EvaluationRow.agent_id == agent).limit(1)
+            if await session.scalar(begun) is not None:
+                return None
+            practice = select(EpisodeRow.id).where(EpisodeRow.agent_id == agent)
+            await session.execute(delete(TrajectoryRow).where(TrajectoryRow.episode_id.in_(practice)))
+            await session.execute(delete(EpisodeRow).where(EpisodeRow.agent_id == agent))
+            await session.execute(delete(UnusedSecretRow).where(UnusedSecretRow.agent_id == agent))
+            await session.execute(delete(IdempotencyRow).where(IdempotencyRow.scope == agent))
+            await session.execute(delete(AgentRow).where(AgentRow.id == agent))
+        return agent
+
+    async def append_log(self, submission_id: str, message: str) -> None:
+        """Add a line to a submission's log."""
+        async with self._database.write() as session:
+            last = select(func.max(SubmissionLogRow.number)).where(SubmissionLogRow.submission_id == submission_id)
+            number = (await session.scalar(last) or 0) + 1
+            text = storable(message) or ""
+            session.add(SubmissionLogRow(submission_id=submission_id, number=number, time=time.time(), message=text))
+
+    async def log(self, submission_id: str) -> Sequence[SubmissionLogRow]:
+        """Return a submission's log, oldest line first."""
+        async with self._database.read() as session:
+            query = select(SubmissionLogRow).where(SubmissionLogRow.submission_id == submission_id)
+            return (await session.scalars(query.order_by(SubmissionLogRow.number))).all()
+
+    async def purge_logs(self, before: float) -> None:
+        """Delete the logs of submissions that were over before a time, seconds since 1970."""
+        async with self._database.write() as session:
+            old = select(SubmissionRow.id).where(SubmissionRow.ended < before)
+            await session.execute(delete(SubmissionLogRow).where(SubmissionLogRow.submission_id.in_(old)))
+
+    async def ended(self, submission_ids: Iterable[str]) -> dict[str, float | None]:
+        """Return when these submissions were over, None for those that are not. Unknown ids are left out."""
+        found: dict[str, float | None] = {}
+        async with self._database.read() as session:
+            for submission_id in submission_ids:
+                row = await session.get(SubmissionRow, submission_id)
+                if row is not None:
+                    found[row.id] = row.ended
+        return found
+
+
+async def _check_name(session: AsyncSession, name_key: str) -> None:
+    handed_in = SubmissionRow.name_key == name_key, SubmissionRow.agent_made, SubmissionRow.state.in_(OPEN)
+    for taken in (select(AgentRow.id).where(AgentRow.name_key == name_key), select(SubmissionRow.id).where(*handed_in)):
+        if await session.scalar(taken.limit(1)) is not None:
+            raise AgentNameTakenError(name_key)
+
+
+async def _check_not_begun(session: AsyncSession, agent_id: str, suite: str) -> None:
+    evaluation = select(EvaluationRow.id).where(EvaluationRow.agent_id == agent_id, EvaluationRow.suite == suite)
+    waiting = select(SubmissionRow.id).where(
+        SubmissionRow.agent_id == agent_id, SubmissionRow.suite == suite, SubmissionRow.state.in_(OPEN)
+    )
+    for begun in (evaluation, waiting):
+        if await session.scalar(begun.limit(1)) is not None:
+            raise SuiteBegunError(agent_id)
+
+
+def storable(text: str | None) -> str | None:
+    """Return a text that every database takes: cut, and without NUL characters and lone surrogates."""
+    if text is None:
+        return None
+    return text[:_LONGEST].replace("\0", "\ufffd").encode("utf-8", "replace").decode()

@@ -1,0 +1,220 @@
+"""Submissions in the database, on both engines: their order, their states, their agents and their logs."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any
+
+import pytest
+from test_storage import episode_row
+
+from wrongturn_protocol import SubmissionState
+from wrongturn_service.registration import new_owner
+from wrongturn_service.storage.database import Database
+from wrongturn_service.storage.models import AgentRow, EvaluationRow, SubmissionRow
+from wrongturn_service.storage.store import AgentNameTakenError, Store
+from wrongturn_service.storage.submissions import (
+    SubmissionOverError,
+    SubmissionStore,
+    SuiteBegunError,
+    TooManySubmissionsError,
+)
+
+
+@contextlib.asynccontextmanager
+async def opened(url: str) -> AsyncIterator[tuple[Store, SubmissionStore]]:
+    """A database with the owners ow_a and ow_b."""
+    database = await Database.open(url)
+    store = Store(database)
+    for name in ("a", "b"):
+        owner = new_owner(name)
+        owner.id = f"ow_{name}"
+        await store.add_owner(owner, None)
+    try:
+        yield store, SubmissionStore(database)
+    finally:
+        await database.close()
+
+
+def submission(name: str, owner: str = "ow_a", **more: Any) -> SubmissionRow:
+    words = {"id": f"su_{name}", "owner_id": owner, "name": name, "name_key": name.lower(), "agent_made": True}
+    row = {"suite": "smoke@2", "sha256": "0" * 64, "size": 1, "state": "queued", "created": 1.0}
+    return SubmissionRow(**{**words, **row, **more})
+
+
+def agent(name: str, owner: str = "ow_a") -> AgentRow:
+    words = {"id": f"ag_{name}", "name": name, "name_key": name.lower(), "owner_id": owner}
+    return AgentRow(**words, track="camera", kind="submitted", created=1.0)
+
+
+def evaluation(name: str, agent_id: str) -> EvaluationRow:
+    row = EvaluationRow(id=name, agent_id=agent_id, suite="smoke@2", suite_sha256="0", entry="uploaded")
+    row.state, row.secret, row.trials, row.created = "running", "0", 2, 1.0
+    return row
+
+
+def play(url: str, story: Callable[[Store, SubmissionStore], Awaitable[None]]) -> None:
+    async def run() -> None:
+        async with opened(url) as (store, submissions):
+            await story(store, submissions)
+
+    asyncio.run(run())
+
+
+def test_they_wait_in_the_order_of_arrival(database_url: str) -> None:
+    async def story(_: Store, submissions: SubmissionStore) -> None:
+        for name in ("x", "y", "z"):
+            await submissions.add(submission(name, "ow_b" if name == "y" else "ow_a"), None, most=2)
+        assert [row.id for row in await submissions.waiting(SubmissionState.QUEUED)] == ["su_x", "su_y", "su_z"]
+        assert [row.id for row in await submissions.of_owner("ow_a")] == ["su_z", "su_x"]
+        assert [row.owner.name for row in await submissions.all()] == ["a", "b", "a"]
+        with pytest.raises(TooManySubmissionsError):
+            await submissions.add(submission("w"), None, most=2)
+        assert await submissions.set_state("su_x", SubmissionState.CANCELLED, reason="as asked")
+        await submissions.add(submission("w"), None, most=2)
+        assert [row.id for row in await submissions.waiting()] == ["su_y", "su_z", "su_w"]
+        assert await submissions.open_count("ow_a") == 2
+
+    play(database_url, story)
+
+
+def test_what_is_over_stays_as_it_is(database_url: str) -> None:
+    told: list[str] = []
+
+    async def tell(submission_id: str) -> None:
+        told.append(submission_id)
+
+    async def story(_: Store, submissions: SubmissionStore) -> None:
+        submissions.token_ended = tell
+        await submissions.add(submission("x"), None, most=1)
+        assert await submissions.set_columns("su_x", token_sha256="t" * 64)
+        assert (await submissions.by_token("t" * 64)) is not None
+        assert await submissions.set_state("su_x", SubmissionState.RUNNING, token_sha256="u" * 64)
+        assert await submissions.by_token("t" * 64) is None
+        row = await submissions.by_token("u" * 64)
+        assert row is not None
+        first = row.started
+        assert first is not None
+        assert await submissions.set_state("su_x", SubmissionState.RUNNING, attempts=1)
+        row = await submissions.get("su_x")
+        assert row is not None
+        assert (row.started, row.attempts, row.ended, row.token_sha256) == (first, 1, None, None)
+        assert await submissions.last_started() == {"ow_a": first}
+        assert await submissions.set_state("su_x", SubmissionState.FAILED, reason="bad\0 \ud800" + 9000 * "x")
+        for change in (SubmissionState.CANCELLED, SubmissionState.RUNNING):
+            assert not await submissions.set_state("su_x", change, reason="too late")
+        assert not await submissions.set_columns("su_x", attempts=7)
+        assert not await submissions.set_state("su_unknown", SubmissionState.FAILED)
+        row = await submissions.get("su_x")
+        assert row is not None
+        assert (row.state, row.attempts, row.token_sha256) == ("failed", 1, None)
+        assert (row.reason or "").startswith("bad\ufffd ?xxx")
+        assert len(row.reason or "") == 4000
+        assert row.ended is not None
+        assert told == ["su_x"] * 4
+
+    play(database_url, story)
+
+
+def test_a_name_is_for_one_agent(database_url: str) -> None:
+    async def story(store: Store, submissions: SubmissionStore) -> None:
+        await submissions.add(submission("Swift"), None, most=9)
+        for taken in (submission("SWIFT", id="su_2"), submission("swift", "ow_b", id="su_3")):
+            with pytest.raises(AgentNameTakenError):
+                await submissions.add(taken, None, most=9)
+        with pytest.raises(AgentNameTakenError):
+            await submissions.check_free("swift")
+        await submissions.make_agent("su_Swift", agent("Swift"))
+        with pytest.raises(SubmissionOverError):
+            await submissions.make_agent("su_Swift", agent("Swift2"))
+        await submissions.set_state("su_Swift", SubmissionState.FAILED, reason="bad")
+        with pytest.raises(AgentNameTakenError):
+            await submissions.add(submission("swift", id="su_4"), None, most=9)
+        practice = episode_row("practice", "t", evaluation=None)
+        practice.agent_id = "ag_Swift"
+        await store.add_episode(practice, None)
+        assert await submissions.remove_agent("su_Swift") == "ag_Swift"
+        assert await submissions.remove_agent("su_Swift") is None
+        assert await store.agent("ag_Swift") is None
+        assert await store.episode("practice") is None
+        row = await submissions.get("su_Swift")
+        assert row is not None
+        assert (row.agent_id, row.track) == (None, "camera")
+        await submissions.check_free("swift")
+
+    play(database_url, story)
+
+
+def test_somebody_else_took_the_name(database_url: str) -> None:
+    async def story(store: Store, submissions: SubmissionStore) -> None:
+        await submissions.add(submission("swift"), None, most=9)
+        taken = agent("Swift", "ow_b")
+        taken.owner = new_owner("c")
+        await store.add_agent(taken, None)
+        with pytest.raises(AgentNameTakenError):
+            await submissions.make_agent("su_swift", agent("swift"))
+        row = await submissions.get("su_swift")
+        assert row is not None
+        assert row.agent_id is None
+        assert await submissions.remove_agent("su_swift") is None
+        assert await store.agent("ag_Swift") is not None
+
+    play(database_url, story)
+
+
+def test_an_agent_with_an_evaluation_stays(database_url: str) -> None:
+    async def story(store: Store, submissions: SubmissionStore) -> None:
+        await submissions.add(submission("made"), None, most=9)
+        await submissions.make_agent("su_made", agent("made"))
+        await store.begin_evaluation(evaluation("ev_1", "ag_made"), None)
+        await submissions.set_state("su_made", SubmissionState.RUNNING, evaluation_id="ev_1")
+        assert await submissions.remove_agent("su_made") is None
+        by_agent = submission("again", agent_id="ag_made", agent_made=False)
+        with pytest.raises(SuiteBegunError):
+            await submissions.add(by_agent, None, most=9)
+        # An evaluation without a step disappears, and the submission forgets it.
+        assert await store.delete_undriven("ev_1")
+        row = await submissions.get("su_made")
+        assert row is not None
+        assert row.evaluation_id is None
+        with pytest.raises(SuiteBegunError):
+            await submissions.check_not_begun("ag_made", "smoke@2")
+        await submissions.set_state("su_made", SubmissionState.CANCELLED)
+        await submissions.check_not_begun("ag_made", "smoke@2")
+        assert await submissions.remove_agent("su_made") == "ag_made"
+
+    play(database_url, story)
+
+
+def test_an_agent_that_was_there_before_stays(database_url: str) -> None:
+    async def story(store: Store, submissions: SubmissionStore) -> None:
+        mine = agent("mine")
+        mine.owner = new_owner("c")
+        await store.add_agent(mine, None)
+        row = submission("mine", mine.owner.id, agent_id="ag_mine", agent_made=False)
+        await submissions.add(row, None, most=9)
+        assert [found.id for found in await submissions.of_agent("ag_mine")] == ["su_mine"]
+        assert await submissions.remove_agent("su_mine") is None
+        assert await store.agent("ag_mine") is not None
+
+    play(database_url, story)
+
+
+def test_the_log_is_kept_for_a_time(database_url: str) -> None:
+    async def story(_: Store, submissions: SubmissionStore) -> None:
+        for name in ("over", "open"):
+            await submissions.add(submission(name), None, most=9)
+            await asyncio.gather(*(submissions.append_log(f"su_{name}", f"line {n}") for n in range(3)))
+        await submissions.set_state("su_over", SubmissionState.FINISHED)
+        ended = await submissions.ended(["su_over", "su_open", "su_unknown"])
+        assert list(ended) == ["su_over", "su_open"]
+        assert ended["su_open"] is None
+        over = ended["su_over"]
+        assert over is not None
+        await submissions.purge_logs(over)
+        assert [line.message for line in await submissions.log("su_over")] == ["line 0", "line 1", "line 2"]
+        await submissions.purge_logs(over + 1)
+        assert await submissions.log("su_over") == []
+        assert [line.number for line in await submissions.log("su_open")] == [1, 2, 3]
+
+    play(database_url, story)
