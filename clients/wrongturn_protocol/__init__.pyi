@@ -15,6 +15,11 @@ from .episodes import Traffic as Traffic
 from .episodes import Trial as Trial
 from .episodes import trial_id as trial_id
 from .episodes import twin_id as twin_id
+from .model_contract import ContractError as ContractError
+from .model_contract import ModelContract as ModelContract
+from .model_contract import ModelSignature as ModelSignature
+from .model_contract import TensorSpec as TensorSpec
+from .model_contract import contract_of as contract_of
 from .navigation import Infractions as Infractions
 from .navigation import NavigationCount as NavigationCount
 from .navigation import NavigationMetrics as NavigationMetrics

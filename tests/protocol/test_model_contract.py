@@ -1,0 +1,297 @@
+"""What a model may take and give, and how each breach is reported."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from wrongturn_protocol import ContractError, ModelSignature, TensorSpec, Track, contract_of
+from wrongturn_protocol.model_contract import OPSETS, Shape
+from wrongturn_protocol.observations import FIELDS, observation_space
+
+SPEED = TensorSpec("speed", "float32", ("N", 1))
+RGB = TensorSpec("rgb", "uint8", ("N", 64, 192, 3))
+STATE_IN = TensorSpec("state_in", "float32", (1, 8))
+STATE_OUT = TensorSpec("state_out", "float32", (1, 8))
+
+
+def control(name: str, shape: Shape = ("N", 1), dtype: str = "float32") -> TensorSpec:
+    return TensorSpec(name, dtype, shape)
+
+
+STEER, ACCELERATE = control("steer"), control("accelerate")
+
+
+def signature(
+    inputs: tuple[TensorSpec, ...] = (SPEED, RGB),
+    outputs: tuple[TensorSpec, ...] = (STEER, ACCELERATE),
+    *,
+    opset: int = 18,
+    metadata: Mapping[str, str] | None = None,
+) -> ModelSignature:
+    return ModelSignature(inputs, outputs, opset, metadata or {})
+
+
+def values(**outputs: float) -> dict[str, np.ndarray]:
+    return {name: np.array([[value]], np.float32) for name, value in outputs.items()}
+
+
+@pytest.mark.parametrize("track", list(Track))
+@pytest.mark.parametrize("batch", [1, "N", None])
+def test_a_model_that_takes_every_key_of_a_track(track: Track, batch: int | str | None):
+    inputs = tuple(TensorSpec(field.name, field.dtype_name, (batch, *field.shape)) for field in FIELDS[track])
+    contract = contract_of(signature(inputs))
+    assert contract.track is track
+    space = observation_space(track)
+    feed = contract.feed(space.sample())
+    assert {name: (array.shape, array.dtype) for name, array in feed.items()} == {
+        name: ((1, *box.shape), box.dtype) for name, box in space.spaces.items()
+    }
+
+
+def test_the_track_is_the_smallest_unless_the_metadata_names_a_larger_one():
+    assert contract_of(signature((SPEED,))).track is Track.STATE
+    assert contract_of(signature((SPEED, RGB))).track is Track.CAMERA
+    assert contract_of(signature((SPEED,), metadata={"track": "segmentation"})).track is Track.SEGMENTATION
+    assert contract_of(signature(), {Track.CAMERA}).track is Track.CAMERA
+
+
+@pytest.mark.parametrize(
+    ("outputs", "given", "action"),
+    [
+        (("steer", "accelerate"), {"steer": -0.5, "accelerate": 0.25}, (-0.5, 0.25, 0.0)),
+        (("steer", "accelerate"), {"steer": -1.5, "accelerate": -3.0}, (-1.0, 0.0, 1.0)),
+        (("steer", "throttle", "brake"), {"steer": 2.0, "throttle": -1.0, "brake": 0.75}, (1.0, 0.0, 0.75)),
+    ],
+)
+def test_controls_become_an_action(outputs, given, action):
+    contract = contract_of(signature(outputs=tuple(control(name) for name in outputs)))
+    made = contract.action(values(**given, value=float("nan")))
+    assert (made.steer, made.throttle, made.brake) == action
+    flat = contract_of(signature(outputs=tuple(control(name, ("N",)) for name in outputs)))
+    assert flat.action({name: array[0] for name, array in values(**given).items()}) == made
+
+
+@pytest.mark.parametrize("dtype", ["float16", "float32", "float64"])
+def test_one_output_called_action(dtype):
+    contract = contract_of(signature(outputs=(control("action", ("N", 3), dtype), control("value"))))
+    assert contract.outputs == ("action",)
+    made = contract.action({"action": np.array([[-2.0, 0.5, 7.0]], dtype)})
+    assert (made.steer, made.throttle, made.brake) == (-1.0, 0.5, 1.0)
+
+
+def test_a_state_begins_with_zeros_and_is_handed_on():
+    contract = contract_of(signature((SPEED, STATE_IN), (STEER, ACCELERATE, STATE_OUT)))
+    assert contract.inputs == ("speed",)
+    assert contract.outputs == ("steer", "accelerate", "state_out")
+    assert contract.state_shape == (1, 8)
+    observation = {"speed": np.array([3.0], np.float32)}
+    first = contract.feed(observation)
+    np.testing.assert_array_equal(first["state_in"], np.zeros((1, 8), np.float32))
+    remembered = np.arange(8, dtype=np.float32)[None]
+    assert contract.state({"state_out": remembered}) is remembered
+    assert contract.feed(observation, remembered)["state_in"] is remembered
+
+
+def test_a_model_without_a_memory():
+    contract = contract_of(signature())
+    assert contract.state_shape is None
+    assert contract.state(values(steer=0.0)) is None
+    assert set(contract.feed(observation_space(Track.CAMERA).sample())) == {"speed", "rgb"}
+
+
+def test_shapes_that_the_model_does_not_declare_are_left_to_the_drive():
+    outputs = (control("steer", ()), control("accelerate", (None, None)))
+    assert contract_of(signature((TensorSpec("speed", "float32", ()),), outputs)).track is Track.STATE
+
+
+@pytest.mark.parametrize("opset", OPSETS)
+def test_opsets_at_the_ends_of_the_range(opset):
+    assert contract_of(signature(opset=opset)).track is Track.CAMERA
+
+
+MESSAGES = {
+    "opset too old": (
+        signature(opset=OPSETS[0] - 1),
+        f"opset: {OPSETS[0] - 1}; export the model with one from {OPSETS[0]} to {OPSETS[1]}",
+    ),
+    "opset too new": (
+        signature(opset=OPSETS[1] + 1),
+        f"opset: {OPSETS[1] + 1}; export the model with one from {OPSETS[0]} to {OPSETS[1]}",
+    ),
+    "unknown input": (
+        signature((SPEED, control("velocity"))),
+        "inputs: velocity: no such observation key; name each input after a key of one track's observations",
+    ),
+    "keys of two tracks": (
+        signature((RGB, TensorSpec("pose", "float64", (1, 3)))),
+        "inputs: no track has all of these; name each input after a key of one track's observations",
+    ),
+    "key that the named track lacks": (
+        signature(metadata={"track": "privileged"}),
+        "inputs: rgb: no such observation key; name each input after a key of one track's observations",
+    ),
+    "unknown track": (
+        signature(metadata={"track": "sonar"}),
+        "metadata track: sonar is none of state, camera, segmentation, privileged",
+    ),
+    "type of an input": (
+        signature((TensorSpec("rgb", "float32", (1, 64, 192, 3)),)),
+        "input rgb: takes float32; let it take uint8, and convert it to float32 in the graph",
+    ),
+    "another type of an input": (
+        signature((TensorSpec("command", "int32", (1, 1)),)),
+        "input command: takes int32; let it take int64, as observations have it",
+    ),
+    "shape of a picture": (
+        signature((TensorSpec("rgb", "uint8", (1, 3, 64, 192)),)),
+        "input rgb: takes (1, 3, 64, 192); let it take (N, 64, 192, 3), where N is a batch axis of 1 or free, "
+        "and transpose it in the graph",
+    ),
+    "no batch axis": (
+        signature((TensorSpec("speed", "float32", (1,)),)),
+        "input speed: takes (1,); let it take (N, 1), where N is a batch axis of 1 or free",
+    ),
+    "fixed batch": (
+        signature((TensorSpec("speed", "float32", (32, 1)),)),
+        "input speed: takes (32, 1); let it take (N, 1), where N is a batch axis of 1 or free",
+    ),
+    "no outputs": (
+        signature(outputs=()),
+        "outputs: none; the contract wants steer and accelerate; or steer, throttle and brake; or action",
+    ),
+    "other outputs": (
+        signature(outputs=(control("control"),)),
+        "outputs: control; the contract wants steer and accelerate; or steer, throttle and brake; or action",
+    ),
+    "half of the outputs": (
+        signature(outputs=(STEER,)),
+        "outputs: steer; the contract wants steer and accelerate; or steer, throttle and brake; or action",
+    ),
+    "two ways at once": (
+        signature(outputs=(STEER, ACCELERATE, control("action", ("N", 3)))),
+        "outputs: steer, accelerate, action; the contract wants steer and accelerate; or steer, throttle and brake; "
+        "or action",
+    ),
+    "type of an output": (
+        signature(outputs=(control("steer", dtype="int64"), ACCELERATE)),
+        "output steer: is int64; let it be float32",
+    ),
+    "an output that is no tensor": (
+        signature(outputs=(control("steer", (), "seq(tensor(float))"), ACCELERATE)),
+        "output steer: is seq(tensor(float)); let it be float32",
+    ),
+    "shape of an output": (
+        signature(outputs=(STEER, control("accelerate", ("batch", 2)))),
+        "output accelerate: is (batch, 2); let it be (N, 1), where N is the batch axis",
+    ),
+    "shape of action": (
+        signature(outputs=(control("action", (1, 2)),)),
+        "output action: is (1, 2); let it be (N, 3), where N is the batch axis",
+    ),
+    "state that is not given": (
+        signature((SPEED, STATE_IN)),
+        "state_in: there is no output state_out; a model with a memory has both",
+    ),
+    "state that is not taken": (
+        signature(outputs=(STEER, ACCELERATE, STATE_OUT)),
+        "state_out: there is no input state_in; a model with a memory has both",
+    ),
+    "type of the state": (
+        signature((TensorSpec("state_in", "float64", (1, 8)),), (STEER, ACCELERATE, STATE_OUT)),
+        "input state_in: is float64; let it be float32",
+    ),
+    "batch of the state": (
+        signature(
+            (TensorSpec("state_in", "float32", (2, 1, 8)),), (STEER, ACCELERATE, control("state_out", (1, 1, 8)))
+        ),
+        "input state_in: is (2, 1, 8); let it begin with a batch axis of 1, or a free one",
+    ),
+    "free state": (
+        signature((TensorSpec("state_in", "float32", (1, 8)),), (STEER, ACCELERATE, control("state_out", (1, "M")))),
+        "output state_out: is (1, M); give every axis after the batch axis a fixed size; "
+        "state_out: is (1, M) and state_in is (1, 8); give both the same shape",
+    ),
+    "large state": (
+        signature(
+            (TensorSpec("state_in", "float32", (1, 2, 131_073)),),
+            (STEER, ACCELERATE, control("state_out", (1, 2, 131_073))),
+        ),
+        "input state_in: takes 1048584 bytes; a state has at most 1048576, so remember less",
+    ),
+    "states that differ": (
+        signature((STATE_IN,), (STEER, ACCELERATE, control("state_out", (1, 9)))),
+        "state_out: is (1, 9) and state_in is (1, 8); give both the same shape",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", list(MESSAGES))
+def test_each_breach_is_named_with_its_remedy(case: str):
+    broken, says = MESSAGES[case]
+    with pytest.raises(ContractError) as caught:
+        contract_of(broken)
+    assert str(caught.value) == says
+
+
+def test_a_suite_without_the_models_track():
+    with pytest.raises(ContractError) as caught:
+        contract_of(signature((SPEED,)), (Track.PRIVILEGED, Track.CAMERA))
+    assert str(caught.value) == (
+        "inputs: they make it a model of the state track, which the suite does not take; take keys of another track "
+        "(camera, privileged), or name one that has these keys in the metadata's track"
+    )
+
+
+def test_every_breach_is_reported():
+    with pytest.raises(ContractError) as caught:
+        contract_of(signature((control("velocity"), STATE_IN), (STEER,), opset=1))
+    assert [message.partition(":")[0] for message in caught.value.messages] == [
+        "opset",
+        "inputs",
+        "outputs",
+        "state_in",
+    ]
+
+
+def test_names_that_are_meant_to_harm_stay_short():
+    inputs = tuple(TensorSpec(f"\x1b[31m{'x' * 10_000}{number}", "float32", (1,)) for number in range(1000))
+    with pytest.raises(ContractError) as caught:
+        contract_of(signature(inputs, metadata={"track": "privileged"}))
+    assert len(str(caught.value)) < 1000
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("outputs", "says"),
+    [
+        ({"steer": np.zeros((1, 1), np.float32)}, "output accelerate: is missing; the model must give it at each step"),
+        (
+            values(steer=float("nan"), accelerate=0.0),
+            "output steer: is [[nan]], float32 (1, 1); it must be finite and float32 (1, 1)",
+        ),
+        (
+            values(steer=0.0, accelerate=float("inf")),
+            "output accelerate: is [[inf]], float32 (1, 1); it must be finite and float32 (1, 1)",
+        ),
+        (
+            {"steer": np.zeros((1, 99), np.float32)},
+            "output steer: is float32 (1, 99); it must be finite and float32 (1, 1)",
+        ),
+        (
+            {"steer": np.zeros((1, 1), np.int64)},
+            "output steer: is [[0]], int64 (1, 1); it must be finite and float32 (1, 1)",
+        ),
+    ],
+)
+def test_outputs_that_are_no_action(outputs, says):
+    with pytest.raises(ContractError) as caught:
+        contract_of(signature()).action(outputs)
+    assert str(caught.value) == says
+
+
+@pytest.mark.parametrize("state", [np.zeros((1, 9), np.float32), np.zeros((1, 8), np.float64), None])
+def test_a_state_that_changes_its_shape(state):
+    contract = contract_of(signature((SPEED, STATE_IN), (STEER, ACCELERATE, STATE_OUT)))
+    with pytest.raises(ContractError, match=r"output state_out: is (missing|float)"):
+        contract.state({} if state is None else {"state_out": state})
