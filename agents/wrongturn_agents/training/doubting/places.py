@@ -1,0 +1,151 @@
+"""Places where a car can be, and what its picture should tell: how far the junction is, and which exits it has."""
+
+import math
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_agents.models.doubt import FARTHEST
+from wrongturn_networks import Town
+from wrongturn_protocol import DIRECTIONS
+from wrongturn_sim import guide
+from wrongturn_sim.roads import roads_of
+
+Numbers = NDArray[np.float64]
+
+STEP: Final = 0.25
+"""Distance between the points of lanes and paths from which places are drawn, metres."""
+NEAR: Final = 30.0
+"""A place this far from the stop line or nearer is near, metres."""
+SHARES: Final = {"near": 0.55, "inside": 0.2, "after": 0.1, "elsewhere": 0.15}
+"""Shares of the places that are drawn: near a stop line; between stop line and exit line; in the first 12 m of a
+lane; anywhere else, bends included."""
+_AFTER: Final = 12.0
+_LATERAL: Final = (0.35, 1.7)
+"""Standard deviation of the distance from the lane's centre, and its greatest size for a car astray, metres."""
+_YAW: Final = (0.06, 0.4)
+"""The same for the angle to the lane, radians."""
+_ASTRAY: Final = 0.25
+"""Share of the places off the ideal line, where a car gets that was told wrong."""
+
+
+class Places(NamedTuple):
+    """Places of cars in one town, and the truth about each."""
+
+    poses: Numbers
+    """(n, 3): x, y, yaw of the body's centre; metres, metres, radians."""
+    distance: Numbers
+    """(n,): metres to the stop line along the lane; 0 inside a junction, FARTHEST where there is none nearer."""
+    exits: NDArray[np.float32]
+    """(n, 3): 1 for each exit that the junction ahead has: left, right, straight."""
+    shown: NDArray[np.float32]
+    """(n,): 1 where the exits ahead are to be told: before the stop line, and not too far from it."""
+
+
+class _Points(NamedTuple):
+    """Points along a town's lanes and paths."""
+
+    poses: Numbers
+    distance: Numbers
+    exits: NDArray[np.float32]
+    groups: dict[str, NDArray[np.int64]]
+    """Rows of each group of :data:`SHARES`."""
+
+
+def draw_places(town: Town, random: np.random.Generator, count: int) -> Places:
+    """Draw places in a town with their truth, most of them near junctions and a quarter of them off the ideal line.
+
+    Args:
+        town: the town.
+        random: generator of everything that is drawn.
+        count: number of places.
+    """
+    points = _points(town)
+    names = [name for name, rows in points.groups.items() if len(rows)]
+    shares = np.array([SHARES[name] for name in names])
+    kinds = random.choice(len(names), count, p=shares / shares.sum())
+    rows = np.empty(count, np.int64)
+    for kind, name in enumerate(names):
+        of_kind = np.flatnonzero(kinds == kind)
+        rows[of_kind] = random.choice(points.groups[name], len(of_kind))
+    astray = random.random(count) < _ASTRAY
+    lateral, yaw = (
+        np.where(astray, random.uniform(-most, most, count), np.clip(random.normal(0.0, usual, count), -most, most))
+        for usual, most in (_LATERAL, _YAW)
+    )
+    poses = points.poses[rows].copy()
+    poses[:, 0] -= lateral * np.sin(poses[:, 2])
+    poses[:, 1] += lateral * np.cos(poses[:, 2])
+    poses[:, 2] += yaw
+    return told(poses, points.distance[rows], points.exits[rows])
+
+
+def told(poses: Numbers, distance: Numbers, exits: NDArray[np.float32]) -> Places:
+    """Return places whose exits are to be told where the stop line lies ahead and near."""
+    shown = (distance > 0.0) & (distance <= NEAR)
+    return Places(poses, np.minimum(distance, FARTHEST), exits, shown.astype(np.float32))
+
+
+def truth_of(observation: dict[str, NDArray[Any]]) -> Places:
+    """Return the truth about driven cars.
+
+    Args:
+        observation: (n, ...) for each key of the privileged track.
+    """
+    ahead = observation["stop_line"][:, 0].astype(np.float64)
+    exits = observation["exits_mask"].astype(np.float32)
+    # Inside a junction the stop line is -1, as it is where none is near; only inside are the exits shown then.
+    distance = np.where(ahead >= 0.0, ahead, np.where(exits.any(1), 0.0, FARTHEST))
+    return told(observation["pose"].astype(np.float64), distance, exits)
+
+
+@lru_cache(maxsize=128)
+def _points(town: Town) -> _Points:
+    roads = roads_of(town)
+    poses: list[Numbers] = []
+    distances: list[Numbers] = []
+    exits: list[NDArray[np.float32]] = []
+    groups: dict[str, list[NDArray[np.int64]]] = {name: [] for name in SHARES}
+    total = 0
+
+    def put(line: Numbers, along: Numbers, places: Numbers) -> NDArray[np.int64]:
+        nonlocal total
+        at = np.clip(np.searchsorted(along, places, side="right") - 1, 0, len(along) - 2)
+        steps = line[at + 1] - line[at]
+        share = (places - along[at]) / np.maximum(along[at + 1] - along[at], 1e-9)
+        headings = np.arctan2(steps[:, 1], steps[:, 0])
+        poses.append(np.column_stack([line[at] + share[:, None] * steps, headings]))
+        total += len(places)
+        return np.arange(total - len(places), total)
+
+    for leg, lane in enumerate(roads.lanes):
+        approach = roads.approaches[leg]
+        s = np.arange(0.0, lane.length, STEP)
+        rows = put(lane.points, lane.along, s)
+        left = np.full(len(s), math.inf) if approach is None else lane.length - s
+        distances.append(left)
+        mask = np.array([approach is not None and way in approach.exits for way in DIRECTIONS], np.float32)
+        exits.append(np.tile(mask, (len(s), 1)))
+        groups["near"].append(rows[left <= NEAR])
+        groups["after"].append(rows[s <= _AFTER])
+        groups["elsewhere"].append(rows[left > NEAR])
+        for gate in range(0 if approach is None else len(approach.exits)):
+            line, along = roads.path_of(leg, gate)
+            inner = float(roads.floats[leg, _inner(gate)])
+            s = np.arange(0.0, inner, STEP)
+            groups["inside"].append(put(line, along, s))
+            distances.append(np.zeros(len(s)))
+            exits.append(np.tile(mask, (len(s), 1)))
+    return _Points(
+        np.concatenate(poses),
+        np.concatenate(distances),
+        np.concatenate(exits),
+        {name: np.concatenate([np.empty(0, np.int64), *rows]) for name, rows in groups.items()},
+    )
+
+
+def _inner(gate: int) -> int:
+    """Return the column with the length of an exit's path from the stop line to the exit line."""
+    return guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER

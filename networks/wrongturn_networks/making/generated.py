@@ -1,0 +1,111 @@
+"""Recipes of generated towns: a grid of streets, some of which are missing, drawn from a seed."""
+
+import random
+from collections.abc import Iterator
+from typing import Final
+
+from wrongturn_networks.making.recipes import Point, Recipe, Street
+
+COLUMNS: Final = (3, 4, 5)
+ROWS: Final = (3, 4)
+"""Numbers of streets from south to north, and from west to east."""
+SPACING: Final = (48.0, 100.0)
+"""Least and greatest distance between neighbouring streets, metres."""
+MISSING: Final = (0.1, 0.35)
+"""Least and greatest share of the grid's pieces of street that are left out."""
+_BEND_RADII: Final = (8.0, 14.0)
+_TRIES: Final = 1000
+
+_Node = tuple[int, int]
+
+
+def generated_recipe(seed: int) -> Recipe:
+    """Return the recipe of a town that is drawn from a seed; equal seeds give equal towns.
+
+    The town is a grid with streets left out, so that its junctions have three or four arms. Places where two streets
+    meet become bends or straight streets, and there are no dead ends. Its name is ``generated-`` and the seed.
+
+    Args:
+        seed: any whole number from 0 on. Example: 7
+
+    Raises:
+        ValueError: the seed is negative.
+    """
+    if seed < 0:
+        raise ValueError(f"seed: is {seed}; give a whole number from 0 on")
+    draw = random.Random(f"town {seed}")
+    for _ in range(_TRIES):
+        drawn = _drawn(draw, f"generated-{seed}", seed)
+        if drawn is not None:
+            return drawn
+    raise RuntimeError(f"seed: none of {_TRIES} layouts of seed {seed} makes a town; take another seed")
+
+
+def _drawn(draw: random.Random, name: str, seed: int) -> Recipe | None:
+    """Return a town; None if the layout that was drawn makes none."""
+    columns, rows = draw.choice(COLUMNS), draw.choice(ROWS)
+    xs, ys = _lines(draw, columns), _lines(draw, rows)
+    grid: dict[_Node, set[_Node]] = {(i, j): set() for i in range(columns) for j in range(rows)}
+    pieces = [((i, j), (i + di, j + dj)) for i, j in grid for di, dj in ((1, 0), (0, 1)) if (i + di, j + dj) in grid]
+    kept = draw.sample(pieces, round(len(pieces) * (1.0 - draw.uniform(*MISSING))))
+    for one, other in kept:
+        grid[one].add(other)
+        grid[other].add(one)
+    _prune(grid)
+    junctions = sorted(node for node, near in grid.items() if len(near) > 2)
+    names = {node: f"J{number}" for number, node in enumerate(junctions, 1)}
+    streets = []
+    for chain in _chains(grid, names):
+        corners = tuple(
+            (xs[node[0]], ys[node[1]])
+            for before, node, after in zip(chain, chain[1:], chain[2:], strict=False)
+            if (before[0] == node[0]) != (node[0] == after[0])
+        )
+        streets.append(Street(names[chain[0]], names[chain[-1]], corners))
+    ends = [frozenset((street.start, street.end)) for street in streets]
+    # SUMO's edges are named after their ends, so two streets cannot join the same junctions, nor one lead back.
+    if len(names) < 4 or len(set(ends)) < len(ends) or min(map(len, ends)) < 2 or not _joined(grid):
+        return None
+    nodes: dict[str, Point] = {label: (xs[i], ys[j]) for (i, j), label in names.items()}
+    return Recipe(name, nodes, tuple(streets), seed, bend_radius=round(draw.uniform(*_BEND_RADII), 2))
+
+
+def _lines(draw: random.Random, count: int) -> list[float]:
+    """Return where a number of parallel streets lie, metres."""
+    places = [0.0]
+    for _ in range(count - 1):
+        places.append(round(places[-1] + draw.uniform(*SPACING), 2))
+    return places
+
+
+def _prune(grid: dict[_Node, set[_Node]]) -> None:
+    """Remove dead ends until there are none."""
+    while ends := [node for node, near in grid.items() if len(near) == 1]:
+        for node in ends:
+            for other in grid[node]:
+                grid[other].discard(node)
+            grid[node].clear()
+
+
+def _joined(grid: dict[_Node, set[_Node]]) -> bool:
+    """Return whether every street can be reached from every other one."""
+    todo = [next(node for node, near in grid.items() if near)]
+    seen = set(todo)
+    while todo:
+        new = grid[todo.pop()] - seen
+        seen |= new
+        todo += new
+    return all(node in seen for node, near in grid.items() if near)
+
+
+def _chains(grid: dict[_Node, set[_Node]], names: dict[_Node, str]) -> Iterator[list[_Node]]:
+    """Yield the nodes of each street, from one junction to the next."""
+    for start in names:
+        for step in sorted(grid[start]):
+            chain = [start, step]
+            while chain[-1] not in names:
+                (onward,) = grid[chain[-1]] - {chain[-2]}
+                chain.append(onward)
+            # Each street is found from both of its ends.
+            if chain <= chain[::-1]:
+                yield chain

@@ -1,0 +1,92 @@
+"""What the pictures are labelled with agrees with the simulator's own truth and with the geometry."""
+
+import math
+
+import numpy as np
+import pytest
+from shapely import Point
+
+from wrongturn_agents.models.doubt import FARTHEST
+from wrongturn_agents.training.doubting.places import NEAR, Places, draw_places, truth_of
+from wrongturn_networks import Town, draw_cruise, load_town
+from wrongturn_protocol import DIRECTIONS, Track
+from wrongturn_sim.fleet.fleet import Fleet
+
+
+@pytest.fixture(scope="module", params=["Town01", "junctions"])
+def town(request: pytest.FixtureRequest) -> Town:
+    return load_town(request.param)
+
+
+@pytest.fixture(scope="module")
+def places(town: Town) -> Places:
+    return draw_places(town, np.random.default_rng(3), 4_000)
+
+
+def _approach_ahead(town: Town, x: float, y: float, yaw: float) -> tuple[float, tuple[bool, ...]] | None:
+    """Return the distance to the stop line ahead in a straight line, and the exits there; by shapely alone."""
+    best = None
+    for approach in town.approaches.values():
+        sx, sy = approach.stop_line
+        along = (sx - x) * math.cos(approach.heading) + (sy - y) * math.sin(approach.heading)
+        aside = (sx - x) * math.sin(approach.heading) - (sy - y) * math.cos(approach.heading)
+        turned = abs(math.remainder(yaw - approach.heading, math.tau))
+        if 0 < along < NEAR and abs(aside) < 2.0 and turned < 0.5 and (best is None or along < best[0]):
+            best = along, tuple(direction in approach.exits for direction in DIRECTIONS)
+    return best
+
+
+def test_distance_and_exits_are_those_of_the_approach_ahead(town: Town, places: Places) -> None:
+    seen = 0
+    for pose, distance, exits in zip(places.poses, places.distance, places.exits, strict=True):
+        # Close before the line a lane is straight, so that the straight distance is that along the lane.
+        if not 0.5 < distance < 12.0:
+            continue
+        found = _approach_ahead(town, *pose)
+        assert found is not None
+        assert found[0] == pytest.approx(distance, abs=0.75)
+        assert tuple(exits > 0.5) == found[1]
+        seen += 1
+    assert seen > 300
+
+
+def test_places_inside_lie_in_junctions_and_the_others_do_not(town: Town, places: Places) -> None:
+    areas = [junction.area for junction in town.junctions.values()]
+    # Cars astray may be beside the area that the paths run through, hence the buffer.
+    for pose, distance in zip(places.poses, places.distance, strict=True):
+        near = min(area.distance(Point(pose[:2])) for area in areas)
+        if distance == 0.0:
+            assert near < 4.5
+        if 5.0 < distance < 15.0:
+            assert near > 0.0
+
+
+def test_exits_are_told_before_the_line_and_nowhere_else(places: Places) -> None:
+    told = places.shown > 0.5
+    assert np.array_equal(told, (places.distance > 0.0) & (places.distance <= NEAR))
+    assert 0.3 < told.mean() < 0.8
+    assert (places.exits[told].sum(1) >= 2).all()
+
+
+def test_all_distances_are_drawn(places: Places) -> None:
+    counts, _ = np.histogram(places.distance, [0.0, 1e-9, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, FARTHEST + 1])
+    assert (counts > 100).all()
+
+
+def test_places_agree_with_the_simulator(town: Town) -> None:
+    """A driven car's truth, read from the privileged observation, equals that of a place drawn there."""
+    random = np.random.default_rng(5)
+    fleet = Fleet(town, 200, Track.PRIVILEGED, record=False)
+    trials = [draw_cruise(town, random, inside_junctions=0.3, lateral=0.2) for _ in range(fleet.count)]
+    fleet.begin(enumerate(trials))
+    truth = truth_of(fleet.observation)
+    fleet.close()
+    for trial, distance, exits, shown in zip(trials, truth.distance, truth.exits, truth.shown, strict=True):
+        assert distance == pytest.approx(np.clip(trial.start.distance, 0.0, FARTHEST), abs=0.01)
+        if shown:
+            assert tuple(exits > 0.5) == tuple(direction in trial.junction_type.exits for direction in DIRECTIONS)
+
+
+def test_the_same_generator_draws_the_same_places(town: Town) -> None:
+    one, other = (draw_places(town, np.random.default_rng(7), 50) for _ in range(2))
+    assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
