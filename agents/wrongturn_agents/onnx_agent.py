@@ -1,32 +1,24 @@
 """Agent that runs an ONNX file.
 
-The contract is the same for ``wrongturn run FILE.onnx`` and for a submitted model:
-
-* Each input has the name of an observation key. It takes that array with a batch axis in front and the observation's
-  dtype: ``speed`` float32 (1, 1), ``command`` int64 (1, 1), ``rgb`` uint8 (1, 64, 192, 3) and so on. A model need not
-  take every key. Its track is the smallest one with all of its inputs, unless its metadata names a larger one.
-* One output is called ``action``: float32 (1, 3) with steer, throttle and brake. Values out of range are clipped.
-* The model's metadata may hold ``name``, ``track`` and ``description``.
-* The model keeps no memory between steps, so that it can drive several episodes at once.
-
-onnxruntime comes with an extra: ``python -m pip install 'wrongturn-agents[onnx]'``.
+The contract is the same for ``wrongturn run FILE.onnx`` and for a submitted model: ``wrongturn_protocol.contract_of``
+checks it, and ``docs/models.md`` shows it as a table. onnxruntime comes with an extra:
+``python -m pip install 'wrongturn-agents[onnx]'``.
 """
 
-import math
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
+from wrongturn_agents.onnx_file import opset_of
 from wrongturn_client.invocation import python
-from wrongturn_protocol import Action, AgentKind, Track
-from wrongturn_protocol.observations import FIELDS, Observation
+from wrongturn_protocol import Action, AgentKind, ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
+from wrongturn_protocol.model_contract import check_opset
+from wrongturn_protocol.observations import Observation
 
-_TRACKS: Final = (Track.STATE, Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)  # smaller tracks first
-ACTION: Final = "action"
-"""Name of the output."""
+_DTYPES: Final = {"tensor(float)": "float32", "tensor(double)": "float64"}
 
 
 class OnnxAgent:
@@ -37,24 +29,22 @@ class OnnxAgent:
         ModelFileError: The file is missing, is not an ONNX model, or breaks the contract.
     """
 
-    memoryless = True
-    """True: :meth:`act` depends on the observation alone, and several threads may call it at once."""
-
     def __init__(self, file: Path) -> None:
+        self._file = file
         self._session: Any = open_session(file)
         said: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
-        self._inputs: tuple[str, ...] = tuple(put.name for put in self._session.get_inputs())
-        self.track: Track = _track(file, self._inputs, said.get("track"))
+        self.contract: ModelContract = _contract(file, self._session, said)
+        self.track = self.contract.track
         self.name: str = said.get("name", file.stem)
         self.kind = AgentKind.SUBMITTED
         self.description: str = said.get("description", f"ONNX model {file.name}")
-        outputs = [put.name for put in self._session.get_outputs()]
-        if ACTION not in outputs:
-            raise ModelFileError(f"{file}: outputs: {', '.join(outputs)}; the contract wants one called {ACTION}")
-        self._file = file
+        self.memoryless: bool = self.contract.state_shape is None
+        """Whether :meth:`act` depends on the observation alone, so that several threads may call it at once."""
+        self._state: NDArray[Any] | None = None
 
-    def reset(self, observation_space: spaces.Space[Any]) -> None:
-        """Do nothing, because a model keeps no memory."""
+    def reset(self, observation_space: spaces.Space[Any]) -> None:  # noqa: ARG002 - of the interface
+        """Forget the last episode. A model with a memory starts from zeros again."""
+        self._state = None
 
     def act(self, observation: Observation) -> Action:
         """Return the model's action.
@@ -62,15 +52,19 @@ class OnnxAgent:
         Raises:
             ModelFileError: The model fails on the observation, or its action has another shape or is not finite.
         """
+        names = list(self.contract.outputs)
         try:
-            (batch,) = self._session.run([ACTION], {name: observation[name][None] for name in self._inputs})
+            given = self._session.run(names, self.contract.feed(observation, self._state))
         except Exception as error:
             raise ModelFileError(f"{self._file}: the model fails on an observation: {error}") from error
-        action = np.asarray(batch, np.float64)
-        if action.shape != (1, 3) or not all(map(math.isfinite, action[0])):
-            raise ModelFileError(f"{self._file}: output {ACTION} is {action.tolist()}; it must be finite and (1, 3)")
-        steer, throttle, brake = np.clip(action[0], (-1.0, 0.0, 0.0), 1.0).tolist()
-        return Action(steer=steer, throttle=throttle, brake=brake)
+        try:
+            outputs = dict(zip(names, given, strict=True))
+            action = self.contract.action(outputs)
+            if not self.memoryless:
+                self._state = self.contract.state(outputs)
+        except ContractError as error:
+            raise ModelFileError(f"{self._file}: {error}") from error
+        return action
 
 
 def open_session(file: Path) -> Any:
@@ -94,17 +88,40 @@ def open_session(file: Path) -> Any:
     try:
         return onnxruntime.InferenceSession(str(file), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime raises many classes
+        _blame_opset(file)
         raise ModelFileError(f"{file}: onnxruntime cannot load it: {error}") from error
 
 
-def _track(file: Path, inputs: tuple[str, ...], said: str | None) -> Track:
-    keys = {track: {field.name for field in FIELDS[track]} for track in _TRACKS}
-    if said is not None and said not in keys:
-        raise ModelFileError(f"{file}: metadata track: {said!r} is none of {', '.join(_TRACKS)}")
-    fitting = [track for track in _TRACKS if set(inputs) <= keys[track] and said in {None, track}]
-    if not fitting:
-        known = keys[Track(said)] if said is not None else set[str]().union(*keys.values())
-        unknown = sorted(set(inputs) - known)
-        reason = f"{', '.join(unknown)}: no such observation key" if unknown else "no track has all of these"
-        raise ModelFileError(f"{file}: inputs: {reason}; name each input after a key of one track's observations")
-    return fitting[0]
+def _blame_opset(file: Path) -> None:
+    """Raise ModelFileError if a model's opset is why onnxruntime does not load it; onnxruntime says that less well."""
+    opset = opset_of(file)
+    if opset:
+        try:
+            check_opset(opset)
+        except ContractError as error:
+            raise ModelFileError(f"{file}: {error}") from error
+
+
+def _contract(file: Path, session: Any, metadata: dict[str, str]) -> ModelContract:
+    """Return how to drive with the model of a session.
+
+    Raises:
+        ModelFileError: It breaks the contract.
+    """
+    signature = ModelSignature(
+        inputs=tuple(_spec(put) for put in session.get_inputs()),
+        outputs=tuple(_spec(put) for put in session.get_outputs()),
+        opset=opset_of(file),
+        metadata=metadata,
+    )
+    try:
+        return contract_of(signature)
+    except ContractError as error:
+        raise ModelFileError(f"{file}: {error}") from error
+
+
+def _spec(put: Any) -> TensorSpec:
+    """Return an input or output as the contract describes it: with numpy's name of the type."""
+    known = _DTYPES.get(put.type)
+    inside: str = put.type.removeprefix("tensor(").removesuffix(")") if put.type.startswith("tensor(") else put.type
+    return TensorSpec(put.name, known or inside, tuple(put.shape))

@@ -8,6 +8,7 @@ import importlib
 import inspect
 import sys
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -194,4 +195,4 @@ def _model(file: Path) -> AgentSource:
     from wrongturn_agents.onnx_agent import OnnxAgent  # noqa: PLC0415 - loads an optional extra
 
     agent = OnnxAgent(file)
-    return AgentSource(agent.name, agent.track, agent.kind, agent.description, make=lambda: agent)
+    return AgentSource(agent.name, agent.track, agent.kind, agent.description, make=partial(copy, agent))

@@ -143,9 +143,13 @@ def contract_of(signature: ModelSignature, tracks: Collection[Track] | None = No
     """
     inputs = {put.name: put for put in signature.inputs}
     outputs = {put.name: put for put in signature.outputs}
-    wrong = [*_wrong_opset(signature.opset)]
+    wrong: list[str] = []
     observed = tuple(name for name in inputs if name != STATE_IN)
     track: Track | None = None
+    try:
+        check_opset(signature.opset)
+    except ContractError as error:
+        wrong += error.messages
     try:
         track = _track(observed, signature.metadata.get("track"), tracks)
     except ContractError as error:
@@ -169,10 +173,15 @@ def contract_of(signature: ModelSignature, tracks: Collection[Track] | None = No
     )
 
 
-def _wrong_opset(opset: int) -> Iterator[str]:
+def check_opset(opset: int) -> None:
+    """Check the opset alone: onnxruntime does not load a model of an unknown one, so that nothing else is known of it.
+
+    Raises:
+        ContractError: The opset is out of range.
+    """
     least, greatest = OPSETS
     if not least <= opset <= greatest:
-        yield f"opset: {opset}; export the model with one from {least} to {greatest}"
+        raise ContractError(f"opset: {opset}; export the model with one from {least} to {greatest}")
 
 
 def _track(inputs: tuple[str, ...], said: str | None, tracks: Collection[Track] | None) -> Track:

@@ -1,15 +1,19 @@
+"""Models as agents: what they may be, what they remember, and what is said of those that break the contract."""
+
 import builtins
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from control_onnx import write_adder, write_identity
 from tiny_onnx import write_concat_model
 
 from wrongturn_agents import resolve
-from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
+from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError, RunError
 from wrongturn_agents.worker import episodes_side_by_side
 from wrongturn_protocol import Track
+from wrongturn_protocol.model_contract import OPSETS
 from wrongturn_protocol.observations import Observation, observation_space
 
 pytest.importorskip("onnxruntime")
@@ -45,6 +49,45 @@ def test_an_action_out_of_range_is_clipped(tmp_path):
     assert (action.steer, action.throttle, action.brake) == (1.0, 0.0, 1.0)
 
 
+def test_a_model_that_accelerates_and_brakes_by_one_output(tmp_path):
+    agent = resolve(str(write_identity(tmp_path / "identity.onnx", opset=18))).make()
+    action = agent.act(observation(speed=0.25, steering=-0.5))
+    assert (action.steer, action.throttle, action.brake) == (-0.5, 0.25, 0.0)
+    action = agent.act(observation(speed=-0.75, steering=-0.5))
+    assert (action.steer, action.throttle, action.brake) == (-0.5, 0.0, 0.75)
+
+
+def test_a_memory_lasts_one_episode_and_belongs_to_one_agent(tmp_path):
+    source = resolve(str(write_adder(tmp_path / "adder.onnx")))
+    agent, other = source.make(), source.make()
+    for made in (agent, other):
+        made.reset(observation_space(Track.STATE))
+    assert [agent.act(observation(0.25, 0.0)).steer for _ in range(3)] == [0.25, 0.5, 0.75]
+    assert other.act(observation(0.125, 0.0)).steer == 0.125
+    assert agent.act(observation(0.125, 0.0)).steer == 0.875
+    agent.reset(observation_space(Track.STATE))
+    assert agent.act(observation(0.25, 0.0)).steer == 0.25
+
+
+def test_a_model_with_a_memory_drives_one_episode_at_a_time(tmp_path):
+    agent = resolve(str(write_adder(tmp_path / "adder.onnx"))).make()
+    assert episodes_side_by_side(agent, None) == 1
+    with pytest.raises(RunError, match="--parallel: the agent may keep a memory"):
+        episodes_side_by_side(agent, 2)
+
+
+@pytest.mark.parametrize("opset", OPSETS)
+def test_the_installed_onnxruntime_reads_the_contracts_opsets(tmp_path, opset):
+    agent = resolve(str(write_identity(tmp_path / "identity.onnx", opset))).make()
+    assert agent.act(observation(speed=0.5, steering=0.125)).steer == 0.125
+
+
+@pytest.mark.parametrize("opset", [OPSETS[0] - 1, OPSETS[1] + 1])
+def test_an_opset_out_of_range_is_named(tmp_path, opset):
+    with pytest.raises(ModelFileError, match=f"opset: {opset}; export the model with one from"):
+        resolve(str(write_identity(tmp_path / "identity.onnx", opset)))
+
+
 def test_metadata_names_the_agent_and_its_track(tmp_path):
     metadata = {"name": "mine", "track": "camera", "description": "A try."}
     file = write_concat_model(tmp_path / "tiny.onnx", ("steering", "speed", "speed"), metadata=metadata)
@@ -56,8 +99,14 @@ def test_metadata_names_the_agent_and_its_track(tmp_path):
     ("inputs", "extra", "says"),
     [
         (("steering", "speed", "velocity"), {}, "velocity: no such observation key"),
-        (("steering", "speed", "speed"), {"output": "control"}, "outputs: control; the contract wants one called"),
-        (("steering", "speed", "speed"), {"metadata": {"track": "sonar"}}, "metadata track: 'sonar' is none of"),
+        (
+            ("steering", "speed", "speed"),
+            {"output": "control"},
+            "outputs: control; the contract wants steer and accelerate; or",
+        ),
+        (("steering", "speed"), {}, "output action: is (1, 2); let it be (N, 3)"),
+        (("steering", "speed", "speed"), {"opset": 3}, "opset: 3; export the model with one from 7 to"),
+        (("steering", "speed", "speed"), {"metadata": {"track": "sonar"}}, "metadata track: sonar is none of"),
     ],
 )
 def test_a_model_against_the_contract(tmp_path, inputs, extra, says):
@@ -65,12 +114,6 @@ def test_a_model_against_the_contract(tmp_path, inputs, extra, says):
     with pytest.raises(ModelFileError) as caught:
         resolve(str(file))
     assert says in str(caught.value)
-
-
-def test_an_action_of_another_shape(tmp_path):
-    agent = resolve(str(write_concat_model(tmp_path / "tiny.onnx", ("steering", "speed")))).make()
-    with pytest.raises(ModelFileError, match=r"must be finite and \(1, 3\)"):
-        agent.act(observation(1.0, 0.0))
 
 
 def test_an_action_that_is_not_finite(tmp_path):

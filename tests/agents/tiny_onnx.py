@@ -33,7 +33,7 @@ def write_concat_model(
     inputs: Sequence[str],
     *,
     output: str = "action",
-    columns: int | None = None,
+    opset: int = 13,
     metadata: Mapping[str, str] | None = None,
 ) -> Path:
     """Return a model that concatenates its float32 (1, 1) inputs; three of them make an action."""
@@ -41,8 +41,8 @@ def write_concat_model(
     node = b"".join(_blob(1, name) for name in inputs) + _blob(2, output) + _blob(4, "Concat") + _blob(5, attribute)
     graph = _blob(1, node) + _blob(2, "graph")
     graph += b"".join(_blob(11, _value_info(name, FLOAT, (1, 1))) for name in dict.fromkeys(inputs))
-    graph += _blob(12, _value_info(output, FLOAT, (1, columns or len(inputs))))
-    model = _number(1, 8) + _blob(7, graph) + _blob(8, _blob(1, "") + _number(2, 13))
+    graph += _blob(12, _value_info(output, FLOAT, (1, len(inputs))))
+    model = _number(1, 8) + _blob(7, graph) + _blob(8, _blob(1, "") + _number(2, opset))
     for key, value in (metadata or {}).items():
         model += _blob(14, _blob(1, key) + _blob(2, value))
     file.write_bytes(model)

@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from torch import Tensor, nn
 
-from wrongturn_agents.onnx_agent import ACTION, open_session
+from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.quantisation import halve, quantise
 from wrongturn_agents.training.recording import record_observations
 from wrongturn_protocol import AgentRegistration, Track
+from wrongturn_protocol.model_contract import ACTION
 
 OPSET: Final = 18
 """Opset of the files. Torch writes it without a conversion, and every onnxruntime since 1.14 reads it."""
