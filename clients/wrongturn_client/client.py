@@ -25,7 +25,7 @@ from wrongturn_client.errors import (
 )
 from wrongturn_client.evaluation_driver import EvaluationDriver
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
-from wrongturn_client.policy import Policy
+from wrongturn_client.policy import Policy, PolicyMaker
 from wrongturn_client.recorder import EpisodeRecorder, installed_versions
 from wrongturn_client.transport import JSON, MSGPACK, Transport, path_of
 from wrongturn_protocol import (
@@ -273,7 +273,7 @@ class Client(EpisodeCalls):
 
     def evaluate(
         self,
-        policy: Policy,
+        policy: Policy | PolicyMaker,
         suite: str,
         *,
         evaluation: str | None = None,
@@ -286,13 +286,13 @@ class Client(EpisodeCalls):
         If the agent has an open evaluation on the suite, it is resumed: open episodes continue from their last reply.
 
         Args:
-            policy: See :class:`~wrongturn_client.Policy`.
+            policy: See :class:`~wrongturn_client.Policy`. Or a class or function that makes one for each episode.
             suite: The suite's id.
             evaluation: The id of an evaluation to resume.
             progress: Called with the numbers of finished and of all episodes, at the beginning and after each episode.
             versions: Versions of the agent's software by name, for the record.
-            parallel: Episodes driven at a time. Above 1, several threads call the policy's ``act``, and the policy must
-                not keep a memory between steps.
+            parallel: Episodes driven at a time. Above 1, several threads call the policy's ``act``, and a policy that
+                all episodes share must not keep a memory between steps.
 
         Returns:
             The finished evaluation with its metrics and its secret.

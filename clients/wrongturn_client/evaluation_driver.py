@@ -30,7 +30,7 @@ from wrongturn_client.errors import (
     ProtocolError,
     WrongturnError,
 )
-from wrongturn_client.policy import Policy
+from wrongturn_client.policy import Policy, PolicyMaker, maker_of
 from wrongturn_client.recorder import EpisodeRecorder
 from wrongturn_protocol import Action, EpisodeReply
 from wrongturn_protocol.observations import Observation, observation_space
@@ -53,6 +53,7 @@ class _OpenEpisode:
     observation: Observation
     recorder: EpisodeRecorder | None
     """None for a resumed episode: its first actions are not known here."""
+    policy: Policy
     action: Action | None = None
     """The action of the step under way."""
 
@@ -67,7 +68,7 @@ class EvaluationDriver:
     def __init__(
         self,
         connection: DriveConnection,
-        policy: Policy,
+        policy: Policy | PolicyMaker,
         evaluation: str,
         *,
         parallel: int,
@@ -78,14 +79,14 @@ class EvaluationDriver:
 
         Args:
             connection: Carries the calls.
-            policy: Decides on the actions.
+            policy: Decides on the actions, or makes a policy for each episode.
             evaluation: The evaluation's id.
             parallel: Episodes at a time.
             resumed: Ids of open episodes to finish first.
             on_end: Called with the record of each episode that ends; with None for a resumed episode.
         """
         self._connection = connection
-        self._policy = policy
+        self._make_policy = maker_of(policy)
         self._evaluation = evaluation
         self._parallel = min(parallel, CALLS // 2)
         self._resumed = deque(resumed)
@@ -131,7 +132,7 @@ class EvaluationDriver:
         self._stepping[self._connection.submit([_call(episode) for episode in episodes])] = episodes
 
     def _decide(self, episode: _OpenEpisode) -> None:
-        episode.action, latency = _decide(self._connection, self._policy, episode.id, episode.observation)
+        episode.action, latency = _decide(self._connection, episode.policy, episode.id, episode.observation)
         if episode.recorder is not None:
             episode.recorder.add(episode.action, latency)
 
@@ -155,9 +156,9 @@ class EvaluationDriver:
             return
         elif call[0] != Call.LOOK:
             fields = granted(result)
-            self._start(_OpenEpisode(fields["id"], 0, fields["observation"], EpisodeRecorder(fields["id"])))
+            self._start(fields["id"], 0, fields["observation"], EpisodeRecorder(fields["id"]))
         elif last := granted(result).get("last_reply"):  # without one, the episode has ended meanwhile
-            self._start(_OpenEpisode(granted(result)["id"], int(last["seq"]), last["observation"], None))
+            self._start(granted(result)["id"], int(last["seq"]), last["observation"], None)
 
     def _pause(self, error: NoTrialAvailableError) -> float:
         """Return the seconds until the next attempt to get a trial."""
@@ -168,10 +169,11 @@ class EvaluationDriver:
             ) from error
         return min(_PAUSE if error.retry_after is None else error.retry_after, _LONGEST_PAUSE)
 
-    def _start(self, episode: _OpenEpisode) -> None:
+    def _start(self, name: str, seq: int, observation: Observation, recorder: EpisodeRecorder | None) -> None:
         self._last_progress = time.monotonic()
-        _reset(self._connection, self._policy, episode.id, episode.observation)
-        self._ready.append(episode)
+        policy = self._make_policy()
+        _reset(self._connection, policy, name, observation)
+        self._ready.append(_OpenEpisode(name, seq, observation, recorder, policy))
 
     def _advance(self, episode: _OpenEpisode, result: Result) -> None:
         if isinstance(result, EpisodeLostError):

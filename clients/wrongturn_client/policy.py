@@ -1,5 +1,6 @@
 """What an agent has to offer: two methods, and no base class."""
 
+from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 from gymnasium import spaces
@@ -17,3 +18,14 @@ class Policy(Protocol):
 
     def act(self, observation: Observation, /) -> Action:
         """Return the action for the next 0.1 s. Do not write to the arrays of ``observation``."""
+
+
+PolicyMaker = Callable[[], Policy]
+"""Makes a policy for one episode, such as a class. Episodes driven at the same time then share no memory."""
+
+
+def maker_of(policy: Policy | PolicyMaker) -> PolicyMaker:
+    """Return what gives each episode its policy: the maker itself, or one that always gives the same policy."""
+    if isinstance(policy, type) or not isinstance(policy, Policy):
+        return policy
+    return lambda: policy

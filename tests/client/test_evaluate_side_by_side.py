@@ -8,6 +8,7 @@ from client_fake_service import FakeService
 from gymnasium import spaces
 
 from wrongturn_client import Action, Client
+from wrongturn_client.recorder import EpisodeRecorder
 from wrongturn_protocol import EvaluationState
 from wrongturn_protocol.observations import Observation
 
@@ -43,6 +44,47 @@ def test_two_at_a_time_drive_all_trials_once() -> None:
     assert told == [(n, 4) for n in range(5)]
     assert service.results is not None
     assert len({record["episode"] for record in service.results["episodes"]}) == 4
+
+
+class Counts:
+    """Throttle by the number of its own decisions, which is wrong where two episodes share it."""
+
+    def __init__(self) -> None:
+        self.decisions = 0
+
+    def reset(self, observation_space: spaces.Space[Any]) -> None:
+        assert not self.decisions
+
+    def act(self, observation: Observation) -> Action:
+        self.decisions += 1
+        return Action(steer=0.0, throttle=1 / self.decisions, brake=0.0)
+
+
+def test_a_class_makes_a_policy_for_each_episode() -> None:
+    made: list[Counts] = []
+
+    def make() -> Counts:
+        made.append(Counts())
+        return made[-1]
+
+    for policy in (make, Counts):
+        service = FakeService(parallel=2)
+        with _client(service) as client:
+            client.evaluate(policy, "smoke@2", parallel=2)
+        assert service.results is not None
+        records = service.results["episodes"]
+        assert len(records) == 4
+        # Each episode has the actions of a policy that drove nothing else.
+        assert {record["actions_sha256"] for record in records} == {_counted(record["steps"]) for record in records}
+    assert len(made) == 4
+
+
+def _counted(steps: int) -> str:
+    recorder = EpisodeRecorder("one")
+    alone = Counts()
+    for _ in range(steps):
+        recorder.add(alone.act({}), 0.0)
+    return recorder.record().actions_sha256
 
 
 def test_where_one_breaks_the_others_episode_stays_for_later() -> None:
