@@ -14,6 +14,7 @@ from .errors import EvaluationStalledError as EvaluationStalledError
 from .errors import InvalidActionError as InvalidActionError
 from .errors import InvalidRequestError as InvalidRequestError
 from .errors import LocalServiceError as LocalServiceError
+from .errors import ModelFileError as ModelFileError
 from .errors import NotFoundError as NotFoundError
 from .errors import NotOfferedError as NotOfferedError
 from .errors import NoTrialAvailableError as NoTrialAvailableError
@@ -26,6 +27,7 @@ from .errors import ServiceBusyError as ServiceBusyError
 from .errors import ServiceFailedError as ServiceFailedError
 from .errors import ServiceFullError as ServiceFullError
 from .errors import ServiceUnreachableError as ServiceUnreachableError
+from .errors import SubmissionsUnavailableError as SubmissionsUnavailableError
 from .errors import SuiteRetiredError as SuiteRetiredError
 from .errors import WrongturnError as WrongturnError
 from .gym_env import RemoteEnv as RemoteEnv

@@ -144,6 +144,12 @@ class AsyncClient(_Awaitable):
     trajectory = _awaited(Client.trajectory)
     abort_episode = _awaited(Client.abort_episode)
 
+    submit = _awaited(Client.submit)
+    submissions = _awaited(Client.submissions)
+    submission = _awaited(Client.submission)
+    submission_log = _awaited(Client.submission_log)
+    cancel_submission = _awaited(Client.cancel_submission)
+
     leaderboards = _awaited(Client.leaderboards)
     leaderboard = _awaited(Client.leaderboard)
     compare = _awaited(Client.compare)

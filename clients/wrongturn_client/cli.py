@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from wrongturn_client.plugins import PluginGroup
+from wrongturn_client.submit_cli import submissions, submit
 
 app = typer.Typer(
     name="wrongturn",
@@ -102,6 +103,10 @@ def leaderboard(
         _print_json(ranking.model_dump(mode="json"))
     else:
         console().print(leaderboard_table(ranking, [other.suite for other in others if other.entries], url))
+
+
+app.command()(submit)
+app.command()(submissions)
 
 
 @app.command()

@@ -3,6 +3,8 @@
 import re
 import uuid
 from collections.abc import Callable, Sequence
+from os import PathLike
+from pathlib import Path
 from typing import Any, Final, TypeVar
 from urllib.parse import urlencode, urlsplit
 from urllib.request import getproxies, proxy_bypass
@@ -28,6 +30,7 @@ from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy, PolicyMaker
 from wrongturn_client.recorder import EpisodeRecorder, installed_versions
 from wrongturn_client.transport import JSON, MSGPACK, Transport, path_of
+from wrongturn_client.uploads import Upload
 from wrongturn_protocol import (
     AgentDetail,
     AgentKind,
@@ -48,6 +51,10 @@ from wrongturn_protocol import (
     RegisteredAgent,
     RegisteredOwner,
     ResultsRequest,
+    SubmissionDetail,
+    SubmissionList,
+    SubmissionLog,
+    SubmissionLogLine,
     SuiteDetail,
     SuiteList,
     SuiteSummary,
@@ -58,10 +65,11 @@ from wrongturn_protocol import (
     TrialDetail,
     TrialList,
 )
+from wrongturn_protocol.submissions import MODEL, NAME, SUITE
 
 M = TypeVar("M", bound=BaseModel)
 Progress = Callable[[int, int], None]
-"""Called with the numbers of finished and of all episodes."""
+"""Called with the numbers of finished and of all episodes, or of sent and of all bytes."""
 _SLOTS: Final = re.compile(rb"^wrongturn_simulator_slots ([0-9.e+]+)$", re.MULTILINE)
 """Number of simulators among the service's Prometheus metrics."""
 
@@ -93,14 +101,15 @@ class Client(EpisodeCalls):
 
         Args:
             url: The service's URL; by default ``WRONGTURN_URL``, or else the default address of ``wrongturn serve``.
-            token: An agent's or the operator's token; ``WRONGTURN_TOKEN`` by default. Public calls need none.
+            token: An agent's, an owner's or the operator's token; ``WRONGTURN_TOKEN`` by default. Public calls need
+                none; an empty one sends none.
             transport: An httpx transport, for tests.
             timeout: Seconds for each attempt at a call.
             patience: Seconds for which a call is repeated while the service is busy or does not answer; 0 for never.
                 A URL at which nobody has answered yet is given up after 5 s.
             binary: Send and receive episodes as msgpack; False for JSON.
         """
-        self._token = token or settings.token()
+        self._token = settings.token() if token is None else token or None
         self._transport = Transport(
             url or settings.service_url() or settings.DEFAULT_URL,
             self._token,
@@ -377,6 +386,57 @@ class Client(EpisodeCalls):
             return self.drive()
         except NotOfferedError:
             return HttpDrive(self._http, parallel)
+
+    # Submissions
+
+    def submit(
+        self,
+        file: str | PathLike[str],
+        suite: str,
+        name: str | None = None,
+        *,
+        progress: Progress | None = None,
+    ) -> SubmissionDetail:
+        """Hand in a model as an ONNX file, which the service checks and then drives itself.
+
+        Args:
+            file: The ONNX file; ``docs/models.md`` describes what a model takes and gives.
+            suite: The suite's id.
+            name: The agent's name on the leaderboard. An owner's token needs one; an agent's token has one already.
+            progress: Called with the numbers of sent and of all bytes.
+
+        Raises:
+            ModelFileError: The file cannot be read.
+            AgentNameTakenError: Another agent, or an open submission, has the name.
+            SuiteRetiredError: Another suite has replaced this one.
+            ServiceBusyError: The owner has as many open submissions as it may.
+            SubmissionsUnavailableError: The service takes no submissions.
+        """
+        fields = {SUITE: suite} if name is None else {SUITE: suite, NAME: name}
+        upload = Upload(Path(file), MODEL, fields, progress)
+        headers = {"Idempotency-Key": str(uuid.uuid4())}
+        return validated(SubmissionDetail, self._transport.send_form("/v1/submissions", upload, headers).message())
+
+    def submissions(self) -> tuple[SubmissionDetail, ...]:
+        """Return the submissions of this client's token, the newest first."""
+        return self._get(SubmissionList, "submissions").submissions
+
+    def submission(self, submission: str) -> SubmissionDetail:
+        """Return a submission: its state, its progress, and why it failed if it did."""
+        return self._get(SubmissionDetail, "submissions", submission)
+
+    def submission_log(self, submission: str) -> tuple[SubmissionLogLine, ...]:
+        """Return what happened to a submission so far, oldest first."""
+        return self._get(SubmissionLog, "submissions", submission, "log").lines
+
+    def cancel_submission(self, submission: str) -> SubmissionDetail:
+        """Cancel a submission and return it. Safe to call again.
+
+        Before its drive begins, nothing of it counts and its name is free again. After that its evaluation is closed as
+        by :meth:`cancel_evaluation`. One that is over stays as it is.
+        """
+        answer = self._transport.call("DELETE", path_of("v1", "submissions", submission))
+        return validated(SubmissionDetail, answer.message())
 
     # Leaderboards
 

@@ -11,12 +11,13 @@
     ├── CommitmentError              the secret at the evaluation's end is not the one that was promised
     ├── PolicyError                  the policy returned something that is not an action
     ├── InvalidActionError           a Gymnasium environment got an invalid action (also a ValueError)
+    ├── ModelFileError               a model's file cannot be read, or is none
     ├── ServiceFullError             the service has fewer free simulators than environments were asked for
     ├── PluginError                  a command, list or check of another package cannot be loaded
     └── ApiError                     the service refused the call (RFC 9457)
         ├── AuthenticationError      no token, another's token, registration closed
         ├── InvalidRequestError      a field is wrong or does not apply
-        ├── NotFoundError            unknown suite, town, approach, trial, owner, agent, evaluation or episode
+        ├── NotFoundError            unknown suite, town, trial, owner, agent, evaluation, episode, submission and so on
         ├── ConflictError            the call does not fit earlier calls
         │   ├── AgentNameTakenError
         │   ├── OwnerNameTakenError
@@ -28,6 +29,7 @@
         │   ├── EpisodeFinishedError
         │   └── ResultsMismatchError
         ├── EpisodeLostError         the service was restarted while the episode was open
+        ├── SubmissionsUnavailableError  the service takes no submissions
         ├── ServiceBusyError         call again later: rate limit, simulators busy, shutting down, a proxy's 502 to 504
         └── ServiceFailedError       the service failed: 5xx
 """
@@ -82,6 +84,10 @@ class InvalidActionError(WrongturnError, ValueError):
     """A Gymnasium environment got an invalid action."""
 
 
+class ModelFileError(WrongturnError):
+    """A model's file cannot be read, or it is no ONNX file. The message says what to do."""
+
+
 class ServiceFullError(WrongturnError):
     """The service has fewer free simulators than environments were asked for."""
 
@@ -122,7 +128,7 @@ class InvalidRequestError(ApiError):
 
 
 class NotFoundError(ApiError):
-    """An unknown suite, town, approach, trial, owner, agent, evaluation or episode."""
+    """An unknown suite, town, approach, trial, owner, agent, evaluation, episode or submission."""
 
 
 class ConflictError(ApiError):
@@ -172,6 +178,10 @@ class ResultsMismatchError(ConflictError):
 
 class EpisodeLostError(ApiError):
     """The service was restarted while the episode was open; its trial is driven again, and nothing is counted."""
+
+
+class SubmissionsUnavailableError(ApiError):
+    """The service takes no submissions: it has no sandbox, or its operator turned them off. The message says which."""
 
 
 class ServiceBusyError(ApiError):

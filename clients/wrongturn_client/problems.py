@@ -21,6 +21,7 @@ from wrongturn_client.errors import (
     ResultsMismatchError,
     ServiceBusyError,
     ServiceFailedError,
+    SubmissionsUnavailableError,
     SuiteRetiredError,
 )
 from wrongturn_protocol import Problem, ProblemType
@@ -41,6 +42,7 @@ _BY_TYPE: Final[dict[str, type[ApiError]]] = {
     ProblemType.EPISODE_FINISHED: EpisodeFinishedError,
     ProblemType.RESULTS_MISMATCH: ResultsMismatchError,
     ProblemType.EPISODE_LOST: EpisodeLostError,
+    ProblemType.SUBMISSIONS_UNAVAILABLE: SubmissionsUnavailableError,
     ProblemType.RATE_LIMITED: ServiceBusyError,
     ProblemType.SIMULATORS_BUSY: ServiceBusyError,
     ProblemType.SHUTTING_DOWN: ServiceBusyError,

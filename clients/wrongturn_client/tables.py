@@ -155,15 +155,29 @@ def comparison_table(comparison: Comparison) -> Table:
 
 
 def standing(leaderboard: Leaderboard, evaluation: str) -> str:
-    """Return a sentence about an evaluation's place: its rank, or why it has none."""
+    """Return a sentence about an evaluation's place: its rank and the interval that decides it, or why it has none."""
     entry = next((entry for entry in leaderboard.entries if entry.evaluation == evaluation), None)
     if entry is None:
         return "Another evaluation of this agent is its entry on the leaderboard."
     if entry.rank is None:
         return f"Not ranked: {entry.why_not or 'not eligible'}"
-    track = [other for other in leaderboard.entries if other.agent.track is entry.agent.track]
-    ranked = sum(other.rank is not None for other in track)
-    return f"Rank {entry.rank} in the track {entry.agent.track}; agents with a rank there: {ranked}."
+    track = entry.agent.track
+    ranked = sum(other.rank is not None and other.agent.track is track for other in leaderboard.entries)
+    tied = f", tied with {_enumerated(entry.tied_with)}" if entry.tied_with else ""
+    place = f"Rank {entry.rank} of {ranked} in the {track} track{tied}"
+    if entry.navigation is not None:  # journeys; the caption of their table has the interval
+        return f"{place}."
+    strict = entry.unsafe_strict
+    low, high = strict.ci95
+    return (
+        f"{place}; unsafe {strict.count} of {strict.trials} (strict), "
+        f"95 % interval {100 * low:.0f} to {100 * high:.0f} %."
+    )
+
+
+def _enumerated(names: Sequence[str]) -> str:
+    """Return names as a text reads them: ``a``, ``a and b``, ``a, b and c``."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _cells(metrics: Metrics) -> Mapping[JunctionType, Mapping[str, TableCell]]:

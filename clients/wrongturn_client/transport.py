@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 from urllib.parse import SplitResult, quote, urlsplit
@@ -13,7 +13,7 @@ import stamina
 from pydantic import ValidationError
 
 from wrongturn_client.availability import Availability
-from wrongturn_client.connections import Answer, ConnectionBrokeError, connect
+from wrongturn_client.connections import Answer, ConnectionBrokeError, HttpxConnections, connect
 from wrongturn_client.errors import (
     ProtocolError,
     ServiceBusyError,
@@ -21,6 +21,7 @@ from wrongturn_client.errors import (
     WrongturnError,
 )
 from wrongturn_client.problems import api_error
+from wrongturn_client.uploads import Upload
 from wrongturn_protocol import Problem
 
 JSON: Final = "application/json"
@@ -89,6 +90,7 @@ class Transport:
         """
         self.url = url.rstrip("/")
         self.patience = patience
+        self._timeout, self._injected = timeout, transport
         self._connections = connect(_split(self.url), timeout, transport)
         self._headers = {"User-Agent": "wrongturn-client"}
         if token:
@@ -128,18 +130,40 @@ class Transport:
         if body is not None:
             sent["Content-Type"] = media_type
             content = msgpack.packb(body) if media_type == MSGPACK else json.dumps(body, allow_nan=False).encode()
+        sent |= self._headers
+        return self._repeat(lambda: self._connections.exchange(method, path, sent, content), patience)
+
+    def send_form(self, path: str, upload: Upload, headers: dict[str, str]) -> Reply:
+        """Send a multipart form with a file until it is answered; each attempt reads the file from its start.
+
+        Args:
+            path: The path below the service's URL.
+            upload: The form.
+            headers: Further headers.
+
+        Raises:
+            ModelFileError: The file cannot be read.
+            ServiceUnreachableError: Nobody answered within the patience.
+            ApiError: The service refused.
+        """
+        sent = {"Accept": JSON, **headers, **self._headers}
+        connections = HttpxConnections(self.url, self._timeout, self._injected)
+        try:
+            return self._repeat(lambda: connections.send_form(path, sent, upload))
+        finally:
+            if self._injected is None:  # closing would close the caller's transport
+                connections.close()
+
+    def _repeat(self, exchange: Callable[[], Answer], patience: float | None = None) -> Reply:
         try:
             for attempt in attempts(self.patience if patience is None else patience, self.availability):
                 with attempt:
-                    return self._once(method, path, sent, content)
+                    answer = exchange()
+                    self.availability.answered()
+                    return check(answer)
         except ConnectionBrokeError as error:
             raise ServiceUnreachableError(self.url, str(error)) from error.__cause__
         raise AssertionError("stamina ends with a result or an error")
-
-    def _once(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Reply:
-        answer = self._connections.exchange(method, path, self._headers | headers, content)
-        self.availability.answered()
-        return check(answer)
 
 
 def attempts(patience: float, availability: Availability) -> Iterator[stamina.Attempt]:

@@ -133,7 +133,9 @@ def test_a_run_at_the_command_line(url, tmp_path):
     assert "12 of 12 episodes" in done.stderr
     assert "STRAIGHT_LEFT" in done.stdout
     assert "0/6" in done.stdout
-    assert re.search(r"Rank 1 in the track privileged; agents with a rank there: \d+\.", done.stdout)
+    assert re.search(
+        r"Rank 1 of \d+ in the privileged track(, tied with .*)?; unsafe \d+ of \d+ \(strict\)", done.stdout
+    )
     evaluation = json.loads(written.read_text())
     assert evaluation["state"] == "finished"
     assert evaluation["metrics"]["unsafe"]["count"] == 0

@@ -21,12 +21,13 @@ def _load(name: str) -> ModuleType:
 
 
 _load("fake_service")
+_load("fake_submissions")
 _load("forwarder")
 
 
 @pytest.fixture(autouse=True)
 def _plain_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("WRONGTURN_URL", "WRONGTURN_TOKEN", "WRONGTURN_OPERATOR_TOKEN"):
+    for name in ("WRONGTURN_URL", "WRONGTURN_TOKEN", "WRONGTURN_OWNER_TOKEN", "WRONGTURN_OPERATOR_TOKEN"):
         monkeypatch.delenv(name, raising=False)
 
 

@@ -108,7 +108,11 @@ def test_a_place_is_a_sentence() -> None:
     mine = _entry("mine", 2, evaluation="mine")
     useless = _entry("useless", None, why_not="Completed 0 of 60 twins, at least 54 are needed.", evaluation="useless")
     board = _leaderboard(_entry("best", 1), mine, useless)
-    assert standing(board, "mine") == "Rank 2 in the track privileged; agents with a rank there: 2."
+    figures = "unsafe 15 of 60 (strict), 95 % interval 16 to 37 %."
+    assert standing(board, "mine") == f"Rank 2 of 2 in the privileged track; {figures}"
+    for others, words in ((["best"], "best"), (["best", "b"], "best and b"), (["best", "b", "c"], "best, b and c")):
+        tied = _leaderboard(_entry("mine", 1, evaluation="mine", tied_with=others))
+        assert standing(tied, "mine") == f"Rank 1 of 1 in the privileged track, tied with {words}; {figures}"
     assert standing(board, "useless") == "Not ranked: Completed 0 of 60 twins, at least 54 are needed."
     assert standing(board, "second try") == "Another evaluation of this agent is its entry on the leaderboard."
 

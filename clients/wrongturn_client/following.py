@@ -1,0 +1,166 @@
+"""Follow a submission to its end, with one progress line on a terminal and plain lines elsewhere."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from typing import IO, Final, Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from wrongturn_client.client import Client
+from wrongturn_protocol import SubmissionDetail, SubmissionState
+from wrongturn_protocol.submissions import SubmissionLogLine
+
+_SHORTEST_PAUSE: Final = 0.3
+"""Seconds between two looks at a submission at first: a check takes seconds."""
+_LONGEST_PAUSE: Final = 2.0
+_GROWTH: Final = 1.1
+_LINE_EVERY: Final = 10.0
+"""Seconds between two plain lines about the same state."""
+_MEGABYTE: Final = 1e6
+
+
+class Display(Protocol):
+    """Shows how far a submission is."""
+
+    def uploaded(self, sent: int, total: int) -> None:
+        """Show how many bytes of the model are sent."""
+
+    def at(self, detail: SubmissionDetail) -> None:
+        """Show where the submission is."""
+
+    def news(self, line: SubmissionLogLine) -> None:
+        """Show a new line of the log."""
+
+
+def follow(client: Client, submission: str, display: Display) -> SubmissionDetail:
+    """Follow a submission until it is over, and return it.
+
+    Args:
+        client: A client with the token of the submission's owner.
+        submission: The submission's id.
+        display: Gets every new state and line of the log.
+    """
+    seen = 0
+    pause = _SHORTEST_PAUSE
+    while True:
+        detail = client.submission(submission)
+        # Read after the state, so that the last state's log is complete.
+        log = client.submission_log(submission)
+        for line in log[seen:]:
+            display.news(line)
+        seen = len(log)
+        display.at(detail)
+        if detail.state.over:
+            return detail
+        time.sleep(pause)
+        pause = min(_LONGEST_PAUSE, pause * _GROWTH)
+
+
+def whereabouts(detail: SubmissionDetail) -> str:
+    """Return in a few words where a submission is."""
+    match detail.state:
+        case SubmissionState.QUEUED:
+            return "waits for its check"
+        case SubmissionState.CHECKED:
+            ahead = {None: "waits for its turn", 0: "is the next"}.get(detail.position, f"{detail.position} before it")
+            return f"checked, {ahead}"
+        case SubmissionState.RUNNING if detail.episodes:
+            return f"{detail.finished or 0} of {detail.episodes} episodes"
+        case _:
+            return detail.state.value
+
+
+class PlainLines:
+    """A line for each new state, and every ten seconds while one lasts."""
+
+    def __init__(self, name: str, stream: IO[str], clock: Callable[[], float] = time.monotonic) -> None:
+        """Show nothing yet.
+
+        Args:
+            name: The agent's name.
+            stream: Gets the lines.
+            clock: Returns the time in seconds.
+        """
+        self._name, self._stream, self._clock = name, stream, clock
+        self._state: object = None
+        self._said = ""
+        self._next = 0.0
+
+    def uploaded(self, sent: int, total: int) -> None:
+        """Say so once the model is sent."""
+        if sent >= total:
+            self._say("upload", f"{total / _MEGABYTE:.1f} MB sent")
+
+    def at(self, detail: SubmissionDetail) -> None:
+        """Say where the submission is, if that is new or old enough."""
+        self._say(detail.state, whereabouts(detail))
+
+    def news(self, line: SubmissionLogLine) -> None:
+        """Write the line with its time."""
+        self._write(_dated(line))
+
+    def _say(self, state: object, text: str) -> None:
+        if text == self._said or (state == self._state and self._clock() < self._next):
+            return
+        self._state, self._said, self._next = state, text, self._clock() + _LINE_EVERY
+        self._write(f"{self._name}: {text}")
+
+    def _write(self, text: str) -> None:
+        print(text, file=self._stream, flush=True)
+
+
+class OneLine:
+    """One line with a bar, and the log above it."""
+
+    def __init__(self, name: str, bars: Progress) -> None:
+        """Add the line.
+
+        Args:
+            name: The agent's name.
+            bars: Shows the line.
+        """
+        self._name, self._bars = name, bars
+        self._bar = bars.add_task(name, total=None)
+
+    def uploaded(self, sent: int, total: int) -> None:
+        """Show the bytes."""
+        megabytes = f"{sent / _MEGABYTE:.1f} of {total / _MEGABYTE:.1f} MB sent"
+        self._show(megabytes, sent, total)
+
+    def at(self, detail: SubmissionDetail) -> None:
+        """Show the state; the bar is that of the episodes."""
+        self._show(whereabouts(detail), detail.finished or 0, detail.episodes)
+
+    def news(self, line: SubmissionLogLine) -> None:
+        """Print the line above the bar."""
+        self._bars.console.print(_dated(line), markup=False)
+
+    def _show(self, text: str, done: int, total: int | None) -> None:
+        if self._bars.tasks[0].total != total:  # another bar, whose time begins now
+            self._bars.reset(self._bar, total=total)
+        self._bars.update(self._bar, description=f"{self._name}: {text}", completed=done)
+
+
+def bars_on(console: Console) -> Progress:
+    """Return what shows a :class:`OneLine` on a terminal."""
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn(compact=True))
+    return Progress(*columns, console=console)
+
+
+@contextmanager
+def display_of(name: str) -> Iterator[Display]:
+    """Show an agent's way on stderr while the ``with`` block runs."""
+    console = Console(stderr=True, highlight=False)
+    if not console.is_terminal:
+        yield PlainLines(name, console.file)
+        return
+    with bars_on(console) as bars:
+        yield OneLine(name, bars)
+
+
+def _dated(line: SubmissionLogLine) -> str:
+    """Return a line of the log with its time of day here."""
+    return f"{datetime.fromisoformat(line.time).astimezone():%H:%M:%S} {line.message}"

@@ -1,0 +1,87 @@
+"""``wrongturn submit`` and ``wrongturn submissions``. Slow imports wait until a command runs."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from wrongturn_client.errors import WrongturnError
+
+_Url = Annotated[
+    str | None,
+    typer.Option(
+        "--url", envvar="WRONGTURN_URL", metavar="URL", help="URL of the service. Example: --url http://127.0.0.1:8000"
+    ),
+]
+
+
+def submit(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="FILE", help="The model, an ONNX file. Example: my_agent.onnx")
+    ] = None,
+    *,
+    suite: Annotated[str, typer.Option(help="Suite to drive. Example: --suite smoke@2")] = "wrong-command@2",
+    name: Annotated[
+        str | None, typer.Option(help="Name on the leaderboard; by default the file's name without .onnx.")
+    ] = None,
+    url: _Url = None,
+    owner_name: Annotated[
+        str | None,
+        typer.Option(
+            help="Owner of the agent; a new one is registered. By default the one used last at this service, or a new "
+            "one with your login name. Example: --owner-name 'our group'"
+        ),
+    ] = None,
+    follow: Annotated[
+        str | None, typer.Option(metavar="ID", help="Follow a submission that was handed in before.")
+    ] = None,
+    cancel: Annotated[str | None, typer.Option(metavar="ID", help="Cancel a submission.")] = None,
+    wait: Annotated[
+        bool, typer.Option("--wait/--no-wait", help="Follow the submission to its end, or only hand it in.")
+    ] = True,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the submission and its leaderboard entry as JSON.")
+    ] = False,
+) -> None:
+    """Hand in a model, which the service checks, drives and ranks.
+
+    Example: wrongturn submit my_agent.onnx --suite wrong-command@2
+
+    Ctrl-C leaves the submission running. To come back: wrongturn submit --follow ID
+
+    The exit status is 0 if the submission finished, and 1 if it failed or was cancelled.
+
+    WRONGTURN_OWNER_TOKEN: the token of the owner whose agent it becomes.
+
+    WRONGTURN_HOME: the folder of owners.json, which keeps the token if this command registers you as an owner.
+
+    WRONGTURN_TOKEN: the token of an agent that is registered already and has not begun the suite.
+    """
+    if sum(value is not None for value in (file, follow, cancel)) != 1:
+        raise WrongturnError("FILE: name the model, or an earlier submission by --follow ID or --cancel ID")
+    from wrongturn_client.submitting import Order  # noqa: PLC0415
+
+    order = Order(url, owner_name, as_json=as_json)
+    if file is not None:
+        order.hand_in(file, suite, name, wait=wait)
+    elif follow is not None:
+        order.come_back(follow)
+    elif cancel is not None:
+        order.cancel(cancel)
+
+
+def submissions(
+    *,
+    url: _Url = None,
+    owner_name: Annotated[
+        str | None, typer.Option(help="Owner whose submissions to list; by default the one used last.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+) -> None:
+    """List your submissions at a service, the newest first.
+
+    Example: wrongturn submissions --url http://127.0.0.1:8000
+    """
+    from wrongturn_client.submitting import Order  # noqa: PLC0415
+
+    Order(url, owner_name, as_json=as_json).list_all()

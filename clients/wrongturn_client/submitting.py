@@ -1,0 +1,199 @@
+"""Hand in a model, follow its submission to the end and say what became of it, or cancel it."""
+
+import json
+import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Any, NoReturn
+
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from wrongturn_client import settings
+from wrongturn_client.client import Client
+from wrongturn_client.errors import AgentNameTakenError, AuthenticationError, InvalidRequestError, WrongturnError
+from wrongturn_client.following import Display, display_of, follow, whereabouts
+from wrongturn_client.invocation import program
+from wrongturn_client.model_file import check_model_file
+from wrongturn_client.submitter import NAME_RULE, OWNER_TOKEN, Submitter, is_name, known_submitter, not_taken, submitter
+from wrongturn_client.tables import console, evaluation_table, standing
+from wrongturn_protocol import Leaderboard, SubmissionDetail, SubmissionState
+
+_INTERRUPTED = 130
+
+
+class Order:
+    """What ``wrongturn submit`` was asked to do, and where."""
+
+    def __init__(self, url: str | None, owner_name: str | None, *, as_json: bool) -> None:
+        self.url = (url or settings.DEFAULT_URL).rstrip("/")
+        self.owner_name = owner_name
+        self.as_json = as_json
+
+    def hand_in(self, file: Path, suite: str, name: str | None, *, wait: bool) -> None:
+        """Check a file, hand it in and, if asked to, follow it to its end."""
+        check_model_file(file)
+        wanted = file.stem if name is None else name
+        if not is_name(wanted):
+            raise WrongturnError(f"--name: {wanted!r} cannot be a name; {NAME_RULE}")
+        self._check_suite(suite)
+        who = submitter(self.url, self.owner_name, _say)
+        with self._client(who) as client, display_of(wanted) as display:
+            try:
+                detail = _upload(client, file, suite, wanted, display, may_have_name=who.named and name is None)
+            except KeyboardInterrupt:
+                _say(f"Interrupted. If the model arrived, it is listed: {program()} submissions --url {self.url}")
+                raise typer.Exit(_INTERRUPTED) from None
+            _say(f"Handed in as {detail.id}: {detail.name} on {detail.suite} at {self.url}, owner {detail.owner}.")
+            if wait:
+                detail = self._follow(client, detail.id, display)
+        if wait:
+            self._end(who, detail)
+        elif self.as_json:
+            _print_json({"submission": _plain(detail), "entry": None})
+        else:
+            _say(f"To follow it: {self._again('--follow', detail.id)}")
+
+    def come_back(self, submission: str) -> None:
+        """Follow a submission that was handed in before."""
+        who = self._known()
+        with self._client(who) as client:
+            name = client.submission(submission).name
+            with display_of(name) as display:
+                detail = self._follow(client, submission, display)
+        self._end(who, detail)
+
+    def cancel(self, submission: str) -> None:
+        """Cancel a submission and say what it is now."""
+        with self._client(self._known()) as client:
+            detail = client.cancel_submission(submission)
+        if self.as_json:
+            _print_json({"submission": _plain(detail), "entry": None})
+        elif detail.state is SubmissionState.CANCELLED:
+            typer.echo(f"Cancelled: {detail.name} on {detail.suite}.")
+        else:
+            typer.echo(f"Nothing is left to cancel: {detail.name} on {detail.suite} is {detail.state}.")
+
+    def list_all(self) -> None:
+        """Print the submissions of the owner or agent, the newest first."""
+        with self._client(self._known()) as client:
+            found = client.submissions()
+        if self.as_json:
+            _print_json([_plain(detail) for detail in found])
+        elif found:
+            console().print(_listing(found))
+        else:
+            typer.echo("There are no submissions.")
+
+    def _check_suite(self, suite: str) -> None:
+        with Client(self.url, "") as client:
+            successor = client.suite(suite).successor
+        if successor is not None:
+            raise WrongturnError(
+                f"--suite: {suite} is retired and takes no new evaluations; give --suite {successor}, which replaces it"
+            )
+
+    def _known(self) -> Submitter:
+        who = known_submitter(self.url, self.owner_name)
+        if who is None:
+            raise WrongturnError(
+                f"{OWNER_TOKEN}: no token for {self.url} is known here; set the one that the model was handed in with"
+            )
+        return who
+
+    @contextmanager
+    def _client(self, who: Submitter) -> Iterator[Client]:
+        try:
+            with Client(self.url, who.token) as client:
+                yield client
+        except AuthenticationError as error:
+            raise not_taken(error, self.url, who.source) from error
+
+    def _follow(self, client: Client, submission: str, display: Display) -> SubmissionDetail:
+        try:
+            return follow(client, submission, display)
+        except BaseException as error:
+            _say("The submission goes on without you.")
+            _say(f"To follow it again: {self._again('--follow', submission)}")
+            _say(f"To cancel it: {self._again('--cancel', submission)}")
+            if isinstance(error, KeyboardInterrupt):
+                raise typer.Exit(_INTERRUPTED) from None
+            raise
+
+    def _again(self, option: str, submission: str) -> str:
+        owner = [] if self.owner_name is None else ["--owner-name", self.owner_name]
+        return f"{program()} submit {shlex.join([option, submission, '--url', self.url, *owner])}"
+
+    def _end(self, who: Submitter, detail: SubmissionDetail) -> NoReturn:
+        """Print what became of a submission that is over, and end with its status."""
+        with Client(self.url, who.token) as client:
+            board = client.leaderboard(detail.suite)
+            metrics = None
+            if detail.state is SubmissionState.FINISHED and detail.evaluation is not None:
+                metrics = client.evaluation(detail.evaluation).metrics
+        if self.as_json:
+            _print_json({"submission": _plain(detail), "entry": _entry(board, detail)})
+        else:
+            if metrics is not None:
+                console().print(evaluation_table(detail.name, metrics))
+            else:
+                typer.echo(f"{detail.name} {detail.state}: {detail.reason or 'the service does not say why'}")
+            if detail.evaluation is not None and _entry(board, detail) is not None:
+                typer.echo(standing(board, detail.evaluation))
+        raise typer.Exit(0 if detail.state is SubmissionState.FINISHED else 1)
+
+
+def _upload(
+    client: Client, file: Path, suite: str, name: str, display: Display, *, may_have_name: bool
+) -> SubmissionDetail:
+    """Hand the file in.
+
+    Args:
+        client: A client with the submitter's token.
+        file: The model.
+        suite: The suite's id.
+        name: Name of the agent.
+        display: Shows the progress.
+        may_have_name: Whether the token may be an agent's, whose name the service then knows.
+    """
+    try:
+        if may_have_name:
+            try:
+                return client.submit(file, suite, progress=display.uploaded)
+            except InvalidRequestError as error:  # an owner's token needs a name
+                if not any(field.path == "name" for field in error.problem.errors):
+                    raise
+        return client.submit(file, suite, name, progress=display.uploaded)
+    except AgentNameTakenError as error:
+        raise WrongturnError(f"--name: {error}. Example: --name {shlex.quote(name + '-2')}") from error
+
+
+def _listing(found: Sequence[SubmissionDetail]) -> Table:
+    table = Table("id", "handed in", "agent", "suite", "state", box=None, header_style="bold", pad_edge=False)
+    for detail in found:
+        handed_in = f"{datetime.fromisoformat(detail.created).astimezone():%Y-%m-%d %H:%M}"
+        state = f"{detail.state}: {detail.reason}" if detail.reason else whereabouts(detail)
+        table.add_row(*map(Text, (detail.id, handed_in, detail.name, detail.suite, state)))
+    return table
+
+
+def _entry(board: Leaderboard, detail: SubmissionDetail) -> dict[str, Any] | None:
+    for entry in board.entries:
+        if entry.evaluation is not None and entry.evaluation == detail.evaluation:
+            return entry.model_dump(mode="json")
+    return None
+
+
+def _plain(detail: SubmissionDetail) -> dict[str, Any]:
+    return detail.model_dump(mode="json")
+
+
+def _print_json(value: object) -> None:
+    typer.echo(json.dumps(value, indent=2, ensure_ascii=False))
+
+
+def _say(text: str) -> None:
+    typer.echo(text, err=True)
