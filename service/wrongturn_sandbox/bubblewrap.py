@@ -1,0 +1,149 @@
+"""Starts a program under bubblewrap: without network, files, other processes and privileges."""
+
+import shutil
+import socket
+import subprocess
+from pathlib import Path
+from typing import Final
+
+from wrongturn_sandbox.errors import SandboxUnavailableError
+from wrongturn_sandbox.libraries import interpreter, packages, shared_libraries, standard_library
+
+_PACKAGES: Final = "/packages"
+_ENVIRONMENT: Final = {
+    "LANG": "C.UTF-8",
+    "PYTHONPATH": _PACKAGES,
+    "PYTHONDONTWRITEBYTECODE": "1",
+    "PYTHONNOUSERSITE": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "MALLOC_ARENA_MAX": "1",
+}
+_INSTALL: Final = "install it (on Debian: apt-get install bubblewrap), or use a runner container"
+_REFUSED: Final = (
+    "the kernel does not let it make namespaces; allow that, or use a runner container, as containers need one"
+)
+
+
+def environment() -> dict[str, str]:
+    """Return the environment variables of a guest, without ``PYTHONPATH``."""
+    return {name: value for name, value in _ENVIRONMENT.items() if name != "PYTHONPATH"}
+
+
+def program() -> str:
+    """Return the path of bubblewrap.
+
+    Raises:
+        SandboxUnavailableError: It is not installed.
+    """
+    found = shutil.which("bwrap")
+    if found is None:
+        raise SandboxUnavailableError(f"bubblewrap is missing; {_INSTALL}")
+    return found
+
+
+def version() -> str:
+    """Return bubblewrap's name and version: ``bubblewrap 0.8.0``.
+
+    Raises:
+        SandboxUnavailableError: It is not installed, or does not run.
+    """
+    try:
+        told = subprocess.run([program(), "--version"], capture_output=True, text=True, check=True, timeout=10)  # noqa: S603
+    except (OSError, subprocess.SubprocessError) as error:
+        raise SandboxUnavailableError(f"bubblewrap does not run ({error}); {_INSTALL}") from None
+    return told.stdout.strip()
+
+
+def command(python_arguments: list[str]) -> list[str]:
+    """Return the command line that runs Python inside a sandbox.
+
+    Args:
+        python_arguments: Arguments of the interpreter.
+
+    Raises:
+        SandboxUnavailableError: Something that it needs is missing.
+    """
+    binds: dict[str, Path] = {str(path): path for path in (interpreter(), *standard_library(), *shared_libraries())}
+    cache = Path("/etc/ld.so.cache")
+    if cache.is_file():
+        binds[str(cache)] = cache
+    binds |= {f"{_PACKAGES}/{place}": path for place, path in packages().items()}
+    arguments = [
+        *("--unshare-user", "--unshare-all", "--die-with-parent", "--new-session", "--clearenv"),
+        *("--cap-drop", "ALL", "--uid", "65534", "--gid", "65534", "--hostname", "sandbox"),
+    ]
+    for place, path in binds.items():
+        arguments += ["--ro-bind", str(path), place]
+    for folder in standard_library():  # other packages of this machine may lie in the midst of the library
+        for name in ("site-packages", "dist-packages"):
+            if (folder / name).is_dir():
+                arguments += ["--tmpfs", str(folder / name), "--remount-ro", str(folder / name)]
+    for name, value in _ENVIRONMENT.items():
+        arguments += ["--setenv", name, value]
+    arguments += ["--chdir", "/", "--remount-ro", "/"]
+    return [program(), *arguments, "--", str(interpreter()), "-S", "-s", "-P", *python_arguments]
+
+
+class Bubblewrap:
+    """A guest under bubblewrap.
+
+    The kernel ends it together with the thread that starts it. So start it in one that lives as long.
+
+    Raises:
+        SandboxUnavailableError: Bubblewrap or something else that it needs is missing.
+    """
+
+    def __init__(self) -> None:
+        mine, theirs = socket.socketpair()
+        try:
+            line = command(["-m", "wrongturn_sandbox", "--guest", str(theirs.fileno())])
+            self._process = subprocess.Popen(  # noqa: S603 - the command is our own
+                line,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                pass_fds=(theirs.fileno(),),
+                env={},
+            )
+        except OSError as error:
+            mine.close()
+            raise SandboxUnavailableError(f"bubblewrap does not run ({error}); {_INSTALL}") from None
+        except SandboxUnavailableError:
+            mine.close()
+            raise
+        finally:
+            theirs.close()
+        self.connection = mine
+        self.pid: int | None = self._process.pid
+
+    def why_not(self) -> str:
+        """Return why the guest did not start, for an operator."""
+        self.kill()
+        assert self._process.stderr is not None
+        words = self._process.stderr.read(4096).decode(errors="replace").strip().splitlines()
+        said = words[-1] if words else f"it ended with status {self._process.returncode}"
+        hint = f"; {_REFUSED}" if said.startswith("bwrap: ") else ""
+        return f"bubblewrap could not start the guest: {said}{hint}"
+
+    def status(self) -> int | None:
+        """Return how the guest ended, with a signal as a negative number, or None if bubblewrap itself was ended."""
+        try:
+            status = self._process.wait(timeout=2)
+        except subprocess.TimeoutExpired:
+            return None
+        if status < 0:
+            return None
+        return 128 - status if status > 128 else status
+
+    def kill(self) -> None:
+        """End the guest now."""
+        self.connection.close()
+        self._process.kill()
+        self._process.wait()
+
+    def close(self) -> None:
+        """End the guest, and let go of what belonged to it."""
+        self.kill()
+        assert self._process.stderr is not None
+        self._process.stderr.close()

@@ -1,0 +1,124 @@
+"""Frames between host and guest: four bytes of length, then msgpack or a model's bytes.
+
+Neither side trusts a length: each names the most that it takes.
+"""
+
+import math
+import socket
+import struct
+import time
+from typing import Any, Final
+
+import msgpack
+
+VERSION: Final = 1
+"""Number of this protocol. Host and guest must have the same."""
+MODEL_MOST: Final = 1 << 30
+"""Largest model, bytes."""
+CALL_MOST: Final = 16 << 20
+"""Largest call of the host without a model, bytes: an observation and a state."""
+REPLY_MOST: Final = 8 << 20
+"""Largest reply of a guest, bytes: the outputs of a step, or a description."""
+_HEADER: Final = struct.Struct("!I")
+
+
+class FrameError(Exception):
+    """What came is no frame, or a longer one than this side takes."""
+
+
+class DeadlineError(Exception):
+    """The other side did not send or take a whole frame in time."""
+
+
+def send(connection: socket.socket, payload: bytes | bytearray | memoryview, deadline: float = math.inf) -> None:
+    """Send a frame.
+
+    Args:
+        connection: Connected stream socket.
+        payload: The frame's content.
+        deadline: When to give up, by ``time.monotonic()``.
+
+    Raises:
+        DeadlineError: The other side did not take it in time.
+        OSError: The connection is closed.
+    """
+    try:
+        _wait_until(connection, deadline)
+        connection.sendall(_HEADER.pack(len(payload)))
+        _wait_until(connection, deadline)
+        connection.sendall(payload)
+    except TimeoutError:
+        raise DeadlineError from None
+
+
+def receive(connection: socket.socket, most: int, deadline: float = math.inf) -> bytearray | None:
+    """Return a frame's content, or None when the other side has closed the connection.
+
+    Args:
+        connection: Connected stream socket.
+        most: Most bytes to take.
+        deadline: When to give up, by ``time.monotonic()``.
+
+    Raises:
+        DeadlineError: The frame did not come in time.
+        FrameError: The frame is too long, or was cut off.
+        OSError: The connection is broken.
+    """
+    header = _exactly(connection, _HEADER.size, deadline)
+    if header is None:
+        return None
+    (length,) = _HEADER.unpack(header)
+    if length > most:
+        raise FrameError(f"a frame of {length} bytes; at most {most} are taken")
+    content = _exactly(connection, length, deadline)
+    if content is None:
+        raise FrameError("a frame without its content")
+    return content
+
+
+def packed(message: object) -> bytes:
+    """Return a message as msgpack."""
+    return bytes(msgpack.packb(message))
+
+
+def unpacked(content: bytes | bytearray) -> Any:
+    """Return a message of msgpack.
+
+    Raises:
+        FrameError: It is no msgpack.
+    """
+    try:
+        return msgpack.unpackb(content, strict_map_key=True, ext_hook=_no_extension)
+    except Exception as error:  # msgpack raises many classes, ValueError and its own among them
+        raise FrameError(f"no msgpack: {type(error).__name__}") from None
+
+
+def _no_extension(code: int, _data: bytes) -> None:
+    raise ValueError(f"extension {code}")
+
+
+def _wait_until(connection: socket.socket, deadline: float) -> None:
+    if deadline == math.inf:
+        return
+    remaining = deadline - time.monotonic()
+    if remaining <= 0:
+        raise DeadlineError
+    connection.settimeout(remaining)
+
+
+def _exactly(connection: socket.socket, length: int, deadline: float) -> bytearray | None:
+    content = bytearray(length)
+    view = memoryview(content)
+    filled = 0
+    while filled < length:
+        try:
+            _wait_until(connection, deadline)
+            taken = connection.recv_into(view[filled:])
+        except TimeoutError:
+            raise DeadlineError from None
+        if not taken:
+            if filled:
+                raise FrameError("a frame that was cut off")
+            return None
+        filled += taken
+    return content

@@ -1,0 +1,213 @@
+"""The trusted side of a sandbox: opens one, hands it a model and observations, and distrusts what it says."""
+
+import contextlib
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, NoReturn, Self
+
+from numpy.typing import NDArray
+
+from wrongturn_sandbox import bubblewrap, reasons
+from wrongturn_sandbox.bubblewrap import Bubblewrap
+from wrongturn_sandbox.errors import ModelRefusedError, SandboxLostError, SandboxUnavailableError
+from wrongturn_sandbox.frames import (
+    MODEL_MOST,
+    REPLY_MOST,
+    VERSION,
+    DeadlineError,
+    FrameError,
+    packed,
+    receive,
+    send,
+    unpacked,
+)
+from wrongturn_sandbox.messages import Description, Limits, pack_arrays, read_arrays, read_description, read_reply
+from wrongturn_sandbox.remote import Remote
+
+START_S: Final = 60.0
+"""Seconds that a sandbox may take to start. It takes half a second on a quiet machine."""
+
+
+class Sandbox:
+    """One model in a sandbox. Open it by :func:`open_sandbox`, use it as a context manager.
+
+    After any error the sandbox is closed. It belongs to the thread that opened it: a guest under bubblewrap ends when
+    that thread ends.
+    """
+
+    def __init__(self, place: Bubblewrap | Remote, limits: Limits) -> None:
+        self._place = place
+        self._limits = limits
+        self.runtime = ""
+        """Names and versions of the guest's libraries: ``onnxruntime 1.31.1, onnx 1.23.2``."""
+
+    @property
+    def pid(self) -> int | None:
+        """Process id of bubblewrap, or None in a runner container."""
+        return self._place.pid
+
+    def load(self, model: bytes | bytearray | memoryview) -> Description:
+        """Check and load a model. Call it once.
+
+        Args:
+            model: The file's bytes.
+
+        Raises:
+            ModelRefusedError: The model is at fault.
+            SandboxLostError: The sandbox was ended from outside.
+        """
+        if len(model) > MODEL_MOST:
+            raise self._refused(f"the file has {len(model)} bytes; at most {MODEL_MOST} are allowed")
+        deadline = time.monotonic() + self._limits.load_s
+        said = self._call(
+            (packed({"load": len(model)}), model),
+            "description",
+            deadline,
+            reasons.too_slow_to_load(self._limits),
+        )
+        try:
+            return read_description(said)
+        except FrameError as error:
+            raise self._refused(_nonsense(error)) from None
+
+    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Return the model's outputs for one step's inputs, by name.
+
+        Args:
+            inputs: An array for each input, with the batch axis.
+
+        Raises:
+            ModelRefusedError: The model is at fault.
+            SandboxLostError: The sandbox was ended from outside.
+            ValueError: An input's type does not go into a sandbox.
+        """
+        deadline = time.monotonic() + self._limits.step_s
+        call = packed({"run": pack_arrays(inputs)})
+        said = self._call((call,), "outputs", deadline, reasons.too_slow_a_step(self._limits))
+        try:
+            return read_arrays(said)
+        except FrameError as error:
+            raise self._refused(_nonsense(error)) from None
+
+    def close(self) -> None:
+        """End the sandbox. Safe to call more than once."""
+        self._place.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def begin(self) -> None:
+        """Tell the guest its limits, and wait until it is ready.
+
+        Raises:
+            SandboxUnavailableError: It does not get ready.
+        """
+        limits = self._limits
+        deadline = time.monotonic() + START_S
+        begin = {"begin": VERSION, "memory": limits.memory, "load_s": limits.load_s, "step_s": limits.step_s}
+        with contextlib.suppress(OSError, DeadlineError):  # it may have said why it takes nothing
+            send(self._place.connection, packed(begin), deadline)
+        kind: str = ""
+        said: Any = None
+        try:
+            content = receive(self._place.connection, REPLY_MOST, deadline)
+            if content is not None:
+                kind, said = read_reply(unpacked(content))
+        except DeadlineError:
+            self.close()
+            raise SandboxUnavailableError(f"the sandbox did not start within {START_S:g} s") from None
+        except (OSError, FrameError):
+            kind = "nonsense"
+        if kind == "unavailable":
+            self.close()
+            raise SandboxUnavailableError(f"the sandbox does not start: {reasons.printable(said)}")
+        if kind != "ready" or said.get("ready") != VERSION:
+            why = self._place.why_not()
+            self.close()
+            raise SandboxUnavailableError(why)
+        self.runtime = reasons.printable(said.get("runtime"))
+
+    def _call(self, frames: tuple[bytes | bytearray | memoryview, ...], wanted: str, deadline: float, late: str) -> Any:
+        connection = self._place.connection
+        if connection.fileno() < 0:
+            raise SandboxLostError("the sandbox is closed; open another one")
+        try:
+            try:
+                for frame in frames:
+                    send(connection, frame, deadline)
+            except OSError:
+                pass  # the guest has ended, and its listener may have said how
+            content = receive(connection, REPLY_MOST, deadline)
+            kind, said = ("ended", None) if content is None else read_reply(unpacked(content))
+        except DeadlineError:
+            raise self._refused(late) from None
+        except OSError:
+            kind, said = "ended", None
+        except FrameError as error:
+            raise self._refused(_nonsense(error)) from None
+        if kind == wanted:
+            return said
+        if kind == "refused":
+            raise self._refused(reasons.printable(said))
+        if kind == "ended":
+            self._ended(said)
+        raise self._refused(_nonsense(f"{kind} instead of {wanted}"))
+
+    def _ended(self, said: object) -> NoReturn:
+        status = said if type(said) is int else self._place.status()
+        self.close()
+        why = reasons.ending(status, self._limits)
+        if why is None:
+            raise SandboxLostError("the sandbox was ended from outside")
+        raise ModelRefusedError(why)
+
+    def _refused(self, reason: str) -> ModelRefusedError:
+        self.close()
+        return ModelRefusedError(reason)
+
+
+def open_sandbox(socket: Path | None, limits: Limits) -> Sandbox:
+    """Open a sandbox that is ready to take a model.
+
+    Args:
+        socket: Unix socket of a runner container, or None for bubblewrap on this machine.
+        limits: What the model may use.
+
+    Raises:
+        SandboxUnavailableError: None can be opened; the message says why, and what the operator can do.
+    """
+    sandbox = Sandbox(Bubblewrap() if socket is None else Remote(socket), limits)
+    try:
+        sandbox.begin()
+    except BaseException:
+        sandbox.close()
+        raise
+    return sandbox
+
+
+def probe(socket: Path | None) -> str:
+    """Open a sandbox, close it again, and return what it is: ``bubblewrap 0.8.0`` or ``runner container``.
+
+    Args:
+        socket: Unix socket of a runner container, or None for bubblewrap on this machine.
+
+    Raises:
+        SandboxUnavailableError: None can be opened; the message says why, and what the operator can do.
+    """
+    with open_sandbox(socket, Limits(memory=1 << 28)) as sandbox:
+        name = bubblewrap.version() if socket is None else "runner container"
+        return f"{name} ({sandbox.runtime})"
+
+
+def _nonsense(error: object) -> str:
+    return f"the sandbox answers what no honest model makes it say ({reasons.printable(str(error))})"

@@ -1,0 +1,160 @@
+"""Holds the guests of a runner container: a fresh process for each connection, which ends with it."""
+
+import contextlib
+import logging
+import os
+import select
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Final, NoReturn
+
+from wrongturn_sandbox.bubblewrap import environment
+from wrongturn_sandbox.frames import packed, send
+
+GUEST: Final = (sys.executable, "-s", "-P", "-m", "wrongturn_sandbox", "--guest")
+"""Command line of a guest, without its file descriptor."""
+_MODE: Final = 0o660
+_LOG: Final = logging.getLogger(__name__)
+
+
+@dataclass
+class _Guest:
+    process: subprocess.Popen[bytes]
+    ended: int
+    """File descriptor that can be read once the process has ended."""
+    connection: socket.socket
+    """Its host. Kept to notice when the host leaves, and to tell it how the guest ended."""
+
+
+class Listener:
+    """Accepts hosts on a Unix socket and starts a guest for each.
+
+    Args:
+        path: Where to make the socket. Its owner and group may connect.
+        most: Guests at a time. One host more is told so and turned away.
+        command: Command line of a guest; the file descriptor of its socket follows.
+
+    Raises:
+        OSError: The socket cannot be made, or another listener uses it.
+    """
+
+    def __init__(self, path: Path, most: int, command: Sequence[str] = GUEST) -> None:
+        self._path = path
+        self._most = most
+        self._command = command
+        self._guests: dict[int, _Guest] = {}
+        self._poll = select.poll()
+        self._socket = _listen(path)
+
+    def run(self) -> None:
+        """Serve until SIGTERM or SIGINT comes, then end all guests and remove the socket."""
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, _stop)
+        self._poll.register(self._socket, select.POLLIN)
+        _LOG.info("listening at %s for at most %d sandboxes", self._path, self._most)
+        try:
+            while True:
+                for descriptor, _ in self._poll.poll():
+                    self._attend(descriptor)
+        finally:
+            for guest in self._guests.values():
+                guest.process.kill()
+                guest.process.wait()
+            self._socket.close()
+            self._path.unlink(missing_ok=True)
+
+    def _attend(self, descriptor: int) -> None:
+        if descriptor == self._socket.fileno():
+            self._accept()
+            return
+        for guest in list(self._guests.values()):
+            if descriptor == guest.ended:
+                self._bury(guest)
+            elif descriptor == guest.connection.fileno():
+                self._poll.unregister(guest.connection)
+                guest.process.kill()
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._socket.accept()
+        except OSError as error:
+            _LOG.warning("cannot accept: %s", error)
+            time.sleep(0.1)
+            return
+        if len(self._guests) >= self._most:
+            _tell(connection, {"unavailable": f"all {self._most} sandboxes of the runner container are taken"})
+            connection.close()
+            return
+        try:
+            process = subprocess.Popen(  # noqa: S603 - the command is our own
+                [*self._command, str(connection.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                pass_fds=(connection.fileno(),),
+                env=environment(),
+                cwd="/",
+            )
+        except OSError as error:
+            _LOG.warning("cannot start a guest: %s", error)
+            _tell(connection, {"unavailable": "the runner container cannot start a process; look at its log"})
+            connection.close()
+            return
+        ended = os.pidfd_open(process.pid)
+        self._guests[process.pid] = _Guest(process, ended, connection)
+        self._poll.register(ended, select.POLLIN)
+        self._poll.register(connection, select.POLLRDHUP)
+
+    def _bury(self, guest: _Guest) -> None:
+        del self._guests[guest.process.pid]
+        status = guest.process.wait()
+        self._poll.unregister(guest.ended)
+        os.close(guest.ended)
+        with contextlib.suppress(KeyError):
+            self._poll.unregister(guest.connection)
+        _tell(guest.connection, {"ended": status})
+        guest.connection.close()
+
+
+def _stop(_number: int, _frame: FrameType | None) -> NoReturn:
+    raise SystemExit(0)
+
+
+def _tell(connection: socket.socket, message: object) -> None:
+    connection.setblocking(False)
+    with contextlib.suppress(OSError):  # a host that has left need not know
+        send(connection, packed(message))
+
+
+def _listen(path: Path) -> socket.socket:
+    listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        _remove_stale(path)
+        before = os.umask(0o777 & ~_MODE)
+        try:
+            listening.bind(str(path))
+        finally:
+            os.umask(before)
+        listening.listen(64)
+    except BaseException:
+        listening.close()
+        raise
+    return listening
+
+
+def _remove_stale(path: Path) -> None:
+    """Remove a socket on which nobody listens any more."""
+    if not path.exists() or not stat.S_ISSOCK(path.stat().st_mode):
+        return
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as attempt:
+        try:
+            attempt.connect(str(path))
+        except OSError:
+            path.unlink()

@@ -1,0 +1,203 @@
+"""What host and guest say to each other, and the strict reading of it.
+
+====================================================  =====================================================
+host                                                  guest
+====================================================  =====================================================
+``{"begin": version, "memory", "load_s", "step_s"}``  ``{"ready": version, "runtime": "onnxruntime 1.31"}``
+``{"load": length}`` and a frame with the model       ``{"description": {...}}``
+``{"run": {name: [dtype, shape, bytes]}}``            ``{"outputs": {name: [dtype, shape, bytes]}}``
+====================================================  =====================================================
+
+To any of them a guest may answer ``{"refused": reason}``. A listener may say ``{"unavailable": reason}`` instead of
+``ready``, and ``{"ended": status}`` once its guest has ended.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_sandbox.frames import FrameError
+
+DTYPES: Final = frozenset(
+    ["bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float16", "float32", "float64"],
+)
+"""numpy's names of the types that tensors may have on their way in and out."""
+NAME_MOST: Final = 512
+"""Longest name of a tensor."""
+RANK_MOST: Final = 8
+"""Most axes of a tensor on its way in or out."""
+TENSORS_MOST: Final = 64
+"""Most inputs, and most outputs, of a model."""
+METADATA_MOST: Final = 128
+"""Most entries of a model's metadata."""
+METADATA_LENGTH_MOST: Final = 1 << 18
+"""Most characters of a model's metadata in all."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a sandbox allows a model."""
+
+    memory: int
+    """Bytes that the model may take beyond what the empty runtime takes."""
+    load_s: float = 5.0
+    """Seconds to check and load the model."""
+    step_s: float = 2.0
+    """Seconds that a step may take."""
+
+    def __post_init__(self) -> None:
+        if self.memory < 1 << 24:
+            raise ValueError(f"memory: {self.memory} bytes; use at least {1 << 24}")
+        for name, seconds in (("load_s", self.load_s), ("step_s", self.step_s)):
+            if not (math.isfinite(seconds) and seconds > 0):
+                raise ValueError(f"{name}: {seconds}; use a number of seconds above 0")
+
+
+@dataclass(frozen=True)
+class TensorInfo:
+    """An input or output of a model."""
+
+    name: str
+    """Its name in the graph."""
+    dtype: str
+    """numpy's name of its type: ``float32``."""
+    shape: tuple[int | str | None, ...]
+    """Its axes; a free axis is its name, or None where it has none."""
+
+
+@dataclass(frozen=True)
+class Description:
+    """What the guest says about a model that it has loaded."""
+
+    inputs: tuple[TensorInfo, ...]
+    """What the model takes."""
+    outputs: tuple[TensorInfo, ...]
+    """What the model gives."""
+    opset: int
+    """Version of the default operators."""
+    metadata: Mapping[str, str]
+    """The file's own words about itself."""
+    nodes: int
+    """Nodes of the graph."""
+    parameters: int
+    """Numbers in the graph's constants."""
+
+
+def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return arrays as plain values.
+
+    Raises:
+        ValueError: An array's type or number of axes is not one that goes in or out.
+    """
+    for name, array in arrays.items():
+        if array.dtype.name not in DTYPES or array.ndim > RANK_MOST:
+            raise ValueError(f"{name}: {array.dtype.name} with {array.ndim} axes")
+    return {name: [array.dtype.name, list(array.shape), array.tobytes()] for name, array in arrays.items()}
+
+
+def read_arrays(value: object) -> dict[str, NDArray[Any]]:
+    """Return arrays of what :func:`pack_arrays` made. Distrusts all of it.
+
+    Raises:
+        FrameError: It is something else.
+    """
+    return {_text(name, NAME_MOST): _array(array) for name, array in _mapping(value, TENSORS_MOST).items()}
+
+
+def pack_description(description: Description) -> dict[str, Any]:
+    """Return a description as plain values."""
+    return {
+        "inputs": [[tensor.name, tensor.dtype, list(tensor.shape)] for tensor in description.inputs],
+        "outputs": [[tensor.name, tensor.dtype, list(tensor.shape)] for tensor in description.outputs],
+        "opset": description.opset,
+        "metadata": dict(description.metadata),
+        "nodes": description.nodes,
+        "parameters": description.parameters,
+    }
+
+
+def read_description(value: object) -> Description:
+    """Return the description that :func:`pack_description` made plain. Distrusts all of it.
+
+    Raises:
+        FrameError: It is something else.
+    """
+    said = _mapping(value, 6)
+    if set(said) != {"inputs", "outputs", "opset", "metadata", "nodes", "parameters"}:
+        raise FrameError("a description with other fields")
+    return Description(
+        inputs=tuple(map(_tensor, _list(said["inputs"], TENSORS_MOST))),
+        outputs=tuple(map(_tensor, _list(said["outputs"], TENSORS_MOST))),
+        opset=_count(said["opset"]),
+        metadata={
+            _text(key, METADATA_LENGTH_MOST): _text(words, METADATA_LENGTH_MOST)
+            for key, words in _mapping(said["metadata"], METADATA_MOST).items()
+        },
+        nodes=_count(said["nodes"]),
+        parameters=_count(said["parameters"]),
+    )
+
+
+def read_reply(value: object) -> tuple[str, Any]:
+    """Return the one key of a reply, and its value.
+
+    Raises:
+        FrameError: It is something else.
+    """
+    said = _mapping(value, 2)
+    kind = next(iter(said), None)
+    if kind not in {"ready", "description", "outputs", "refused", "unavailable", "ended"}:
+        raise FrameError("an unknown reply")
+    if kind != "ready" and len(said) != 1:
+        raise FrameError("a reply with two meanings")
+    return kind, said if kind == "ready" else said[kind]
+
+
+def _array(value: object) -> NDArray[Any]:
+    parts = _list(value, 3)
+    if len(parts) != 3 or parts[0] not in DTYPES or not isinstance(parts[2], bytes):
+        raise FrameError("no array")
+    dtype = np.dtype(parts[0])
+    shape = tuple(_count(length) for length in _list(parts[1], RANK_MOST))
+    if math.prod(shape) * dtype.itemsize != len(parts[2]):
+        raise FrameError("an array of another length than its shape")
+    return np.frombuffer(parts[2], dtype).reshape(shape)
+
+
+def _tensor(value: object) -> TensorInfo:
+    parts = _list(value, 3)
+    if len(parts) != 3 or parts[1] not in DTYPES:
+        raise FrameError("no description of a tensor")
+    shape = tuple(
+        _text(length, NAME_MOST) if isinstance(length, str) else None if length is None else _count(length)
+        for length in _list(parts[2], 64)
+    )
+    return TensorInfo(_text(parts[0], NAME_MOST), parts[1], shape)
+
+
+def _mapping(value: object, most: int) -> dict[Any, Any]:
+    if not isinstance(value, dict) or len(value) > most:
+        raise FrameError("no mapping, or a too long one")
+    return value
+
+
+def _list(value: object, most: int) -> list[Any]:
+    if not isinstance(value, list) or len(value) > most:
+        raise FrameError("no list, or a too long one")
+    return value
+
+
+def _text(value: object, most: int) -> str:
+    if not isinstance(value, str) or len(value) > most:
+        raise FrameError("no text, or a too long one")
+    return value
+
+
+def _count(value: object) -> int:
+    if type(value) is not int or not 0 <= value < 1 << 62:
+        raise FrameError("no count")
+    return value

@@ -1,0 +1,80 @@
+"""Turns what a guest says, and how it ended, into a sentence for the model's owner."""
+
+import re
+import signal
+from typing import Final
+
+from wrongturn_sandbox.messages import Limits
+
+REASON_MOST: Final = 400
+"""Longest reason, characters."""
+_SOURCE: Final = re.compile(r"(?:[\w.+-]*/)+[\w.+-]+\.(?:cc|cpp|h|hpp|py|so|pyx)\b(?::\d+)?")
+_SIGNATURE: Final = re.compile(
+    r"(?:[\w:<>*&, ]*::)?~?\w+\([^()]*(?:\([^()]*\)[^()]*)*\)(?: const)?(?: \[with [^\]]*\])? ?"
+)
+_RUNTIME: Final = re.compile(r"\[ONNXRuntimeError\] : \d+ : [A-Z_]+ : ")
+_PREFIX: Final = re.compile(r"^(?:Exception during (?:initialization|loading): ?|Load model from .{0,200}? failed:)")
+FROM_OUTSIDE: Final = frozenset(
+    {signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGSTOP},
+)
+"""Signals that end a guest from outside. The kernel sends none of them for what a guest does within its limits."""
+
+
+def printable(text: object, most: int = REASON_MOST) -> str:
+    """Return a guest's words as one line, without control characters and without paths of source files."""
+    words = text if isinstance(text, str) else "no reason given"
+    words = _SOURCE.sub("", words[: 16 * most])
+    words = "".join(letter if letter.isprintable() else " " for letter in words)
+    words = " ".join(words.split())
+    return words if len(words) <= most else words[: most - 1].rstrip() + "…"
+
+
+def runtime_error(error: BaseException) -> str:
+    """Return onnxruntime's message without its own source code's paths and signatures."""
+    words = _PREFIX.sub("", _RUNTIME.sub("", str(error)))
+    if _SOURCE.search(words):
+        words = _SIGNATURE.sub("", _SOURCE.sub("", words), count=1)
+    return printable(words.strip(" :"))
+
+
+def out_of_memory(limits: Limits) -> str:
+    """Return the reason of a model that takes too much memory."""
+    return f"the model needs more than the {limits.memory >> 20} MiB of memory that a model gets; make it smaller"
+
+
+def too_slow_to_load(limits: Limits) -> str:
+    """Return the reason of a model that loads too slowly."""
+    return f"the model took longer than {limits.load_s:g} s to load; make it smaller or simpler"
+
+
+def too_slow_a_step(limits: Limits) -> str:
+    """Return the reason of a model that steps too slowly."""
+    return f"a step of the model took longer than {limits.step_s:g} s; make it smaller or simpler"
+
+
+def ending(status: int | None, limits: Limits) -> str | None:
+    """Return why a guest is to blame for its end, or None when it was ended from outside.
+
+    Args:
+        status: Its exit status; negative for a signal; None where nobody knows.
+        limits: Its limits.
+    """
+    if status is None:
+        return None
+    if status >= 0:
+        return f"the model ended its sandbox (status {status}); no honest model does"
+    if -status in FROM_OUTSIDE:
+        return None
+    if -status == signal.SIGXCPU:
+        return (
+            "the model used more processor time than it may "
+            f"({limits.load_s:g} s to load, {limits.step_s:g} s a step); make it smaller or simpler"
+        )
+    try:
+        name = signal.Signals(-status).name
+    except ValueError:
+        name = f"signal {-status}"
+    hint = (
+        f", perhaps because it needs more than {limits.memory >> 20} MiB of memory" if -status == signal.SIGABRT else ""
+    )
+    return f"the model crashes onnxruntime ({name}){hint}; check that it runs with onnxruntime on your machine"
