@@ -1,14 +1,16 @@
 """Metrics for Prometheus. Each service has its own registry."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from typing import Literal
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
+from wrongturn_protocol import SubmissionState
+
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-
+_CHECK_BUCKETS = (0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 30.0, 60.0, 300.0)
 
 Call = Literal["reset", "step", "replay", "abort"]
 """Kinds of calls to a simulator."""
@@ -56,13 +58,30 @@ class Telemetry:
             ("reason",),
             registry=registry,
         )
-        for reason in ("simulators-failed", "service-ended", "cancelled"):
+        for reason in ("simulators-failed", "service-ended", "runner-ended", "cancelled"):
             self._voided.labels(reason)
         self._closed = Counter(
             "wrongturn_connections_closed", "Connections that the service closed", ("reason",), registry=registry
         )
         for reason in ("slow-message", "slow-reader", "slow-request", "too-many"):
             self._closed.labels(reason)
+        self._submissions = Gauge(
+            "wrongturn_submissions", "Submissions that wait or run, by state", ("state",), registry=registry
+        )
+        self._submissions_over = Counter(
+            "wrongturn_submissions_ended", "Submissions that are over, by state", ("state",), registry=registry
+        )
+        for state in SubmissionState:
+            (self._submissions_over if state.over else self._submissions).labels(state.value)
+        self.checks = Histogram(
+            "wrongturn_submission_check_seconds",
+            "Time to check a model, from the start of its runner",
+            buckets=_CHECK_BUCKETS,
+            registry=registry,
+        )
+        self.runners_lost = Counter(
+            "wrongturn_runners_lost", "Runners that ended before they were done", registry=registry
+        )
         self.expired = Counter(
             "wrongturn_leases_expired", "Episodes that were aborted because their agent was silent", registry=registry
         )
@@ -109,9 +128,21 @@ class Telemetry:
         """Count an episode whose verdict is stored."""
         self._ended.labels(str(scored).lower(), verdict).inc()
 
-    def voided(self, reason: Literal["simulators-failed", "service-ended", "cancelled"], count: int = 1) -> None:
+    def voided(
+        self, reason: Literal["simulators-failed", "service-ended", "runner-ended", "cancelled"], count: int = 1
+    ) -> None:
         """Count episodes that ended without a verdict that counts."""
         self._voided.labels(reason).inc(count)
+
+    def submissions(self, counts: Mapping[SubmissionState, int]) -> None:
+        """Show how many submissions wait or run. States that are left out have none."""
+        for state in SubmissionState:
+            if not state.over:
+                self._submissions.labels(state.value).set(counts.get(state, 0))
+
+    def submission_over(self, state: SubmissionState) -> None:
+        """Count a submission that is over."""
+        self._submissions_over.labels(state.value).inc()
 
     def closed(self, reason: str) -> None:
         """Count a connection that the service closed because of its client."""

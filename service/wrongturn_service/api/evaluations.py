@@ -1,12 +1,10 @@
 """Evaluations: one agent on one suite, trial by trial."""
 
-import secrets
-import time
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Response
 
-from wrongturn_networks import Suite, commitment_of
+from wrongturn_networks import commitment_of
 from wrongturn_protocol import (
     Entry,
     EpisodeList,
@@ -36,11 +34,11 @@ from wrongturn_service.api.dependencies import (
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.api.episodes import episode_detail
 from wrongturn_service.encoding import Encoding
+from wrongturn_service.episodes.evaluations import new_evaluation
 from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError
 from wrongturn_service.idempotency import HEADER, Once
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
-from wrongturn_service.tokens import new_id
 
 router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"], route_class=Route)
 
@@ -75,19 +73,7 @@ async def _check_there(service: Service, answered: StoredReplyError) -> None:
 
 
 async def _begin(service: Service, caller: Caller, wanted: EvaluationRequest, once: Once) -> EvaluationRow:
-    suite = catalogue.suite(wanted.suite)
-    _check_takes(suite, caller)
-    row = EvaluationRow(
-        id=new_id("ev"),
-        agent_id=caller.id,
-        suite=suite.id,
-        suite_sha256=suite.sha256,
-        entry=Entry.REMOTE.value,
-        state=EvaluationState.RUNNING.value,
-        secret=secrets.token_hex(32),
-        trials=len(suite.episodes),
-        created=time.time(),
-    )
+    row = new_evaluation(catalogue.suite(wanted.suite), caller.id, caller.track, Entry.REMOTE)
     store = once.remember(201, Encoding.JSON)
 
     def remember(begun: EvaluationRow) -> IdempotencyRow:
@@ -98,21 +84,6 @@ async def _begin(service: Service, caller: Caller, wanted: EvaluationRequest, on
     if begun is not row:
         raise _open(begun)
     return begun
-
-
-def _check_takes(suite: Suite, caller: Caller) -> None:
-    if suite.successor is not None:
-        message = f"{suite.id} is retired and takes no new evaluations; {suite.successor} replaces it"
-        raise ConflictError(
-            ProblemType.SUITE_RETIRED, f"suite: {message}", errors=[FieldError(path="suite", message=message)]
-        )
-    if caller.track not in suite.tracks:
-        tracks = ", ".join(suite.tracks)
-        raise InvalidRequestError(
-            "suite",
-            f"{suite.id} takes agents of the tracks {tracks}; this agent's track is {caller.track}",
-            ProblemType.TRACK_NOT_AVAILABLE,
-        )
 
 
 def _open(row: EvaluationRow) -> ConflictError:

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Final
 from weakref import WeakValueDictionary
 
@@ -85,12 +85,18 @@ class Closings:
             # From here on every trial has a verdict. The next start finishes the evaluation if this one fails.
             await self._evaluations.finish_closed(evaluation_id)
 
-    async def close_overdue(self) -> None:
-        """Close the evaluations whose agents were idle for too long, and those that were begun too long ago."""
+    async def close_overdue(self, spared: Collection[str] = ()) -> None:
+        """Close the evaluations whose agents were idle for too long, and those that were begun too long ago.
+
+        Args:
+            spared: Ids of evaluations that the service itself drives: if one is idle, its agent is not to blame.
+        """
         now = self._clock()
         if now - self._began < min(self._idle_s, GRACE_S):
             return
         for evaluation_id, begun, active in await self._store.running_since():
+            if evaluation_id in spared:
+                continue
             idle_s = now - active
             for episode in self._registry:
                 if episode.evaluation == evaluation_id:

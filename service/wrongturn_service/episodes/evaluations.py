@@ -2,17 +2,20 @@
 
 import asyncio
 import contextlib
+import secrets
+import time
 from collections.abc import Callable, Iterator
 
 import structlog
 
-from wrongturn_networks import load_suite
-from wrongturn_protocol import EpisodeState, EvaluationState, ProblemType
+from wrongturn_networks import Suite, load_suite
+from wrongturn_protocol import Entry, EpisodeState, EvaluationState, FieldError, ProblemType, Track
 from wrongturn_service.episodes.schedule import Schedule
-from wrongturn_service.errors import ConflictError, NotFoundError
+from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError
 from wrongturn_service.storage.models import EvaluationRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.telemetry import Telemetry
+from wrongturn_service.tokens import new_id
 
 
 class RunningEvaluations:
@@ -147,6 +150,44 @@ class RunningEvaluations:
                 self._telemetry.ended(scored=True, verdict=outcome.verdict.value)
         self._log.info("evaluation finished", evaluation=evaluation_id, suite=evaluation.suite)
         self._on_finished(evaluation.suite)
+
+
+def new_evaluation(suite: Suite, agent: str, track: Track, entry: Entry) -> EvaluationRow:
+    """Return the row of a new evaluation with a secret of its own, if the suite takes the agent.
+
+    Args:
+        suite: The suite.
+        agent: Id of the agent.
+        track: Track of the agent.
+        entry: Who drives: the agent's own worker, or the service.
+
+    Raises:
+        ConflictError: The suite is retired.
+        InvalidRequestError: The suite does not take agents of the track.
+    """
+    if suite.successor is not None:
+        message = f"{suite.id} is retired and takes no new evaluations; {suite.successor} replaces it"
+        raise ConflictError(
+            ProblemType.SUITE_RETIRED, f"suite: {message}", errors=[FieldError(path="suite", message=message)]
+        )
+    if track not in suite.tracks:
+        tracks = ", ".join(suite.tracks)
+        raise InvalidRequestError(
+            "suite",
+            f"{suite.id} takes agents of the tracks {tracks}; this agent's track is {track}",
+            ProblemType.TRACK_NOT_AVAILABLE,
+        )
+    return EvaluationRow(
+        id=new_id("ev"),
+        agent_id=agent,
+        suite=suite.id,
+        suite_sha256=suite.sha256,
+        entry=entry.value,
+        state=EvaluationState.RUNNING.value,
+        secret=secrets.token_hex(32),
+        trials=len(suite.episodes),
+        created=time.time(),
+    )
 
 
 def cancelled(evaluation: EvaluationRow) -> ConflictError:

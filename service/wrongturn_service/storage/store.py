@@ -175,10 +175,7 @@ class Store:
             found = await session.scalar(running.order_by(EvaluationRow.created).limit(1))
             if found is not None:
                 return found
-            unused = await session.get(UnusedSecretRow, (evaluation.agent_id, evaluation.suite))
-            if unused is not None:
-                evaluation.secret = unused.secret
-                await session.delete(unused)
+            await take_unused_secret(session, evaluation)
             _add(session, evaluation, None if remember is None else remember(evaluation))
         return evaluation
 
@@ -469,6 +466,14 @@ class Store:
             await session.execute(delete(TrajectoryRow).where(TrajectoryRow.episode_id.in_(old)))
             await session.execute(delete(EpisodeRow).where(EpisodeRow.id.in_(old)))
             await session.execute(delete(IdempotencyRow).where(IdempotencyRow.created < replies_before))
+
+
+async def take_unused_secret(session: AsyncSession, evaluation: EvaluationRow) -> None:
+    """Give an evaluation that is about to be stored the secret of one that was deleted before its first step."""
+    unused = await session.get(UnusedSecretRow, (evaluation.agent_id, evaluation.suite))
+    if unused is not None:
+        evaluation.secret = unused.secret
+        await session.delete(unused)
 
 
 def _add(session: AsyncSession, *rows: Base | None) -> None:

@@ -4,10 +4,10 @@ import time
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from typing import Any, Final
 
-from sqlalchemy import delete, func, select, update
+from sqlalchemy import and_, delete, func, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wrongturn_protocol import SubmissionState
+from wrongturn_protocol import EvaluationState, SubmissionState
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import (
     AgentRow,
@@ -19,7 +19,7 @@ from wrongturn_service.storage.models import (
     TrajectoryRow,
     UnusedSecretRow,
 )
-from wrongturn_service.storage.store import AgentNameTakenError
+from wrongturn_service.storage.store import AgentNameTakenError, take_unused_secret
 
 OPEN: Final = tuple(state for state in SubmissionState if not state.over)
 """States of submissions that wait or run."""
@@ -209,6 +209,44 @@ class SubmissionStore:
             await session.execute(delete(IdempotencyRow).where(IdempotencyRow.scope == agent))
             await session.execute(delete(AgentRow).where(AgentRow.id == agent))
         return agent
+
+    async def begin_evaluation(self, submission_id: str, evaluation: EvaluationRow) -> None:
+        """Store the evaluation of a submission that is ``checked``, and move the submission to ``running``.
+
+        Raises:
+            SubmissionOverError: The submission is not ``checked`` any more.
+            SuiteBegunError: The agent has an evaluation on the suite already.
+        """
+        async with self._database.write() as session:
+            row = await session.get(SubmissionRow, submission_id)
+            if row is None or row.state != SubmissionState.CHECKED:
+                raise SubmissionOverError(submission_id)
+            begun = select(EvaluationRow.id).where(
+                EvaluationRow.agent_id == evaluation.agent_id, EvaluationRow.suite == evaluation.suite
+            )
+            if await session.scalar(begun.limit(1)) is not None:
+                raise SuiteBegunError(evaluation.agent_id)
+            await take_unused_secret(session, evaluation)
+            session.add(evaluation)
+            await session.flush()
+            row.evaluation_id, row.state, row.started = evaluation.id, SubmissionState.RUNNING.value, time.time()
+
+    async def half_ended(self) -> Sequence[SubmissionRow]:
+        """Return the submissions that failed or were cancelled, but whose evaluation is open or whose agent is there.
+
+        The service died before it could close the one and delete the other.
+        """
+        running = (
+            select(EvaluationRow.id)
+            .where(EvaluationRow.id == SubmissionRow.evaluation_id, EvaluationRow.state == EvaluationState.RUNNING)
+            .exists()
+        )
+        begun = select(EvaluationRow.id).where(EvaluationRow.agent_id == SubmissionRow.agent_id).exists()
+        made = and_(SubmissionRow.agent_made, SubmissionRow.agent_id.is_not(None), ~begun)
+        ended = SubmissionRow.state.in_((SubmissionState.FAILED, SubmissionState.CANCELLED))
+        async with self._database.read() as session:
+            query = select(SubmissionRow).where(ended, or_(running, made)).order_by(SubmissionRow.seq)
+            return (await session.scalars(query)).all()
 
     async def append_log(self, submission_id: str, message: str) -> None:
         """Add a line to a submission's log."""

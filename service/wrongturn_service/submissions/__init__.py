@@ -1,0 +1,1 @@
+"""Submissions: agents that were handed in as a model, which the service checks and drives itself."""

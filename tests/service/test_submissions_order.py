@@ -1,0 +1,105 @@
+"""Whose submission is next: fair between owners, and the same whatever order the questions come in."""
+
+from collections import Counter
+from itertools import pairwise
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wrongturn_service.submissions.order import Waiting, in_turn, next_one
+
+OWNERS = ["ann", "ben", "cid", "dan"]
+
+
+@st.composite
+def lines(draw: st.DrawFn, least: int = 0) -> list[Waiting]:
+    owners = draw(st.lists(st.sampled_from(OWNERS), min_size=least, max_size=30))
+    return [Waiting(f"s{seq}", owner, seq) for seq, owner in enumerate(owners, 1)]
+
+
+counts = st.dictionaries(st.sampled_from(OWNERS), st.integers(0, 5))
+turns = st.permutations(OWNERS).flatmap(
+    lambda owners: st.integers(0, len(owners)).map(
+        lambda known: {owner: turn for turn, owner in enumerate(owners[:known], 1)}
+    )
+)
+
+
+def test_nobody_is_next_where_none_waits() -> None:
+    assert next_one([], {"ann": 1}, {}) is None
+
+
+def test_of_one_owner_the_first_that_arrived_is_next() -> None:
+    line = [Waiting("b", "ann", 2), Waiting("a", "ann", 1), Waiting("c", "ann", 3)]
+    assert [one.id for one in in_turn(line, [], {}, 1)] == ["a", "b", "c"]
+
+
+def test_an_owner_with_ten_does_not_keep_another_waiting() -> None:
+    line = [Waiting(f"a{seq}", "ann", seq) for seq in range(10)] + [Waiting("b", "ben", 10)]
+    assert next_one(line, {"ann": 1}, {"ann": 1}) == line[-1]
+    assert in_turn(line, ["ann"], {"ann": 1}, 1)[0].id == "b"
+
+
+def test_among_owners_with_as_many_running_the_one_served_longest_ago_is_next() -> None:
+    line = [Waiting("a", "ann", 1), Waiting("b", "ben", 2), Waiting("c", "cid", 3)]
+    assert next_one(line, {}, {"ann": 9, "ben": 7, "cid": 8}) == line[1]
+    assert next_one(line, {}, {"ann": 9, "ben": 7}) == line[2]  # never served
+    assert next_one(line, {"cid": 1}, {"ann": 9, "ben": 7}) == line[1]
+
+
+@given(lines(least=1), counts, turns, st.randoms())
+def test_the_next_does_not_depend_on_the_order_of_the_list(line, running, served, random) -> None:
+    mixed = list(line)
+    random.shuffle(mixed)
+    assert next_one(mixed, running, served) == next_one(line, running, served)
+
+
+@given(lines(least=1), counts, turns)
+def test_the_next_owner_has_the_fewest_and_its_first_submission_goes(line, running, served) -> None:
+    chosen = next_one(line, running, served)
+    assert chosen is not None
+    assert running.get(chosen.owner, 0) == min(running.get(one.owner, 0) for one in line)
+    assert chosen.seq == min(one.seq for one in line if one.owner == chosen.owner)
+
+
+@given(lines(), st.lists(st.sampled_from(OWNERS), max_size=4), turns, st.integers(1, 5))
+def test_everybody_is_served_once_and_each_owner_in_the_order_of_arrival(line, running, served, slots) -> None:
+    ordered = in_turn(line, running, served, slots)
+    assert sorted(one.seq for one in ordered) == [one.seq for one in line]
+    for owner in OWNERS:
+        own = [one.seq for one in ordered if one.owner == owner]
+        assert all(a < b for a, b in pairwise(own))
+
+
+@given(lines(), turns, st.integers(1, 5))
+def test_while_two_owners_wait_neither_gets_more_than_one_turn_ahead(line, served, slots) -> None:
+    ordered = in_turn(line, [], served, slots)
+    left = Counter(one.owner for one in line)
+    got: Counter[str] = Counter()
+    for one in ordered:
+        got[one.owner] += 1
+        left[one.owner] -= 1
+        both = [owner for owner in OWNERS if left[owner]]
+        for owner in both:
+            # Whoever still waits has had as many turns as anybody else, or one less.
+            assert got[owner] >= got[one.owner] - 1
+
+
+@given(lines(least=1), st.lists(st.sampled_from(OWNERS), max_size=4), turns, st.integers(1, 5))
+def test_the_first_in_turn_is_the_next_one(line, running, served, slots) -> None:
+    first = in_turn(line, running, served, max(slots, len(running) + 1))[0]
+    assert first == next_one(line, Counter(running), served)
+
+
+@given(lines(), st.lists(st.sampled_from(OWNERS), max_size=4), turns, st.integers(1, 5))
+def test_the_whole_order_is_one_next_after_the_other(line, running, served, slots) -> None:
+    left, places, turns_of, expected = list(line), list(running), dict(served), []
+    while left:
+        del places[: max(0, len(places) - slots + 1)]
+        one = next_one(left, Counter(places), turns_of)
+        assert one is not None
+        left.remove(one)
+        expected.append(one)
+        turns_of[one.owner] = max(turns_of.values(), default=0) + 1
+        places.append(one.owner)
+    assert in_turn(line, running, served, slots) == expected
