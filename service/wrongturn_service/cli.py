@@ -105,6 +105,24 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         yield "simulators", False, str(error), "see the checks of libsumo and the kernels"
     except TooLittleMemoryError as error:
         yield "simulators", False, str(error), "lower WRONGTURN_SIMULATORS or add memory"
+    yield _submissions(settings)
+
+
+def _submissions(settings: "Settings") -> tuple[str, bool, str, str]:
+    """Check that models which are handed in have a sandbox."""
+    from wrongturn_service.submissions.availability import (  # noqa: PLC0415
+        TURNED_OFF,
+        NoSandboxError,
+        look_for,
+    )
+
+    if settings.submissions == 0:
+        return "submissions", True, f"off: {TURNED_OFF}", ""
+    try:
+        return "submissions", True, f"on: {look_for(settings.runner_socket)}", ""
+    except NoSandboxError as error:
+        remedy = "without a sandbox the service refuses submissions; WRONGTURN_SUBMISSIONS=0 turns them off"
+        return "submissions", False, str(error), remedy
 
 
 def _simulator(settings: "Settings") -> str:
