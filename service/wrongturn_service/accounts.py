@@ -1,10 +1,19 @@
-"""Agents and their tokens, and the operator."""
+"""Agents and their tokens, the tokens of runners, and the operator."""
 
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from wrongturn_protocol import AgentDetail, AgentKind, PracticeRequest, ProblemType, Track
+from wrongturn_protocol import (
+    AgentDetail,
+    AgentKind,
+    Entry,
+    EvaluationState,
+    PracticeRequest,
+    ProblemType,
+    SubmissionState,
+    Track,
+)
 from wrongturn_service.errors import (
     ForbiddenError,
     InvalidRequestError,
@@ -12,8 +21,9 @@ from wrongturn_service.errors import (
     UnauthenticatedError,
 )
 from wrongturn_service.settings import Settings
-from wrongturn_service.storage.models import AgentRow, IdempotencyRow
+from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, IdempotencyRow
 from wrongturn_service.storage.store import Store
+from wrongturn_service.storage.submissions import SubmissionStore
 from wrongturn_service.tokens import digest, same
 
 _CACHED = 10_000
@@ -21,15 +31,68 @@ _CACHED = 10_000
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """The agent whose token a call holds."""
+    """Who makes a call: an agent, or the runner that drives the agent of a submission.
+
+    Attributes:
+        id: Id of the agent.
+        track: Track of the agent.
+        submission: Id of the submission whose runner calls. None for the agent itself.
+        evaluation: The one evaluation that the runner may drive. None while it checks the model: then it may practise.
+    """
 
     id: str
     track: Track
+    submission: str | None = None
+    evaluation: str | None = None
 
-    def practice_track(self, request: PracticeRequest) -> Track:
-        """Return the track of a practice episode, which is the agent's own.
+    @property
+    def holder(self) -> str:
+        """Id of who holds the token: the agent, or the submission. Open episodes, keys and limits are the holder's."""
+        return self.submission or self.id
 
-        Another track would show what the agent's own one hides. Raises InvalidRequestError.
+    def check_agent(self) -> None:
+        """Check that the agent itself calls. Raises ForbiddenError."""
+        if self.submission is not None:
+            raise ForbiddenError(f"{self._scope}; this call needs another token")
+
+    def check_practice(self) -> None:
+        """Check that the caller may practise. Raises ForbiddenError."""
+        if self.evaluation is not None:
+            raise ForbiddenError(f"{self._scope}; practise with the agent's own token")
+
+    def check_sees(self, row: EvaluationRow) -> None:
+        """Check that an evaluation is the caller's. Raises ForbiddenError."""
+        if row.agent_id != self.id:
+            raise ForbiddenError(f"evaluation {row.id} belongs to another agent")
+        if self.submission is not None and row.id != self.evaluation:
+            raise ForbiddenError(f"{self._scope}, not for evaluation {row.id}")
+
+    def check_drives(self, row: EvaluationRow) -> None:
+        """Check that the caller may drive an evaluation, or close it. Raises ForbiddenError."""
+        self.check_sees(row)
+        uploaded = row.entry == Entry.UPLOADED and row.state == EvaluationState.RUNNING
+        if uploaded and self.submission is None:
+            raise ForbiddenError(
+                f"evaluation {row.id} is of a model that was handed in, and the service drives it; to stop it, cancel "
+                "its submission: DELETE /v1/submissions/{id}"
+            )
+
+    def check_episode(self, row: EpisodeRow) -> None:
+        """Check that an episode is the caller's. Raises ForbiddenError."""
+        if row.agent_id != self.id:
+            raise ForbiddenError(f"episode {row.id} belongs to another agent")
+        if self.submission is not None and row.evaluation_id != self.evaluation:
+            raise ForbiddenError(f"{self._scope}, not for episode {row.id}")
+
+    @property
+    def _scope(self) -> str:
+        what = "its check" if self.evaluation is None else f"evaluation {self.evaluation}"
+        return f"this token of submission {self.submission} is good for {what} alone"
+
+    def check_track(self, request: PracticeRequest) -> None:
+        """Check that practice is in the agent's own track. Raises InvalidRequestError.
+
+        Another track would show what the agent's own one hides.
         """
         if request.track is not None and request.track is not self.track:
             raise InvalidRequestError(
@@ -38,22 +101,26 @@ class Caller:
                 f"the track {request.track}",
                 ProblemType.TRACK_NOT_AVAILABLE,
             )
-        return self.track
 
 
 class Accounts:
     """Agents and their tokens. Tokens are stored as SHA-256 only."""
 
-    def __init__(self, store: Store, settings: Settings, changed: Callable[[], Awaitable[None]]) -> None:
+    def __init__(
+        self, store: Store, submissions: SubmissionStore, settings: Settings, changed: Callable[[], Awaitable[None]]
+    ) -> None:
         """Create the accounts.
 
         Args:
             store: Holds the agents.
+            submissions: Holds the tokens of runners. From now on the accounts learn when one of them ends.
             settings: Settings of the service.
             changed: Awaited after a token became invalid.
         """
         self._changed = changed
         self._store = store
+        self._submissions = submissions
+        submissions.token_ended = self._forget
         self._settings = settings
         self._callers: OrderedDict[str, Caller] = OrderedDict()
         self._changes = 0
@@ -63,28 +130,59 @@ class Accounts:
         """Number of tokens that became invalid so far. While it is the same, known callers are still valid."""
         return self._changes
 
-    async def caller(self, authorization: str | None) -> Caller:
-        """Return the agent whose token an ``Authorization`` header holds.
+    async def agent_caller(self, authorization: str | None) -> Caller:
+        """Return the agent whose own token an ``Authorization`` header holds.
 
         Raises:
             UnauthenticatedError: There is no token, or no agent has it.
+            ForbiddenError: It is a runner's token.
+        """
+        caller = await self.caller(authorization)
+        caller.check_agent()
+        return caller
+
+    async def caller(self, authorization: str | None) -> Caller:
+        """Return the agent, or the runner, whose token an ``Authorization`` header holds.
+
+        A runner's token is good for its submission alone: the call has to check it.
+
+        Raises:
+            UnauthenticatedError: There is no token, or nobody has it.
         """
         token_sha256 = digest(bearer(authorization))
         found = self._callers.get(token_sha256)
         if found is None:
             changes = self._changes
-            row = await self._store.agent_by_token(token_sha256)
-            if row is None:
+            found = await self._find(token_sha256)
+            if found is None:
                 raise UnauthenticatedError(
                     "no agent has this token; it may have been rotated or revoked, or is an owner's"
                 )
-            found = Caller(row.id, Track(row.track))
             # If a token changed while this was read, the result is good for this call only.
             if changes == self._changes:
                 self._callers[token_sha256] = found
             while len(self._callers) > _CACHED:
                 self._callers.popitem(last=False)
         return found
+
+    async def _find(self, token_sha256: str) -> Caller | None:
+        row = await self._store.agent_by_token(token_sha256)
+        return await self._runner(token_sha256) if row is None else Caller(row.id, Track(row.track))
+
+    async def _runner(self, token_sha256: str) -> Caller | None:
+        row = await self._submissions.by_token(token_sha256)
+        if row is None or row.agent_id is None or row.track is None:
+            return None
+        running = row.state == SubmissionState.RUNNING
+        if running is (row.evaluation_id is None):
+            return None  # its evaluation was deleted, or it is being moved
+        return Caller(row.agent_id, Track(row.track), row.id, row.evaluation_id)
+
+    async def check_no_runner(self, authorization: str | None) -> None:
+        """Check that no runner has the token of an ``Authorization`` header. Raises ForbiddenError."""
+        caller = await self._find(digest(bearer(authorization)))
+        if caller is not None:
+            caller.check_agent()
 
     def is_operator(self, authorization: str | None) -> bool:
         """Return whether an ``Authorization`` header holds the operator's token."""
@@ -116,14 +214,18 @@ class Accounts:
     async def _holder(self, authorization: str | None) -> str:
         """Return the id of the owner or agent that has a token. Raises UnauthenticatedError."""
         owner = await self._store.owner_by_token(digest(bearer(authorization)))
-        return owner.id if owner is not None else (await self.caller(authorization)).id
+        return owner.id if owner is not None else (await self.agent_caller(authorization)).id
 
     async def set_token(self, agent_id: str, token: str | None, reply: IdempotencyRow | None = None) -> None:
         """Replace an agent's token. None revokes it."""
         await self._store.set_token(agent_id, None if token is None else digest(token), reply)
+        await self._forget(agent_id)
+
+    async def _forget(self, holder: str) -> None:
+        """Forget whose tokens are known, and look at each connection's token again."""
         self._changes += 1
         for known, caller in list(self._callers.items()):
-            if caller.id == agent_id:
+            if caller.holder == holder:
                 del self._callers[known]
         await self._changed()
 

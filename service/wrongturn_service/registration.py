@@ -89,6 +89,7 @@ class Registrations:
             return owner
         if await self._store.agent_by_token(token_sha256) is not None:
             raise ForbiddenError(f"this is an agent's token; {advice}")
+        await self._accounts.check_no_runner(authorization)
         raise UnauthenticatedError(
             "nobody has this token; it may have been rotated or revoked; leave it out, or mend it"
         )

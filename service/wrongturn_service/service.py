@@ -29,6 +29,9 @@ from wrongturn_service.simulators.local_pool import LocalPool
 from wrongturn_service.socket.limits import ConnectionLimits
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.store import Store
+from wrongturn_service.storage.submissions import SubmissionStore
+from wrongturn_service.submissions.files import ModelFiles
+from wrongturn_service.submissions.operations import Submissions
 from wrongturn_service.telemetry import Telemetry
 
 _PURGE_S = 3600.0
@@ -50,6 +53,7 @@ class Service:
     registrations: Registrations
     idempotency: Idempotency
     leaderboards: Leaderboards
+    submissions: Submissions
     telemetry: Telemetry
     sockets: ConnectionLimits
 
@@ -113,7 +117,9 @@ async def run_service(
         telemetry.watch("wrongturn_sockets", "Connections to /v1/drive", lambda: sockets.open)
         telemetry.watch("wrongturn_sockets_lent", "Connections lent to simulators", lambda: len(episodes.loans))
         memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, updated every 30 s")
-        accounts = Accounts(store, settings, episodes.loans.recall)
+        rows = SubmissionStore(database)
+        accounts = Accounts(store, rows, settings, episodes.loans.recall)
+        submissions = Submissions(rows, ModelFiles(settings.home), episodes, settings)
         registrations = Registrations(store, settings, accounts)
         await registrations.prepare()
         for work in (episodes.watch_leases(), _housekeeping(settings, store, evaluations, episodes, pool, memory)):
@@ -130,6 +136,7 @@ async def run_service(
             registrations,
             Idempotency(store),
             leaderboards,
+            submissions,
             telemetry,
             sockets,
         )

@@ -63,6 +63,13 @@ def test_one_request_of_a_key_at_a_time_though_the_one_before_failed() -> None:
     asyncio.run(play())
 
 
+class NoSubmissions:
+    """No runner has any token."""
+
+    async def by_token(self, _: str) -> None:
+        return None
+
+
 async def _unheard() -> None:
     """Nobody has lent anything."""
 
@@ -70,7 +77,7 @@ async def _unheard() -> None:
 def test_a_token_that_is_revoked_while_it_is_looked_up_is_not_remembered() -> None:
     async def play() -> None:
         store = SlowStore()
-        accounts = Accounts(store, Settings(), _unheard)  # type: ignore[arg-type]
+        accounts = Accounts(store, NoSubmissions(), Settings(), _unheard)  # type: ignore[arg-type]
         asked = asyncio.create_task(accounts.caller("Bearer token"))
         await asyncio.sleep(0)
         await accounts.set_token("ag_1", None)

@@ -20,7 +20,7 @@ from wrongturn_protocol import ProblemType
 from wrongturn_service.accounts import Caller
 from wrongturn_service.api.body import parsed
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.errors import ForbiddenError, NotFoundError, ServiceError
+from wrongturn_service.errors import NotFoundError, ServiceError
 from wrongturn_service.idempotency import HEADER, Idempotency, Once
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EvaluationRow
@@ -36,16 +36,22 @@ async def service_of(request: Request) -> Service:
 
 
 class Token(SecurityBase):
-    """Finds the agent whose bearer token the request holds. Raises UnauthenticatedError."""
+    """Finds the agent whose bearer token the request holds. Raises UnauthenticatedError, ForbiddenError.
 
-    def __init__(self) -> None:
+    Args:
+        runners: Whether a runner's token is taken too. Then the route checks what the token is good for.
+    """
+
+    def __init__(self, *, runners: bool = False) -> None:
+        self.runners = runners
         self.model = HTTPBearer(description="From POST /v1/agents")
         self.scheme_name = "token"
 
     async def __call__(self, request: Request) -> Caller:
         """Return the agent."""
-        service = await service_of(request)
-        return await service.accounts.caller(request.headers.get("authorization"))
+        accounts = (await service_of(request)).accounts
+        find = accounts.caller if self.runners else accounts.agent_caller
+        return await find(request.headers.get("authorization"))
 
 
 class AnyToken(Token):
@@ -166,18 +172,27 @@ def _weight(parameters: list[str]) -> float:
 
 ServiceDep = Annotated[Service, Depends(service_of)]
 CallerDep = Annotated[Caller, Security(Token())]
+"""The agent itself."""
+DriverDep = Annotated[Caller, Security(Token(runners=True))]
+"""The agent, or the runner of its submission. The route checks what a runner's token is good for."""
 AuthorizationDep = Annotated[str | None, Security(AnyToken())]
 EncodingDep = Annotated[Encoding, Depends(accepted)]
 KeyDep = Annotated[RequestKey, Depends(request_key)]
 
 
 async def owned_by(service: Service, caller: Caller, evaluation_id: str) -> EvaluationRow:
-    """Return an evaluation of the caller. Raises NotFoundError, ForbiddenError."""
+    """Return an evaluation that the caller may see. Raises NotFoundError, ForbiddenError."""
     row = await service.store.evaluation(evaluation_id)
     if row is None:
         raise NotFoundError(ProblemType.UNKNOWN_EVALUATION, f"there is no evaluation {evaluation_id[:64]!r}")
-    if row.agent_id != caller.id:
-        raise ForbiddenError(f"evaluation {evaluation_id} belongs to another agent")
+    caller.check_sees(row)
+    return row
+
+
+async def driven_by(service: Service, caller: Caller, evaluation_id: str) -> EvaluationRow:
+    """Return an evaluation that the caller may drive or close. Raises NotFoundError, ForbiddenError."""
+    row = await owned_by(service, caller, evaluation_id)
+    caller.check_drives(row)
     return row
 
 

@@ -18,10 +18,10 @@ from wrongturn_protocol import (
     StepRequest,
 )
 from wrongturn_service import catalogue
-from wrongturn_service.api.dependencies import AuthorizationDep, Body, CallerDep, EncodingDep, KeyDep, ServiceDep
+from wrongturn_service.api.dependencies import AuthorizationDep, Body, DriverDep, EncodingDep, KeyDep, ServiceDep
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.errors import ConflictError, ForbiddenError, GoneError
+from wrongturn_service.errors import ConflictError, GoneError
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow
 
@@ -32,14 +32,14 @@ router = APIRouter(prefix="/v1/episodes", tags=["episodes"], route_class=Route)
 async def step(
     request: Request,
     encoding: EncodingDep,
-    caller: CallerDep,
+    caller: DriverDep,
     episode: str,
     wanted: Annotated[StepRequest, Depends(Body(StepRequest, binary=True))],
 ) -> Response:
     """Step: drive on for 0.1 s. The same seq with the same action gets the stored reply."""
     # The service is not a dependency here, because each one costs a step 4 %.
     service: Service = request.app.state.service
-    body = await service.episodes.step(caller.id, episode, wanted, encoding)
+    body = await service.episodes.step(caller, episode, wanted, encoding)
     return Response(body, media_type=encoding)
 
 
@@ -47,18 +47,18 @@ async def step(
 async def practise(
     service: ServiceDep,
     encoding: EncodingDep,
-    caller: CallerDep,
+    caller: DriverDep,
     wanted: Annotated[PracticeRequest, Depends(Body(PracticeRequest, binary=True))],
     key: KeyDep,
 ) -> Response:
     """Reset: begin a practice episode. It is never scored. Replies carry the reward, the last one the verdict."""
-    async with key.once(caller.id, wanted) as once:
-        track = caller.practice_track(wanted)
+    caller.check_practice()
+    async with key.once(caller.holder, wanted) as once:
+        caller.check_track(wanted)
         trial = await catalogue.practice_trial(wanted)
         body = await service.episodes.openings.practice(
-            caller.id,
+            caller,
             trial,
-            track,
             encoding,
             once.remember(201, encoding),
             once.key,
@@ -96,9 +96,9 @@ async def trajectory(service: ServiceDep, authorization: AuthorizationDep, episo
 
 
 @router.delete("/{episode}", **described(None, 404, 409, 410, 429, status=204))
-async def abort(service: ServiceDep, caller: CallerDep, episode: str) -> Response:
+async def abort(service: ServiceDep, caller: DriverDep, episode: str) -> Response:
     """End the episode. A scored one counts as ``aborted``, which is unsafe."""
-    await service.episodes.abort(caller.id, episode)
+    await service.episodes.abort(caller, episode)
     return Response(status_code=204)
 
 
@@ -109,9 +109,9 @@ async def _visible(service: Service, authorization: str | None, episode_id: str)
     if row is not None and public and authorization is None:
         return row, True
     caller = await service.accounts.caller(authorization)
-    _, row = await service.episodes.look(caller.id, episode_id)
-    if not public and row.agent_id != caller.id:
-        raise ForbiddenError(f"episode {episode_id} belongs to another agent")
+    _, row = await service.episodes.look(caller, episode_id)
+    if not public:
+        caller.check_episode(row)
     return row, public or await is_shown(service, row)
 
 

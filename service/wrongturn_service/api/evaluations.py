@@ -24,10 +24,12 @@ from wrongturn_service.api.dependencies import (
     AuthorizationDep,
     Body,
     CallerDep,
+    DriverDep,
     EncodingDep,
     KeyDep,
     ServiceDep,
     StoredReplyError,
+    driven_by,
     owned_by,
     reply,
 )
@@ -87,10 +89,12 @@ async def _begin(service: Service, caller: Caller, wanted: EvaluationRequest, on
 
 
 def _open(row: EvaluationRow) -> ConflictError:
+    remedy = f"go on with it by POST /v1/evaluations/{row.id}/episodes, or close it by DELETE /v1/evaluations/{row.id}"
+    if row.entry == Entry.UPLOADED:
+        remedy = "the service drives it, as it was handed in; to stop it, cancel its submission"
     return ConflictError(
         ProblemType.EVALUATION_OPEN,
-        f"this agent's evaluation {row.id} on {row.suite} is not finished; go on with it by "
-        f"POST /v1/evaluations/{row.id}/episodes, or close it by DELETE /v1/evaluations/{row.id}",
+        f"this agent's evaluation {row.id} on {row.suite} is not finished; {remedy}",
         errors=[FieldError(path="evaluation", message=row.id)],
     )
 
@@ -107,7 +111,7 @@ async def close(service: ServiceDep, caller: CallerDep, evaluation: str) -> Resp
 
     After that it counts: it is finished, and every trial without a verdict is ``aborted``, which is unsafe.
     """
-    row = await owned_by(service, caller, evaluation)
+    row = await driven_by(service, caller, evaluation)
     await service.episodes.closings.close(evaluation)
     newest = await service.store.evaluation(evaluation)
     if newest is None:
@@ -121,15 +125,13 @@ async def close(service: ServiceDep, caller: CallerDep, evaluation: str) -> Resp
     **described(EpisodeReply, 404, 409, 429, status=201),
 )
 async def reset(
-    service: ServiceDep, encoding: EncodingDep, caller: CallerDep, evaluation: str, key: KeyDep
+    service: ServiceDep, encoding: EncodingDep, caller: DriverDep, evaluation: str, key: KeyDep
 ) -> Response:
     """Reset: begin the next trial's episode. You learn which trial it was once the evaluation is finished."""
     with service.episodes.openings.in_progress.one(evaluation):
-        row = await owned_by(service, caller, evaluation)  # before a stored reply, whose evaluation may be deleted
-        async with key.once(caller.id) as once:
-            body = await service.episodes.openings.next(
-                row, caller.track, encoding, once.remember(201, encoding), once.key
-            )
+        row = await driven_by(service, caller, evaluation)  # before a stored reply, whose evaluation may be deleted
+        async with key.once(caller.holder) as once:
+            body = await service.episodes.openings.next(caller, row, encoding, once.remember(201, encoding), once.key)
     return Response(body, 201, media_type=encoding)
 
 
@@ -152,13 +154,13 @@ async def episodes(
 @router.put("/{evaluation}/results", **described(EvaluationDetail, 404, 409))
 async def results(
     service: ServiceDep,
-    caller: CallerDep,
+    caller: DriverDep,
     evaluation: str,
     record: Annotated[ResultsRequest, Depends(Body(ResultsRequest))],
 ) -> Response:
     """Take the worker's own record. It has to agree with what the service saw."""
     _check_once(record)
-    row = await owned_by(service, caller, evaluation)
+    row = await driven_by(service, caller, evaluation)
     seen = {found.id: found for found in await service.store.episodes(evaluation, EpisodeState.FINISHED)}
     wrong = [error for index in range(len(record.episodes)) for error in _differences(record, index, seen)]
     if wrong:

@@ -81,7 +81,7 @@ class EpisodeDriver:
             UnavailableError: Other calls come first.
             EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError, ReplayFailedError.
         """
-        self._queue.enter(episode.agent, call)
+        self._queue.enter(episode.holder, call)
         episode.placed = True
         try:
             return await self._begin(episode, encoding)
@@ -146,7 +146,7 @@ class EpisodeDriver:
         finally:
             if episode.placed:
                 episode.placed = False
-                self._queue.leave(episode.agent)
+                self._queue.leave(episode.holder)
 
     async def _release(self, episode: OpenEpisode) -> None:
         simulator, episode.simulator = episode.simulator, None
@@ -185,7 +185,7 @@ class EpisodeDriver:
         """
         await self._release(episode)
         if not episode.placed:
-            self._queue.enter(episode.agent, episode.id)
+            self._queue.enter(episode.holder, episode.id)
             episode.placed = True
         try:
             return await self._replayed(episode, call)

@@ -96,10 +96,12 @@ class Endings:
         self._telemetry.voided("simulators-failed")
         await self._store.lose_episode(episode.id, Verdict.INVALID)
         await self._close(episode)
-        if episode.evaluation is not None:
-            schedule = self._evaluations.known(episode.evaluation)
-            if schedule is not None:
-                schedule.put_back(episode.trial)
+        self._put_back(episode)
+
+    def _put_back(self, episode: OpenEpisode) -> None:
+        schedule = None if episode.evaluation is None else self._evaluations.known(episode.evaluation)
+        if schedule is not None:
+            schedule.put_back(episode.trial)
 
     async def abort_now(self, episode: OpenEpisode) -> None:
         """End an episode as ``aborted`` unless it is over, without waiting for a simulator. Takes the lock."""
@@ -114,6 +116,26 @@ class Endings:
                     if not episode.closed:
                         self._telemetry.voided("cancelled")
                     await self._close(episode)
+
+    async def lose(self, holder: str) -> None:
+        """Give up the open episodes of a runner that is gone; their trials run again. Takes their locks.
+
+        Args:
+            holder: Id of the submission.
+        """
+        for episode in self._registry:
+            if episode.holder != holder:
+                continue
+            async with episode.lock:
+                if episode.closed:
+                    continue
+                if episode.end is not None:
+                    await self.settle(episode)  # the last step was taken, but its end was not stored yet
+                    continue
+                self._telemetry.voided("runner-ended")
+                await self._store.lose_episode(episode.id)
+                await self._close(episode)
+                self._put_back(episode)
 
     async def _abort(self, episode: OpenEpisode, *, wait: bool = True) -> None:
         if episode.closed:

@@ -91,11 +91,11 @@ class Loans:
                 # There may be thousands. Other calls go on between the parts, and the loan may end.
                 await asyncio.sleep(0)
 
-    def begin(self, agent: str, episode_id: str, connection: LendableConnection) -> bool:
+    def begin(self, holder: str, episode_id: str, connection: LendableConnection) -> bool:
         """Lend a connection. The episode's lock is held until it is back.
 
         Args:
-            agent: who asks.
+            holder: who asks, the agent or the submission whose runner does.
             episode_id: the episode of the next steps.
             connection: where they come.
 
@@ -103,7 +103,7 @@ class Loans:
             Whether it is lent; otherwise nothing has happened.
         """
         episode = self._registry.get(episode_id)
-        if episode is None or not episode.counts or not is_next_step(episode, agent, episode.seq + 1):
+        if episode is None or not episode.counts or not is_next_step(episode, holder, episode.seq + 1):
             return False
         simulator = episode.simulator
         if simulator is None or not simulator.lends or episode.last.encoding is not Encoding.RAW:

@@ -1,10 +1,12 @@
 """Episodes from reset to verdict. This module knows nothing of HTTP; it refuses calls with a ServiceError."""
 
+import contextlib
 import zlib
 
 from structlog.contextvars import bind_contextvars
 
 from wrongturn_protocol import EpisodeState, EvaluationState, StepRequest, Verdict
+from wrongturn_service.accounts import Caller
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes import refusals
 from wrongturn_service.episodes.closings import Closings
@@ -18,7 +20,7 @@ from wrongturn_service.episodes.openings import Openings
 from wrongturn_service.episodes.registry import Limits, Registry
 from wrongturn_service.episodes.steps import Steps, stored_reply
 from wrongturn_service.episodes.watch import Watch
-from wrongturn_service.errors import ConflictError, GoneError
+from wrongturn_service.errors import ConflictError, GoneError, UnavailableError
 from wrongturn_service.simulators.action_log import ACTION, Action
 from wrongturn_service.storage.models import EpisodeRow
 from wrongturn_service.storage.store import Store
@@ -89,7 +91,7 @@ class EpisodeManager:
         """Check the leases until cancelled."""
         await self._watch.run()
 
-    async def step(self, agent: str, episode_id: str, request: StepRequest, encoding: Encoding) -> bytes:
+    async def step(self, caller: Caller, episode_id: str, request: StepRequest, encoding: Encoding) -> bytes:
         """Take a step and return the reply's body.
 
         Raises:
@@ -98,16 +100,16 @@ class EpisodeManager:
         action = as_float32(request.action)
         episode = self._registry.get(episode_id)
         if episode is None:
-            return await self._stored_step(agent, episode_id, request.seq, action, encoding)
-        refusals.check_owner(agent, episode.agent, episode_id)  # before the lock, which a stranger must not take
+            return await self._stored_step(caller, episode_id, request.seq, action, encoding)
+        refusals.check_holder(caller.holder, episode)  # before the lock, which a stranger must not take
         bind_contextvars(episode=episode_id, evaluation=episode.evaluation)
         async with episode.lock:
             episode.lease.renew()
             if episode.closed:
-                return await self._stored_step(agent, episode_id, request.seq, action, encoding)
-            if refusals.check_step(episode, agent, request.seq):
+                return await self._stored_step(caller, episode_id, request.seq, action, encoding)
+            if refusals.check_step(episode, caller.holder, request.seq):
                 if not await self._count(episode):
-                    return await self._stored_step(agent, episode_id, request.seq, action, encoding)
+                    return await self._stored_step(caller, episode_id, request.seq, action, encoding)
                 await self.steps.take(episode, action, encoding)
             else:
                 refusals.check_same(episode_id, request.seq, action, episode.last_action)
@@ -116,14 +118,14 @@ class EpisodeManager:
             episode.lease.renew()
             return episode.last.render(encoding)
 
-    async def look(self, agent: str | None, episode_id: str) -> tuple[OpenEpisode | None, EpisodeRow]:
+    async def look(self, caller: Caller, episode_id: str) -> tuple[OpenEpisode | None, EpisodeRow]:
         """Return an episode, None unless it is open, and its row.
 
         Raises:
             NotFoundError.
         """
         episode = self._registry.get(episode_id)
-        if episode is not None and episode.agent == agent:
+        if episode is not None and episode.holder == caller.holder:
             episode.lease.renew()
             # A step may be in progress; an agent that comes back after a crash has to see its result.
             async with episode.lock:
@@ -138,7 +140,7 @@ class EpisodeManager:
         episode = self._registry.get(episode_id)
         return None if episode is None else (episode.seq, episode.last.render(encoding))
 
-    async def abort(self, agent: str, episode_id: str) -> None:
+    async def abort(self, caller: Caller, episode_id: str) -> None:
         """End an episode as ``aborted``. Safe to call more than once.
 
         Raises:
@@ -148,14 +150,27 @@ class EpisodeManager:
         """
         episode = self._registry.get(episode_id)
         if episode is not None:
-            refusals.check_owner(agent, episode.agent, episode_id)
+            refusals.check_holder(caller.holder, episode)
             episode.lease.renew()
             await self._endings.abort(episode)
-        row = await self._row(agent, episode_id)
+        row = await self._row(caller, episode_id)
         if row.state != EpisodeState.FINISHED:
             raise await self._lost(row)
         if row.verdict != Verdict.ABORTED:
             raise refusals.episode_finished(episode_id)
+
+    async def lose(self, submission: str, evaluation: str | None) -> None:
+        """Give up the open episodes of a runner that is gone, and whose token has ended. Their trials run again.
+
+        Args:
+            submission: Id of the submission.
+            evaluation: Id of its evaluation. None after a check.
+        """
+        if evaluation is not None:
+            # A reset in progress would open an episode that nobody drives.
+            with contextlib.suppress(UnavailableError):
+                await self.openings.in_progress.over(evaluation)
+        await self._endings.lose(submission)
 
     async def _count(self, episode: OpenEpisode) -> bool:
         """Note before a step that the evaluation counts. Return False if it was closed before that."""
@@ -163,9 +178,11 @@ class EpisodeManager:
             episode.counts = await self._store.drive_evaluation(episode.evaluation)
         return episode.counts
 
-    async def _stored_step(self, agent: str, episode_id: str, seq: int, action: Action, encoding: Encoding) -> bytes:
+    async def _stored_step(
+        self, caller: Caller, episode_id: str, seq: int, action: Action, encoding: Encoding
+    ) -> bytes:
         """Answer a step of an episode that is no longer open: repeat the last reply, or refuse."""
-        row = await self._row(agent, episode_id)
+        row = await self._row(caller, episode_id)
         if row.state != EpisodeState.FINISHED:
             raise await self._lost(row)
         if seq == row.steps and row.last_action is not None and row.last_reply is not None:
@@ -174,11 +191,11 @@ class EpisodeManager:
             return stored_reply(row, zlib.decompress(row.last_reply)).render(encoding)
         raise refusals.episode_finished(episode_id)
 
-    async def _row(self, agent: str, episode_id: str) -> EpisodeRow:
+    async def _row(self, caller: Caller, episode_id: str) -> EpisodeRow:
         row = await self._store.episode(episode_id)
         if row is None:
             raise refusals.unknown_episode(episode_id)
-        refusals.check_owner(agent, row.agent_id, episode_id)
+        caller.check_episode(row)
         return row
 
     async def _lost(self, row: EpisodeRow) -> GoneError | ConflictError:

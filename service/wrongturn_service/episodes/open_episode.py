@@ -54,7 +54,7 @@ class OpenEpisode:
 
     Attributes:
         id: Opaque id.
-        agent: Id of the agent.
+        holder: Id of who drives it: the agent, or the submission whose runner does.
         evaluation: Id of the evaluation, None in practice.
         trial: The trial.
         track: What the agent observes.
@@ -69,7 +69,7 @@ class OpenEpisode:
     """
 
     id: str
-    agent: str
+    holder: str
     evaluation: str | None
     trial: Trial
     track: Track

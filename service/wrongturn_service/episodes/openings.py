@@ -10,6 +10,7 @@ from typing import Final
 from structlog.contextvars import bind_contextvars
 
 from wrongturn_protocol import EpisodeState, ProblemType, Track, Trial
+from wrongturn_service.accounts import Caller
 from wrongturn_service.encoding import Encoding, Reply, reset_reply
 from wrongturn_service.episodes.driver import EpisodeDriver, ReplayFailedError
 from wrongturn_service.episodes.endings import Endings
@@ -78,11 +79,10 @@ Remember = Callable[[bytes], IdempotencyRow] | None
 class _Wanted:
     """A request for an episode."""
 
-    agent: str
+    caller: Caller
     evaluation: str | None
     """Id of the evaluation, None for practice."""
     trial: Trial
-    track: Track
     encoding: Encoding
     """Encoding of the reply."""
     remember: Remember
@@ -118,13 +118,13 @@ class Openings:
         self._terms = terms
 
     async def next(
-        self, evaluation: EvaluationRow, track: Track, encoding: Encoding, remember: Remember, key: str | None
+        self, caller: Caller, evaluation: EvaluationRow, encoding: Encoding, remember: Remember, key: str | None
     ) -> bytes:
         """Begin an evaluation's next trial and return the reply's body.
 
         Args:
+            caller: Who drives it.
             evaluation: The evaluation.
-            track: What the agent observes.
             encoding: Encoding of the reply.
             remember: Makes the row that is stored for the request's key.
             key: The request's key. A request that is sent again keeps its place in the queue.
@@ -150,7 +150,7 @@ class Openings:
             )
         try:
             call = f"{evaluation.id} {key}"
-            wanted = _Wanted(evaluation.agent_id, evaluation.id, trial, track, encoding, remember, call)
+            wanted = _Wanted(caller, evaluation.id, trial, encoding, remember, call)
             body = await self._begin(wanted, counts=evaluation.driven is not None)
         except EvaluationOverError as error:
             raise await self._over(evaluation.id) from error
@@ -168,7 +168,7 @@ class Openings:
         return unknown(evaluation_id) if gone else finished(evaluation_id)
 
     async def practice(
-        self, agent: str, trial: Trial, track: Track, encoding: Encoding, remember: Remember, key: str | None
+        self, caller: Caller, trial: Trial, encoding: Encoding, remember: Remember, key: str | None
     ) -> bytes:
         """Begin a practice episode and return the reply's body. Arguments and errors as for :meth:`next`.
 
@@ -176,7 +176,7 @@ class Openings:
             EpisodeRefusedError: The simulation refuses the trial.
         """
         self._check_stopping()
-        wanted = _Wanted(agent, None, trial, track, encoding, remember, f"practice {key}")
+        wanted = _Wanted(caller, None, trial, encoding, remember, f"practice {key}")
         return await self._begin(wanted, counts=True)
 
     def _check_stopping(self) -> None:
@@ -184,15 +184,15 @@ class Openings:
             raise stopping()
 
     async def _begin(self, wanted: _Wanted, *, counts: bool) -> bytes:
-        self._registry.reserve(wanted.agent, practice=wanted.practice)
+        self._registry.reserve(wanted.caller.holder, practice=wanted.practice)
         try:
             return await self._open(wanted, counts=counts)
         except BaseException:
-            self._registry.give_back(wanted.agent, practice=wanted.practice)
+            self._registry.give_back(wanted.caller.holder, practice=wanted.practice)
             raise
 
     async def _open(self, wanted: _Wanted, *, counts: bool) -> bytes:
-        trial, track, encoding = wanted.trial, wanted.track, wanted.encoding
+        trial, track, encoding = wanted.trial, wanted.caller.track, wanted.encoding
         episode_id = new_id("ep")
         bind_contextvars(episode=episode_id, evaluation=wanted.evaluation)
         lease = Lease(self._terms)
@@ -208,7 +208,7 @@ class Openings:
                 lease_s=self._terms.abort_s,
             )
 
-        episode = OpenEpisode(episode_id, wanted.agent, wanted.evaluation, trial, track, reply(b""), lease)
+        episode = OpenEpisode(episode_id, wanted.caller.holder, wanted.evaluation, trial, track, reply(b""), lease)
         episode.counts = counts
         async with episode.lock:
             try:
@@ -220,7 +220,7 @@ class Openings:
             row = EpisodeRow(
                 id=episode_id,
                 evaluation_id=wanted.evaluation,
-                agent_id=wanted.agent,
+                agent_id=wanted.caller.id,
                 trial_id=trial.id,
                 trial=trial.model_dump_json(),
                 track=track.value,

@@ -6,12 +6,12 @@ from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundErro
 from wrongturn_service.simulators.action_log import Action
 
 
-def check_step(episode: OpenEpisode, agent: str, seq: int) -> bool:
+def check_step(episode: OpenEpisode, holder: str, seq: int) -> bool:
     """Check a step of an open episode. HTTP, batches and lent connections all use these rules.
 
     Args:
         episode: The episode.
-        agent: Id of the agent that sends the step.
+        holder: Id of the agent that sends the step, or of the submission whose runner does.
         seq: Sequence number of the step.
 
     Returns:
@@ -21,7 +21,7 @@ def check_step(episode: OpenEpisode, agent: str, seq: int) -> bool:
         ForbiddenError: The episode belongs to another agent.
         ConflictError: The episode is over, or ``seq`` is neither the last number nor the next.
     """
-    check_owner(agent, episode.agent, episode.id)
+    check_holder(holder, episode)
     if seq == episode.seq:
         return False
     if episode.end is not None:
@@ -31,18 +31,18 @@ def check_step(episode: OpenEpisode, agent: str, seq: int) -> bool:
     return True
 
 
-def is_next_step(episode: OpenEpisode, agent: str, seq: int) -> bool:
+def is_next_step(episode: OpenEpisode, holder: str, seq: int) -> bool:
     """Return whether :func:`check_step` takes a step as the next one."""
     try:
-        return check_step(episode, agent, seq)
+        return check_step(episode, holder, seq)
     except ServiceError:
         return False
 
 
-def check_owner(agent: str, owner: str, episode_id: str) -> None:
-    """Raise ForbiddenError if the episode belongs to another agent."""
-    if agent != owner:
-        raise ForbiddenError(f"episode {episode_id} belongs to another agent")
+def check_holder(holder: str, episode: OpenEpisode) -> None:
+    """Raise ForbiddenError if another agent drives the episode, or the runner of a submission does."""
+    if holder != episode.holder:
+        raise ForbiddenError(f"episode {episode.id} belongs to another agent")
 
 
 def check_same(episode_id: str, seq: int, action: Action, last: Action | None) -> None:

@@ -33,7 +33,7 @@ class Registry:
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
         self._open: dict[str, OpenEpisode] = {}
-        self._agents: Counter[str] = Counter()
+        self._holders: Counter[str] = Counter()
         self._practising: Counter[str] = Counter()
 
     def __len__(self) -> int:
@@ -52,25 +52,25 @@ class Registry:
         """Number of open episodes that have a simulator."""
         return sum(episode.simulator is not None for episode in self._open.values())
 
-    def reserve(self, agent: str, *, practice: bool) -> None:
+    def reserve(self, holder: str, *, practice: bool) -> None:
         """Count an episode that is about to be opened.
 
         Raises:
             UnavailableError: The agent has reached a limit.
         """
-        if practice and self._practising[agent] >= self.limits.practice:
+        if practice and self._practising[holder] >= self.limits.practice:
             raise _too_many(f"{self.limits.practice} practice episodes")
-        if self._agents[agent] >= self.limits.agent:
+        if self._holders[holder] >= self.limits.agent:
             raise _too_many(f"{self.limits.agent} episodes")
-        self._agents[agent] += 1
+        self._holders[holder] += 1
         if practice:
-            self._practising[agent] += 1
+            self._practising[holder] += 1
 
-    def give_back(self, agent: str, *, practice: bool) -> None:
+    def give_back(self, holder: str, *, practice: bool) -> None:
         """Take back a reservation."""
-        one_less(self._agents, agent)
+        one_less(self._holders, holder)
         if practice:
-            one_less(self._practising, agent)
+            one_less(self._practising, holder)
 
     def add(self, episode: OpenEpisode) -> None:
         """Add an open episode that was reserved before."""
@@ -79,7 +79,7 @@ class Registry:
     def remove(self, episode: OpenEpisode) -> None:
         """Remove a closed episode."""
         del self._open[episode.id]
-        self.give_back(episode.agent, practice=episode.practice)
+        self.give_back(episode.holder, practice=episode.practice)
 
 
 def _too_many(which: str) -> UnavailableError:

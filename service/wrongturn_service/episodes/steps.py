@@ -88,14 +88,14 @@ class Steps:
         if result.final is not None:
             await self._driver.detach(episode)
 
-    def begin(self, agent: str, episode_id: str, seq: int, action: Action, encoding: Encoding, done: Done) -> bool:
+    def begin(self, holder: str, episode_id: str, seq: int, action: Action, encoding: Encoding, done: Done) -> bool:
         """Begin the next step if only its simulator has to be waited for. Takes the lock.
 
         Returns:
             Whether the step was begun. If not, nothing has happened; the full path says why.
         """
         episode = self._registry.get(episode_id)
-        if episode is None or not episode.counts or not is_next_step(episode, agent, seq):
+        if episode is None or not episode.counts or not is_next_step(episode, holder, seq):
             return False
         simulator = episode.simulator
         if simulator is None or simulator.dead or not episode.lock.taken_now():

@@ -14,11 +14,10 @@ from wrongturn_protocol.wire import PATH, RETRY_AFTER, Call, pack_result
 from wrongturn_service import catalogue, logs
 from wrongturn_service.accounts import Caller
 from wrongturn_service.api.body import refused
-from wrongturn_service.api.dependencies import owned_by
+from wrongturn_service.api.dependencies import driven_by
 from wrongturn_service.api.episodes import episode_detail, is_shown
 from wrongturn_service.api.errors import as_service_error
 from wrongturn_service.encoding import Encoding, Reply
-from wrongturn_service.episodes import refusals
 from wrongturn_service.episodes.loans import LendableConnection
 from wrongturn_service.episodes.steps import Done
 from wrongturn_service.errors import InvalidRequestError, ServiceError
@@ -65,7 +64,7 @@ class Calls:
         step = plain_step(call)
         if step is None:
             return False
-        return self._service.episodes.steps.begin(self._caller.id, *step, Encoding.RAW, self.stepped(done))
+        return self._service.episodes.steps.begin(self._caller.holder, *step, Encoding.RAW, self.stepped(done))
 
     def stepped(self, done: Callable[[bytes | Reply], None], ago_s: float = 0.0) -> Done:
         """Return what ends a step that began so long ago: it counts the step and passes the result on."""
@@ -73,7 +72,7 @@ class Calls:
 
     def lend(self, episode: str, connection: LendableConnection) -> bool:
         """Let an episode's simulator answer the next steps itself; return whether it does."""
-        return self._service.episodes.loans.begin(self._caller.id, episode, connection)
+        return self._service.episodes.loans.begin(self._caller.holder, episode, connection)
 
     def count_steps(self, seconds: Sequence[Seconds]) -> None:
         """Count steps that a simulator answered during a loan."""
@@ -122,18 +121,18 @@ class Calls:
             request = StepRequest.model_validate(message, strict=True)
         except ValidationError as error:
             raise refused(error) from error
-        return await self._service.episodes.step(self._caller.id, _text("episode", episode), request, Encoding.RAW)
+        return await self._service.episodes.step(self._caller, _text("episode", episode), request, Encoding.RAW)
 
     async def _next(self, evaluation: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
         wanted = _text("evaluation", evaluation)
         with service.episodes.openings.in_progress.one(wanted):
-            async with service.idempotency.once(_key(key), caller.id, f"WS {Call.NEXT} {wanted}", b"") as once:
+            async with service.idempotency.once(_key(key), caller.holder, f"WS {Call.NEXT} {wanted}", b"") as once:
                 if once.stored is not None:
                     return once.stored.body
-                row = await owned_by(service, caller, wanted)
+                row = await driven_by(service, caller, wanted)
                 remember = once.remember(201, Encoding.RAW)
-                return await service.episodes.openings.next(row, caller.track, Encoding.RAW, remember, once.key)
+                return await service.episodes.openings.next(caller, row, Encoding.RAW, remember, once.key)
 
     async def _practise(self, request: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
@@ -143,16 +142,16 @@ class Calls:
             raise refused(error) from error
         except (TypeError, ValueError, RecursionError) as error:
             raise InvalidRequestError("request", "has to be a map of plain values") from error
+        caller.check_practice()
         canonical = wanted.model_dump_json().encode()
-        async with service.idempotency.once(_key(key), caller.id, f"WS {Call.PRACTISE}", canonical) as once:
+        async with service.idempotency.once(_key(key), caller.holder, f"WS {Call.PRACTISE}", canonical) as once:
             if once.stored is not None:
                 return once.stored.body
-            track = caller.practice_track(wanted)
+            caller.check_track(wanted)
             trial = await catalogue.practice_trial(wanted)
             return await service.episodes.openings.practice(
-                caller.id,
+                caller,
                 trial,
-                track,
                 Encoding.RAW,
                 once.remember(201, Encoding.RAW),
                 once.key,
@@ -160,8 +159,8 @@ class Calls:
 
     async def _look(self, episode: Any) -> bytes:
         service, wanted = self._service, _text("episode", episode)
-        _, row = await service.episodes.look(self._caller.id, wanted)
-        refusals.check_owner(self._caller.id, row.agent_id, wanted)
+        _, row = await service.episodes.look(self._caller, wanted)
+        self._caller.check_episode(row)
         detail = episode_detail(service, row, shown=await is_shown(service, row), last_reply=False).model_dump(
             mode="json"
         )
@@ -173,7 +172,7 @@ class Calls:
         return pack_result(200, detail, observation)
 
     async def _abort(self, episode: Any) -> bytes:
-        await self._service.episodes.abort(self._caller.id, _text("episode", episode))
+        await self._service.episodes.abort(self._caller, _text("episode", episode))
         return pack_result(204, {})
 
 

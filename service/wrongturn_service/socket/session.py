@@ -50,7 +50,7 @@ async def drive(websocket: WebSocket) -> None:
         try:
             _check_version(websocket)
             caller = await service.accounts.caller(websocket.headers.get("authorization"))
-            stack.enter_context(service.sockets.one(caller.id, address_of(websocket)))
+            stack.enter_context(service.sockets.one(caller.holder, address_of(websocket)))
         except Exception as error:
             await websocket.send_denial_response(problem_response(as_service_error(error)))
             return
@@ -164,8 +164,8 @@ class Connection:
         changes = accounts.changes
         try:
             caller = await accounts.caller(self._websocket.headers.get("authorization"))
-            if caller.id != self._caller.id:
-                raise UnauthenticatedError("the token is another agent's by now")
+            if caller != self._caller:
+                raise UnauthenticatedError("the token is good for something else by now; connect again")
         except Exception as error:
             self._closing = True
             await self._refuse(as_service_error(error))

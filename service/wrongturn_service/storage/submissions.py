@@ -52,7 +52,7 @@ class SubmissionStore:
     def __init__(self, database: Database) -> None:
         self._database = database
         self.token_ended: Callable[[str], Awaitable[None]] = _nobody
-        """Awaited with the submission's id after its token has ended."""
+        """Awaited with the submission's id after its token has ended, or its agent's id after that was deleted."""
 
     async def add(self, submission: SubmissionRow, reply: IdempotencyRow | None, *, most: int) -> None:
         """Store a new submission as the last in line. Sets its ``seq``.
@@ -160,7 +160,8 @@ class SubmissionStore:
 
     async def set_columns(self, submission_id: str, **columns: Any) -> bool:
         """Change columns of a submission that is not over. Returns whether it has changed."""
-        return await self._change(submission_id, columns, ends_token="token_sha256" in columns)
+        ends_token = not columns.keys().isdisjoint({"token_sha256", "evaluation_id", "agent_id"})
+        return await self._change(submission_id, columns, ends_token=ends_token)
 
     async def _change(self, submission_id: str, values: dict[str, Any], *, ends_token: bool) -> bool:
         async with self._database.write() as session:

@@ -1,0 +1,159 @@
+"""What is done with submissions: taking them in, giving their runners tokens, and ending them."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import Final
+
+import structlog
+
+from wrongturn_protocol import AgentKind, SubmissionState, Track
+from wrongturn_service.episodes.manager import EpisodeManager
+from wrongturn_service.settings import Settings
+from wrongturn_service.storage.models import AgentRow, IdempotencyRow, SubmissionRow
+from wrongturn_service.storage.store import AgentNameTakenError
+from wrongturn_service.storage.submissions import SubmissionOverError, SubmissionStore
+from wrongturn_service.submissions.files import ModelFiles
+from wrongturn_service.tokens import digest, new_id, new_token
+
+_DAY_S: Final = 86400.0
+NO_MODEL: Final = "the service no longer has the model: backups do not hold models; hand it in again"
+
+
+def _nobody() -> None:
+    """Tell nobody."""
+
+
+class Submissions:
+    """Submissions with their models, agents and tokens.
+
+    Attributes:
+        rows: The database.
+        files: The models.
+        changed: Called whenever a submission was handed in or is over. The dispatcher looks at the line then.
+    """
+
+    def __init__(self, rows: SubmissionStore, files: ModelFiles, episodes: EpisodeManager, settings: Settings) -> None:
+        self.rows = rows
+        self.files = files
+        self.changed: Callable[[], None] = _nobody
+        self._episodes = episodes
+        self._settings = settings
+        self._log = structlog.get_logger("submissions")
+
+    async def add(self, row: SubmissionRow, reply: IdempotencyRow | None) -> None:
+        """Store a submission whose model is on disk, as the last in line.
+
+        Raises:
+            AgentNameTakenError, SuiteBegunError, TooManySubmissionsError: As for :meth:`SubmissionStore.add`.
+        """
+        await self.rows.add(row, reply, most=self._settings.submissions_per_owner)
+        self._log.info("submission handed in", submission=row.id, suite=row.suite, size=row.size)
+        self.changed()
+
+    async def give_token(self, submission_id: str) -> str | None:
+        """Return a new token for a submission's runner. The last one ends. None if the submission is over.
+
+        While the submission is ``queued`` the token is good for practice. While it is ``running``, the token is good
+        for its evaluation.
+        """
+        token = new_token()
+        return token if await self.rows.set_columns(submission_id, token_sha256=digest(token)) else None
+
+    async def make_agent(self, submission_id: str, track: Track) -> str | None:
+        """Make the agent of a submission whose model was looked at. The submission fails if the name is taken by now.
+
+        Args:
+            submission_id: Id of the submission.
+            track: Track of the model.
+
+        Returns:
+            The agent's id, that of the agent that handed it in if one did. None if the submission is over, or fails.
+        """
+        row = await self.rows.get(submission_id)
+        if row is None or SubmissionState(row.state).over:
+            return None
+        if row.agent_id is not None:
+            return row.agent_id if await self._takes(row, track) else None
+        agent = AgentRow(
+            id=new_id("ag"),
+            name=row.name,
+            name_key=row.name_key,
+            track=track.value,
+            kind=AgentKind.SUBMITTED.value,
+            owner_id=row.owner_id,
+            created=time.time(),
+        )
+        try:
+            await self.rows.make_agent(submission_id, agent)
+        except SubmissionOverError:
+            return None
+        except AgentNameTakenError:
+            reason = f"name: {row.name!r} was registered meanwhile by somebody else; hand the model in by another name"
+            await self.end(submission_id, SubmissionState.FAILED, reason)
+            return None
+        return agent.id
+
+    async def _takes(self, row: SubmissionRow, track: Track) -> bool:
+        if row.track == track:
+            return True
+        reason = (
+            f"the model's track is {track}, and the track of agent {row.name!r} is {row.track}; hand it in with its "
+            "owner's token by another name"
+        )
+        await self.end(row.id, SubmissionState.FAILED, reason)
+        return False
+
+    async def end(self, submission_id: str, state: SubmissionState, reason: str | None = None) -> bool:
+        """End a submission: its token ends, its evaluation is closed unless it is finished, its practice is given up.
+
+        An agent that was made for it and never began an evaluation is deleted, so its name is free again. Safe to call
+        again. If it fails half-way, :meth:`tidy` goes on with it at the next start.
+
+        Args:
+            submission_id: Id of the submission.
+            state: ``finished``, ``failed`` or ``cancelled``.
+            reason: Why it failed or was cancelled.
+
+        Returns:
+            False if it was over before.
+        """
+        changed = await self.rows.set_state(submission_id, state, reason=reason)
+        if changed:
+            await self.rows.append_log(submission_id, state.value if reason is None else f"{state.value}: {reason}")
+            self._log.info("submission over", submission=submission_id, state=state.value, reason=reason)
+            self.changed()
+        row = await self.rows.get(submission_id)
+        if row is not None:
+            await self._clean_up(row)
+        return changed
+
+    async def _clean_up(self, row: SubmissionRow) -> None:
+        if row.evaluation_id is not None:
+            await self._episodes.closings.close(row.evaluation_id)
+        await self._episodes.lose(row.id, None)
+        agent = await self.rows.remove_agent(row.id)
+        if agent is not None:
+            # Its owner may have made a token for it.
+            await self.rows.token_ended(agent)
+            await self._episodes.lose(agent, None)
+
+    async def tidy(self) -> None:
+        """Do what an end of the service has kept from being done. Call it at the start, before any runner.
+
+        Submissions that are over are cleaned up. Those that wait or run without a model have failed. Practice of
+        checks is gone, as all open episodes are.
+        """
+        for row in await self.rows.half_ended():
+            await self._clean_up(row)
+        for row in await self.rows.waiting():
+            if not await asyncio.to_thread(self.files.path(row.id).is_file):
+                await self.end(row.id, SubmissionState.FAILED, NO_MODEL)
+
+    async def purge(self) -> None:
+        """Delete the models and logs of submissions that were over long ago."""
+        before = time.time() - self._settings.submission_keep_days * _DAY_S
+        await self.rows.purge_logs(before)
+        deleted = await self.files.purge(self.rows, before)
+        if deleted:
+            self._log.info("models deleted", count=deleted, days=self._settings.submission_keep_days)
