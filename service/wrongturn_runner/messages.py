@@ -39,7 +39,7 @@ class Check(Message):
 class Practice(Message):
     """Answer to ``described``: go on with practice. Without it the runner ends when its stdin is closed."""
 
-    token: str
+    token: str = Field(repr=False)
     suite: str
     trial: str
 
@@ -52,8 +52,8 @@ class Drive(Message):
     sha256: str
     place: Place
     url: str
-    token: str
-    """Token that is good for this evaluation alone."""
+    token: str = Field(repr=False)
+    """Token that is good for this evaluation alone; it is in no log."""
     evaluation: str
     suite: str
 

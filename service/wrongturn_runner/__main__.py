@@ -1,0 +1,29 @@
+"""The program ``python -m wrongturn_runner``: checks or drives one submission, as :mod:`.messages` says."""
+
+import sys
+
+from wrongturn_client import WrongturnError
+from wrongturn_runner.check import check
+from wrongturn_runner.conversation import FAILED, Conversation
+from wrongturn_runner.drive import drive
+from wrongturn_runner.errors import ModelAtFaultError, RunnerFailedError
+from wrongturn_runner.messages import Check, Refused
+from wrongturn_runner.plain_text import plain
+
+
+def main() -> int:
+    """Do one job and return the exit status."""
+    conversation = Conversation()
+    try:
+        job = conversation.job()
+        conversation.finish(check(job, conversation) if isinstance(job, Check) else drive(job, conversation))
+    except ModelAtFaultError as error:
+        conversation.finish(Refused(reason=plain(str(error))))
+    except (RunnerFailedError, WrongturnError) as error:
+        sys.stderr.write(f"wrongturn_runner: {plain(str(error))}\n")
+        return FAILED
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

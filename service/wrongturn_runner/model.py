@@ -1,0 +1,165 @@
+"""The model of a submission: loaded in its sandboxes, and one policy for each of its episodes."""
+
+import contextlib
+import hashlib
+import queue
+import time
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from wrongturn_protocol import Action, Track
+from wrongturn_protocol.model_contract import (
+    ContractError,
+    ModelContract,
+    ModelSignature,
+    TensorSpec,
+    contract_of,
+)
+from wrongturn_protocol.observations import Observation
+from wrongturn_runner.errors import ModelAtFaultError, RunnerFailedError
+from wrongturn_runner.messages import Check, Drive
+from wrongturn_runner.pace import LOAD_S, STEP_S, Pace
+from wrongturn_runner.plain_text import plain
+from wrongturn_sandbox.errors import ModelRefusedError, SandboxLostError, SandboxUnavailableError
+from wrongturn_sandbox.host import Sandbox, open_sandbox
+from wrongturn_sandbox.messages import Description, Limits
+
+
+class SandboxedModel:
+    """A model that keeps the contract, loaded in one sandbox or more. Several threads may use it at once."""
+
+    def __init__(self, sandboxes: Collection[Sandbox], description: Description, contract: ModelContract) -> None:
+        """Take over sandboxes that have loaded the model."""
+        self.contract = contract
+        self.description = _line(description)
+        """One line about its inputs, outputs and size."""
+        self._idle: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
+        for sandbox in sandboxes:
+            self._idle.put(sandbox)
+
+    def run(self, inputs: dict[str, NDArray[Any]]) -> tuple[dict[str, NDArray[Any]], float]:
+        """Return the model's outputs and the seconds it took, once a sandbox is free.
+
+        Raises:
+            ModelAtFaultError: The model fails on the inputs, or breaks a limit.
+            RunnerFailedError: The sandbox is gone.
+        """
+        sandbox = self._idle.get()
+        try:
+            begin = time.perf_counter()
+            with _explained():
+                outputs = sandbox.run(inputs)
+            return outputs, time.perf_counter() - begin
+        finally:
+            self._idle.put(sandbox)
+
+
+class EpisodePolicy:
+    """Drives one episode with a model, and holds the model's state between its steps."""
+
+    def __init__(self, model: SandboxedModel, pace: Pace) -> None:
+        """Begin without an episode.
+
+        Args:
+            model: Decides on the actions.
+            pace: Takes the time of each step.
+        """
+        self._model = model
+        self._pace = pace
+        self._step = 0
+        self._state: NDArray[Any] | None = None
+
+    def reset(self, _space: spaces.Space[Any], /) -> None:
+        """Begin an episode with a state of zeros."""
+        self._step = 0
+        self._state = None
+
+    def act(self, observation: Observation) -> Action:
+        """Return the model's action.
+
+        Raises:
+            ModelAtFaultError: The model fails, is too slow, or its output cannot be driven.
+            RunnerFailedError: The sandbox is gone.
+        """
+        self._step += 1
+        try:
+            outputs, seconds = self._model.run(self._model.contract.feed(observation, self._state))
+            with _explained():
+                action = self._model.contract.action(outputs)
+                self._state = self._model.contract.state(outputs)
+        except ModelAtFaultError as error:
+            raise ModelAtFaultError(f"at step {self._step} of an episode: {error}") from error
+        self._pace.add(seconds)
+        return action
+
+
+@contextlib.contextmanager
+def sandboxed_model(
+    job: Check | Drive, *, tracks: Collection[Track] | None = None, sandboxes: int = 1
+) -> Iterator[SandboxedModel]:
+    """Load a job's model in sandboxes for the ``with`` block.
+
+    Args:
+        job: Names the model and the place of its sandboxes.
+        tracks: Tracks that it may drive in; None for any.
+        sandboxes: How many steps it can take at a time.
+
+    Raises:
+        ModelAtFaultError: The model is refused by its sandbox, or breaks the contract.
+        RunnerFailedError: The file is damaged, or there is no sandbox.
+    """
+    data = _read(job.model, job.sha256)
+    limits = Limits(memory=job.place.memory, load_s=LOAD_S, step_s=STEP_S)
+    with contextlib.ExitStack() as stack:
+        with _explained():
+            loaded = [stack.enter_context(open_sandbox(job.place.socket, limits)) for _ in range(sandboxes)]
+            descriptions = [sandbox.load(data) for sandbox in loaded]
+            del data
+            contract = contract_of(_signature(descriptions[0]), tracks)
+        yield SandboxedModel(loaded, descriptions[0], contract)
+
+
+def _read(file: Path, sha256: str) -> bytes:
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise RunnerFailedError(f"the stored model cannot be read: {error.strerror}") from error
+    if hashlib.sha256(data).hexdigest() != sha256:
+        raise RunnerFailedError("the stored model is damaged: its SHA-256 is not that of the model handed in")
+    return data
+
+
+@contextlib.contextmanager
+def _explained() -> Iterator[None]:
+    """Turn errors of sandbox and contract into the runner's own."""
+    try:
+        yield
+    except (ModelRefusedError, ContractError) as error:
+        raise ModelAtFaultError(plain(str(error))) from error
+    except (SandboxLostError, SandboxUnavailableError) as error:
+        raise RunnerFailedError(plain(str(error))) from error
+
+
+def _signature(description: Description) -> ModelSignature:
+    def specs(tensors: Collection[Any]) -> tuple[TensorSpec, ...]:
+        return tuple(TensorSpec(tensor.name, tensor.dtype, tuple(tensor.shape)) for tensor in tensors)
+
+    return ModelSignature(
+        specs(description.inputs), specs(description.outputs), description.opset, description.metadata
+    )
+
+
+def _line(description: Description) -> str:
+    """Return one line about a model, for the log of its submission."""
+
+    def names(tensors: Collection[Any]) -> str:
+        return ", ".join(f"{tensor.name} {tensor.dtype}{list(tensor.shape)}" for tensor in tensors)
+
+    return plain(
+        f"inputs {names(description.inputs)}; outputs {names(description.outputs)}; opset {description.opset}; "
+        f"{description.nodes} nodes, {description.parameters} parameters"
+    )

@@ -1,0 +1,55 @@
+"""How slow a model may be."""
+
+import threading
+from typing import Final
+
+from wrongturn_runner.errors import ModelAtFaultError
+
+LOAD_S: Final = 5.0
+"""Seconds in which a model has to load."""
+STEP_S: Final = 2.0
+"""Longest step, seconds. Only a model that hangs takes so long, or a machine that does."""
+CHECK_STEP_S: Final = 0.5
+"""Seconds that a step of the check may take on average.
+
+An evaluation has about 15,000 steps, so such a model drives for two hours. A model that decides in time for a real car,
+in 0.1 s, passes even where the machine gives it a fifth of a processor.
+"""
+DRIVE_STEP_S: Final = 1.0
+"""Seconds that a step of a drive may take on average: twice the check's, so that a busy machine fails no model."""
+_STEPS: Final = 100
+"""Steps of a drive before its average counts."""
+
+
+class Pace:
+    """Time that a model took for its steps; it refuses a model that takes too long. Threads may share it."""
+
+    def __init__(self, average_s: float, steps: int = _STEPS) -> None:
+        """Begin without a step.
+
+        Args:
+            average_s: Seconds that a step may take on average.
+            steps: Steps before the average counts. Until then, the time of that many steps is the limit.
+        """
+        self._average_s = average_s
+        self._least = steps
+        self._taken_s = 0.0
+        self._steps = 0
+        self._lock = threading.Lock()
+
+    def add(self, seconds: float) -> None:
+        """Add a step.
+
+        Raises:
+            ModelAtFaultError: The model is too slow.
+        """
+        with self._lock:
+            self._steps += 1
+            self._taken_s += seconds
+            steps, taken_s = self._steps, self._taken_s
+        if taken_s > self._average_s * max(steps, self._least):
+            raise ModelAtFaultError(
+                f"too slow: {steps} step{'s' if steps > 1 else ''} of the model took {taken_s:.1f} s together; "
+                f"{self._average_s} s a step is the limit, because an evaluation has about 15,000 steps; make the "
+                "model smaller"
+            )

@@ -1,0 +1,103 @@
+"""A check by the runner, against a real service."""
+
+import re
+import uuid
+from pathlib import Path
+
+import httpx
+import pytest
+from program import Event, Runner, check_of
+from small_models import not_a_number_above, of_input, slow, steady
+
+from wrongturn_client import Client, LocalService
+from wrongturn_protocol import Track
+from wrongturn_runner.messages import Described, Passed, Practice, Refused
+
+SUITE = "smoke@2"
+
+
+def practice(service: LocalService, track: Track = Track.PRIVILEGED) -> Practice:
+    with Client(service.url) as client:
+        token = client.register(f"checked {uuid.uuid4().hex[:8]}", track).token
+        return Practice(token=token, suite=SUITE, trial=client.trials(SUITE)[0].id)
+
+
+def checked(folder: Path, service: LocalService, model: bytes, *tracks: Track) -> list[Event]:
+    """Return the events of a check to its end, with practice if the model gets so far."""
+    with Runner(folder) as runner:
+        runner.tell(check_of(folder, model, service.url, *tracks))
+        first = runner.hear()
+        if isinstance(first, Described):
+            runner.tell(practice(service, first.track))
+        events = [first, *runner.events()]
+        assert runner.status() == 0, runner.log
+        assert not runner.log
+    assert all(event is not None for event in events)
+    return [event for event in events if event is not None]
+
+
+def test_a_model_that_works_passes(tmp_path: Path, service: LocalService) -> None:
+    described, passed = checked(tmp_path, service, steady())
+    assert isinstance(described, Described)
+    assert described.track is Track.PRIVILEGED
+    assert "inputs speed float32[1, 1]; outputs steer float32[1, 1], accelerate" in described.description
+    assert isinstance(passed, Passed)
+    assert len(passed.step_ms) == 6
+    assert all(0 < took < 3000 for took in passed.step_ms)
+
+
+@pytest.mark.parametrize(
+    ("model", "tracks", "reason"),
+    [
+        (b"no model at all", (), "ONNX"),
+        (of_input("sped"), (), r"inputs: sped: no such observation key; name each input after"),
+        (steady(metadata={}), (), r"state track, which the suite does not take; take keys of another track"),
+        (steady(), (Track.CAMERA,), r"privileged track, which the suite does not take"),
+        (not_a_number_above(0.0), (), r"^at step 1 of an episode: output accelerate: is .*nan.*must be finite"),
+    ],
+)
+def test_what_is_wrong_with_a_model_is_told(
+    tmp_path: Path, service: LocalService, model: bytes, tracks: tuple[Track, ...], reason: str
+) -> None:
+    refused = checked(tmp_path, service, model, *tracks)[-1]
+    assert isinstance(refused, Refused)
+    assert re.search(reason, refused.reason), refused.reason
+
+
+def test_a_slow_model_is_told_its_time(tmp_path: Path, service: LocalService) -> None:
+    refused = checked(tmp_path, service, slow())[-1]
+    assert isinstance(refused, Refused)
+    assert re.search(r"took \d\.\d s|longer than|time", refused.reason), refused.reason
+
+
+def test_its_practice_episode_is_ended(tmp_path: Path, service: LocalService) -> None:
+    checked(tmp_path, service, steady())
+    metrics = httpx.get(f"{service.url}/metrics").text
+    assert re.search(r"^wrongturn_open_episodes 0\.0$", metrics, re.MULTILINE)
+
+
+def test_a_name_of_strangers_is_cut_and_printable(tmp_path: Path, service: LocalService) -> None:
+    refused = checked(tmp_path, service, of_input("evil\x1b[2J\n\u202e" + "x" * 5000))[-1]
+    assert isinstance(refused, Refused)
+    assert refused.reason.isprintable()
+    assert len(refused.reason) <= 500
+
+
+def test_a_damaged_file_is_not_the_models_fault(tmp_path: Path, service: LocalService) -> None:
+    job = check_of(tmp_path, steady(), service.url)
+    job.model.write_bytes(steady(accelerate=0.7))
+    with Runner(tmp_path) as runner:
+        runner.tell(job)
+        assert runner.events() == []
+        assert runner.status() == 1
+        assert "damaged" in runner.log
+
+
+def test_a_message_that_cannot_be_read_keeps_its_token_secret(tmp_path: Path, service: LocalService) -> None:
+    with Runner(tmp_path) as runner:
+        assert runner.process.stdin is not None
+        runner.process.stdin.write(b'{"task": "drive", "token": "very-secret"}\n')
+        runner.process.stdin.flush()
+        assert runner.status() == 1
+        assert "model: Field required" in runner.log
+        assert "very-secret" not in runner.log

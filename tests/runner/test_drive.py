@@ -1,0 +1,107 @@
+"""A drive by the runner, against a real service, with an agent's own token."""
+
+import re
+import signal
+import uuid
+from pathlib import Path
+
+import pytest
+from program import Runner, stored
+from reference_drive import reference
+from small_models import not_a_number_above, steady, wavering
+
+from wrongturn_client import Client, LocalService
+from wrongturn_protocol import EvaluationState, Track
+from wrongturn_runner.messages import Drive, Driven, Progressed, Refused
+
+SUITE = "smoke@2"
+TRIALS = 12
+
+
+def drive_of(folder: Path, model: bytes, service: LocalService) -> Drive:
+    """Begin an evaluation and return the job of driving it."""
+    with Client(service.url) as client:
+        token = client.register(f"driven {uuid.uuid4().hex[:8]}", Track.PRIVILEGED).token
+    with Client(service.url, token) as client:
+        evaluation = client.create_evaluation(SUITE).id
+    return Drive(**stored(folder, model), url=service.url, token=token, evaluation=evaluation, suite=SUITE)
+
+
+def results(job: Drive) -> dict[str, tuple[str, str]]:
+    """Return verdict and trajectory's SHA-256 of each trial of a finished evaluation."""
+    with Client(job.url) as client:
+        found = {}
+        for episode in client.finished_episodes(job.evaluation):
+            assert episode.trial is not None
+            assert episode.outcome is not None
+            assert episode.trajectory_sha256 is not None
+            assert episode.trial not in found
+            found[episode.trial] = (episode.outcome.verdict.value, episode.trajectory_sha256)
+        return found
+
+
+def secret(job: Drive) -> str:
+    with Client(job.url, job.token) as client:
+        evaluation = client.evaluation(job.evaluation)
+    assert evaluation.state is EvaluationState.FINISHED
+    assert evaluation.secret is not None
+    return evaluation.secret
+
+
+@pytest.mark.parametrize("model", [steady(0.02), wavering()], ids=["without a memory", "with a memory"])
+def test_an_evaluation_is_driven_as_by_the_model_alone(tmp_path: Path, service: LocalService, model: bytes) -> None:
+    job = drive_of(tmp_path, model, service)
+    with Runner(tmp_path) as runner:
+        runner.tell(job)
+        *progress, last = runner.events()
+        assert runner.status() == 0, runner.log
+        assert not runner.log
+    assert progress == [Progressed(finished=number, episodes=TRIALS) for number in range(TRIALS + 1)]
+    assert isinstance(last, Driven)
+    assert results(job) == reference(model, SUITE, secret(job))
+
+
+def test_a_model_that_fails_in_the_middle_is_refused(tmp_path: Path, service: LocalService) -> None:
+    job = drive_of(tmp_path, not_a_number_above(9.5), service)
+    with Runner(tmp_path) as runner:
+        runner.tell(job)
+        *_, last = runner.events()
+        assert runner.status() == 0, runner.log
+    assert isinstance(last, Refused)
+    match = re.match(r"at step (\d+) of an episode: output accelerate: is .*nan.*; it must be finite", last.reason)
+    assert match, last.reason
+    assert int(match[1]) > 1
+    with Client(job.url, job.token) as client:
+        # What becomes of them is the service's to decide.
+        assert client.evaluation(job.evaluation).state is EvaluationState.RUNNING
+        assert client.open_episodes(job.evaluation)
+
+
+def test_a_lost_sandbox_costs_no_episode(tmp_path: Path, service: LocalService) -> None:
+    model = steady(0.02)
+    job = drive_of(tmp_path, model, service)
+    with Runner(tmp_path) as runner:
+        runner.tell(job)
+        while not isinstance(event := runner.hear(), Progressed) or event.finished < 2:
+            assert event is not None
+        for sandbox in runner.sandboxes():
+            sandbox.send_signal(signal.SIGKILL)
+        rest = runner.events()
+        assert runner.status() == 1
+        assert all(isinstance(event, Progressed) for event in rest)
+        assert "sandbox" in runner.log
+    with Runner(tmp_path) as runner:
+        runner.tell(job)
+        assert isinstance(runner.events()[-1], Driven), runner.log
+    assert results(job) == reference(model, SUITE, secret(job))
+
+
+def test_an_episode_whose_state_is_gone_is_not_driven_on(tmp_path: Path, service: LocalService) -> None:
+    job = drive_of(tmp_path, wavering(), service)
+    with Client(job.url, job.token) as client:
+        client.next_episode(job.evaluation)
+    with Runner(tmp_path) as runner:
+        runner.tell(job)
+        assert runner.events() == []
+        assert runner.status() == 1
+        assert "its state is gone" in runner.log
