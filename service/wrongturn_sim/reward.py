@@ -18,6 +18,24 @@ _DEGREES: Final = 180.0 / math.pi
 
 
 @njit(cache=True)
+def score_below(permitted: float, v: float, yaw: float, turning: bool, lateral: float, heading: float) -> float:
+    """Return the reward where other road users permit no more than a speed: v* is at most that.
+
+    Args:
+        permitted: m/s; inf where nobody is in the way.
+        v: speed, m/s; the formula converts it to km/h.
+        yaw: heading of the car, radians.
+        turning: whether the car is within a junction's window.
+        lateral: distance of the car from its path, metres.
+        heading: heading of that path, radians.
+    """
+    target = min(TURNING if turning else CRUISING, permitted * _KMH)
+    angle = abs(yaw - heading) % _TURN
+    angle = min(angle, _TURN - angle) * _DEGREES
+    return (target - abs(target - v * _KMH)) + 10.0 * (1.0 - abs(lateral)) + 0.1 * (15.0 - angle)
+
+
+@njit(cache=True)
 def score(v: float, yaw: float, turning: bool, lateral: float, heading: float) -> float:
     """Return the reward by the formula.
 
@@ -28,10 +46,7 @@ def score(v: float, yaw: float, turning: bool, lateral: float, heading: float) -
         lateral: distance of the car from its path, metres.
         heading: heading of that path, radians.
     """
-    target = TURNING if turning else CRUISING
-    angle = abs(yaw - heading) % _TURN
-    angle = min(angle, _TURN - angle) * _DEGREES
-    return (target - abs(target - v * _KMH)) + 10.0 * (1.0 - abs(lateral)) + 0.1 * (15.0 - angle)
+    return score_below(math.inf, v, yaw, turning, lateral, heading)
 
 
 def reward(v: float, yaw: float, guidance: Guidance) -> float:

@@ -150,8 +150,10 @@ def render_batch(
     rgb: Image,
     segmentation: Image,
     threads: int = 1,
+    others: Numbers | None = None,
+    begins: NDArray[np.integer[Any]] | None = None,
 ) -> None:
-    """Paint what each of many cars sees; the cars do not see each other.
+    """Paint what each of many cars sees; the cars do not see each other, but each may have other road users.
 
     The bytes equal those of :meth:`Renderer.render`, with any number of threads.
 
@@ -165,6 +167,8 @@ def render_batch(
         rgb: (N, height, width, 3) uint8, written to.
         segmentation: (N, height, width) uint8, written to.
         threads: number of threads that share the work.
+        others: (M, 8) other road users as for :meth:`Renderer.render`, those of the first car first. None: nobody.
+        begins: (N + 1,): where those of each car begin.
 
     Raises:
         CameraError: an array has another shape or type, or a number is not finite.
@@ -184,7 +188,7 @@ def render_batch(
     counted = np.array(ticks, np.int64)
     if len(folded) != number or counted.shape != (number,):
         raise CameraError(f"seeds and ticks: give {number} of each, as many as poses")
-    begins = np.zeros(number + 1, np.int64)
+    shown, begun, most = _others_of_each(others, begins, number)
     packed = camera.packed()
 
     scene = _scene(world)
@@ -194,12 +198,12 @@ def render_batch(
             poses[part],
             folded[part],
             counted[part],
-            _NOBODY,
-            begins,
+            shown,
+            begun[part.start : part.stop + 1],
             looks[part],
             packed,
             *scene,
-            *_scratch(world, camera, 0),
+            *_scratch(world, camera, most),
             rgb[part],
             segmentation[part],
         )
@@ -234,6 +238,19 @@ def _checked_others(others: Numbers) -> Numbers:
     if (others[:, 3:6] <= 0).any():
         raise CameraError("others: length, width and height must be above 0")
     return others
+
+
+def _others_of_each(
+    others: Numbers | None, begins: NDArray[np.integer[Any]] | None, number: int
+) -> tuple[Numbers, NDArray[np.int64], int]:
+    """Return the road users of many cars, where those of each begin, and the most that one car has."""
+    if others is None or begins is None or len(others) == 0:
+        return _NOBODY, np.zeros(number + 1, np.int64), 0
+    shown, begun = _checked_others(others), np.array(begins, np.int64)
+    counts = np.diff(begun)
+    if begun.shape != (number + 1,) or begun[0] != 0 or begun[-1] != len(shown) or (counts < 0).any():
+        raise CameraError(f"begins: give {number + 1} rising numbers from 0 to {len(shown)}, the number of others")
+    return shown, begun, int(counts.max())
 
 
 def _check_images(camera: Camera, number: int, rgb: Image, segmentation: Image) -> None:

@@ -73,14 +73,18 @@ class FleetCamera:
                 self._rendered[i] = trial
                 self._kinds[i], self._seeds[i] = _KINDS[trial.weather], trial.seed & 0x3FFFFFFF
         kinds, seeds, poses, ticks = self._kinds[chosen], self._seeds[chosen], fleet.poses[chosen], fleet.steps[chosen]
+        others, begins = fleet.others(chosen)
         if self._gpu is not None:
-            self._gpu.render(self._table, seeds, poses, ticks, kinds=kinds, targets=chosen)
+            self._gpu.render(self._table, seeds, poses, ticks, kinds=kinds, targets=chosen, others=others, begins=begins)
             return
         whole = len(chosen) == fleet.count
         rgb = self._rgb if whole else np.empty((len(chosen), *self._rgb.shape[1:]), np.uint8)
         segmentation = self._segmentation if whole else np.empty((len(chosen), *rgb.shape[1:3]), np.uint8)
         looks = self._table[kinds]
-        render_batch(self._world, self._camera, looks, seeds, poses, ticks, rgb, segmentation, threads=self._threads)
+        render_batch(
+            self._world, self._camera, looks, seeds, poses, ticks, rgb, segmentation, threads=self._threads,
+            others=others, begins=begins,
+        )  # fmt: skip
         if not whole:
             self._rgb[chosen] = rgb
             self._segmentation[chosen] = segmentation

@@ -1,7 +1,8 @@
-"""A fleet: many cars (*egos*) of one town, each alone on its own trial, stepped together without SUMO.
+"""A fleet: many cars (*egos*) of one town, each on its own trial, stepped together without SUMO.
 
 Without other road users SUMO moves nothing that an episode reads. So observations, trajectories and verdicts have the
-same bytes as those of :class:`~wrongturn_sim.episode.Episode`.
+same bytes as those of :class:`~wrongturn_sim.episode.Episode`. With them, each ego has traffic of its own, which the
+fleet drives itself (:mod:`~wrongturn_sim.fleet.traffic`).
 """
 
 import hashlib
@@ -26,9 +27,13 @@ from wrongturn_sim.faults.infeasible import Infeasible
 from wrongturn_sim.faults.none import NoFault
 from wrongturn_sim.faults.omission import Omission
 from wrongturn_sim.fleet import kernel
+from wrongturn_sim.fleet.headway import WAITING
+from wrongturn_sim.fleet.others import USER, others_for
+from wrongturn_sim.fleet.streets import no_streets, streets_of
+from wrongturn_sim.fleet.traffic import FleetTraffic, check_density, with_room
 from wrongturn_sim.roads import roads_of
 from wrongturn_sim.route import guidance_of, start_pose, start_route, way_to
-from wrongturn_sim.trajectory import Row, Trajectory
+from wrongturn_sim.trajectory import RoadUser, Row, Trajectory
 from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry, decide
 from wrongturn_sim.verdict.journey import (
     JOURNEY_THRESHOLDS,
@@ -78,6 +83,7 @@ class Fleet:
             the first row that decides it, and None if the drive is over before. To judge the whole drive by other
             thresholds, give the record's trajectory to :func:`wrongturn_sim.verdict.judge`. None: each drive ends with
             its verdict.
+        traffic: how the other road users of trials that have some behave. None: such trials are refused.
 
     Raises:
         ValueError: ``drive_on`` is not a positive, finite number.
@@ -93,6 +99,7 @@ class Fleet:
         strict: bool = False,
         record: bool = True,
         drive_on: float | None = None,
+        traffic: FleetTraffic | None = None,
     ) -> None:
         if drive_on is not None and not (math.isfinite(drive_on) and drive_on > 0):
             raise ValueError(f"drive_on: is {drive_on!r}; give a positive, finite number of seconds, or None")
@@ -100,6 +107,7 @@ class Fleet:
         self.count = count
         self.strict = strict
         self._recording = record
+        self._traffic = traffic
         self._drive_on = 0 if drive_on is None else max(math.ceil(drive_on / SUB_STEP - _ROUNDING), 1)
         self.trials: list[Trial | None] = [None] * count
         self._faults: list[CommandFault | None] = [None] * count
@@ -147,7 +155,11 @@ class Fleet:
             states=np.zeros((count, 0, 5)),
             commands=np.zeros((count, 0, 2), np.int8),
             inputs=np.zeros((count, 0, 3), np.float32),
+            others=others_for(count, 0, 0),
+            met=np.zeros((count, SUB_STEPS, 0, USER)),
+            meetings=np.zeros((count, SUB_STEPS), np.int64),
         )
+        self._met: list[list[tuple[RoadUser, ...]]] = [[] for _ in range(count)]
         edges = np.linspace(0, count, min(threads, count) + 1).astype(int).tolist()
         self._parts = list(itertools.pairwise(edges))
         self._pool = ThreadPoolExecutor(len(self._parts) - 1) if len(self._parts) > 1 else None
@@ -184,6 +196,28 @@ class Fleet:
         ran_out: NDArray[np.bool_] = self._egos.counts[:, decide.D_RAN_OUT] != 0
         return ran_out
 
+    @property
+    def waits(self) -> NDArray[np.bool_]:
+        """Whether other road users oblige each ego to stand or to creep, (n,)."""
+        waits: NDArray[np.bool_] = self._egos.others.permitted < WAITING
+        return waits
+
+    def others(self, chosen: NDArray[np.integer[Any]]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the road users that some egos see, for pictures.
+
+        Args:
+            chosen: (k,), the egos.
+
+        Returns:
+            (m, 8): x, y, yaw, length, width, height, kind, colour, the egos' one after the other, each one's nearest
+            first; and (k + 1,), where those of each ego begin.
+        """
+        others = self._egos.others
+        seen = others.seen[chosen]
+        begins = np.concatenate(([0], np.cumsum(seen)))
+        shown = np.arange(others.pictures.shape[1]) < seen[:, None]
+        return others.pictures[chosen][shown], begins
+
     def begin(self, trials: Iterable[tuple[int, Trial]]) -> None:
         """Begin trials.
 
@@ -191,14 +225,15 @@ class Fleet:
             trials: number of the ego, and its trial.
 
         Raises:
-            TrialNotAloneError: a trial has other road users, or another town.
+            TrialNotAloneError: a trial has another town, or other road users although the fleet has no traffic.
+            TrafficTooDenseError: the town has no room for so many road users.
             FaultNotApplicableError: the fault is not built yet, or cannot be applied to the trial.
             GeometryMismatchError: a journey's goal is not in the town.
             UnknownApproachError: the town has no such approach.
         """
         # Check all trials first: after a refusal nothing has changed.
         checked = [(i, self._checked(trial), make_fault(trial), self._terms_of(trial)) for i, trial in trials]
-        self._reserve(trial for _, trial, _, _ in checked)
+        self._reserve([trial for _, trial, _, _ in checked])
         egos = self._egos
         chosen = [i for i, _, _, _ in checked]
         for i, trial, fault, terms in checked:
@@ -214,6 +249,9 @@ class Fleet:
             egos.draws[i] = start_route(self._roads, self.town, trial, egos.progress[i], egos.places[i])
             if terms is not None:
                 egos.terms[i] = terms
+            if self._traffic is not None:
+                self._traffic.set(egos.others, i, trial)
+            self._met[i] = []
         if len(self._tables.bases) <= len(self._geometries) or len(self._tables.ways) < len(self._goals):
             self._tables = self._packed_tables(self._geometries)
         egos.order[:] = np.argsort(egos.approaches, kind="stable")
@@ -223,6 +261,9 @@ class Fleet:
         self._deliver(chosen)
         egos.todo[chosen] = kernel.BEGIN
         self._run()
+        if self._recording and egos.met.shape[2]:
+            for i in chosen:
+                self._note(i, 1)
 
     def step(self, actions: NDArray[np.float32], which: NDArray[np.bool_]) -> None:
         """Drive some egos for 0.1 s, or until their drive is over.
@@ -236,6 +277,16 @@ class Fleet:
         egos.todo[:] = np.where(which, kernel.DRIVE, kernel.REST)
         self._run()
         self._deliver(np.flatnonzero(which & (egos.faults == kernel.FAULT_OTHER)).tolist())
+        if self._recording and egos.met.shape[2]:
+            for i in np.flatnonzero(which).tolist():
+                self._note(i, int(egos.sub_steps[i]) + 1 - len(self._met[i]))
+
+    def _note(self, i: int, rows: int) -> None:
+        """Keep whom an ego met in the last rows, for its record."""
+        egos = self._egos
+        for k in range(rows):
+            users = egos.met[i, k, : egos.meetings[i, k]].tolist()
+            self._met[i].append(tuple(tuple(user) for user in users))
 
     def outcome(self, i: int) -> Outcome | None:
         """Return the outcome of an ego's episode; None before there is a verdict."""
@@ -276,11 +327,12 @@ class Fleet:
         commands = egos.commands[i].tolist()
         states = egos.states[i, : count + 1].tolist()
         actions = inputs.tolist()
-        numbers = [(0.0, *states[0], *commands[0], 0.0, 0.0, 0.0)]
+        met = self._met[i] or [()] * (count + 1)
+        rows = [Row(0.0, *states[0], *commands[0], 0.0, 0.0, 0.0, met[0])]
         for k in range(count):
             decision = k // SUB_STEPS
-            numbers.append(((k + 1) / kernel.PER_SECOND, *states[k + 1], *commands[decision], *actions[decision]))
-        rows = [Row(*row) for row in numbers]
+            t = (k + 1) / kernel.PER_SECOND
+            rows.append(Row(t, *states[k + 1], *commands[decision], *actions[decision], met[k + 1]))
         sha256 = hashlib.sha256(inputs.astype("<f4").tobytes()).hexdigest()
         return Record(Trajectory(trial, self.town.sha256, rows), self.outcome(i), sha256)
 
@@ -295,7 +347,9 @@ class Fleet:
             raise TrialNotAloneError(
                 f"trial.town: {trial.town} is not {self.town.name}, where these cars drive; make another environment"
             )
-        if trial.traffic.vehicles or trial.traffic.pedestrians:
+        if self._traffic is not None:
+            check_density(self.town, trial)
+        elif trial.traffic.vehicles or trial.traffic.pedestrians:
             raise TrialNotAloneError(
                 "trial.traffic: the cars of one batch drive alone; take a trial without other road users, "
                 "or gymnasium.vector.AsyncVectorEnv of single environments"
@@ -337,8 +391,12 @@ class Fleet:
             egos.commands[i, -(-count // SUB_STEPS), 0] = command
             self.observation["command"][i, 0] = command
 
-    def _reserve(self, trials: Iterable[Trial]) -> None:
-        """Make room for the state of the judge and for the record; what is there already stays."""
+    def _reserve(self, trials: Sequence[Trial]) -> None:
+        """Make room for the judge, the record and the road users; what is there already stays."""
+        others = with_room(self._egos.others, trials)
+        if others is not self._egos.others:
+            most = others.users.shape[1] if self._recording else 0
+            self._egos = self._egos._replace(others=others, met=np.zeros((self.count, SUB_STEPS, most, USER)))
         limits = [(trial.journey.time_limit if trial.journey else None) for trial in trials]
         egos = self._egos
         rows: dict[str, int] = {}
@@ -395,7 +453,7 @@ class Fleet:
             ways=np.array([way_to(self.town, goal) for goal in self._goals]),
             rests=np.array([self._rest(goal) for goal in self._goals]),
             numbers=journey_numbers(THRESHOLDS, VEHICLE, JOURNEY_THRESHOLDS),
-            nobody=np.empty((0, 6)),
+            streets=no_streets() if self._traffic is None else streets_of(self.town),
             drive_on=self._drive_on,
         )
 

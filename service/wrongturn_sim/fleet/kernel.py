@@ -4,6 +4,7 @@ Each ego has one row in every array and reads no other ego's row. So the numbers
 shared among threads. The steps and the functions are those of :class:`~wrongturn_sim.episode.Episode`.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,8 +13,12 @@ from numba import njit
 from wrongturn_sim import ego, guide, polyline, reward
 from wrongturn_sim.compiling import compiled_with
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, advance
+from wrongturn_sim.fleet import drivers, headway, others, right_of_way, settling, streets
+from wrongturn_sim.fleet.others import PEDESTRIANS, VEHICLES, Others
+from wrongturn_sim.fleet.streets import Streets
 from wrongturn_sim.guide import LANE_FOLLOW
-from wrongturn_sim.reward import score
+from wrongturn_sim.reward import score, score_below
+from wrongturn_sim.traffic import crowd, plan, slots
 from wrongturn_sim.verdict import decide, journey_kernels, kernels
 
 Array = np.ndarray[Any, Any]
@@ -50,8 +55,8 @@ class Tables(NamedTuple):
     """(goals, legs): metres from each lane's end to each goal's lane, by the shortest way."""
     numbers: Array
     """Numbers of the judges: thresholds and body."""
-    nobody: Array
-    """(0, 6): no other road users."""
+    streets: Streets
+    """What the traffic knows of the town; without places if there is none."""
     drive_on: int
     """Number of sub-steps after which every drive ends, whatever its verdict; 0: each ends with its verdict."""
 
@@ -102,6 +107,12 @@ class Egos(NamedTuple):
     """(n, decisions + 1, 2): delivered command and route's command of each decision; likewise."""
     inputs: Array
     """(n, decisions, 3) float32: the actions; likewise."""
+    others: Others
+    """The other road users."""
+    met: Array
+    """(n, SUB_STEPS, most, 6): those seen after each sub-step of the last decision; without a record there are none."""
+    meetings: Array
+    """(n, SUB_STEPS) int64: their numbers."""
 
 
 class Observations(NamedTuple):
@@ -149,6 +160,7 @@ def judge_row(tables: Tables, egos: Egos, i: int, command: int) -> bool:
     over = tables.drive_on > 0 and row >= tables.drive_on
     if tables.drive_on > 0 and egos.counts[i, decide.D_VERDICT] != 0:
         return over
+    users = egos.others.users[i, : egos.others.seen[i]]
     geometry = egos.approaches[i]
     bases = tables.bases
     floats = tables.floats[bases[geometry, 0] : bases[geometry + 1, 0]]
@@ -156,13 +168,13 @@ def judge_row(tables: Tables, egos: Egos, i: int, command: int) -> bool:
     cells = tables.cells[bases[geometry, 2] : bases[geometry + 1, 2]]
     if egos.journeys[i]:
         found = journey_kernels.observe(
-            floats, ints, cells, tables.lanes, tables.numbers, tables.nobody, egos.terms[i],
+            floats, ints, cells, tables.lanes, tables.numbers, users, egos.terms[i],
             tables.rests[egos.goals[i]], egos.standing[i], egos.counts[i],
             row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3],
         )  # fmt: skip
     else:
         found = decide.observe(
-            floats, ints, cells, tables.numbers, tables.nobody, egos.standing[i], egos.counts[i], egos.history[i],
+            floats, ints, cells, tables.numbers, users, egos.standing[i], egos.counts[i], egos.history[i],
             egos.routes[i], row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3],
             command,
         )  # fmt: skip
@@ -206,7 +218,14 @@ def drive(tables: Tables, egos: Egos, i: int) -> None:
     command = egos.delivered[i]
     state = egos.state[i]
     x, y, yaw, v, steering = state[0], state[1], state[2], state[3], state[4]
-    for _ in range(SUB_STEPS):
+    beside = has_others(egos, i)
+    if beside:
+        drivers.think(
+            tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
+            egos.progress[i], egos.places[i], state,
+        )  # fmt: skip
+        egos.meetings[i] = 0
+    for sub_step in range(SUB_STEPS):
         x, y, yaw, v, steering = advance(x, y, yaw, v, steering, steer, throttle, brake, SUB_STEP)
         state[0] = x
         state[1] = y
@@ -214,10 +233,77 @@ def drive(tables: Tables, egos: Egos, i: int) -> None:
         state[3] = v
         state[4] = steering
         egos.sub_steps[i] += 1
+        if beside:
+            meet(tables, egos, i, sub_step)
         if judge_row(tables, egos, i, command):
             break
     update_command(tables, egos, i)
     egos.rewards[i] = score(v, yaw, egos.guided[i, 0] != LANE_FOLLOW, egos.beside[i, 1], egos.beside[i, 2])
+    if beside:
+        reward_beside(tables, egos, i)
+
+
+@njit()
+def has_others(egos: Egos, i: int) -> bool:
+    """Return whether an ego has other road users."""
+    return bool(egos.others.counts[i, VEHICLES] + egos.others.counts[i, PEDESTRIANS] > 0)
+
+
+@njit()
+def meet(tables: Tables, egos: Egos, i: int, sub_step: int) -> None:
+    """Move an ego's road users for a sub-step, and find those that it sees."""
+    state = egos.state[i]
+    if egos.others.permitted[i] < headway.WAITING:
+        # Who waits for others does not stand: training ends no drive for that.
+        egos.standing[i, journey_kernels.J_SLOW_SINCE] = math.nan
+    drivers.move(
+        tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i, SUB_STEP
+    )  # fmt: skip
+    others.look(egos.others, i, state[0], state[1])
+    note_meeting(egos, i, sub_step)
+
+
+@njit()
+def note_meeting(egos: Egos, i: int, sub_step: int) -> None:
+    """Keep the road users that an ego sees, for its record."""
+    if egos.met.shape[2] > 0:
+        egos.meetings[i, sub_step] = egos.others.seen[i]
+        for k in range(egos.others.seen[i]):
+            egos.met[i, sub_step, k] = egos.others.users[i, k]
+
+
+@njit()
+def reward_beside(tables: Tables, egos: Egos, i: int) -> None:
+    """Find the speed that traffic permits, and reward the ego by it."""
+    state = egos.state[i]
+    permitted = headway.permit(
+        tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
+        egos.progress[i], egos.places[i], state,
+    )  # fmt: skip
+    egos.others.permitted[i] = permitted
+    egos.rewards[i] = score_below(
+        permitted, state[3], state[2], egos.guided[i, 0] != LANE_FOLLOW, egos.beside[i, 1], egos.beside[i, 2]
+    )
+
+
+@njit()
+def begin_beside(tables: Tables, egos: Egos, i: int) -> None:
+    """Place the road users of an ego that begins a trial."""
+    egos.others.seen[i] = 0
+    egos.others.permitted[i] = math.inf
+    if not has_others(egos, i):
+        return
+    state = egos.state[i]
+    settling.settle(
+        tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
+        egos.progress[i], egos.places[i], state,
+    )  # fmt: skip
+    others.look(egos.others, i, state[0], state[1])
+    note_meeting(egos, i, 0)
+    egos.others.permitted[i] = headway.permit(
+        tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
+        egos.progress[i], egos.places[i], state,
+    )  # fmt: skip
 
 
 @njit()
@@ -230,7 +316,11 @@ def keep_commands(egos: Egos, i: int) -> None:
     egos.commands[i, decision, 1] = egos.guided[i, 0]
 
 
-@compiled_with(ego, polyline, guide, kernels, decide, journey_kernels, reward, nogil=True)
+@compiled_with(
+    *(ego, polyline, guide, kernels, decide, journey_kernels, reward),
+    *(drivers, headway, others, right_of_way, settling, streets, crowd, plan, slots),
+    nogil=True,
+)
 def run(tables: Tables, egos: Egos, observations: Observations, first: int, end: int) -> None:
     """Do the work of the egos from ``first`` to before ``end`` in the order."""
     for k in range(first, end):
@@ -245,6 +335,7 @@ def run(tables: Tables, egos: Egos, observations: Observations, first: int, end:
             egos.sub_steps[i] = 0
             egos.rewards[i] = 0.0
             update_command(tables, egos, i)
+            begin_beside(tables, egos, i)
         elif todo == BEGIN:
             keep_commands(egos, i)
             judge_row(tables, egos, i, egos.delivered[i])

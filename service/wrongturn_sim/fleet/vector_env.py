@@ -21,6 +21,7 @@ from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_spa
 from wrongturn_protocol.vectors import Flags, checked_actions, mask_of, seeds_of, trials_of, whole_number
 from wrongturn_sim.errors import EpisodeAlreadyFinishedError, EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.fleet.fleet import Fleet, Record
+from wrongturn_sim.fleet.traffic import FleetTraffic
 from wrongturn_sim.trial_source import TrialSource, a_flag
 
 if TYPE_CHECKING:
@@ -48,13 +49,15 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         record: keep trajectories and actions for :meth:`episode`. Training does not need them; they take memory.
         drive_on: seconds after which each episode is truncated; no verdict ends it before. ``infos`` and the record
             still hold the verdict, if there was one. None: each episode ends with its verdict.
+        own_traffic: let trials with ``traffic`` drive beside the batch's own simple traffic, for training:
+            ``FleetTraffic()`` drives like SUMO's as well as it can, but it is not SUMO's. None: such trials are refused.
         autoreset_mode: when an environment that ended begins again: ``NextStep`` (that step ignores its action),
             ``SameStep`` (``infos["final_obs"]`` and ``["final_info"]`` hold the end), or ``Disabled`` (you call
             ``reset(options={"reset_mask": ...})``).
         copy: return new arrays; otherwise the next step overwrites those that are returned.
         render_mode: always None; pictures are observations.
         options: ``approach``, ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
-            ``traffic`` is not possible, and all trials of a ``suite`` must have the same town.
+            ``traffic`` needs ``own_traffic``, and all trials of a ``suite`` must have the same town.
 
     Raises:
         ValueError: a name does not exist, or two options exclude each other.
@@ -74,6 +77,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         strict: bool = False,
         record: bool = True,
         drive_on: float | None = None,
+        own_traffic: FleetTraffic | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         render_mode: str | None = None,
@@ -88,8 +92,11 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         if render_mode is not None:
             raise ValueError(f"render_mode: {render_mode!r} is not known; leave it None, pictures are observations")
         trials = TrialOptions.of(town, track, **options)
-        if trials.traffic != Traffic():
-            raise ValueError("traffic: the cars of one batch drive alone; leave it out, or take single environments")
+        if trials.traffic != Traffic() and own_traffic is None:
+            raise ValueError(
+                "traffic: the cars of one batch drive alone; leave it out, take single environments, or give "
+                "own_traffic=FleetTraffic() to drive beside the batch's own traffic"
+            )
         self.track = trials.track
         self._source = TrialSource(trials)
         if len(self._source.towns) != 1:
@@ -108,6 +115,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             strict=strict,
             record=record,
             drive_on=drive_on,
+            traffic=own_traffic,
         )
         has_pictures = self.track in {Track.CAMERA, Track.SEGMENTATION}
         self._camera = self._camera_of(camera, threads, backend) if has_pictures else None
@@ -195,6 +203,11 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
     def steps(self) -> NDArray[np.int64]:
         """Number of decisions of each environment's episode so far, (n,)."""
         return self._fleet.steps
+
+    @property
+    def waits(self) -> NDArray[np.bool_]:
+        """Whether other road users oblige each car to stand or to creep, (n,)."""
+        return self._fleet.waits
 
     @property
     def trials(self) -> tuple[Trial | None, ...]:

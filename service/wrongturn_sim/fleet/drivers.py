@@ -1,0 +1,350 @@
+"""The drivers of a fleet's traffic: they keep their distance, give way, and let one car after the other cross.
+
+They drive like SUMO's (Krauss' model with its usual numbers). A junction is kept free for a car before it enters: no two
+cars whose ways cross are in it at once. The ego does not ask; so others look whether it is in their way.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from wrongturn_sim import ego as ego_module
+from wrongturn_sim import guide
+from wrongturn_sim.fleet.others import (
+    GATE,
+    GOES,
+    HERE,
+    INSIDE,
+    LEG,
+    LENGTH,
+    LIKES,
+    PEDESTRIANS,
+    STANDS,
+    UNTIL,
+    VEHICLES,
+    WAITED,
+    WIDTH,
+    A,
+    Others,
+    S,
+    V,
+    X,
+    Y,
+    draw,
+    move_walker,
+    place_car,
+    point_ahead,
+)
+from wrongturn_sim.fleet.right_of_way import CROSSES, YIELDS
+from wrongturn_sim.fleet.streets import Streets
+
+Array = np.ndarray[Any, Any]
+
+ACCELERATION = 2.6
+"""m/s²; this and the next five are SUMO's defaults."""
+BRAKING = 4.5
+"""Deceleration that drivers count on, m/s²."""
+EMERGENCY = 9.0
+"""Greatest deceleration, m/s²."""
+REACTION = 1.0
+"""Seconds."""
+GAP = 2.5
+"""Distance between standing cars, metres."""
+IMPERFECTION = 0.5
+"""A driver wastes up to this share of the acceleration."""
+GENTLE = 3.0
+"""Deceleration before a turn, m/s²."""
+STOP = 1.0
+"""Cars stop this far before their line, metres."""
+DECISION = 0.1
+"""Seconds between decisions."""
+PATIENCE = 8.0
+"""After so many seconds at the line a driver no longer waits for cars that only have the right of way, s."""
+EGO_PATIENCE = 3.0
+"""The same for an ego that stands before the junction."""
+MARGIN = 0.3
+"""Drivers brake for an ego whose body is this near to their own car's way, metres."""
+STRIDE = 1.5
+"""Distance between the points of its way that a driver checks for the ego, metres."""
+ENTRY = 30.0
+"""A car comes back to the town where nobody is within this distance, metres."""
+FAR = 1e9
+
+EGO_LENGTH, EGO_WIDTH = ego_module.VEHICLE.half_length, ego_module.VEHICLE.half_width
+
+
+@njit()
+def safe_speed(gap: float, leader: float, braking: float, reaction: float) -> float:
+    """Return the speed at which a car can stop behind a leader (its speed in m/s) that brakes now, m/s."""
+    if gap <= 0.0:
+        return 0.0
+    delay = reaction * braking
+    return math.sqrt(delay * delay + leader * leader + 2.0 * braking * gap) - delay
+
+
+@njit()
+def left_to_line(lengths: Array, car: Array, way: Array) -> float:
+    """Return a car's distance to the next stop line that it has not got leave to pass, metres."""
+    if way[INSIDE] == 0:
+        return float(lengths[way[LEG], guide.F_LENGTH] - car[S])
+    return FAR
+
+
+@njit()
+def leader_of(legs: Array, lengths: Array, others: Others, i: int, k: int) -> tuple[float, float]:
+    """Return the gap to the next car on a car's way, metres, and that car's speed; FAR if there is none."""
+    car, way = others.cars[i, k], others.ways[i, k]
+    leg, gate, s = way[LEG], way[GATE], car[S]
+    length = lengths[leg, guide.F_LENGTH]
+    onward, inner = -1, 0.0
+    if gate >= 0:
+        onward = legs[leg, guide.L_GATE + guide.GATE_INTS * gate + guide.G_LEG]
+        inner = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
+    # Metres from the car to the start of its exit's path.
+    ahead = -s if way[INSIDE] else length - s
+    best, speed = FAR, 0.0
+    for j in range(others.counts[i, VEHICLES]):
+        other = others.ways[i, j]
+        if j == k or other[HERE] == 0:
+            continue
+        at = others.cars[i, j, S]
+        if other[LEG] == leg:
+            if other[INSIDE] == way[INSIDE]:
+                gap = at - s
+                if gap == 0.0 and j > k:
+                    continue
+            elif other[INSIDE]:
+                gap = ahead + at
+            else:
+                continue
+        elif other[LEG] == onward and not other[INSIDE]:
+            gap = ahead + inner + at
+        else:
+            continue
+        if gap < 0.0:
+            continue
+        gap -= others.cars[i, j, LENGTH]
+        if gap < best:
+            best, speed = gap, others.cars[i, j, V]
+    return best, speed
+
+
+@njit()
+def gap_to_ego(
+    points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, k: int, reach: float, state: Array
+) -> tuple[float, float]:
+    """Return how far a car can drive before it would touch the ego where that is now, and the ego's speed along its way.
+
+    Only the next ``reach`` metres are looked at; FAR if the ego is not in the way there.
+    """
+    car, way = others.cars[i, k], others.ways[i, k]
+    dx, dy = state[0] - car[X], state[1] - car[Y]
+    if dx * dx + dy * dy > (reach + 8.0) * (reach + 8.0):
+        return FAR, 0.0
+    cos, sin = math.cos(state[2]), math.sin(state[2])
+    half_width = EGO_WIDTH + 0.5 * car[WIDTH] + MARGIN
+    s = 0.0
+    while s <= reach:
+        x, y, ux, uy = point_ahead(points, along, legs, lengths, way[LEG], way[GATE], way[INSIDE], car[S] + s)
+        px, py = x - state[0], y - state[1]
+        facing = cos * ux + sin * uy
+        # A car that comes from the side meets the ego with its flank.
+        half_length = EGO_LENGTH + MARGIN + (1.0 - abs(facing)) * 0.5 * car[WIDTH]
+        if abs(px * cos + py * sin) < half_length and abs(py * cos - px * sin) < half_width:
+            return s, max(0.0, state[3] * facing)
+        s += STRIDE
+    return FAR, 0.0
+
+
+@njit()
+def time_to(metres: float, speed: float) -> float:
+    """Return the seconds that a car needs for a distance at its speed, at least 3 m/s."""
+    return max(metres, 0.0) / max(speed, 3.0)
+
+
+@njit()
+def may_go(
+    streets: Streets, legs: Array, lengths: Array, others: Others, i: int, k: int, progress: Array, places: Array,
+    state: Array,
+) -> bool:  # fmt: skip
+    """Return whether a car may enter the junction ahead."""
+    car, way = others.cars[i, k], others.ways[i, k]
+    leg, gate = way[LEG], way[GATE]
+    ours = 3 * leg + gate
+    onward = legs[leg, guide.L_GATE + guide.GATE_INTS * gate + guide.G_LEG]
+    inner = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
+    left = lengths[leg, guide.F_LENGTH] - car[S]
+    # When the car's rear is out of the junction, and a second more.
+    clear = (left + inner + car[LENGTH]) / max(car[V], 5.0) + 1.0
+    for j in range(others.counts[i, VEHICLES]):
+        other = others.ways[i, j]
+        if j == k or other[HERE] == 0:
+            continue
+        if other[LEG] == onward and not other[INSIDE]:
+            room = others.cars[i, j, S] - others.cars[i, j, LENGTH]
+            if room < car[LENGTH] + GAP and others.cars[i, j, V] < 2.0:
+                return False
+        if other[GATE] < 0:
+            continue
+        rule = streets.rules[ours, 3 * other[LEG] + other[GATE]]
+        if rule & CROSSES and (other[INSIDE] or other[GOES]):
+            return False
+        if rule & YIELDS and not other[INSIDE] and car[WAITED] < PATIENCE:
+            away = lengths[other[LEG], guide.F_LENGTH] - others.cars[i, j, S]
+            if time_to(away, others.cars[i, j, V]) < clear:
+                return False
+    if progress[guide.P_GATE] < 0:
+        return True
+    rule = streets.rules[ours, 3 * progress[guide.P_LEG] + progress[guide.P_GATE]]
+    if progress[guide.P_INSIDE]:
+        inner = lengths[
+            progress[guide.P_LEG], guide.F_GATE + guide.GATE_FLOATS * progress[guide.P_GATE] + guide.G_INNER
+        ]
+        return not (rule & CROSSES and places[guide.P_S] < inner + EGO_LENGTH)
+    away = lengths[progress[guide.P_LEG], guide.F_LENGTH] - places[guide.P_S] - EGO_LENGTH
+    if rule & CROSSES and away < 0.0:
+        return False
+    waits = state[3] > 0.5 or car[WAITED] < EGO_PATIENCE
+    return not (rule & YIELDS and waits and time_to(away, state[3]) < clear)
+
+
+@njit()
+def hesitate(others: Others, i: int, k: int, left: float, wanted: float) -> float:
+    """Return the speed of a driver who stops now and then without need; other drivers keep the wanted speed."""
+    car = others.cars[i, k]
+    if car[STANDS] <= 0.0:
+        return wanted
+    if car[UNTIL] > 0.0:
+        car[UNTIL] -= DECISION
+        if car[UNTIL] <= 0.0 and (left < 12.0 or others.ways[i, k, INSIDE]):
+            car[UNTIL] = 1.0  # not in a junction, nor right before it
+        return wanted
+    if car[V] < 0.1:
+        car[UNTIL] -= DECISION
+        if car[UNTIL] < -car[STANDS]:
+            car[UNTIL] = 6.0 + 14.0 * draw(others, i)
+    return max(0.0, min(wanted, car[V] - BRAKING * DECISION))
+
+
+@njit()
+def decide_speed(
+    streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, k: int,
+    progress: Array, places: Array, state: Array,
+) -> float:  # fmt: skip
+    """Return the speed that a driver wants after the next decision, m/s."""
+    car, way = others.cars[i, k], others.ways[i, k]
+    leg, gate, v = way[LEG], way[GATE], car[V]
+    left = left_to_line(lengths, car, way)
+    wanted = min(car[LIKES] * streets.limits[leg], v + ACCELERATION * DECISION)
+    if gate >= 0:
+        at = guide.F_GATE + guide.GATE_FLOATS * gate
+        inner = lengths[leg, at + guide.G_INNER]
+        turning = streets.speeds[3 * leg + gate]
+        if way[INSIDE]:
+            if car[S] < inner:
+                wanted = min(wanted, turning)
+            ahead = inner - car[S]
+        else:
+            wanted = min(wanted, math.sqrt(turning * turning + 2.0 * GENTLE * max(left, 0.0)))
+            ahead = left + inner
+        # Whatever comes, the car can stop at the end of the lane after the junction.
+        onward = legs[leg, guide.L_GATE + guide.GATE_INTS * gate + guide.G_LEG]
+        if legs[onward, guide.L_APPROACH]:
+            wanted = min(wanted, safe_speed(ahead + lengths[onward, guide.F_LENGTH] - STOP, 0.0, BRAKING, REACTION))
+        if not way[INSIDE] and not way[GOES]:
+            room = safe_speed(left - STOP, 0.0, BRAKING, REACTION)
+            if room < v + ACCELERATION * DECISION + 2.0:
+                if may_go(streets, legs, lengths, others, i, k, progress, places, state):
+                    way[GOES] = 1
+                    car[WAITED] = 0.0
+                else:
+                    wanted = min(wanted, room)
+                    if v < 0.5 and left < 6.0:
+                        car[WAITED] += DECISION
+    gap, speed = leader_of(legs, lengths, others, i, k)
+    wanted = min(wanted, safe_speed(gap - GAP, speed, BRAKING, REACTION))
+    reach = v * REACTION + v * v / (2.0 * BRAKING) + 8.0
+    gap, speed = gap_to_ego(points, along, legs, lengths, others, i, k, reach, state)
+    wanted = min(wanted, safe_speed(gap - GAP, speed, BRAKING, REACTION))
+    wanted = hesitate(others, i, k, left, wanted)
+    return max(0.0, wanted - IMPERFECTION * ACCELERATION * DECISION * draw(others, i))
+
+
+@njit()
+def choose_gate(legs: Array, others: Others, i: int, k: int) -> None:
+    """Draw the exit that a car takes at the end of its lane."""
+    way = others.ways[i, k]
+    gates = legs[way[LEG], guide.L_GATES]
+    way[GATE] = int(draw(others, i) * gates) if gates > 0 else -1
+
+
+@njit()
+def come_back(
+    streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, k: int,
+    state: Array,
+) -> None:  # fmt: skip
+    """Let a car that left the town come in at an entry, if there is room."""
+    car, way = others.cars[i, k], others.ways[i, k]
+    leg = streets.entries[int(draw(others, i) * len(streets.entries))]
+    for j in range(others.counts[i, VEHICLES]):
+        other = others.ways[i, j]
+        if other[HERE] and other[LEG] == leg and others.cars[i, j, S] < ENTRY:
+            return
+    dx, dy = points[legs[leg, guide.L_FIRST], 0] - state[0], points[legs[leg, guide.L_FIRST], 1] - state[1]
+    if dx * dx + dy * dy < ENTRY * ENTRY:
+        return
+    way[LEG], way[INSIDE], way[GOES], way[HERE] = leg, 0, 0, 1
+    car[S], car[V], car[A], car[WAITED] = car[LENGTH] + STOP, 5.0, 0.0, 0.0
+    choose_gate(legs, others, i, k)
+    place_car(points, along, legs, lengths, car, way)
+
+
+@njit()
+def think(
+    streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int,
+    progress: Array, places: Array, state: Array,
+) -> None:  # fmt: skip
+    """Let the drivers around an ego decide on their acceleration."""
+    for k in range(others.counts[i, VEHICLES]):
+        if others.ways[i, k, HERE] == 0:
+            come_back(streets, points, along, legs, lengths, others, i, k, state)
+        if others.ways[i, k, HERE]:
+            car = others.cars[i, k]
+            wanted = decide_speed(
+                streets, points, along, legs, lengths, others, i, k, progress, places, state
+            )  # fmt: skip
+            car[A] = max((wanted - car[V]) / DECISION, -EMERGENCY)
+
+
+@njit()
+def move(
+    streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, seconds: float
+) -> None:
+    """Move an ego's road users for a sub-step."""
+    for k in range(others.counts[i, VEHICLES]):
+        car, way = others.cars[i, k], others.ways[i, k]
+        if way[HERE] == 0:
+            continue
+        car[V] = max(0.0, car[V] + car[A] * seconds)
+        car[S] += car[V] * seconds
+        leg, gate = way[LEG], way[GATE]
+        length = lengths[leg, guide.F_LENGTH]
+        if way[INSIDE]:
+            inner = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
+            if car[S] >= inner + car[LENGTH]:
+                car[S] -= inner
+                way[LEG] = legs[leg, guide.L_GATE + guide.GATE_INTS * gate + guide.G_LEG]
+                way[INSIDE] = way[GOES] = 0
+                choose_gate(legs, others, i, k)
+        elif car[S] >= length:
+            if gate < 0:
+                way[HERE] = 0
+                continue
+            car[S] -= length
+            way[INSIDE] = 1
+        place_car(points, along, legs, lengths, car, way)
+    for k in range(others.counts[i, PEDESTRIANS]):
+        move_walker(streets, others.walkers[i, k], others.walks[i, k], seconds)
+

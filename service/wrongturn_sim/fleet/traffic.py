@@ -1,0 +1,77 @@
+"""Traffic of a fleet: simple drivers and pedestrians in the fleet's own kernel, without SUMO.
+
+They look and are hit like SUMO's, and drive much like them. But the same trial meets other road users here than there:
+use it for training, not for scores.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+from wrongturn_networks import Town
+from wrongturn_protocol import Trial
+from wrongturn_sim.errors import TrafficTooDenseError
+from wrongturn_sim.fleet.others import HESITANT, LEADS, PEDESTRIANS, VEHICLES, Others, others_for
+from wrongturn_sim.fleet.streets import MOST, streets_of
+
+_GOLDEN: Final = 0x9E3779B97F4A7C15
+_MASK: Final = 2**64 - 1
+_MORE: Final = 16
+"""Arrays grow by multiples of this many road users, because the kernel's memory is made anew each time."""
+
+
+@dataclass(frozen=True)
+class FleetTraffic:
+    """How the other road users of a fleet behave; by default as much like SUMO's as they can."""
+
+    hesitant: float = 0.0
+    """Share of the cars that drive at 30 to 70 % of the speed limit and stop now and then for 1 to 6 seconds without
+    need, for training: so a learner often meets a car that brakes.
+    """
+    leaders: float = 0.0
+    """Share of the drives with a car shortly ahead at the start, where the lane has room."""
+
+    def __post_init__(self) -> None:
+        for name, share in (("hesitant", self.hesitant), ("leaders", self.leaders)):
+            if not 0.0 <= share <= 1.0:
+                raise ValueError(f"{name}: is {share!r}; give a share from 0 to 1")
+
+    def set(self, others: Others, i: int, trial: Trial) -> None:
+        """Set how many road users an ego has, and from which seed they are drawn."""
+        others.counts[i] = trial.traffic.vehicles, trial.traffic.pedestrians
+        others.habits[i, HESITANT], others.habits[i, LEADS] = self.hesitant, self.leaders
+        folded = (trial.seed * _GOLDEN + _GOLDEN) & _MASK
+        others.random[i] = folded - 2**64 if folded >= 2**63 else folded
+
+
+def check_density(town: Town, trial: Trial) -> None:
+    """Check that a town has room for a trial's road users.
+
+    Raises:
+        TrafficTooDenseError: it has not; the message names the field.
+    """
+    streets = streets_of(town)
+    asked = (("vehicles", trial.traffic.vehicles, streets.slots), ("pedestrians", trial.traffic.pedestrians, streets.doors))
+    for field, count, places in asked:
+        room = int(MOST * len(places))
+        if count > room:
+            raise TrafficTooDenseError(
+                f"traffic.{field}: {town.name} has room for {room} beside a car of a batch, not for {count}; "
+                "ask for fewer"
+            )
+
+
+def with_room(others: Others, trials: list[Trial]) -> Others:
+    """Return arrays with room for the road users of these trials too; what is there already stays."""
+    vehicles = max((trial.traffic.vehicles for trial in trials), default=0)
+    pedestrians = max((trial.traffic.pedestrians for trial in trials), default=0)
+    have = others.cars.shape[1], others.walkers.shape[1]
+    if vehicles <= have[VEHICLES] and pedestrians <= have[PEDESTRIANS]:
+        return others
+    grown = others_for(
+        len(others.counts), *(-(-max(a, b) // _MORE) * _MORE for a, b in zip((vehicles, pedestrians), have, strict=True))
+    )
+    for ours, before in zip(grown, others, strict=True):
+        part: Any = tuple(slice(0, size) for size in before.shape)
+        ours[part] = before
+    return grown
+
