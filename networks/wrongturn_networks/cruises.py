@@ -69,6 +69,8 @@ def draw_cruise(
     speed: tuple[float, float] = (0.0, 9.0),
     window: tuple[float, float] | None = WINDOW,
     time_limit: float = 60.0,
+    alone: float = 0.0,
+    least_traffic: Traffic | None = None,
 ) -> Trial:
     """Draw a trial without a goal; its seed decides the exit at each junction.
 
@@ -87,6 +89,8 @@ def draw_cruise(
         window: least and greatest distance before the stop lines at which the command's window opens, metres. Each
             cruise draws one. None: the nominal 15 m.
         time_limit: seconds.
+        alone: share of the cruises without other road users, although ``traffic`` has some.
+        least_traffic: each of the others draws numbers from these up to those of ``traffic``. None: always ``traffic``.
 
     Raises:
         CruiseError: an argument is out of range.
@@ -108,6 +112,11 @@ def draw_cruise(
         raise CruiseError(
             f"window: {window} is not a range within 0 and 60 m; give the least and the greatest distance, or None"
         )
+    if not 0.0 <= alone <= 1.0:
+        raise CruiseError(f"alone: {alone} is no share of the cruises; give a number from 0 to 1")
+    least = traffic if least_traffic is None else least_traffic
+    if least.vehicles > traffic.vehicles or least.pedestrians > traffic.pedestrians:
+        raise CruiseError(f"least_traffic: {least} is more than traffic, {traffic}; give fewer")
     stretches = _stretches(town)
     kind, which, where, fast, turn = random.random(5).tolist()
     inside = kind < inside_junctions
@@ -137,7 +146,7 @@ def draw_cruise(
             yaw=round(yaw * min(max(askew, -WITHIN), WITHIN), 5),
         ),
         weather=weather,
-        traffic=traffic,
+        traffic=_company(least, traffic, alone, seed),
         fault=_NO_FAULT,
         seed=seed,
         window=None if window is None else _opening(window, seed),
@@ -148,6 +157,20 @@ def draw_cruise(
 def _opening(window: tuple[float, float], seed: int) -> float:
     # A generator of its own, so that the window does not shift the cruises that follow.
     return round(generators.Random(f"window {seed}").uniform(*window), 3)
+
+
+def _company(least: Traffic, most: Traffic, alone: float, seed: int) -> Traffic:
+    """Return the other road users of a cruise."""
+    if alone == 0.0 and least is most:
+        return most
+    # A generator of its own, so that traffic does not shift the cruises that follow.
+    draw = generators.Random(f"traffic {seed}")
+    if draw.random() < alone:
+        return _NO_TRAFFIC
+    return Traffic.model_construct(
+        vehicles=draw.randint(least.vehicles, most.vehicles),
+        pedestrians=draw.randint(least.pedestrians, most.pedestrians),
+    )
 
 
 @lru_cache(maxsize=64)

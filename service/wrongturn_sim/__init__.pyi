@@ -16,6 +16,7 @@ from .errors import TrajectoryError as TrajectoryError
 from .errors import TrialNotAloneError as TrialNotAloneError
 from .faults import FaultNotApplicableError as FaultNotApplicableError
 from .faults import available_faults as available_faults
+from .fleet.traffic import FleetTraffic as FleetTraffic
 from .fleet.vector_env import WrongturnVectorEnv as WrongturnVectorEnv
 from .gym_env import WrongturnSimEnv as WrongturnSimEnv
 from .simulator import Simulator as Simulator

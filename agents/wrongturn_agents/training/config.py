@@ -19,10 +19,14 @@ _SHOWN: Final = 40
 _FARTHEST_WINDOW: Final = 60.0
 _SHARES: Final = (
     *("gamma", "gae_lambda", "near_junctions", "near_bends", "inside_junctions", "masked_classes", "auxiliary_share"),
+    *("traffic", "hesitant", "leaders"),
 )
+_ROAD_USERS: Final = ("vehicles", "pedestrians")
+_MOST_ROAD_USERS: Final = 200
 _BEFORE: Final[Mapping[str, Any]] = {
     "inside_junctions": 0.0,
     "projection_learning_rate": 1.0,
+    "traffic": 0.0,
     "window_nearest": 15.0,
     "window_farthest": 15.0,
 }
@@ -91,6 +95,7 @@ class PPOConfig:
     """
     standing_cost: float = 0.05
     """Taken off the divided reward of each decision after which the car stands. At 0.04, standing earns nothing.
+    Standing is free while other road users block the way.
 
     Not in the paper. Unlike a penalty at the end, the policy feels it at once, whatever the discount.
     """
@@ -113,6 +118,18 @@ class PPOConfig:
     A random crossing earns as little as -302, so without these starts a turn's head first learns to leave the road
     before the junction. These starts show it what comes after.
     """
+    traffic: float = 0.7
+    """Share of the drives beside other cars and pedestrians. 0: all cars drive alone, and no journey has traffic."""
+    vehicles: int = 60
+    """Most other cars of such a drive, in the whole town. Each drive draws a third of them or more."""
+    pedestrians: int = 50
+    """Most pedestrians of such a drive, on the pavements. Each drive draws a third of them or more."""
+    hesitant: float = 0.3
+    """Share of the other cars that drive slowly and stop now and then without need. The suites have none: they let
+    the learner often meet a car that brakes.
+    """
+    leaders: float = 0.5
+    """Share of the drives with traffic that start shortly behind another car, where the lane has room."""
     lateral: float = 0.4
     """Standard deviation of the start's offset from the lane's centre, metres."""
     yaw: float = 0.06
@@ -156,11 +173,14 @@ class PPOConfig:
             if isinstance(value, bool | str):
                 continue
             # A negative limit of the divergence stops each update at once.
-            least = -math.inf if field.name == "kl_stop" else 1 if kind is int else 0.0
+            counts = kind is int and field.name not in _ROAD_USERS
+            least = -math.inf if field.name == "kl_stop" else 1 if counts else 0
             if kind is int and value > _MOST:
                 raise TrainingError(f"option {field.name}: is {value}; give at most {_MOST}")
             if not (math.isfinite(value) and value >= least):
                 raise TrainingError(f"option {field.name}: is {value}; give a finite number, {least} or more")
+            if field.name in _ROAD_USERS and value > _MOST_ROAD_USERS:
+                raise TrainingError(f"option {field.name}: is {value}; give at most {_MOST_ROAD_USERS}")
             if field.name in _POSITIVE and value == 0.0:
                 raise TrainingError(f"option {field.name}: is 0; give a number above 0")
             if field.name in _SHARES and value > 1.0:

@@ -49,6 +49,8 @@ class Display:
         held_out = row.get("success_heldout")
         if held_out is not None:
             text += f", held-out journeys {held_out:.0%}"
+            if (beside := row.get("traffic_success_heldout")) is not None:
+                text += f", with traffic {beside:.0%}"
         self._tell(text, row.get("done"), keep=held_out is not None)
 
     def pretraining(self, frames: int, loss: float) -> None:

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
 from wrongturn_protocol import Outcome, Track, Trial
-from wrongturn_sim import WrongturnVectorEnv
+from wrongturn_sim import FleetTraffic, WrongturnVectorEnv
 
 _STANDING = 0.3
 """A slower car counts as standing, m/s."""
@@ -56,13 +56,14 @@ def drive_trials(
 
     Args:
         models: networks that drive with their mean actions, in float32.
-        trials: trials in any towns, without other road users.
+        trials: trials in any towns. Those with other road users drive beside the batch's own traffic, not SUMO's.
         track: track whose observations the models get.
         device: device of the models.
         backend: where pictures are rendered; the kind of ``device`` by default.
         threads: threads that share the simulation.
         batch: number of cars at once; by default 16 on the CPU and 256 on CUDA.
-        patience: a drive is given up after its car stood still for this long, seconds. None never gives up.
+        patience: a drive is given up after its car stood still for this long without being blocked,
+            seconds. None never gives up.
         strict: as in training, a journey fails when the car leaves its road or lane, or stands for 10 s. Scores never
             use it.
         stop: called before each decision; True gives up all drives that have not ended.
@@ -73,6 +74,7 @@ def drive_trials(
     device = torch.device(device)
     options = {
         "track": Track(track),
+        "own_traffic": FleetTraffic(),
         "threads": threads,
         "strict": strict,
         **({"backend": "cuda"} if (backend or device.type) == "cuda" else {}),
@@ -120,7 +122,8 @@ def _in_town(
             observation, earned, terminated, truncated, infos = envs.step(actions)
             ended = terminated | truncated
             rewards += earned
-            stood = np.where(np.asarray(observation["speed"])[:, 0] < _STANDING, stood + 1, 0)
+            stands = (np.asarray(observation["speed"])[:, 0] < _STANDING) & ~envs.waits
+            stood = np.where(stands, stood + 1, 0)
             if stop():
                 left = [number for number in (*driving, *waiting) if number is not None]
                 yield from ((number, DrivenTrial(assigned[number].trial, None, 0.0)) for number in left)

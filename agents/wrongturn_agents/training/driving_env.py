@@ -38,7 +38,8 @@ class DrivingVecEnv(WrongturnVecEnv):
         reward_divisor: divisor of the reward.
         failure_penalty: taken off the divided reward when a drive fails.
         standing_penalty: taken off the divided reward when a drive ends because the car stands still.
-        standing_cost: taken off the divided reward of each decision after which the car stands.
+        standing_cost: taken off the divided reward of each decision after which the car stands, unless others block
+            its way.
         stopwatch: counts rendering as ``render`` and the rest as ``env``.
         options: options of the vectorised environment. With ``backend="cuda"`` pictures are rendered on the device and
             never leave it.
@@ -96,6 +97,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         self._lengths += 1
         scaled = (rewards / self._divisor).astype(np.float32)
         stands = np.asarray(observation["speed"])[:, 0] < SLOW
+        stands &= ~self._waits()
         scaled -= self._standing_cost * (stands & ~ended)  # an ended car's speed is already that of its next drive
         infos: list[dict[str, Any]] = [_NOTHING] * self.num_envs
         for i in np.flatnonzero(ended).tolist():
@@ -111,6 +113,10 @@ class DrivingVecEnv(WrongturnVecEnv):
         self._returns[ended] = 0.0
         self._lengths[ended] = 0
         return tensors, scaled, ended, infos
+
+    def _waits(self) -> Any:
+        """Return whether others block each car's way, (n,)."""
+        return getattr(self.envs, "waits", np.False_)
 
     def _terminal(self, observation: dict[str, Any]) -> dict[str, Tensor]:
         return {key: torch.as_tensor(observation[key], device=self.device) for key in self.keys}

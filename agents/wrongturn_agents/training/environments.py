@@ -10,16 +10,19 @@ from wrongturn_agents.training.config import PPOConfig
 from wrongturn_agents.training.driving_env import DrivingVecEnv
 from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
-from wrongturn_protocol import TRAINING_WEATHERS
+from wrongturn_protocol import TRAINING_WEATHERS, Traffic
+from wrongturn_sim import FleetTraffic
 
 _JOURNEYS = ("near_junctions", "near_bends", "inside_junctions", "lateral", "yaw", "time_limit")
+_LEAST = 3
+"""A drive with traffic has at least one in so many of the most road users."""
 
 
 def environments(config: PPOConfig, agent: ActorCritic, stopwatch: Stopwatch, *, threads: int) -> SeenVecEnv:
-    """Make cars that cruise about Town01 alone in the training weathers, with correct commands, as the agent sees them.
+    """Make cars that cruise about Town01 in the training weathers, with correct commands, as the agent sees them.
 
     Args:
-        config: number of cars, their starts and rewards.
+        config: number of cars, their starts, traffic and rewards.
         agent: agent on the device of the pictures. It augments them, and encodes them if its encoder is frozen.
         stopwatch: counts the environments, the pictures and the frozen encoder.
         threads: threads that share the simulation.
@@ -43,8 +46,10 @@ def environments(config: PPOConfig, agent: ActorCritic, stopwatch: Stopwatch, *,
         journeys={
             **{name: getattr(config, name) for name in _JOURNEYS},
             "window": (config.window_nearest, config.window_farthest),
+            **_company(config),
         },
         threads=threads,
+        **_traffic(config),
         **rendered_on(device),
     )
     return SeenVecEnv(
@@ -54,6 +59,24 @@ def environments(config: PPOConfig, agent: ActorCritic, stopwatch: Stopwatch, *,
         width=agent.encoder.width,
         stopwatch=stopwatch,
     )
+
+
+def _company(config: PPOConfig) -> dict[str, Any]:
+    """Return which of the cruises have how many other road users."""
+    if not config.traffic:
+        return {}
+    least = Traffic(vehicles=config.vehicles // _LEAST, pedestrians=config.pedestrians // _LEAST)
+    return {"alone": 1.0 - config.traffic, "least_traffic": least}
+
+
+def _traffic(config: PPOConfig) -> dict[str, Any]:
+    """Return the vectorised environment's options for other road users."""
+    if not config.traffic:
+        return {}
+    return {
+        "traffic": Traffic(vehicles=config.vehicles, pedestrians=config.pedestrians),
+        "own_traffic": FleetTraffic(hesitant=config.hesitant, leaders=config.leaders),
+    }
 
 
 def rendered_on(device: torch.device) -> dict[str, Any]:

@@ -6,10 +6,11 @@ from typing import Any
 
 from wrongturn_agents.training.drive import DrivenTrial, DrivingModel, drive_trials
 from wrongturn_networks import draw_journey, load_town
-from wrongturn_protocol import TRAINING_WEATHERS, Task, Trial, Verdict
+from wrongturn_protocol import TRAINING_WEATHERS, Journey, Task, Traffic, Trial, Verdict
 
 _SEEDS = 2**40
 """First seed of these journeys, far above the suites' seeds."""
+_TRAFFIC = Traffic(vehicles=20, pedestrians=50)
 
 
 def held_out_journeys(count: int, town: str = "Town01") -> list[Trial]:
@@ -19,6 +20,18 @@ def held_out_journeys(count: int, town: str = "Town01") -> list[Trial]:
         draw_journey(load_town(town), Task.NAVIGATION, _SEEDS + i, weather=weathers[i % len(weathers)])
         for i in range(count)
     ]
+
+
+def with_traffic(journeys: Sequence[Trial]) -> list[Trial]:
+    """Return the same journeys with as many other road users as in CoRL 2017's *dynamic navigation*."""
+    return [
+        journey.model_copy(update={"id": f"{journey.id}.traffic", "traffic": _TRAFFIC, "journey": _dynamic(journey)})
+        for journey in journeys
+    ]
+
+
+def _dynamic(trial: Trial) -> Journey | None:
+    return trial.journey and trial.journey.model_copy(update={"task": Task.NAVIGATION_DYNAMIC})
 
 
 def shortest(journeys: list[Trial], count: int) -> list[Trial]:
@@ -32,18 +45,22 @@ class Evaluation:
     """Result of an agent on held-out journeys."""
 
     journeys: int
-    """Number of journeys."""
+    """Number of journeys without other road users."""
     success: float
     """Share of journeys that reached their goal in time."""
     clean: float
     """Share of journeys that reached it without any infraction."""
     reward: float
     """Mean sum of the paper's reward."""
+    traffic_success: float | None = None
+    """Share of the journeys beside other road users that reached their goal in time; None if there were none."""
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Sort key; the best agent has the greatest: more successes, then more reward."""
-        return self.success, self.reward
+        """Sort key; the best agent has the greatest: more successes, with and without traffic, then more reward."""
+        if self.traffic_success is None:
+            return self.success, self.reward
+        return 0.5 * (self.success + self.traffic_success), self.reward
 
     @classmethod
     def each(
@@ -74,12 +91,19 @@ class Evaluation:
 
     @classmethod
     def _of(cls, driven: list[DrivenTrial]) -> "Evaluation":
-        arrived = [one for one in driven if one.outcome is not None and one.outcome.verdict is Verdict.ARRIVED]
+        alone = [one for one in driven if one.trial.traffic == Traffic()]
+        beside = [one for one in driven if one.trial.traffic != Traffic()]
+        arrived = _arrived(alone)
         clean = [one for one in arrived if one.outcome and one.outcome.journey and one.outcome.journey.clean]
-        count = max(1, len(driven))
+        count = max(1, len(alone))
         return cls(
-            journeys=len(driven),
+            journeys=len(alone),
             success=len(arrived) / count,
             clean=len(clean) / count,
-            reward=sum(one.reward for one in driven) / count,
+            reward=sum(one.reward for one in alone) / count,
+            traffic_success=len(_arrived(beside)) / len(beside) if beside else None,
         )
+
+
+def _arrived(driven: list[DrivenTrial]) -> list[DrivenTrial]:
+    return [one for one in driven if one.outcome is not None and one.outcome.verdict is Verdict.ARRIVED]

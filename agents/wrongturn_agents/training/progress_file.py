@@ -18,6 +18,7 @@ COLUMNS: Final = (
     "success_heldout",
     "clean_heldout",
     "reward_heldout",
+    "traffic_success_heldout",
     "steps_per_second",
     "seconds_env",
     "seconds_render",

@@ -24,6 +24,8 @@ Evaluate = Callable[[Sequence[ActorCritic], bool], list[Evaluation] | None]
 """Drives held-out journeys with several agents. The flag asks for all journeys, at the end, instead of a few. Returns
 None if time ran out.
 """
+_FIGURES = ("success", "clean", "reward", "traffic_success")
+"""Figures of an evaluation that a row holds."""
 _EPISODES = 100
 """Number of episodes over which the training reward is averaged."""
 _LATE = 0.93
@@ -161,7 +163,7 @@ class RunCallback(BaseCallback):
             **model.figures,
         }
         if evaluation is not None:
-            row |= {f"{name}_heldout": getattr(evaluation, name) for name in ("success", "clean", "reward")}
+            row |= {f"{name}_heldout": getattr(evaluation, name) for name in _FIGURES}
         self._row_at = model.num_timesteps
         self._verdicts.clear()
         self._rows.add(row)

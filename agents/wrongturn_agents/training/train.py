@@ -19,7 +19,7 @@ from wrongturn_agents.training.checkpoint import load_checkpoint, read, write
 from wrongturn_agents.training.config import ImageConfig, PPOConfig, SegmentationConfig, config_of
 from wrongturn_agents.training.environments import environments, rendered_on
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, shortest
+from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, shortest, with_traffic
 from wrongturn_agents.training.memory import memory_named
 from wrongturn_agents.training.ppo import WrongturnPPO
 from wrongturn_agents.training.pretrain import pretrain
@@ -145,9 +145,10 @@ def _train(
     brief = shortest(journeys, config.brief_journeys)
 
     def evaluate(models: Sequence[ActorCritic], last: bool) -> list[Evaluation] | None:
+        trials = journeys if last else brief
         return Evaluation.each(
             models,
-            journeys if last else brief,
+            [*trials, *with_traffic(trials)] if config.traffic else trials,
             track=config.track,
             device=place,
             threads=cores,

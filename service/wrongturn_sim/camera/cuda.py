@@ -11,6 +11,7 @@ from wrongturn_sim.camera.errors import CameraError
 from wrongturn_sim.camera.kernels import HITS, ROWS, WORK
 from wrongturn_sim.camera.noise import clouds
 from wrongturn_sim.camera.pinhole import Camera
+from wrongturn_sim.camera.renderer import OTHER, others_of_each
 from wrongturn_sim.camera.solids import COLUMNS, shop_colours
 from wrongturn_sim.camera.weathers import RAIN, SIZE
 from wrongturn_sim.camera.world import World
@@ -20,6 +21,8 @@ device: Any = kernels.cuda
 THREADS: Final = 64
 """Threads of a block. They paint neighbouring columns, whose work is much alike."""
 
+_MORE: Final = 16
+"""Room for road users grows by this many."""
 _MANY: Final = 128
 """Blocks of the smallest grid that numba does not warn about."""
 
@@ -95,11 +98,11 @@ def require_gpu() -> None:
 
 
 class CudaRenderer:
-    """A camera in a world, for many cars that do not see each other.
+    """A camera in a world, for many cars that do not see each other; each may have other road users.
 
     The pictures are those of :func:`~wrongturn_sim.camera.render_batch`, except for a few pixels on edges, because a
     GPU rounds differently: on an H200, at most 4 pixels in a million have another class and 55 in a million a colour
-    that differs by more than 1. The constructor allocates all memory.
+    that differs by more than 1. The constructor allocates all memory, but for that of road users, which grows.
 
     Args:
         world: the world of all cars.
@@ -130,14 +133,10 @@ class CudaRenderer:
         scene = (world.ground, world.frame, scenery, shop_colours(), clouds())
         self._scene = tuple(device.to_device(array.copy()) for array in scene)
         self._rows = device.device_array((number, ROWS, height), np.float64)
-        self._place = device.device_array((number, items, 2), np.float64)
-        self._spans = device.to_device(np.zeros((number, items, 2), np.int16))
-        self._lists = (
-            device.device_array((number, width), np.int32),
-            device.device_array((number, items, width), np.int16),
-            device.device_array((1, COLUMNS), np.float64),
-            device.device_array((number, height, width), np.uint32),
-        )
+        self._counts = device.device_array((number, width), np.int32)
+        self._canvas = device.device_array((number, height, width), np.uint32)
+        self._scenery_rows = items
+        self._make_room(1)
         low = max(height, HITS) <= kernels.LOW
         self._work = () if low else (device.device_array((number, WORK, max(height, HITS), width), np.float64),)
         self._paint = kernels.paint_low if low else kernels.paint_tall
@@ -160,6 +159,8 @@ class CudaRenderer:
         *,
         kinds: NDArray[np.integer[Any]] | None = None,
         targets: NDArray[np.integer[Any]] | None = None,
+        others: NDArray[np.float64] | None = None,
+        begins: NDArray[np.integer[Any]] | None = None,
     ) -> None:
         """Paint the pictures of N cars.
 
@@ -173,6 +174,8 @@ class CudaRenderer:
             ticks: (N,) numbers of the decisions.
             kinds: (N,): the row of ``looks`` for each car; by default, row i is for car i.
             targets: (N,): the place of each picture, all different; the first N by default.
+            others: (M, 8) other road users as for :meth:`Renderer.render`, those of the first car first. None: nobody.
+            begins: (N + 1,): where those of each car begin.
 
         Raises:
             CameraError: an array has another shape, or a number is not finite or out of its range.
@@ -199,6 +202,7 @@ class CudaRenderer:
         numbers[:, kernels.TICK] = ticks
         numbers[:, kernels.LOOK] = chosen
         numbers[:, kernels.TARGET] = places
+        self._take_others(others, begins, numbers)
         if kinds is None or looks is not self._looks:
             self._looks_there = device.to_device(np.array(looks_kept, order="C"))
             self._looks = looks
@@ -211,18 +215,45 @@ class CudaRenderer:
             warnings.filterwarnings("ignore", "Grid size")
             self._launch(count, rain=rain)
 
+    def _make_room(self, most: int) -> None:
+        """Allocate what depends on the greatest number of road users that a picture can have."""
+        number, items = self._number, self._scenery_rows + most
+        self._most = most
+        self._others = device.pinned_array((number * most, OTHER), np.float64)
+        self._others_there = device.device_array((number * most, OTHER), np.float64)
+        self._users = device.device_array((number, most, COLUMNS), np.float64)
+        self._place = device.device_array((number, items, 2), np.float64)
+        self._spans = device.to_device(np.zeros((number, items, 2), np.int16))
+        self._lists = device.device_array((number, items, self._camera.width), np.int16)
+
+    def _take_others(
+        self,
+        others: NDArray[np.float64] | None,
+        begins: NDArray[np.integer[Any]] | None,
+        numbers: NDArray[np.float64],
+    ) -> None:
+        """Send the road users to the GPU, and note which are whose."""
+        shown, begun, most = others_of_each(others, begins, len(numbers))
+        if most > self._most:
+            self._make_room(-(-most // _MORE) * _MORE)
+        numbers[:, kernels.BEGIN] = begun[:-1]
+        numbers[:, kernels.OTHERS] = np.diff(begun)
+        if len(shown):
+            self._others[: len(shown)] = shown
+            self._others_there[: len(shown)].copy_to_device(self._others[: len(shown)])
+
     def _launch(self, count: int, *, rain: bool) -> None:
         sent = self._numbers_there[:count]
         sent.copy_to_device(self._numbers[:count])
         camera = self._camera
         kernels.look_around[count, 2 * THREADS](
-            sent, self._looks_there, self._packed, self._scene[2], self._items, camera.width, camera.height, self._rows,
-            self._place, self._spans,
+            sent, self._looks_there, self._packed, self._scene[2], self._items, self._others_there, camera.width,
+            camera.height, self._rows, self._place, self._spans, self._users,
         )  # fmt: skip
         columns = (count, -(-camera.width // THREADS))
         self._paint[columns, THREADS](
-            sent, self._looks_there, self._packed, *self._scene, self._rows, self._place, self._spans, *self._lists,
-            *self._work, *self._images,
+            sent, self._looks_there, self._packed, *self._scene, self._rows, self._place, self._spans, self._counts,
+            self._lists, self._users, self._canvas, *self._work, *self._images,
         )  # fmt: skip
         if rain:
             kernels.rain_down[columns, THREADS](sent, self._looks_there, self._images[0])

@@ -18,6 +18,7 @@ import numba.cuda
 from wrongturn_sim.camera.backdrop import set_row
 from wrongturn_sim.camera.kernels import WORK, Scene, Scratch, eye_of, kernel
 from wrongturn_sim.camera.raycast import column_into, rain, show
+from wrongturn_sim.camera.road_users import row_of_other
 from wrongturn_sim.camera.sight import span_of
 
 # Numba would warn about each launch for a few pictures, which egos that start a new trial need.
@@ -26,9 +27,10 @@ setattr(numba.config, "CUDA_LOW_OCCUPANCY_WARNINGS", 0)  # noqa: B010 - numba cr
 LOW: Final = 64
 """Most rows of a picture whose column fits a thread's own memory, which is faster."""
 
-# Columns of a picture's numbers: the pose, what decides the rain, the row of the look, and the picture's place.
-PX, PY, YAW, SEED, TICK, LOOK, TARGET = range(7)
-NUMBERS: Final = 7
+# Columns of a picture's numbers: the pose, what decides the rain, the row of the look, the picture's place, and which
+# of the road users are its own: the first one and their number.
+PX, PY, YAW, SEED, TICK, LOOK, TARGET, BEGIN, OTHERS = range(9)
+NUMBERS: Final = 9
 
 cuda: Any = numba.cuda
 """Numba's simulator needs this name in this module."""
@@ -43,16 +45,19 @@ def look_around(
     camera: Any,
     scenery: Any,
     items: int,
+    others: Any,
     width: int,
     height: int,
     rows: Any,
     place: Any,
     spans: Any,
+    users: Any,
 ) -> None:
-    """Set ``rows``, ``place`` and ``spans``, with a block for each picture.
+    """Set ``rows``, ``place``, ``spans`` and ``users``, with a block for each picture.
 
-    Shapes: ``rows`` (N, ROWS, height), ``place`` (N, items, 2), ``spans`` (N, items, 2). A span is the first column in
-    which a solid may be seen, and the one after the last.
+    Shapes: ``others`` (M, 8), those of all pictures; ``rows`` (N, ROWS, height), ``place`` and ``spans``
+    (N, scenery + most, 2), ``users`` (N, most, COLUMNS). A span is the first column in which a solid may be seen, and
+    the one after the last. Road users follow the scenery.
     """
     i = cuda.blockIdx.x
     eye = eye_of(numbers[i, PX], numbers[i, PY], numbers[i, YAW], camera)
@@ -60,6 +65,13 @@ def look_around(
         begin, end = span_of(scenery[item], eye, camera, width, height, place[i, item])
         spans[i, item, 0] = begin
         spans[i, item, 1] = end
+    first, count, still = int(numbers[i, BEGIN]), int(numbers[i, OTHERS]), scenery.shape[0]
+    for other in range(cuda.threadIdx.x, count, cuda.blockDim.x):
+        row = users[i, other]
+        row_of_other(others[first + other], row)
+        begin, end = span_of(row, eye, camera, width, height, place[i, still + other])
+        spans[i, still + other, 0] = begin
+        spans[i, still + other, 1] = end
     look = looks[int(numbers[i, LOOK])]
     for v in range(cuda.threadIdx.x, height, cuda.blockDim.x):
         set_row(v, camera, look, rows[i])
@@ -86,13 +98,13 @@ def paint_column(
 ) -> None:
     """Paint column u of picture i; ``work`` is for this column alone, the other arrays are for all pictures."""
     count = 0
-    for item in range(spans.shape[1]):
+    for item in range(scene.scenery.shape[0] + int(numbers[i, OTHERS])):
         if spans[i, item, 0] <= u < spans[i, item, 1]:
             lists[i, count, u] = item
             count += 1
     counts[i, u] = count
     # Neighbours' lists side by side, for threads that read them at once.
-    scratch = Scratch(rows[i], work, place[i], counts[i], lists[i].T, users, canvas[i])
+    scratch = Scratch(rows[i], work, place[i], counts[i], lists[i].T, users[i], canvas[i])
     eye = eye_of(numbers[i, PX], numbers[i, PY], numbers[i, YAW], camera)
     column_into(u, eye, camera, looks[int(numbers[i, LOOK])], scene, scratch)
     target = int(numbers[i, TARGET])

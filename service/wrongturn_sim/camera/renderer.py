@@ -188,7 +188,7 @@ def render_batch(
     counted = np.array(ticks, np.int64)
     if len(folded) != number or counted.shape != (number,):
         raise CameraError(f"seeds and ticks: give {number} of each, as many as poses")
-    shown, begun, most = _others_of_each(others, begins, number)
+    shown, begun, most = others_of_each(others, begins, number)
     packed = camera.packed()
 
     scene = _scene(world)
@@ -240,7 +240,7 @@ def _checked_others(others: Numbers) -> Numbers:
     return others
 
 
-def _others_of_each(
+def others_of_each(
     others: Numbers | None, begins: NDArray[np.integer[Any]] | None, number: int
 ) -> tuple[Numbers, NDArray[np.int64], int]:
     """Return the road users of many cars, where those of each begin, and the most that one car has."""

@@ -75,7 +75,9 @@ class FleetCamera:
         kinds, seeds, poses, ticks = self._kinds[chosen], self._seeds[chosen], fleet.poses[chosen], fleet.steps[chosen]
         others, begins = fleet.others(chosen)
         if self._gpu is not None:
-            self._gpu.render(self._table, seeds, poses, ticks, kinds=kinds, targets=chosen, others=others, begins=begins)
+            self._gpu.render(
+                self._table, seeds, poses, ticks, kinds=kinds, targets=chosen, others=others, begins=begins
+            )
             return
         whole = len(chosen) == fleet.count
         rgb = self._rgb if whole else np.empty((len(chosen), *self._rgb.shape[1:]), np.uint8)

@@ -1,7 +1,7 @@
 """The drivers of a fleet's traffic: they keep their distance, give way, and let one car after the other cross.
 
-They drive like SUMO's (Krauss' model with its usual numbers). A junction is kept free for a car before it enters: no two
-cars whose ways cross are in it at once. The ego does not ask; so others look whether it is in their way.
+They drive like SUMO's (Krauss' model with its usual numbers). A junction is kept free for a car before it enters: no
+two cars whose ways cross are in it at once. The ego does not ask, so others look whether it is in their way.
 """
 
 import math
@@ -135,7 +135,7 @@ def leader_of(legs: Array, lengths: Array, others: Others, i: int, k: int) -> tu
 def gap_to_ego(
     points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, k: int, reach: float, state: Array
 ) -> tuple[float, float]:
-    """Return how far a car can drive before it would touch the ego where that is now, and the ego's speed along its way.
+    """Return how far a car can drive before it would touch the ego where that is now, and the ego's speed along it.
 
     Only the next ``reach`` metres are looked at; FAR if the ego is not in the way there.
     """
@@ -225,7 +225,7 @@ def hesitate(others: Others, i: int, k: int, left: float, wanted: float) -> floa
         car[UNTIL] -= DECISION
         if car[UNTIL] < -car[STANDS]:
             car[UNTIL] = 6.0 + 14.0 * draw(others, i)
-    return max(0.0, min(wanted, car[V] - BRAKING * DECISION))
+    return float(max(0.0, min(wanted, car[V] - BRAKING * DECISION)))
 
 
 @njit()
@@ -347,4 +347,3 @@ def move(
         place_car(points, along, legs, lengths, car, way)
     for k in range(others.counts[i, PEDESTRIANS]):
         move_walker(streets, others.walkers[i, k], others.walks[i, k], seconds)
-

@@ -327,12 +327,12 @@ class Fleet:
         commands = egos.commands[i].tolist()
         states = egos.states[i, : count + 1].tolist()
         actions = inputs.tolist()
-        met = self._met[i] or [()] * (count + 1)
-        rows = [Row(0.0, *states[0], *commands[0], 0.0, 0.0, 0.0, met[0])]
+        numbers = [(0.0, *states[0], *commands[0], 0.0, 0.0, 0.0)]
         for k in range(count):
             decision = k // SUB_STEPS
-            t = (k + 1) / kernel.PER_SECOND
-            rows.append(Row(t, *states[k + 1], *commands[decision], *actions[decision], met[k + 1]))
+            numbers.append(((k + 1) / kernel.PER_SECOND, *states[k + 1], *commands[decision], *actions[decision]))
+        met: list[tuple[RoadUser, ...]] = self._met[i] or [()] * len(numbers)
+        rows = [Row._make((*row, users)) for row, users in zip(numbers, met, strict=True)]
         sha256 = hashlib.sha256(inputs.astype("<f4").tobytes()).hexdigest()
         return Record(Trajectory(trial, self.town.sha256, rows), self.outcome(i), sha256)
 
@@ -414,7 +414,8 @@ class Fleet:
             return grown
 
         short = {name: count for name, count in rows.items() if getattr(egos, name).shape[1] < count}
-        self._egos = egos._replace(**{name: longer(getattr(egos, name), count) for name, count in short.items()})
+        grown: dict[str, Any] = {name: longer(getattr(egos, name), count) for name, count in short.items()}
+        self._egos = egos._replace(**grown)
 
     def _row_of(self, trial: Trial) -> int:
         """Return the row of the geometry of a trial's approach, or of the town for a journey; add it if it is new."""

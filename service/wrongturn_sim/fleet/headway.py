@@ -93,7 +93,7 @@ def way_clear(
 
 @njit()
 def junction_clear(
-    streets: Streets, legs: Array, lengths: Array, others: Others, i: int, progress: Array, places: Array, state: Array
+    streets: Streets, lengths: Array, others: Others, i: int, progress: Array, places: Array, state: Array
 ) -> float:
     """Return the speed towards the stop line that an ego may drive which has to give way there, m/s; else inf."""
     leg, gate = progress[guide.P_LEG], progress[guide.P_GATE]
@@ -129,5 +129,5 @@ def permit(
         return math.inf
     return min(
         way_clear(points, along, legs, lengths, others, i, progress, places, state),
-        junction_clear(streets, legs, lengths, others, i, progress, places, state),
+        junction_clear(streets, lengths, others, i, progress, places, state),
     )

@@ -18,21 +18,22 @@ Array = np.ndarray[Any, Any]
 VEHICLES, PEDESTRIANS = 0, 1
 """Columns of ``Others.counts``: the number of each kind."""
 HESITANT, LEADS = 0, 1
-"""Columns of ``Others.habits``: share of the cars that drive hesitantly; whether one starts shortly ahead of the ego."""
+"""Columns of ``Others.habits``: share of the cars that drive hesitantly, and of the drives with a car shortly ahead."""
 
 # Floats of a car: metres of its front bumper along its line; speed, m/s; acceleration until the next decision; body;
-# number of its colour; share of the speed limit that its driver likes; seconds that it has waited at its stop line; seconds until it stops
-# without need (below 0: it stops), and how long it then stands (0: its driver never does); place of its body's centre.
+# number of its colour; share of the speed limit that its driver likes; seconds that it has waited at its stop line;
+# seconds until it stops without need (below 0: it stops), and how long it then stands (0: its driver never does); place
+# of its body's centre.
 S, V, A, LENGTH, WIDTH, HEIGHT, COLOUR, LIKES, WAITED, UNTIL, STANDS, X, Y, YAW = range(14)
 CAR_FLOATS = 14
-# Ints of a car: its leg; the exit that it takes at the leg's end (-1: none); whether its line is that exit's path, which
-# leads through the junction and along the exit's lane; whether the junction is kept free for it; whether it is in the
+# Ints of a car: its leg; the exit that it takes at the leg's end (-1: none); whether its line is that exit's path,
+# which leads through the junction and along the exit's lane; whether the junction is kept free for it; whether it is in
 # town: where a lane ends at the edge of the town, a car leaves and comes back at an entry.
 LEG, GATE, INSIDE, GOES, HERE = range(5)
 CAR_INTS = 5
 
-# Floats of a walker: metres along the pavement; speed, m/s, below 0 against the pavement's direction; metres to the left
-# of its line; height; number of the colour; place.
+# Floats of a walker: metres along the pavement; speed, m/s, below 0 against the pavement's direction; metres to the
+# left of its line; height; number of the colour; place.
 W_S, W_V, W_ASIDE, W_HEIGHT, W_COLOUR, W_X, W_Y, W_YAW = range(8)
 WALKER_FLOATS = 8
 

@@ -50,4 +50,3 @@ def limits_of(town: Town) -> NDArray[np.float64]:
     root = ET.parse(town.net_file).getroot()  # noqa: S314 - as above
     limits = {lane.attrib["id"]: float(lane.get("speed", _SPEED)) for lane in root.iter("lane")}
     return np.array([limits.get(name, _SPEED) for name in roads_of(town).names])
-

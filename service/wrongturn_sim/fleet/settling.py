@@ -8,7 +8,17 @@ from numba import njit
 
 from wrongturn_sim import guide
 from wrongturn_sim.fleet import drivers
-from wrongturn_sim.fleet.drivers import BRAKING, FAR, GAP, REACTION, STOP, choose_gate, gap_to_ego, leader_of, safe_speed
+from wrongturn_sim.fleet.drivers import (
+    BRAKING,
+    FAR,
+    GAP,
+    REACTION,
+    STOP,
+    choose_gate,
+    gap_to_ego,
+    leader_of,
+    safe_speed,
+)
 from wrongturn_sim.fleet.others import (
     COLOUR,
     GATE,
@@ -110,7 +120,8 @@ def settle_car(
         car[LIKES] = 0.3 + 0.4 * draw(others, i)
         car[UNTIL], car[STANDS] = 20.0 * draw(others, i), 1.0 + 5.0 * draw(others, i)
     way[HERE] = 1
-    if k == 0 and others.habits[i, LEADS] > 0.0 and lead(lengths, others, i, k, progress, places, state):
+    leads = k == 0 and draw(others, i) < others.habits[i, LEADS]
+    if leads and lead(lengths, others, i, k, progress, places, state):
         return
     slot = free_slot(streets, others, i, k, state)
     way[LEG], way[GOES] = int(streets.slots[slot, 0]), slot

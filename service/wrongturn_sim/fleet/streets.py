@@ -90,7 +90,9 @@ def _pavements(walks: Sidewalks) -> tuple[list[tuple[NDArray[np.float64], bool]]
     while left:
         chain = _chain(walks, left)
         points = [walks.lines[edge] if forward else walks.lines[edge][::-1] for edge, forward in chain]
-        first, last = (walks.ends[edge][forward is end] for (edge, forward), end in ((chain[0], False), (chain[-1], True)))
+        first, last = (
+            walks.ends[edge][forward is end] for (edge, forward), end in ((chain[0], False), (chain[-1], True))
+        )
         closed = first == last and len(chain) > 1
         line = np.concatenate([*points, points[0][:1]] if closed else points)
         along, at = measure(line), 0

@@ -4,6 +4,7 @@ They look and are hit like SUMO's, and drive much like them. But the same trial 
 use it for training, not for scores.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -50,7 +51,10 @@ def check_density(town: Town, trial: Trial) -> None:
         TrafficTooDenseError: it has not; the message names the field.
     """
     streets = streets_of(town)
-    asked = (("vehicles", trial.traffic.vehicles, streets.slots), ("pedestrians", trial.traffic.pedestrians, streets.doors))
+    asked = (
+        ("vehicles", trial.traffic.vehicles, streets.slots),
+        ("pedestrians", trial.traffic.pedestrians, streets.doors),
+    )
     for field, count, places in asked:
         room = int(MOST * len(places))
         if count > room:
@@ -60,7 +64,7 @@ def check_density(town: Town, trial: Trial) -> None:
             )
 
 
-def with_room(others: Others, trials: list[Trial]) -> Others:
+def with_room(others: Others, trials: Sequence[Trial]) -> Others:
     """Return arrays with room for the road users of these trials too; what is there already stays."""
     vehicles = max((trial.traffic.vehicles for trial in trials), default=0)
     pedestrians = max((trial.traffic.pedestrians for trial in trials), default=0)
@@ -68,10 +72,10 @@ def with_room(others: Others, trials: list[Trial]) -> Others:
     if vehicles <= have[VEHICLES] and pedestrians <= have[PEDESTRIANS]:
         return others
     grown = others_for(
-        len(others.counts), *(-(-max(a, b) // _MORE) * _MORE for a, b in zip((vehicles, pedestrians), have, strict=True))
+        len(others.counts),
+        *(-(-max(a, b) // _MORE) * _MORE for a, b in zip((vehicles, pedestrians), have, strict=True)),
     )
     for ours, before in zip(grown, others, strict=True):
         part: Any = tuple(slice(0, size) for size in before.shape)
         ours[part] = before
     return grown
-

@@ -50,7 +50,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         drive_on: seconds after which each episode is truncated; no verdict ends it before. ``infos`` and the record
             still hold the verdict, if there was one. None: each episode ends with its verdict.
         own_traffic: let trials with ``traffic`` drive beside the batch's own simple traffic, for training:
-            ``FleetTraffic()`` drives like SUMO's as well as it can, but it is not SUMO's. None: such trials are refused.
+            ``FleetTraffic()`` drives much like SUMO's, but it is not SUMO's. None: such trials are refused.
         autoreset_mode: when an environment that ended begins again: ``NextStep`` (that step ignores its action),
             ``SameStep`` (``infos["final_obs"]`` and ``["final_info"]`` hold the end), or ``Disabled`` (you call
             ``reset(options={"reset_mask": ...})``).

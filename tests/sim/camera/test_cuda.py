@@ -8,7 +8,7 @@ import textwrap
 import numpy as np
 import pytest
 
-from wrongturn_protocol import Weather
+from wrongturn_protocol import SegmentationClass, Weather
 from wrongturn_sim.camera import Camera, CameraError, World, look_of, render_batch
 from wrongturn_sim.fleet.vector_env import WrongturnVectorEnv
 
@@ -37,7 +37,8 @@ for i, camera in enumerate(given["cameras"]):
     renderer = CudaRenderer(world, Camera(**camera), number + 1)
     targets = np.arange(number, 0, -1)
     renderer.render(
-        given["looks"], given["seeds"], given["poses"], given["ticks"], kinds=given["kinds"], targets=targets
+        given["looks"], given["seeds"], given["poses"], given["ticks"], kinds=given["kinds"], targets=targets,
+        others=given["others"], begins=given["begins"],
     )
     made[f"rgb{i}"] = np.asarray(renderer.rgb)[targets]
     made[f"segmentation{i}"] = np.asarray(renderer.segmentation)[targets]
@@ -51,11 +52,24 @@ np.savez(sys.argv[2], **made)
 """
 
 
-def on_cpu(world, camera, looks, seeds, poses, ticks):
+def on_cpu(world, camera, looks, seeds, poses, ticks, others=None, begins=None):
     shape = len(poses), camera.height, camera.width
     rgb, segmentation = np.empty((*shape, 3), np.uint8), np.empty(shape, np.uint8)
-    render_batch(world, camera, looks, seeds, poses, ticks, rgb, segmentation)
+    render_batch(world, camera, looks, seeds, poses, ticks, rgb, segmentation, others=others, begins=begins)
     return rgb, segmentation
+
+
+def beside(poses, counts):
+    """Return cars and pedestrians around each pose, and where those of each begin."""
+    others = []
+    for pose, count in zip(poses, counts, strict=True):
+        for k in range(count):
+            ahead, left, walks = 4.0 + 3.0 * k, 2.0 * (-1) ** k, k % 3 == 2
+            x = pose[0] + ahead * np.cos(pose[2]) - left * np.sin(pose[2])
+            y = pose[1] + ahead * np.sin(pose[2]) + left * np.cos(pose[2])
+            body = (0.5, 0.5, 1.8) if walks else (4.5, 1.9, 1.5 + 0.3 * k)
+            others.append((x, y, pose[2] + 0.7 * k, *body, float(walks), 17.0 * k))
+    return np.array(others).reshape(-1, 8), np.concatenate(([0], np.cumsum(counts)))
 
 
 def test_simulated_kernels_paint_what_the_cpu_paints(world, town, before, tmp_path):
@@ -66,15 +80,28 @@ def test_simulated_kernels_paint_what_the_cpu_paints(world, town, before, tmp_pa
     seeds, ticks = np.array([3, 2**40 + 4]), np.array([5, 6])
     cameras = [LOW, TALL, PITCHED]
     given, made = tmp_path / "given.npz", tmp_path / "made.npz"
-    np.savez(given, looks=looks, kinds=kinds, seeds=seeds, poses=poses, ticks=ticks, cameras=np.array(cameras, object))
+    others, begins = beside(poses, (4, 1))
+    np.savez(
+        given,
+        others=others,
+        begins=begins,
+        looks=looks,
+        kinds=kinds,
+        seeds=seeds,
+        poses=poses,
+        ticks=ticks,
+        cameras=np.array(cameras, object),
+    )
     environment = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1"}
     command = [sys.executable, "-W", "error::RuntimeWarning", "-c", textwrap.dedent(SCRIPT), str(given), str(made)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     painted = np.load(made)
     for i, camera in enumerate(cameras):
-        rgb, segmentation = on_cpu(world, Camera(**camera), looks[kinds], seeds, poses, ticks)
+        rgb, segmentation = on_cpu(world, Camera(**camera), looks[kinds], seeds, poses, ticks, others, begins)
+        alone = on_cpu(world, Camera(**camera), looks[kinds], seeds, poses, ticks)[1]
         assert len(np.unique(segmentation)) > 3
+        assert (alone != segmentation).any()
         np.testing.assert_array_equal(painted[f"segmentation{i}"], segmentation)
         assert np.abs(painted[f"rgb{i}"].astype(int) - rgb).max() <= 1
     np.testing.assert_array_equal(painted["kept"], painted["rgb0"][0])
@@ -111,9 +138,11 @@ def test_gpu_paints_almost_what_the_cpu_paints(world: World, town, before, camer
     poses = np.array([before(approaches[i % len(approaches)], 2.0 + 1.3 * i) for i in range(24)]).repeat(6, axis=0)
     looks = np.array([look_of(weather) for weather in Weather] * 24)
     numbers = np.arange(len(poses))
-    rgb, segmentation = on_cpu(world, camera, looks, numbers, poses, numbers)
+    others, begins = beside(poses, numbers % 5)
+    rgb, segmentation = on_cpu(world, camera, looks, numbers, poses, numbers, others, begins)
+    assert {int(SegmentationClass.VEHICLE), int(SegmentationClass.PEDESTRIAN)} <= set(np.unique(segmentation).tolist())
     renderer = CudaRenderer(world, camera, len(poses))
-    renderer.render(looks, numbers, poses, numbers)
+    renderer.render(looks, numbers, poses, numbers, others=others, begins=begins)
     assert (np.asarray(renderer.segmentation) != segmentation).mean() <= CLASSES_APART
     assert (np.abs(np.asarray(renderer.rgb).astype(int) - rgb).max(-1) > 1).mean() <= COLOURS_APART
 
