@@ -317,10 +317,9 @@ def keep_commands(egos: Egos, i: int) -> None:
 
 
 @compiled_with(
-    *(ego, polyline, guide, kernels, decide, journey_kernels, reward),
-    *(drivers, headway, others, right_of_way, settling, streets, crowd, plan, slots),
-    nogil=True,
-)
+    ego, polyline, guide, kernels, decide, journey_kernels, reward,
+    drivers, headway, others, right_of_way, settling, streets, crowd, plan, slots, nogil=True,
+)  # fmt: skip
 def run(tables: Tables, egos: Egos, observations: Observations, first: int, end: int) -> None:
     """Do the work of the egos from ``first`` to before ``end`` in the order."""
     for k in range(first, end):
