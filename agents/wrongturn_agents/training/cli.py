@@ -1,5 +1,6 @@
 """``wrongturn train`` and ``wrongturn score``. Nothing heavy is imported before one of them runs."""
 
+import os
 import time
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,15 +12,18 @@ from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.errors import TrainingError
 
 _Threads = Annotated[int | None, typer.Option(min=1, help="Threads of simulation and torch; all cores by default.")]
+_ALGORITHM = "Algorithm: ppo-segmentation, ppo-image, ppo-auxiliary, doubting or doubting-segmentation."
 _Device = Annotated[str, typer.Option(help="Device: cpu, cuda or auto.")]
 
 
 def train(
-    algorithm: Annotated[str, typer.Argument(help="Algorithm: ppo-segmentation, ppo-image or ppo-auxiliary.")],
+    algorithm: Annotated[str, typer.Argument(help=_ALGORITHM)],
     seed: Annotated[
         int | None, typer.Option(help="Seed of weights, drives and actions; 1 by default.", show_default=False)
     ] = None,
-    steps: Annotated[int | None, typer.Option(min=1, help="Environment steps. Example: 2000000")] = None,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Environment steps; pictures of doubting. Example: 2000000")
+    ] = None,
     minutes: Annotated[float | None, typer.Option(help="Wall clock for everything, in minutes. Example: 60")] = None,
     device: _Device = "auto",
     directory: Annotated[Path | None, typer.Option(help="Run's directory; runs/ALGORITHM-SEED by default.")] = None,
@@ -28,13 +32,21 @@ def train(
     threads: _Threads = None,
     option: Annotated[list[str] | None, typer.Option(help="A setting of the algorithm. Example: gamma=0.98")] = None,
 ) -> None:
-    """Train one of the paper's agents: overnight on a laptop, in minutes on a GPU."""
+    """Train one of the shipped agents: overnight on a laptop, in minutes on a GPU.
+
+    Example: wrongturn train doubting-segmentation --minutes 10
+    """
     _require_extra()
     from wrongturn_agents.training.display import Display  # noqa: PLC0415
+    from wrongturn_agents.training.doubting.config import ALGORITHMS as DOUBTING  # noqa: PLC0415
     from wrongturn_agents.training.train import train as run  # noqa: PLC0415
 
     options = [*(option or []), *([] if num_envs is None else [f"num_envs={num_envs}"])]
     folder = directory or Path("runs") / f"{algorithm}-{1 if seed is None else seed}"
+    if algorithm in DOUBTING:
+        _refuse(algorithm, resume=resume, num_envs=num_envs)
+        _train_doubting(algorithm, folder, seed, steps, minutes, device, threads, option or [])
+        return
     with Display(algorithm) as display:
         best = run(
             algorithm,
@@ -52,9 +64,48 @@ def train(
     typer.echo(f"The best is {best}.")
 
 
+def _refuse(algorithm: str, **options: object) -> None:
+    """Refuse options that an algorithm has no use for.
+
+    Raises:
+        TrainingError: one is given.
+    """
+    for name, given in options.items():
+        if given:
+            raise TrainingError(f"--{name.replace('_', '-')}: {algorithm} has no use for it; leave it out")
+
+
+def _train_doubting(
+    algorithm: str,
+    folder: Path,
+    seed: int | None,
+    pictures: int | None,
+    minutes: float | None,
+    device: str,
+    threads: int | None,
+    options: list[str],
+) -> None:
+    from wrongturn_agents.training.display import Display  # noqa: PLC0415
+    from wrongturn_agents.training.doubting.run import train as run  # noqa: PLC0415
+
+    with Display(algorithm) as display:
+        best = run(
+            algorithm,
+            directory=folder,
+            seed=seed,
+            pictures=pictures,
+            minutes=minutes,
+            device=device,
+            threads=threads or len(os.sched_getaffinity(0)),
+            options=options,
+            on_progress=display.pictures,
+        )
+    typer.echo(f"The best is {best}.")
+
+
 def score(
     checkpoint: Annotated[
-        str, typer.Argument(help="A run's best.pt or last.pt, or the name of an agent. Example: ppo-image")
+        str, typer.Argument(help="A run's best.pt or last.pt, a .onnx file, or an agent's name. Example: ppo-image")
     ],
     suite: Annotated[str, typer.Option(help="Id of the suite.")] = WRONG_COMMAND,
     json: Annotated[Path | None, typer.Option(help="File to write the results to. Example: results.json")] = None,
@@ -79,7 +130,7 @@ def score(
     if json is not None:
         check_writable(json)
     begin = time.monotonic()
-    if checkpoint in {agent.name for agent in list_agents()}:
+    if checkpoint.endswith(".onnx") or checkpoint in {agent.name for agent in list_agents()}:
         results = score_agent(checkpoint, suite, threads=threads)
     else:
         results = run(checkpoint, suite, device=device, threads=threads, batch=batch)

@@ -57,6 +57,10 @@ class Display:
         """Show how far the encoder's pretraining is."""
         self._tell(f"pretraining, {frames:,} frames, loss {loss:.3f}", None, keep=False)
 
+    def pictures(self, number: int, exits: float, distance: float) -> None:
+        """Show how far a training of ``doubting`` is, with its losses."""
+        self._tell(f"{number:,} pictures, losses {exits:.3f} (exits) and {distance:.3f} (distance)", None, keep=False)
+
     def _tell(self, text: str, done: float | None, *, keep: bool) -> None:
         if self._bar is not None:
             self._bar.update(self._task, description=f"{self._title}: {text}", completed=done)

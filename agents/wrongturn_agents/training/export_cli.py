@@ -29,6 +29,8 @@ def export(
 
     try:
         from wrongturn_agents.training.checkpoint import load_checkpoint, model_of  # noqa: PLC0415
+        from wrongturn_agents.training.doubting.exporting import export_doubting  # noqa: PLC0415
+        from wrongturn_agents.training.doubting.run import is_doubting  # noqa: PLC0415
         from wrongturn_agents.training.export import export as exporting  # noqa: PLC0415
         from wrongturn_agents.training.recording import record_observations  # noqa: PLC0415
     except ImportError as error:
@@ -36,6 +38,10 @@ def export(
             f"export: {error.name} is not installed; install what it needs with: "
             f"{python()} -m pip install 'wrongturn-agents[training]'",
         ) from error
+    if is_doubting(checkpoint):
+        export_doubting(checkpoint, file, precision, name=name)
+        typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")
+        return
     model_of(load_checkpoint(checkpoint))  # reports a damaged checkpoint before minutes go into observations
     compared = record_observations("segmentation", _COMPARED, seed=1) if compare else None
     found = exporting.export(checkpoint, file, precision, name=name, compared=compared)

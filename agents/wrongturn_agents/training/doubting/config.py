@@ -1,18 +1,26 @@
-"""Settings of the training of ``doubting``."""
+"""Settings of the training of ``doubting`` and ``doubting-segmentation``."""
 
+import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any, Final
+
+from wrongturn_agents.training.errors import TrainingError
+
+ALGORITHMS: Final = {"doubting": "rgb", "doubting-segmentation": "segmentation"}
+"""Agents that doubt, and the picture that each sees."""
+POLICIES: Final = {"doubting": "ppo-image", "doubting-segmentation": "ppo-segmentation"}
+"""The shipped agent that drives for each of them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DoubtingConfig:
     """Settings of a training; the defaults are those of the shipped agents."""
 
-    key: str = "rgb"
-    """Picture that the network sees: ``rgb`` or ``segmentation``."""
     pictures: int = 2_000_000
     """Pictures to learn from. The learning rate falls over them."""
     batch_size: int = 256
-    """Pictures in a minibatch, a multiple of 64."""
+    """Pictures in a minibatch, in chunks of 64 of one town."""
     learning_rate: float = 1e-3
     """AdamW's greatest learning rate."""
     warm_up: int = 100
@@ -31,5 +39,44 @@ class DoubtingConfig:
     """*Ablation.* Number of generated towns beside Town01."""
     first_share: float = 0.3
     """Share of the pictures that show Town01."""
-    show_every: float = 15.0
-    """Seconds between two reports of progress."""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            least = 0 if field.name in {"generated", "weight_decay", "first_share", "average"} else 1e-9
+            if not isinstance(value, bool) and not least <= value <= 1e12:
+                raise TrainingError(f"option {field.name}: is {value}; give a number of {least:g} or more")
+        for name in ("average", "first_share"):
+            if getattr(self, name) > 1.0:
+                raise TrainingError(f"option {name}: is {getattr(self, name)}; give a number from 0 to 1")
+
+    @property
+    def variant(self) -> str | None:
+        """Name of the ablation; None for the standard training."""
+        return "without-generated-towns" if self.generated == 0 else None
+
+    def with_options(self, options: Iterable[str]) -> "DoubtingConfig":
+        """Return these settings with the fields of ``name=value`` options changed.
+
+        Raises:
+            TrainingError: an option has an unknown name or a wrong value.
+        """
+        kinds = {field.name: type(getattr(self, field.name)) for field in dataclasses.fields(self)}
+        changed: dict[str, Any] = {}
+        for option in options:
+            name, equals, text = option.partition("=")
+            if not equals or name not in kinds:
+                raise TrainingError(f"option {option!r}: give name=value with one of {', '.join(sorted(kinds))}")
+            changed[name] = _parsed(name, text, kinds[name])
+        return dataclasses.replace(self, **changed)
+
+
+def _parsed(name: str, text: str, kind: type) -> Any:
+    if kind is bool:
+        if text not in {"true", "false"}:
+            raise TrainingError(f"option {name}: is {text!r}; give true or false")
+        return text == "true"
+    try:
+        return kind(text)
+    except ValueError as error:
+        raise TrainingError(f"option {name}: is {text[:40]!r}; give a {kind.__name__}") from error

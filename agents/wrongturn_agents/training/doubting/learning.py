@@ -16,6 +16,8 @@ from wrongturn_networks import Town
 
 _HELD_OUT_SEED: Final = 9_001
 _NEAR: Final = (5.0, 16.0)
+_SHOW_EVERY: Final = 15.0
+"""Seconds between two reports of progress."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ def learn(
     towns: Sequence[Town],
     config: DoubtingConfig,
     *,
+    key: str,
     seed: int,
     budget: Budget,
     device: torch.device,
@@ -47,6 +50,7 @@ def learn(
     Args:
         towns: towns of the pictures; see :class:`FrameSource`.
         config: settings.
+        key: picture that the network sees: ``rgb`` or ``segmentation``.
         seed: seed of weights and pictures.
         budget: pictures (its steps) and minutes.
         device: device of the network.
@@ -57,7 +61,7 @@ def learn(
         The network, ready to tell, and the number of pictures that it learned from.
     """
     torch.manual_seed(seed)
-    model = Doubt(config.key).to(device, memory_format=torch.channels_last).train()  # type: ignore[call-overload]
+    model = Doubt(key).to(device, memory_format=torch.channels_last).train()  # type: ignore[call-overload]
     source = FrameSource(towns, seed, first_share=config.first_share, device=device, threads=threads)
     source.draw(1)  # compiles what renders, before the clock of the learning begins
     budget.begun = budget.used
@@ -72,7 +76,7 @@ def learn(
             group["lr"] = rate
         frames = source.draw(config.batch_size)
         observation = frames.observation
-        if config.key == "rgb" and config.augment:
+        if key == "rgb" and config.augment:
             observation = {**observation, "rgb": model.augmentation(observation["rgb"])}
         with torch.autocast(device.type, torch.bfloat16, enabled=config.bf16 and device.type == "cuda"):
             exits, marks = model.loss(observation, frames.distance, frames.exits, frames.shown)
@@ -83,7 +87,7 @@ def learn(
         _move(average, model, min(config.average, updates / (updates + 10)))
         seen += len(frames.distance)
         updates += 1
-        if time.monotonic() - shown > config.show_every:
+        if time.monotonic() - shown > _SHOW_EVERY:
             shown = time.monotonic()
             on_progress(seen, exits.item(), marks.item())
     return average.eval(), seen

@@ -128,11 +128,11 @@ def export(
         **{field: json.dumps(told[field], sort_keys=True) for field in ("config", "evaluation", "versions")},
     }
     onnx.checker.check_model(graph, full_check=True)
-    _write(file, graph, facts)
+    write_graph(file, graph, facts)
     if compared is None:
         return None
     found = agreement(checkpoint, file, compared)
-    _write(file, graph, facts | {"agreement": json.dumps(asdict(found), sort_keys=True)})
+    write_graph(file, graph, facts | {"agreement": json.dumps(asdict(found), sort_keys=True)})
     return found
 
 
@@ -148,7 +148,7 @@ def _check_name(name: str | None) -> None:
         ) from error
 
 
-def _write(file: Path, graph: onnx.ModelProto, facts: dict[str, str]) -> None:
+def write_graph(file: Path, graph: onnx.ModelProto, facts: dict[str, str]) -> None:
     """Write the file all at once, with its metadata."""
     onnx.helper.set_model_props(graph, facts)
     beside = file.with_name(file.name + ".part")
@@ -202,7 +202,7 @@ def _graph(model: nn.Module, keys: tuple[str, ...]) -> onnx.ModelProto:
     # A batch of two, because the exporter takes an axis of length one as fixed.
     example = {key: torch.ones((2, *shapes[key]), dtype=dtypes.get(key, torch.uint8)) for key in keys}
     batch = torch.export.Dim("batch", min=1, max=4096)
-    with _quiet():
+    with quiet():
         program = torch.onnx.export(
             _ExportedAgent(model.to(memory_format=torch.contiguous_format)).eval(),  # type: ignore[call-overload]
             kwargs={"observation": example},
@@ -215,11 +215,11 @@ def _graph(model: nn.Module, keys: tuple[str, ...]) -> onnx.ModelProto:
         )
     assert program is not None
     proto: onnx.ModelProto = program.model_proto
-    _strip(proto)
+    strip(proto)
     return proto
 
 
-def _strip(proto: onnx.ModelProto) -> None:
+def strip(proto: onnx.ModelProto) -> None:
     """Remove the notes about each node's source, which name this machine's folders."""
     proto.producer_name, proto.producer_version, proto.doc_string = "wrongturn", "", ""
     graph = proto.graph
@@ -231,7 +231,7 @@ def _strip(proto: onnx.ModelProto) -> None:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Silence the exporter's messages about optional packages and its own deprecations."""
     logger = logging.getLogger("torch.onnx._internal.exporter._registration")
     level = logger.level

@@ -1,0 +1,121 @@
+"""A short training tells exits and distances better than chance, in a town that it never saw; its file drives alike."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode
+
+pytest.importorskip("sumo", reason="generated towns need netconvert")
+
+from wrongturn_agents import resolve
+from wrongturn_agents.models.gate import MEMORY, Gate
+from wrongturn_agents.training.doubting.config import POLICIES, DoubtingConfig
+from wrongturn_agents.training.doubting.exporting import GatedDoubt, export_doubting
+from wrongturn_agents.training.doubting.run import BEST, is_doubting, load_doubt, train
+from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.export.export import export
+from wrongturn_sim import WrongturnVectorEnv
+
+PICTURES = 5_120
+OPTIONS = ("batch_size=64", "learning_rate=2e-3", "warm_up=10", "average=0.95", "generated=1", "augment=false")
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("doubting")
+    return train(
+        "doubting-segmentation",
+        directory=folder / "run",
+        towns=folder / "towns",
+        seed=1,
+        pictures=PICTURES,
+        device="cpu",
+        options=OPTIONS,
+    )
+
+
+@pytest.mark.slow
+def test_a_short_training_beats_chance_in_towns_never_seen(checkpoint: Path) -> None:
+    _, found = load_doubt(checkpoint)
+    told = found["told"]["towns never seen"]
+    # Always telling the most frequent exits is right for about two exits in three, and for one place in three.
+    assert told["exits"] > 0.8
+    assert told["approaches"] > 0.5
+    assert told["distance"] < 6.0
+    assert found["pictures"] == PICTURES
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["fp32", "fp16"])
+def test_the_file_drives_as_the_parts_do(checkpoint: Path, precision: str, tmp_path: Path) -> None:
+    """One car drives a whole trial with the file; each step is repeated by network, gate and driving agent."""
+    file = tmp_path / "doubting.onnx"
+    export_doubting(checkpoint, file, precision)
+    agent = resolve(str(file)).make()
+    doubt, _ = load_doubt(checkpoint)
+    parts, driving = GatedDoubt(doubt, Gate()).eval(), resolve(POLICIES["doubting-segmentation"]).make()
+    memory, commands = torch.zeros(1, MEMORY), set()
+    for seed in (1, 3):
+        envs = WrongturnVectorEnv(
+            1, "Town01", "segmentation", fault="infeasible", autoreset_mode=AutoresetMode.DISABLED, record=False
+        )
+        observation, _ = envs.reset(seed=seed)
+        agent.reset(envs.single_observation_space)
+        memory = torch.zeros(1, MEMORY)
+        ended = False
+        while not ended:
+            one = {name: array[0] for name, array in observation.items()}
+            with torch.inference_mode():
+                tensors = {name: torch.from_numpy(array) for name, array in observation.items()}
+                command, memory = parts(tensors, memory)
+            commands.add(int(command.item()))
+            wanted = driving.act({**one, "command": command.numpy()[0]})
+            action = agent.act(one)
+            tolerance = 1e-4 if precision == "fp32" else 0.02
+            actions, others = (np.array([[one.steer, one.throttle, one.brake]], np.float32) for one in (action, wanted))
+            assert np.allclose(actions, others, atol=tolerance)
+            observation, _, terminated, truncated, _ = envs.step(actions)
+            ended = bool(terminated[0] or truncated[0])
+        envs.close()
+    assert len(commands) > 1
+
+
+@pytest.mark.slow
+def test_a_checkpoint_is_known_as_what_it_is(checkpoint: Path, tmp_path: Path) -> None:
+    assert is_doubting(checkpoint)
+    assert not is_doubting(tmp_path / "nothing.pt")
+    with pytest.raises(TrainingError, match="has a run already"):
+        train("doubting-segmentation", directory=checkpoint.parent, pictures=1)
+    with pytest.raises(TrainingError, match="checkpoint"):
+        export(checkpoint, tmp_path / "agent.onnx")
+    with pytest.raises(TrainingError, match="--precision: int8"):
+        export_doubting(checkpoint, tmp_path / "agent.onnx", "int8")
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("towns=3", "give name=value with one of"),
+        ("generated", "give name=value with one of"),
+        ("generated=many", "give a int"),
+        ("augment=yes", "give true or false"),
+        ("first_share=2", "give a number from 0 to 1"),
+        ("batch_size=0", "option batch_size: is 0"),
+    ],
+)
+def test_a_wrong_option_is_named(option: str, message: str) -> None:
+    with pytest.raises(TrainingError, match=message):
+        DoubtingConfig().with_options([option])
+
+
+def test_a_wrong_argument_makes_no_directory(tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match="algorithm"):
+        train("doubt", directory=tmp_path / "run")
+    with pytest.raises(TrainingError, match="device"):
+        train("doubting", directory=tmp_path / "run", device="tpu")
+    with pytest.raises(TrainingError, match="option"):
+        train("doubting", directory=tmp_path / "run", options=["x=1"])
+    assert not (tmp_path / "run").exists()
+    assert not (tmp_path / BEST).exists()
