@@ -28,6 +28,11 @@ elif [ -z "${WRONGTURN_OPERATOR_TOKEN:-}" ]; then
     unset WRONGTURN_OPERATOR_TOKEN
 fi
 
+read_secret WRONGTURN_OWNER_TOKEN_FILE "owner's token"
+if [ -n "$secret" ]; then
+    export WRONGTURN_OWNER_TOKEN="$secret"
+fi
+
 read_secret WRONGTURN_DATABASE_PASSWORD_FILE password
 if [ -n "$secret" ]; then
     # PostgreSQL's own programs read this too, and the URL then needs no password.

@@ -2,9 +2,9 @@
 #   docker build -f docker/service.Dockerfile -t wrongturn-service .
 FROM python:3.11-slim-bookworm
 
-# libsumo is linked to SUMO's window libraries, although it never opens a window.
+# libsumo is linked to SUMO's window libraries, although it never opens a window. The sandboxes need libseccomp.
 RUN apt-get update \
-    && apt-get install -y --no-install-recommends libx11-6 libxext6 libxrender1 libgl1 libatomic1 \
+    && apt-get install -y --no-install-recommends libx11-6 libxext6 libxrender1 libgl1 libatomic1 libseccomp2 \
     && rm -rf /var/lib/apt/lists/*
 
 ENV PYTHONUNBUFFERED=1 \
@@ -38,9 +38,13 @@ RUN NUMBA_CACHE_DIR="$WRONGTURN_KERNELS" WRONGTURN_HOME=/tmp/home python -m wron
     && rm -rf /tmp/home \
     && chmod -R a=rX,u+w "$WRONGTURN_KERNELS"
 
-# The service writes (database, caches) into one folder, which compose puts on a volume.
-RUN useradd --system --uid 10001 --home-dir /var/lib/wrongturn --shell /usr/sbin/nologin wrongturn \
-    && install -d -o wrongturn -g wrongturn -m 0750 /var/lib/wrongturn
+# The service writes (database, caches, models) into one folder, which compose puts on a volume. The sandboxes of models
+# have a user of their own. The two meet in a folder with a socket, by a group that both are in.
+RUN groupadd --system --gid 10003 runner \
+    && useradd --system --uid 10002 --gid runner --no-create-home --shell /usr/sbin/nologin sandbox \
+    && useradd --system --uid 10001 --groups runner --home-dir /var/lib/wrongturn --shell /usr/sbin/nologin wrongturn \
+    && install -d -o wrongturn -g wrongturn -m 0750 /var/lib/wrongturn \
+    && install -d -o sandbox -g runner -m 2750 /run/wrongturn
 COPY docker/entrypoint.sh /usr/local/bin/wrongturn-entrypoint
 # Allow more time than the service's default, for a processor that the kernels above do not fit.
 ENV WRONGTURN_HOME=/var/lib/wrongturn \

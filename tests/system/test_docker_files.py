@@ -12,6 +12,7 @@ import yaml
 
 from wrongturn_agents.registry import list_agents
 from wrongturn_protocol import AgentKind
+from wrongturn_service.settings import Settings
 
 ROOT = Path(__file__).parents[2]
 DOCKER = ROOT / "docker"
@@ -115,8 +116,7 @@ def test_compose_hardens_everything_and_keeps_no_password() -> None:
         assert service["read_only"], name
         assert service["cap_drop"] == ["ALL"], name
         assert service["security_opt"] == ["no-new-privileges:true"], name
-        assert "environment" in service, name
-        for variable in service["environment"]:
+        for variable in service.get("environment", {}):
             assert not re.search("PASSWORD$|TOKEN$", variable), name
     assert services["database"]["user"] == "postgres"
     assert services["database"]["networks"] == ["inside"]
@@ -124,11 +124,18 @@ def test_compose_hardens_everything_and_keeps_no_password() -> None:
     assert not re.search(r"PASSWORD:-|TOKEN:-|://\w+:\w+@", text)
 
 
+OF_THE_USER = {
+    "${WRONGTURN_AGENT_FOLDER:-./agent}:/agent:ro",
+    "${WRONGTURN_OWNER_TOKEN_FILE:-/dev/null}:/run/secrets/owner_token:ro",
+}
+"""What an agent of somebody else reads of the host."""
+
+
 def test_each_volume_has_a_name() -> None:
     """Each 'down' would leave one without behind."""
     compose = yaml.safe_load((DOCKER / "compose.yaml").read_text())
     for name, service in compose["services"].items():
-        for volume in service["volumes"]:
+        for volume in {*service["volumes"]} - (OF_THE_USER if name == "agent" else set()):
             source, colon, _ = volume.partition(":")
             assert colon, f"{name}: {volume}"
             assert source in compose["volumes"], f"{name}: {volume}"
@@ -136,10 +143,81 @@ def test_each_volume_has_a_name() -> None:
 
 def test_each_shipped_agent_but_the_exploits_has_a_profile() -> None:
     services = yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"]
-    workers = {name for name, service in services.items() if service.get("profiles")}
+    workers = {name for name, service in services.items() if service.get("profiles")} - {"agent"}
     assert workers == {agent.name for agent in list_agents() if agent.kind is not AgentKind.EXPLOIT}
     for name in workers:
         assert (services[name]["profiles"], services[name]["command"]) == ([name], [name])
+
+
+def test_the_runner_has_nothing_but_its_socket() -> None:
+    compose = yaml.safe_load((DOCKER / "compose.yaml").read_text())
+    runner, service = compose["services"]["runner"], compose["services"]["service"]
+    assert runner["network_mode"] == runner["ipc"] == "none"
+    assert not {"ports", "networks", "secrets", "environment", "env_file", "depends_on"} & runner.keys()
+    assert runner["volumes"] == ["sandboxes:/run/wrongturn"]
+    assert "sandboxes:/run/wrongturn:ro" in service["volumes"]
+    assert service["environment"]["WRONGTURN_RUNNER_SOCKET"] in runner["command"]
+    assert all(options.split(":")[1].split(",")[0] == "ro" for options in runner["tmpfs"])
+    assert {"mem_limit", "memswap_limit", "cpus", "pids_limit"} <= runner.keys()
+    # The socket's volume holds nothing else: it is as large as a page or two, and its user is the runner's.
+    options = dict(part.partition("=")[::2] for part in compose["volumes"]["sandboxes"]["driver_opts"]["o"].split(","))
+    dockerfile = (DOCKER / "service.Dockerfile").read_text()
+    (user,) = re.findall(rf"useradd --system --uid (\d+) --gid runner .*\b{runner['user']}\b", dockerfile)
+    (group,) = re.findall(r"groupadd --system --gid (\d+) runner", dockerfile)
+    assert (options["uid"], options["gid"], options["size"]) == (user, group, "64k")
+    assert re.search(r"useradd .*--groups runner .*wrongturn", dockerfile)
+
+
+def test_no_setting_of_the_service_is_dropped() -> None:
+    """Each passes through compose, but for those that compose decides itself and for secrets."""
+    service = yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"]["service"]
+    decided = {"host", "port", "home", "metrics_port", "operator_token", "metrics_token"}
+    expected = {f"WRONGTURN_{name.upper()}" for name in Settings.model_fields.keys() - decided}
+    files = {"WRONGTURN_DATABASE_PASSWORD_FILE", "WRONGTURN_OPERATOR_TOKEN_FILE"}
+    assert service["environment"].keys() - files == expected
+    own = {"WRONGTURN_DATABASE", "WRONGTURN_RUNNER_SOCKET", "WRONGTURN_SUBMISSIONS"}
+    assert all(service["environment"][name] is None for name in expected - own)
+
+
+def test_an_agent_of_somebody_else_gets_its_owners_token_alone() -> None:
+    compose = yaml.safe_load((DOCKER / "compose.yaml").read_text())
+    agent = compose["services"]["agent"]
+    assert "secrets" not in agent
+    assert set(agent["volumes"]) == OF_THE_USER | {"agent-runs:/var/lib/wrongturn"}
+    assert agent["networks"] == ["agents"]
+    assert compose["networks"]["agents"]["internal"]
+    assert [name for name, service in compose["services"].items() if "agents" in service.get("networks", ())] == [
+        "service",
+        "agent",
+    ]
+    assert [name for name, service in compose["services"].items() if "agent-runs" in str(service["volumes"])] == [
+        "agent"
+    ]
+
+
+def test_the_page_on_containers_shows_the_folders_module() -> None:
+    page = (ROOT / "docs/containers.md").read_text("utf-8")
+    (shown,) = re.findall(r'```python title="my_agents.py"\n(.*?)```', page, re.DOTALL)
+    assert shown == (DOCKER / "agent/my_agents.py").read_text("utf-8")
+
+
+def test_the_owners_token_comes_from_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "token"
+    file.write_text("ours\n")
+    done = subprocess.run(
+        [
+            "sh",
+            str(DOCKER / "entrypoint.sh"),
+            "sh",
+            "-c",
+            'echo "$WRONGTURN_OWNER_TOKEN ${WRONGTURN_OPERATOR_TOKEN-none}"',
+        ],
+        env={"PATH": os.environ["PATH"], "WRONGTURN_OWNER_TOKEN_FILE": str(file)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, "ours none\n")
 
 
 IMAGES = ["service.Dockerfile", "worker.Dockerfile"]
