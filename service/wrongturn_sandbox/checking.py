@@ -16,7 +16,6 @@ _OTHER_FILES: Final = (
     (b"\x1f\x8b", "a gzip archive; hand in the .onnx file itself"),
     (b"\x80", "a pickle; pickles are never read here; export the model to ONNX first"),
     (b"\x89HDF", "an HDF5 file; export the model to ONNX first"),
-    (b"ORTM", "a file in onnxruntime's own format; hand in the .onnx file itself"),
     (b"\x7fELF", "a program; hand in an .onnx file"),
     (b"version https://git-lfs", "a pointer of Git LFS; fetch the file itself by: git lfs pull"),
 )
@@ -76,6 +75,8 @@ def _parse(content: bytes | bytearray) -> ModelProto:
     for magic, words in _OTHER_FILES:
         if content.startswith(magic):
             raise ModelRefusedError(f"the file is no ONNX model but {words}")
+    if content[4:8] == b"ORTM":
+        raise ModelRefusedError("the file is in onnxruntime's own format; hand in the .onnx file itself")
     head = bytes(content[:256]).lstrip()
     if head.startswith((b"<", b"{", b"%PDF", b"#")) or not any(byte < 9 or byte > 126 for byte in content[:4096]):
         raise ModelRefusedError("the file is no ONNX model but text; hand in an .onnx file")
@@ -84,7 +85,12 @@ def _parse(content: bytes | bytearray) -> ModelProto:
         model.ParseFromString(bytes(content))
     except MemoryError:
         raise
-    except Exception:  # protobuf's classes depend on how it was built
+    except Exception as error:  # protobuf's classes depend on how it was built
+        words = str(error)
+        if "memory" in words.lower() or "alloc" in words:
+            raise MemoryError from None
+        if "Depth" in words:
+            raise ModelRefusedError("the graph is nested too deeply; control flow is not allowed") from None
         raise ModelRefusedError("the file is no ONNX model, or was cut off; check it by onnx.checker") from None
     model.DiscardUnknownFields()
     if not model.HasField("graph") or not (len(model.graph.node) or len(model.graph.output)):
@@ -158,11 +164,10 @@ def _check_values(graph: GraphProto, constants: set[str]) -> None:
     for value, most, what in values:
         _check_names([value.name])
         where = f"{what} {_shown(value.name)}"
-        if not value.HasField("type") or value.type.WhichOneof("value") != "tensor_type":
-            if what == "value":
-                continue_ = not value.HasField("type") or value.type.WhichOneof("value") is None
-                if continue_:
-                    continue
+        kind = value.type.WhichOneof("value")
+        if kind is None and what == "value":
+            continue  # onnxruntime finds out its type
+        if kind != "tensor_type":
             raise ModelRefusedError(f"{where}: it is no tensor; sequences, maps and optional values are not allowed")
         tensor = value.type.tensor_type
         check_type(tensor.elem_type, where)
@@ -182,10 +187,10 @@ def _check_node(node: NodeProto) -> tuple[int, int]:
             f"{where}: its domain {_shown(node.domain)} is not allowed; use ONNX's own operators alone",
         )
     if operator not in OPERATORS:
-        why = (
-            "control flow" if operator in CONTROL_FLOW else "random numbers" if operator in RANDOM else "this operator"
-        )
-        raise ModelRefusedError(f"{where}: {why} is not allowed; the documentation lists the operators that are")
+        why = "this operator is"
+        if operator in CONTROL_FLOW or operator in RANDOM:
+            why = "control flow is" if operator in CONTROL_FLOW else "random numbers are"
+        raise ModelRefusedError(f"{where}: {why} not allowed; docs/sandbox.md lists the operators that are")
     if len(node.input) > rules.PORTS_MOST or len(node.output) > rules.PORTS_MOST:
         raise ModelRefusedError(f"{where}: more than {rules.PORTS_MOST} inputs or outputs")
     if len(node.attribute) > rules.ATTRIBUTES_MOST:

@@ -8,12 +8,11 @@ from wrongturn_sandbox.messages import Limits
 
 REASON_MOST: Final = 400
 """Longest reason, characters."""
-_SOURCE: Final = re.compile(r"(?:[\w.+-]*/)+[\w.+-]+\.(?:cc|cpp|h|hpp|py|so|pyx)\b(?::\d+)?")
-_SIGNATURE: Final = re.compile(
-    r"(?:[\w:<>*&, ]*::)?~?\w+\([^()]*(?:\([^()]*\)[^()]*)*\)(?: const)?(?: \[with [^\]]*\])? ?"
-)
-_RUNTIME: Final = re.compile(r"\[ONNXRuntimeError\] : \d+ : [A-Z_]+ : ")
+_SOURCE: Final = re.compile(r"(?:[\w.+-]*/)+[\w.+-]+\.(?:cc|cpp|h|hpp|py|so|pyx)\b(?::\d+)?|\w+\.(?:cc|cpp|h|hpp):\d+")
+_RUNTIME: Final = re.compile(r"^\[ONNXRuntimeError\] : \d+ : [A-Z_]+ : ")
 _PREFIX: Final = re.compile(r"^(?:Exception during (?:initialization|loading): ?|Load model from .{0,200}? failed:)")
+_NODE: Final = re.compile(r"^Non-zero status code returned while running (\w+) node\. Name:'([^']*)' Status Message: ")
+_FUNCTION: Final = re.compile(r"^ (?:[^()]{1,200}\([^()]*\)(?: const)?(?: \[with [^\]]*\])?|\w+) ")
 FROM_OUTSIDE: Final = frozenset(
     {signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGSTOP},
 )
@@ -30,11 +29,11 @@ def printable(text: object, most: int = REASON_MOST) -> str:
 
 
 def runtime_error(error: BaseException) -> str:
-    """Return onnxruntime's message without its own source code's paths and signatures."""
+    """Return onnxruntime's message without the places in its own source code."""
     words = _PREFIX.sub("", _RUNTIME.sub("", str(error)))
-    if _SOURCE.search(words):
-        words = _SIGNATURE.sub("", _SOURCE.sub("", words), count=1)
-    return printable(words.strip(" :"))
+    words = _NODE.sub(r"node '\2' (\1): ", words)
+    before, place, after = (words, "", "") if (match := _SOURCE.search(words)) is None else _parts(words, match)
+    return printable((before + _FUNCTION.sub("", after) if place else words).strip(" :"))
 
 
 def out_of_memory(limits: Limits) -> str:
@@ -78,3 +77,7 @@ def ending(status: int | None, limits: Limits) -> str | None:
         f", perhaps because it needs more than {limits.memory >> 20} MiB of memory" if -status == signal.SIGABRT else ""
     )
     return f"the model crashes onnxruntime ({name}){hint}; check that it runs with onnxruntime on your machine"
+
+
+def _parts(words: str, match: re.Match[str]) -> tuple[str, str, str]:
+    return words[: match.start()], match[0], words[match.end() :]

@@ -1,0 +1,153 @@
+"""Models that take memory or time without end, write much, or crash the runtime. Most look like any other."""
+
+import numpy as np
+import onnx
+from cases import By, Case
+from models import FLOAT, INT64, TAIL, beside, ints, model, node, number
+from onnx import numpy_helper
+
+_MEMORY = "of memory"
+_LARGE = 1 << 36
+_SLOW = "took longer than"
+
+
+def _fill(*shape: int) -> bytes:
+    return beside([node("ConstantOfShape", ["shape"], ["b"])], "b", [ints("shape", *shape)])
+
+
+def _live(*after: onnx.NodeProto) -> list[onnx.NodeProto]:
+    """Return nodes that go on from ``live``: 2 to the power of 36 at a step, and unknown when the model is loaded."""
+    return [
+        node("Abs", ["speed"], ["still"]),
+        node("ReduceMax", ["still"], ["speed0"], keepdims=0),
+        node("Min", ["speed0", "zero"], ["nothing"]),
+        node("Add", ["nothing", "size"], ["size0"]),
+        node("Cast", ["size0"], ["live"], to=INT64),
+        *after,
+    ]
+
+
+def _at_a_step(last: str, *after: onnx.NodeProto, size: float = float(_LARGE)) -> bytes:
+    constants = [
+        number("zero", 0),
+        number("size", size),
+        ints("minus", -1),
+        number("start", 0, np.int64),
+        number("one", 1, np.int64),
+        ints("pair", 0, 1),
+    ]
+    return beside(_live(node("Reshape", ["live", "minus"], ["shape"]), *after), last, constants)
+
+
+def _matrices(count: int, width: int, *, live: bool) -> bytes:
+    """Return a model that multiplies matrices: ``2 count width³`` operations."""
+    first = node("Expand", ["speed" if live else "seed", "shape"], ["m0"])
+    products = [node("MatMul", [f"m{step}", f"m{step}"], [f"m{step + 1}"]) for step in range(count)]
+    constants = [ints("shape", width, width), numpy_helper.from_array(np.zeros((1, 1), np.float32), "seed")]
+    return beside([first, *products], f"m{count}", constants)
+
+
+def _outer() -> bytes:
+    column = [node("ConstantOfShape", ["tall"], ["column"]), node("ConstantOfShape", ["wide"], ["row"])]
+    nodes = [*column, node("MatMul", ["column", "row"], ["b"])]
+    return beside(nodes, "b", [ints("tall", 1 << 18, 1), ints("wide", 1, 1 << 18)])
+
+
+def _doubling() -> bytes:
+    nodes = [node("Concat", [f"d{step}" if step else "speed"] * 2, [f"d{step + 1}"], axis=0) for step in range(40)]
+    return beside(nodes, "d40")
+
+
+def _conv() -> bytes:
+    constants = [ints("shape", 1, 1, 30_000, 30_000), numpy_helper.from_array(np.ones((64, 1, 3, 3), np.float32), "w")]
+    return beside([node("Expand", ["speed", "shape"], ["x"]), node("Conv", ["x", "w"], ["b"])], "b", constants)
+
+
+def _resize() -> bytes:
+    constants = [ints("shape", 1, 1, 1, 1), numpy_helper.from_array(np.array([1, 1, 1e6, 1e6], np.float32), "scales")]
+    nodes = [node("Reshape", ["speed", "shape"], ["x"]), node("Resize", ["x", "", "scales"], ["b"], mode="linear")]
+    return beside(nodes, "b", constants)
+
+
+def _wide_outputs() -> bytes:
+    nodes = [TAIL[0], node("Expand", ["steer", "shape"], ["accelerate"])]
+    return model(nodes, [ints("shape", 4_000_000, 1)], outputs=[_free("steer"), _free("accelerate")])
+
+
+def _free(name: str) -> onnx.ValueInfoProto:
+    return onnx.helper.make_tensor_value_info(name, FLOAT, ["n", 1])
+
+
+def _crash() -> bytes:
+    """Return a model that divides the least integer by -1, which the processor answers by SIGFPE."""
+    nodes = [
+        node("Cast", ["speed"], ["whole"], to=INT64),
+        node("Sub", ["whole", "whole"], ["nothing"]),
+        node("Add", ["nothing", "least"], ["low"]),
+        node("Div", ["low", "minus"], ["b"]),
+    ]
+    return beside(nodes, "b", [ints("least", -(1 << 63)), ints("minus", -1)])
+
+
+def _divide_by_nothing() -> bytes:
+    return beside(
+        [
+            node("Cast", ["speed"], ["whole"], to=INT64),
+            node("Sub", ["whole", "whole"], ["nothing"]),
+            node("Div", ["whole", "nothing"], ["b"]),
+        ],
+        "b",
+    )
+
+
+BOMBS = (
+    Case("memory-constant-of-shape", lambda: _fill(_LARGE), _MEMORY, By.STEP),
+    Case("memory-constant-overflow", lambda: _fill(1 << 40, 1 << 40), "overflow", By.STEP),
+    Case("memory-constant-negative", lambda: _fill(-1, -(1 << 62)), "non-negative"),
+    Case(
+        "memory-expand",
+        lambda: beside([node("Expand", ["speed", "s"], ["b"])], "b", [ints("s", 1 << 18, 1 << 18)]),
+        _MEMORY,
+        By.STEP,
+    ),
+    Case(
+        "memory-tile",
+        lambda: beside([node("Tile", ["speed", "s"], ["b"])], "b", [ints("s", 1 << 15, 3 << 13)]),
+        _MEMORY,
+        By.STEP,
+    ),
+    Case(
+        "memory-pad",
+        lambda: beside([node("Pad", ["speed", "s"], ["b"])], "b", [ints("s", 0, 0, 0, _LARGE)]),
+        _MEMORY,
+        By.STEP,
+    ),
+    Case("memory-resize", _resize, _MEMORY, By.STEP),
+    Case("memory-outer-product", _outer, _MEMORY, By.STEP),
+    Case("memory-doubling", _doubling, _MEMORY, By.STEP),
+    Case("memory-convolution", _conv, _MEMORY, By.STEP),
+    Case(
+        "memory-at-a-step-constant",
+        lambda: _at_a_step("b", node("ConstantOfShape", ["shape"], ["b"])),
+        _MEMORY,
+        By.STEP,
+    ),
+    Case(
+        "memory-at-a-step-range",
+        lambda: _at_a_step("b", node("Range", ["start", "live", "one"], ["b"])),
+        _MEMORY,
+        By.STEP,
+    ),
+    Case(
+        "memory-at-a-step-one-hot",
+        lambda: _at_a_step("b", node("OneHot", ["shape", "live", "pair"], ["b"])),
+        _MEMORY,
+        By.STEP,
+    ),
+    Case("time-at-loading", lambda: _matrices(400, 4000, live=False), _SLOW),
+    Case("time-at-a-step", lambda: _matrices(400, 4000, live=True), _SLOW, By.STEP),
+    Case("outputs-large", _wide_outputs, "bytes; at most", By.STEP),
+    Case("crash", _crash, "crashes", By.STEP),
+    Case("division-by-nothing", _divide_by_nothing, "division by zero", By.STEP),
+)
+"""Bombs."""

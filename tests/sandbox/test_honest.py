@@ -1,0 +1,142 @@
+"""Honest models load, and their outputs are those of onnxruntime in this process."""
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import pytest
+from models import TAIL, control, model, node, number, proto
+from onnx import TensorProto, helper
+
+import wrongturn_agents
+from wrongturn_protocol import Track
+from wrongturn_protocol.observations import FIELDS
+from wrongturn_sandbox import Limits, SandboxLostError, TensorInfo, open_sandbox, probe
+
+LIMITS = Limits(memory=1 << 30, load_s=60, step_s=60)
+WEIGHTS = sorted((Path(wrongturn_agents.__file__).parent / "weights").glob("*.onnx"))
+
+
+def in_this_process(content: bytes) -> onnxruntime.InferenceSession:
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+
+
+def observations(names: list[str], seed: int) -> dict[str, np.ndarray]:
+    random = np.random.default_rng(seed)
+    found = {}
+    for field in FIELDS[Track.SEGMENTATION]:
+        if field.name in names:
+            found[field.name] = random.integers(1, 5, (1, *field.shape)).astype(field.dtype)
+    return found
+
+
+@pytest.mark.parametrize("file", WEIGHTS, ids=lambda file: file.stem)
+def test_shipped_agents_act_the_same(place: Path | None, file: Path) -> None:
+    content = file.read_bytes()
+    own = in_this_process(content)
+    with open_sandbox(place, LIMITS) as sandbox:
+        description = sandbox.load(content)
+        assert [put.name for put in description.inputs] == [put.name for put in own.get_inputs()]
+        assert description.outputs == (TensorInfo("action", "float32", ("batch", 3)),)
+        assert description.metadata["name"] == file.stem
+        assert description.opset == 18
+        assert description.parameters > 1_000_000
+        for seed in range(5):
+            inputs = observations([put.name for put in description.inputs], seed)
+            outputs = sandbox.run(inputs)
+            assert set(outputs) == {"action"}
+            np.testing.assert_array_equal(outputs["action"], own.run(None, inputs)[0], strict=True)
+
+
+def test_all_shipped_agents_are_there() -> None:
+    assert len(WEIGHTS) == 3
+
+
+def test_a_sandbox_says_what_it_is(bubblewrap: None, listener: Path) -> None:
+    assert probe(None).startswith("bubblewrap 0.")
+    assert probe(listener).startswith("runner container")
+    assert f"onnxruntime {onnxruntime.__version__}" in probe(None)
+
+
+@pytest.mark.parametrize("dtype", ["bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"])
+def test_types_go_in_and_out(listener: Path, dtype: str) -> None:
+    code = helper.np_dtype_to_tensor_dtype(np.dtype(dtype))
+    put = [helper.make_tensor_value_info(name, code, [1, "n"]) for name in ("x", "y")]
+    with open_sandbox(listener, LIMITS) as sandbox:
+        description = sandbox.load(model([node("Identity", ["x"], ["y"])], inputs=put[:1], outputs=put[1:]))
+        assert description.inputs == (TensorInfo("x", dtype, (1, "n")),)
+        given = np.array([[0, 1, 1, 0, 1]], dtype)
+        np.testing.assert_array_equal(sandbox.run({"x": given})["y"], given, strict=True)
+
+
+def test_a_model_keeps_its_state_outside(place: Path | None) -> None:
+    puts = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 4]) for name in ("state_in", "state_out")]
+    speed = helper.make_tensor_value_info("speed", TensorProto.FLOAT, [1, 1])
+    nodes = [*TAIL, node("Add", ["state_in", "one"], ["state_out"])]
+    content = model(
+        nodes, [number("one", 1)], inputs=[speed, puts[0]], outputs=[control("steer"), control("accelerate"), puts[1]]
+    )
+    state = np.zeros((1, 4), np.float32)
+    with open_sandbox(place, LIMITS) as sandbox:
+        sandbox.load(content)
+        for _ in range(3):
+            state = sandbox.run({"speed": np.zeros((1, 1), np.float32), "state_in": state})["state_out"]
+    assert state.tolist() == [[3, 3, 3, 3]]
+
+
+def test_several_sandboxes_do_not_mix(listener: Path) -> None:
+    found: dict[int, list[float]] = {}
+
+    def drive(which: int) -> None:
+        nodes = [node("Add", ["speed", "own"], ["steer"]), TAIL[1]]
+        with open_sandbox(listener, LIMITS) as sandbox:
+            sandbox.load(model(nodes, [number("own", which)]))
+            given = [np.full((1, 1), step, np.float32) for step in range(50)]
+            found[which] = [float(sandbox.run({"speed": speed})["steer"][0, 0]) for speed in given]
+
+    threads = [threading.Thread(target=drive, args=(which,)) for which in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == {which: [float(which + step) for step in range(50)] for which in range(4)}
+
+
+@pytest.mark.parametrize("opset", [7, 26])
+def test_the_oldest_and_the_newest_opset(listener: Path, opset: int) -> None:
+    with open_sandbox(listener, LIMITS) as sandbox:
+        assert sandbox.load(model(opset=opset, ir=3 if opset == 7 else 13)).opset == opset
+        assert sandbox.run({"speed": np.zeros((1, 1), np.float32)})["steer"].tolist() == [[0]]
+
+
+def test_unused_sets_of_operators_may_be_named(listener: Path) -> None:
+    made = proto()
+    made.opset_import.append(helper.make_opsetid("com.microsoft", 1))
+    made.opset_import.append(helper.make_opsetid("ai.onnx.ml", 3))
+    with open_sandbox(listener, LIMITS) as sandbox:
+        assert sandbox.load(made.SerializeToString()).nodes == 2
+
+
+def test_an_input_that_is_no_number_is_the_callers_mistake(listener: Path) -> None:
+    with open_sandbox(listener, LIMITS) as sandbox:
+        sandbox.load(model())
+        with pytest.raises(ValueError, match="speed"):
+            sandbox.run({"speed": np.array([["fast"]])})
+        assert sandbox.run({"speed": np.zeros((1, 1), np.float32)})  # it still works
+
+
+def test_a_closed_sandbox_says_so(place: Path | None) -> None:
+    sandbox = open_sandbox(place, LIMITS)
+    sandbox.close()
+    sandbox.close()
+    with pytest.raises(SandboxLostError, match="closed"):
+        sandbox.load(model())
+
+
+@pytest.mark.parametrize(("field", "value"), [("memory", 1000), ("load_s", 0.0), ("step_s", float("nan"))])
+def test_limits_that_cannot_be_are_named(field: str, value: float) -> None:
+    with pytest.raises(ValueError, match=field):
+        Limits(**{"memory": 1 << 30, field: value})
