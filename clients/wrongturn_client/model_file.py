@@ -1,9 +1,11 @@
 """A look at a model's file before it is handed in: the mistakes that its first bytes show."""
 
+import shlex
 from pathlib import Path
 from typing import Final
 
 from wrongturn_client.errors import ModelFileError
+from wrongturn_client.invocation import program
 
 _HEAD: Final = 64
 """Bytes that tell the kinds below apart."""
@@ -43,10 +45,10 @@ def check_model_file(path: Path) -> None:
 def _of_zip(path: Path) -> str:
     """Return what a zip file is and what to do: Stable-Baselines3 and torch both save zips."""
     if path.suffix.lower() == ".zip":
-        onnx = path.with_suffix(".onnx")
+        zipped, onnx = shlex.quote(str(path)), shlex.quote(str(path.with_suffix(".onnx")))
         return (
             "is a zip file. If Stable-Baselines3 saved it, export it first: "
-            f"wrongturn export sb3 {path} --out {onnx}, then hand in {onnx}"
+            f"{program()} export sb3 {zipped} --out {onnx}, then hand in {onnx}"
         )
     return (
         "is a zip file, as torch.save writes it, and holds pickles, which are never loaded; export the model to ONNX, "

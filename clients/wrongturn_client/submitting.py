@@ -134,14 +134,15 @@ class Order:
             metrics = None
             if detail.state is SubmissionState.FINISHED and detail.evaluation is not None:
                 metrics = client.evaluation(detail.evaluation).metrics
+        entry = _entry(board, detail)
         if self.as_json:
-            _print_json({"submission": _plain(detail), "entry": _entry(board, detail)})
+            _print_json({"submission": _plain(detail), "entry": entry})
         else:
             if metrics is not None:
                 console().print(evaluation_table(detail.name, metrics))
-            else:
+            if detail.state is not SubmissionState.FINISHED:
                 typer.echo(f"{detail.name} {detail.state}: {detail.reason or 'the service does not say why'}")
-            if detail.evaluation is not None and _entry(board, detail) is not None:
+            if detail.evaluation is not None and (metrics is not None or entry is not None):
                 typer.echo(standing(board, detail.evaluation))
         raise typer.Exit(0 if detail.state is SubmissionState.FINISHED else 1)
 

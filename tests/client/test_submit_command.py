@@ -227,7 +227,7 @@ def test_the_other_variable_may_have_an_agents_token_or_an_owners(
     [
         ("gone.onnx", None, "cannot be read: No such file"),
         ("empty.onnx", b"", "is empty"),
-        ("model.zip", b"PK\x03\x04", r"wrongturn export sb3 .*model.zip --out .*model.onnx"),
+        ("model.zip", b"PK\x03\x04", r" export sb3 \S*model.zip --out \S*model.onnx, then hand in "),
         ("model.onnx", b"PK\x03\x04", "torch.save"),
         ("model.pt", b"PK\x03\x04", "torch.save"),
         ("model.pkl", b"\x80\x04\x95", "is a pickle"),
@@ -248,7 +248,7 @@ def test_a_file_that_is_no_model_is_told_before_anything_is_sent(
 def test_a_file_that_stable_baselines_saved_is_told(served: FakeSubmissions, tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "agent.zip", "w") as archive:
         archive.writestr("data", "{}")
-    assert "wrongturn export sb3" in refused(tmp_path / "agent.zip")
+    assert " export sb3 " in refused(tmp_path / "agent.zip")
     assert "is a folder" in refused(tmp_path)
 
 
