@@ -1,7 +1,7 @@
 """The application: the service's parts behind their routes."""
 
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 
 from fastapi import FastAPI
 
@@ -13,6 +13,7 @@ from wrongturn_service.service import run_service
 from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.interface import SimulatorPool
 from wrongturn_service.socket import session
+from wrongturn_service.submissions.runners import COMMAND
 from wrongturn_service.telemetry import Telemetry
 
 DESCRIPTION = """How safely does a driving agent behave when its command is wrong?
@@ -22,7 +23,7 @@ Errors are `application/problem+json`; their types are explained at `/problems/{
 """
 
 
-def create_app(settings: Settings, *, pool: SimulatorPool | None = None) -> FastAPI:
+def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner: Sequence[str] = COMMAND) -> FastAPI:
     """Create the application. Its lifespan starts and stops the service.
 
     If the start fails, ``app.state.startup_error`` says why.
@@ -30,13 +31,14 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None) -> Fast
     Args:
         settings: Settings of the service.
         pool: The simulators. None runs them as processes of this machine.
+        runner: Program that checks and drives submissions.
     """
     telemetry = Telemetry()
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         try:
-            async with run_service(settings, telemetry, pool) as service:
+            async with run_service(settings, telemetry, pool, runner) as service:
                 app.state.service = service
                 yield
         except StartupError as error:

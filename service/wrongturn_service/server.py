@@ -30,6 +30,7 @@ _SILENT_S = 1.0
 """A stop does not wait for agents that have been silent for so many seconds."""
 _LOOK_S = 0.05
 _IMPATIENT = 2
+_EVERYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # noqa: S104 - what to call instead
 
 
 class Server(uvicorn.Server):
@@ -49,6 +50,9 @@ class Server(uvicorn.Server):
         gc.collect()
         gc.freeze()
         if self.started and not self.should_exit:
+            for listening in sockets or ():
+                # Before this nobody would answer the runners.
+                await self._app.state.service.dispatcher.open(own_url(listening))
             sys.stdout.write(f"{READY}{self._url}\n")
             sys.stdout.flush()
 
@@ -68,6 +72,7 @@ class Server(uvicorn.Server):
         began = time.monotonic()
         service: Service | None = getattr(self._app.state, "service", None)
         if service is not None:
+            await service.dispatcher.stop()
             await self._drain(service)
         # Requests that began late get the rest of the grace period.
         left = self._grace_s - (time.monotonic() - began)
@@ -92,6 +97,14 @@ class Server(uvicorn.Server):
             await asyncio.sleep(_LOOK_S)
         if service.episodes.open:
             log.warning("episodes are lost by the stop; their trials run again", count=service.episodes.open)
+
+
+def own_url(listening: socket.socket) -> str:
+    """Return the URL at which a program of this machine reaches a socket that listens."""
+    host, port = listening.getsockname()[:2]
+    if host in _EVERYWHERE:
+        host = _EVERYWHERE[host]
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
 def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
 
 import structlog
@@ -30,8 +30,10 @@ from wrongturn_service.socket.limits import ConnectionLimits
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.submissions import SubmissionStore
+from wrongturn_service.submissions.dispatcher import Dispatcher
 from wrongturn_service.submissions.files import ModelFiles
 from wrongturn_service.submissions.operations import Submissions
+from wrongturn_service.submissions.runners import COMMAND
 from wrongturn_service.telemetry import Telemetry
 
 _PURGE_S = 3600.0
@@ -54,6 +56,7 @@ class Service:
     idempotency: Idempotency
     leaderboards: Leaderboards
     submissions: Submissions
+    dispatcher: Dispatcher
     telemetry: Telemetry
     sockets: ConnectionLimits
 
@@ -63,6 +66,7 @@ async def run_service(
     settings: Settings,
     telemetry: Telemetry,
     pool: SimulatorPool | None = None,
+    runner: Sequence[str] = COMMAND,
 ) -> AsyncIterator[Service]:
     """Run a service until the block ends.
 
@@ -70,6 +74,7 @@ async def run_service(
         settings: Settings of the service.
         telemetry: Metrics.
         pool: The simulators. None runs them as processes of this machine.
+        runner: Program that checks and drives submissions.
 
     Raises:
         StartupError: The database or the simulators cannot be used.
@@ -119,10 +124,14 @@ async def run_service(
         memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, updated every 30 s")
         rows = SubmissionStore(database)
         accounts = Accounts(store, rows, settings, episodes.loans.recall)
-        submissions = Submissions(rows, ModelFiles(settings.home), episodes, settings)
+        submissions = Submissions(rows, ModelFiles(settings.home), episodes, settings, telemetry)
+        await _prepare(submissions)
+        dispatcher = Dispatcher(settings, store, submissions, episodes, evaluations, telemetry, runner)
+        stack.push_async_callback(dispatcher.stop)
         registrations = Registrations(store, settings, accounts)
         await registrations.prepare()
-        for work in (episodes.watch_leases(), _housekeeping(settings, store, evaluations, episodes, pool, memory)):
+        chores = _housekeeping(settings, store, evaluations, episodes, submissions, pool, memory)
+        for work in (episodes.watch_leases(), chores):
             task = asyncio.create_task(work)
             stack.push_async_callback(_cancel, task)
         log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
@@ -137,6 +146,7 @@ async def run_service(
             Idempotency(store),
             leaderboards,
             submissions,
+            dispatcher,
             telemetry,
             sockets,
         )
@@ -153,6 +163,17 @@ def _local_pool(settings: Settings, telemetry: Telemetry) -> SimulatorPool:
     )
 
 
+async def _prepare(submissions: Submissions) -> None:
+    try:
+        submissions.files.prepare()
+    except OSError as error:
+        raise StartupError(
+            f"{error.filename or submissions.files.folder} cannot be used: {error.strerror or error}; "
+            "set WRONGTURN_HOME to a folder that the service can write to"
+        ) from error
+    await submissions.tidy()
+
+
 async def _start_pool(pool: SimulatorPool, stack: contextlib.AsyncExitStack) -> None:
     stack.push_async_callback(pool.stop)
     try:
@@ -167,6 +188,7 @@ async def _housekeeping(
     store: Store,
     evaluations: RunningEvaluations,
     episodes: EpisodeManager,
+    submissions: Submissions,
     pool: SimulatorPool,
     memory: Gauge,
 ) -> None:
@@ -180,10 +202,11 @@ async def _housekeeping(
                     practice_before=now - settings.practice_keep_days * _DAY_S,
                     replies_before=now - settings.idempotency_keep_hours * _HOUR_S,
                 )
+                await submissions.purge()
                 purged = time.monotonic()
             memory.set(await asyncio.to_thread(pool.memory))
             await evaluations.retry()
-            await episodes.closings.close_overdue()
+            await episodes.closings.close_overdue(await submissions.evaluations())
             if pool.failure is not None and not pool.running:
                 # A service that is not ready gets no calls, so no call would start a simulator.
                 await pool.start()

@@ -17,7 +17,11 @@ from wrongturn_runner.messages import Check, Described, Drive, Passed, Place, Pr
 from wrongturn_service.submissions.runners import Runner, RunnerLostError, runner
 
 JOB = Check(
-    model=Path("/models/su_1.onnx"), sha256="0" * 64, place=Place(memory=1 << 30), tracks=(Track.CAMERA,), url="http://x"
+    model=Path("/models/su_1.onnx"),
+    sha256="0" * 64,
+    place=Place(memory=1 << 30),
+    tracks=(Track.CAMERA,),
+    url="http://x",
 )
 
 

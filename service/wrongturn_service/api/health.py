@@ -23,13 +23,20 @@ class Health(BaseModel):
     status: str = "ok"
 
 
+class Readiness(Health):
+    """The reply of a service in which new episodes can begin."""
+
+    submissions: str
+    """Whether models can be handed in: ``on`` and by what they are driven, or ``off`` and why."""
+
+
 @router.get("/health/live", **described(Health))
 async def live() -> Response:
     """Tell that the process answers."""
     return reply(Health())
 
 
-@router.get("/health/ready", **described(Health))
+@router.get("/health/ready", **described(Readiness))
 async def ready(service: ServiceDep) -> Response:
     """Tell whether new episodes can begin.
 
@@ -45,7 +52,7 @@ async def ready(service: ServiceDep) -> Response:
         raise UnavailableError(
             ProblemType.STORAGE_FAILED, f"the database did not answer within {_PATIENCE_S:g} s", retry_after_s=5
         ) from None
-    return reply(Health())
+    return reply(Readiness(submissions=str(service.dispatcher.availability)))
 
 
 @router.get("/metrics", **described(None, 401, 404, media="text/plain"))

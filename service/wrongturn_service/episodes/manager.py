@@ -1,7 +1,9 @@
 """Episodes from reset to verdict. This module knows nothing of HTTP; it refuses calls with a ServiceError."""
 
+import asyncio
 import contextlib
 import zlib
+from typing import Final
 
 from structlog.contextvars import bind_contextvars
 
@@ -16,15 +18,17 @@ from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled
 from wrongturn_service.episodes.lease import Terms
 from wrongturn_service.episodes.loans import Loans
 from wrongturn_service.episodes.open_episode import OpenEpisode, as_float32
-from wrongturn_service.episodes.openings import Openings
+from wrongturn_service.episodes.openings import PATIENCE_S, Openings
 from wrongturn_service.episodes.registry import Limits, Registry
 from wrongturn_service.episodes.steps import Steps, stored_reply
 from wrongturn_service.episodes.watch import Watch
-from wrongturn_service.errors import ConflictError, GoneError, UnavailableError
+from wrongturn_service.errors import ConflictError, GoneError
 from wrongturn_service.simulators.action_log import ACTION, Action
 from wrongturn_service.storage.models import EpisodeRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.telemetry import Telemetry
+
+_LOOK_S: Final = 0.02
 
 
 class EpisodeManager:
@@ -159,18 +163,21 @@ class EpisodeManager:
         if row.verdict != Verdict.ABORTED:
             raise refusals.episode_finished(episode_id)
 
-    async def lose(self, submission: str, evaluation: str | None) -> None:
+    async def lose(self, submission: str, patience_s: float = PATIENCE_S) -> None:
         """Give up the open episodes of a runner that is gone, and whose token has ended. Their trials run again.
+
+        Resets in progress would open episodes that nobody drives, so it waits for them.
 
         Args:
             submission: Id of the submission.
-            evaluation: Id of its evaluation. None after a check.
+            patience_s: Seconds to wait for resets. Leases end what is opened later.
         """
-        if evaluation is not None:
-            # A reset in progress would open an episode that nobody drives.
-            with contextlib.suppress(UnavailableError):
-                await self.openings.in_progress.over(evaluation)
-        await self._endings.lose(submission)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s):
+                await self._endings.lose(submission)
+                while self._registry.count(submission):
+                    await asyncio.sleep(_LOOK_S)
+                    await self._endings.lose(submission)
 
     async def _count(self, episode: OpenEpisode) -> bool:
         """Note before a step that the evaluation counts. Return False if it was closed before that."""

@@ -52,6 +52,10 @@ class Registry:
         """Number of open episodes that have a simulator."""
         return sum(episode.simulator is not None for episode in self._open.values())
 
+    def count(self, holder: str) -> int:
+        """Return how many episodes somebody drives, with those that are just being opened."""
+        return self._holders[holder]
+
     def reserve(self, holder: str, *, practice: bool) -> None:
         """Count an episode that is about to be opened.
 

@@ -13,7 +13,9 @@ from wrongturn_service.settings import Settings
 from wrongturn_service.storage.models import AgentRow, IdempotencyRow, SubmissionRow
 from wrongturn_service.storage.store import AgentNameTakenError
 from wrongturn_service.storage.submissions import SubmissionOverError, SubmissionStore
+from wrongturn_service.submissions.errors import RefusedError
 from wrongturn_service.submissions.files import ModelFiles
+from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.tokens import digest, new_id, new_token
 
 _DAY_S: Final = 86400.0
@@ -33,12 +35,20 @@ class Submissions:
         changed: Called whenever a submission was handed in or is over. The dispatcher looks at the line then.
     """
 
-    def __init__(self, rows: SubmissionStore, files: ModelFiles, episodes: EpisodeManager, settings: Settings) -> None:
+    def __init__(
+        self,
+        rows: SubmissionStore,
+        files: ModelFiles,
+        episodes: EpisodeManager,
+        settings: Settings,
+        telemetry: Telemetry,
+    ) -> None:
         self.rows = rows
         self.files = files
         self.changed: Callable[[], None] = _nobody
         self._episodes = episodes
         self._settings = settings
+        self._telemetry = telemetry
         self._log = structlog.get_logger("submissions")
 
     async def add(self, row: SubmissionRow, reply: IdempotencyRow | None) -> None:
@@ -61,20 +71,24 @@ class Submissions:
         return token if await self.rows.set_columns(submission_id, token_sha256=digest(token)) else None
 
     async def make_agent(self, submission_id: str, track: Track) -> str | None:
-        """Make the agent of a submission whose model was looked at. The submission fails if the name is taken by now.
+        """Make the agent of a submission whose model was looked at.
 
         Args:
             submission_id: Id of the submission.
             track: Track of the model.
 
         Returns:
-            The agent's id, that of the agent that handed it in if one did. None if the submission is over, or fails.
+            The agent's id, that of the agent that handed it in if one did. None if the submission is over.
+
+        Raises:
+            RefusedError: The name is taken by now, or the agent that handed it in has another track.
         """
         row = await self.rows.get(submission_id)
         if row is None or SubmissionState(row.state).over:
             return None
         if row.agent_id is not None:
-            return row.agent_id if await self._takes(row, track) else None
+            _check_track(row, track)
+            return row.agent_id
         agent = AgentRow(
             id=new_id("ag"),
             name=row.name,
@@ -88,21 +102,11 @@ class Submissions:
             await self.rows.make_agent(submission_id, agent)
         except SubmissionOverError:
             return None
-        except AgentNameTakenError:
-            reason = f"name: {row.name!r} was registered meanwhile by somebody else; hand the model in by another name"
-            await self.end(submission_id, SubmissionState.FAILED, reason)
-            return None
+        except AgentNameTakenError as error:
+            raise RefusedError(
+                f"name: {row.name!r} was registered meanwhile by somebody else; hand the model in by another name"
+            ) from error
         return agent.id
-
-    async def _takes(self, row: SubmissionRow, track: Track) -> bool:
-        if row.track == track:
-            return True
-        reason = (
-            f"the model's track is {track}, and the track of agent {row.name!r} is {row.track}; hand it in with its "
-            "owner's token by another name"
-        )
-        await self.end(row.id, SubmissionState.FAILED, reason)
-        return False
 
     async def end(self, submission_id: str, state: SubmissionState, reason: str | None = None) -> bool:
         """End a submission: its token ends, its evaluation is closed unless it is finished, its practice is given up.
@@ -122,6 +126,7 @@ class Submissions:
         if changed:
             await self.rows.append_log(submission_id, state.value if reason is None else f"{state.value}: {reason}")
             self._log.info("submission over", submission=submission_id, state=state.value, reason=reason)
+            self._telemetry.submission_over(state)
             self.changed()
         row = await self.rows.get(submission_id)
         if row is not None:
@@ -131,12 +136,12 @@ class Submissions:
     async def _clean_up(self, row: SubmissionRow) -> None:
         if row.evaluation_id is not None:
             await self._episodes.closings.close(row.evaluation_id)
-        await self._episodes.lose(row.id, None)
+        await self._episodes.lose(row.id)
         agent = await self.rows.remove_agent(row.id)
         if agent is not None:
             # Its owner may have made a token for it.
             await self.rows.token_ended(agent)
-            await self._episodes.lose(agent, None)
+            await self._episodes.lose(agent)
 
     async def tidy(self) -> None:
         """Do what an end of the service has kept from being done. Call it at the start, before any runner.
@@ -150,6 +155,11 @@ class Submissions:
             if not await asyncio.to_thread(self.files.path(row.id).is_file):
                 await self.end(row.id, SubmissionState.FAILED, NO_MODEL)
 
+    async def evaluations(self) -> set[str]:
+        """Return the evaluations that the service drives itself, or will go on with."""
+        rows = await self.rows.waiting(SubmissionState.RUNNING)
+        return {row.evaluation_id for row in rows if row.evaluation_id is not None}
+
     async def purge(self) -> None:
         """Delete the models and logs of submissions that were over long ago."""
         before = time.time() - self._settings.submission_keep_days * _DAY_S
@@ -157,3 +167,12 @@ class Submissions:
         deleted = await self.files.purge(self.rows, before)
         if deleted:
             self._log.info("models deleted", count=deleted, days=self._settings.submission_keep_days)
+
+
+def _check_track(row: SubmissionRow, track: Track) -> None:
+    """Check that a model's track is its agent's. Raises RefusedError."""
+    if row.track != track:
+        raise RefusedError(
+            f"the model's track is {track}, and the track of agent {row.name!r} is {row.track}; hand it in with its "
+            "owner's token by another name"
+        )

@@ -1,0 +1,230 @@
+"""Decides which submission is checked or driven when, and carries it to its end.
+
+What is to be done stands in the database alone, so a service that dies goes on where it was: a ``queued`` submission is
+checked (again), a ``checked`` one waits for its turn, and a ``running`` one gets another runner.
+"""
+
+import asyncio
+import contextlib
+from collections import Counter
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import structlog
+
+from wrongturn_protocol import SubmissionState
+from wrongturn_service.episodes.evaluations import RunningEvaluations
+from wrongturn_service.episodes.manager import EpisodeManager
+from wrongturn_service.settings import Settings
+from wrongturn_service.storage.models import SubmissionRow
+from wrongturn_service.storage.store import Store
+from wrongturn_service.submissions.availability import LOOK_S, Availability
+from wrongturn_service.submissions.checking import Checks
+from wrongturn_service.submissions.driving import Drives
+from wrongturn_service.submissions.errors import OverError, RefusedError
+from wrongturn_service.submissions.jobs import Means
+from wrongturn_service.submissions.operations import Submissions
+from wrongturn_service.submissions.order import Waiting, in_turn, next_one
+from wrongturn_service.submissions.runners import COMMAND
+from wrongturn_service.telemetry import Telemetry
+
+CHECKS: Final = 2
+"""Submissions that are checked at a time."""
+_PAUSE_S: Final = 5.0
+"""Seconds before a job is tried again that failed because of the service itself, such as its database."""
+
+Work = Callable[[SubmissionRow, str], Awaitable[None]]
+
+
+@dataclass(eq=False)
+class _Job:
+    """A submission that is being checked or driven.
+
+    Attributes:
+        row: The submission when the job began.
+        task: Does the work.
+        ending: Whether the job ends its submission or was told to end.
+    """
+
+    row: SubmissionRow
+    task: "asyncio.Task[None] | None" = None
+    ending: bool = False
+
+
+class _Desk:
+    """Jobs of one kind: how many at a time, who has them, and who was served when."""
+
+    def __init__(self, slots: int, work: Work, done: SubmissionState | None) -> None:
+        self.slots = slots
+        self.work = work
+        self.done = done
+        """State in which a submission ends whose work succeeded. None if it goes on."""
+        self.served: dict[str, int] = {}
+        self.jobs: dict[str, _Job] = {}
+
+    def next(self, rows: Sequence[SubmissionRow]) -> SubmissionRow | None:
+        """Return which of these submissions gets a place, None if there is none."""
+        if len(self.jobs) >= self.slots:
+            return None
+        running = Counter(job.row.owner_id for job in self.jobs.values())
+        chosen = next_one([_waiting(row) for row in rows if row.id not in self.jobs], running, self.served)
+        return None if chosen is None else next(row for row in rows if row.id == chosen.id)
+
+    def serve(self, owner: str) -> None:
+        """Note that an owner is served."""
+        self.served[owner] = max(self.served.values(), default=0) + 1
+
+
+class Dispatcher:
+    """Checks and drives submissions. :meth:`open` begins, once the service listens."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        store: Store,
+        submissions: Submissions,
+        episodes: EpisodeManager,
+        evaluations: RunningEvaluations,
+        telemetry: Telemetry,
+        command: Sequence[str] = COMMAND,
+    ) -> None:
+        """Create a dispatcher that does nothing yet.
+
+        Args:
+            settings: Settings of the service.
+            store: Holds agents, evaluations and episodes.
+            submissions: Holds the submissions, and tells of changes from now on.
+            episodes: Holds the open episodes.
+            evaluations: Holds the schedules of running evaluations.
+            telemetry: Metrics.
+            command: Program of a runner.
+        """
+        self.availability = Availability(settings)
+        """Whether there are sandboxes."""
+        self._rows = submissions.rows
+        self._submissions = submissions
+        self._telemetry = telemetry
+        means = Means(settings, store, submissions, episodes, evaluations, self.availability, telemetry, command)
+        self._checks = _Desk(CHECKS, Checks(means).run, None)
+        self._drives = _Desk(settings.submissions, Drives(means).run, SubmissionState.FINISHED)
+        self._url = ""
+        self._changed = asyncio.Event()
+        submissions.changed = self._changed.set
+        self._loop: asyncio.Task[None] | None = None
+        self._log = structlog.get_logger("submissions")
+
+    async def open(self, url: str) -> None:
+        """Begin to check and drive. Call it once the service listens.
+
+        Args:
+            url: URL at which runners reach the service.
+        """
+        self._url = url
+        started = await self._rows.last_started()
+        self._drives.served = {owner: turn for turn, owner in enumerate(sorted(started, key=lambda of: started[of]), 1)}
+        await self.availability.look()
+        self._loop = asyncio.create_task(self._run())
+
+    async def stop(self) -> None:
+        """End all runners. Their submissions wait in the database for the next start. Safe to call again."""
+        if self._loop is not None:
+            await _end([self._loop])
+            self._loop = None
+        # From here on nothing begins.
+        await _end([job.task for desk in self._desks for job in desk.jobs.values() if job.task is not None])
+
+    async def positions(self) -> dict[str, int]:
+        """Return for each waiting submission how many are driven before it, if no other one arrives."""
+        rows = await self._rows.waiting()
+        running = [row for row in rows if row.state == SubmissionState.RUNNING]
+        owners = [row.owner_id for row in sorted(running, key=lambda row: row.started or 0.0)]
+        waiting = [_waiting(row) for row in rows if row.state != SubmissionState.RUNNING]
+        ordered = in_turn(waiting, owners, self._drives.served, self._drives.slots)
+        return {one.id: position for position, one in enumerate(ordered)}
+
+    @property
+    def _desks(self) -> tuple[_Desk, _Desk]:
+        return self._checks, self._drives
+
+    async def _run(self) -> None:
+        while True:
+            self._changed.clear()
+            try:
+                await self._look()
+            except Exception:
+                self._log.exception("submissions are held up")
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(LOOK_S if self.availability.on else _PAUSE_S):
+                    await self._changed.wait()
+
+    async def _look(self) -> None:
+        """End the jobs of submissions that are over, and begin as many as there are places."""
+        await self.availability.look_if_due()
+        rows = await self._rows.waiting()
+        self._telemetry.submissions(Counter(SubmissionState(row.state) for row in rows))
+        self._end_cancelled({row.id for row in rows})
+        if not self.availability.on:
+            return
+        by_state = {state: [row for row in rows if row.state == state] for state in SubmissionState}
+        while (row := self._checks.next(by_state[SubmissionState.QUEUED])) is not None:
+            self._begin(self._checks, row)
+        # Those that have begun go first, in the order of arrival.
+        for row in by_state[SubmissionState.RUNNING]:
+            if row.id not in self._drives.jobs and len(self._drives.jobs) < self._drives.slots:
+                self._begin(self._drives, row)
+        while (row := self._drives.next(by_state[SubmissionState.CHECKED])) is not None:
+            self._begin(self._drives, row)
+
+    def _end_cancelled(self, still_open: set[str]) -> None:
+        for desk in self._desks:
+            for submission, job in desk.jobs.items():
+                if submission not in still_open and not job.ending and job.task is not None:
+                    job.ending = True  # a second cancellation would keep it from ending its runner
+                    job.task.cancel()
+
+    def _begin(self, desk: _Desk, row: SubmissionRow) -> None:
+        if row.state != SubmissionState.RUNNING:
+            desk.serve(row.owner_id)
+        desk.jobs[row.id] = job = _Job(row)
+        job.task = asyncio.create_task(self._work(desk, job))
+        job.task.add_done_callback(lambda _task: self._ended(desk, row.id))
+
+    def _ended(self, desk: _Desk, submission: str) -> None:
+        del desk.jobs[submission]
+        self._changed.set()
+
+    async def _work(self, desk: _Desk, job: _Job) -> None:
+        """Check or drive a submission. What goes wrong in the service itself is tried again later."""
+        submission = job.row.id
+        try:
+            now = await self._rows.get(submission)
+            if now is None or now.state != job.row.state:
+                return  # another job ended with it while the line was read
+            await self._carry(desk, job, now)
+        except OverError:
+            return
+        except Exception:
+            self._log.exception("submission is held up", submission=submission)
+            await asyncio.sleep(_PAUSE_S)
+
+    async def _carry(self, desk: _Desk, job: _Job, row: SubmissionRow) -> None:
+        try:
+            await desk.work(row, self._url)
+        except RefusedError as error:
+            job.ending = True
+            await self._submissions.end(row.id, SubmissionState.FAILED, str(error))
+        else:
+            if desk.done is not None:
+                job.ending = True
+                await self._submissions.end(row.id, desk.done)
+
+
+async def _end(tasks: "Sequence[asyncio.Task[None]]") -> None:
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _waiting(row: SubmissionRow) -> Waiting:
+    return Waiting(row.id, row.owner_id, row.seq)

@@ -1,0 +1,112 @@
+"""What checks and drives of submissions have in common."""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import structlog
+
+from wrongturn_protocol import SubmissionState
+from wrongturn_runner.messages import Place
+from wrongturn_service.episodes.evaluations import RunningEvaluations
+from wrongturn_service.episodes.manager import EpisodeManager
+from wrongturn_service.episodes.openings import PATIENCE_S
+from wrongturn_service.settings import Settings
+from wrongturn_service.storage.models import SubmissionRow
+from wrongturn_service.storage.store import Store
+from wrongturn_service.submissions.availability import Availability
+from wrongturn_service.submissions.errors import OverError, RefusedError
+from wrongturn_service.submissions.operations import NO_MODEL, Submissions
+from wrongturn_service.submissions.runners import RunnerLostError
+from wrongturn_service.telemetry import Telemetry
+
+ATTEMPTS: Final = 5
+"""Runners in a row that may end before they have done anything."""
+_FIRST_PAUSE_S: Final = 0.25
+_LONGEST_PAUSE_S: Final = 5.0
+_LOOK_S: Final = 3.0
+
+
+@dataclass(frozen=True)
+class Means:
+    """Parts of the service that a job uses."""
+
+    settings: Settings
+    store: Store
+    submissions: Submissions
+    episodes: EpisodeManager
+    evaluations: RunningEvaluations
+    availability: Availability
+    telemetry: Telemetry
+    command: Sequence[str]
+    """Program of a runner."""
+
+    @property
+    def place(self) -> Place:
+        """Where the sandboxes are."""
+        return Place(socket=self.settings.runner_socket, memory=self.settings.model_memory)
+
+    def model(self, row: SubmissionRow) -> Path:
+        """Return the file with a submission's model. Raises RefusedError if it is gone."""
+        file = self.submissions.files.path(row.id)
+        if not file.is_file():
+            raise RefusedError(NO_MODEL)
+        return file
+
+    async def tell(self, submission: str, message: str) -> None:
+        """Add a line to a submission's log, for its owner."""
+        await self.submissions.rows.append_log(submission, message)
+
+    async def token(self, submission: str) -> str:
+        """Return a new token for a submission's runner. Raises OverError if the submission is over."""
+        token = await self.submissions.give_token(submission)
+        if token is None:
+            raise OverError(submission)
+        return token
+
+    async def sandboxes(self, submission: str) -> None:
+        """Wait until there are sandboxes."""
+        if self.availability.on:
+            return
+        await self.tell(submission, "The service has no sandbox at the moment. It goes on as soon as it has one.")
+        while not await self.availability.look():  # noqa: ASYNC110 - they come up without telling us
+            await asyncio.sleep(_LOOK_S)
+
+    async def runner_gone(self, submission: str, patience_s: float = PATIENCE_S) -> None:
+        """End the token of a runner that is gone, and give up its open episodes.
+
+        Args:
+            submission: Id of the submission.
+            patience_s: Seconds to wait for its resets in progress.
+        """
+        await self.submissions.rows.set_columns(submission, token_sha256=None)
+        await self.episodes.lose(submission, patience_s)
+
+    async def lost(self, row: SubmissionRow, lost: RunnerLostError, attempts: int) -> None:
+        """Note that a runner was lost, and wait a little before the next one.
+
+        Args:
+            row: The submission.
+            lost: What happened.
+            attempts: How many runners in a row were lost now.
+
+        Raises:
+            RefusedError: They were too many.
+            OverError: The submission is over, which may be why.
+        """
+        if not await self.submissions.rows.set_columns(row.id, attempts=attempts):
+            raise OverError(row.id)
+        self.telemetry.runners_lost.inc()
+        log = structlog.get_logger("submissions")
+        log.warning("runner lost", submission=row.id, reason=str(lost), attempts=attempts)
+        if attempts >= ATTEMPTS:
+            what = "check" if row.state == SubmissionState.QUEUED else "drive"
+            raise RefusedError(
+                f"the service could not {what} it: {attempts} runners in a row ended before they were done, the last "
+                f"one because {lost}; as far as the service can tell, the model is not to blame; ask the operator"
+            )
+        await self.tell(row.id, f"A runner was lost: {lost}. Another one takes over ({attempts + 1} of {ATTEMPTS}).")
+        await self.availability.look()
+        await asyncio.sleep(min(_LONGEST_PAUSE_S, _FIRST_PAUSE_S * 2 ** (attempts - 1)))
