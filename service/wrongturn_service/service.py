@@ -30,6 +30,7 @@ from wrongturn_service.socket.limits import ConnectionLimits
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.submissions import SubmissionStore
+from wrongturn_service.submissions.availability import Availability
 from wrongturn_service.submissions.dispatcher import Dispatcher
 from wrongturn_service.submissions.files import ModelFiles
 from wrongturn_service.submissions.operations import Submissions
@@ -56,6 +57,7 @@ class Service:
     idempotency: Idempotency
     leaderboards: Leaderboards
     submissions: Submissions
+    availability: Availability
     dispatcher: Dispatcher
     telemetry: Telemetry
     sockets: ConnectionLimits
@@ -126,7 +128,8 @@ async def run_service(
         accounts = Accounts(store, rows, settings, episodes.loans.recall)
         submissions = Submissions(rows, ModelFiles(settings.home), episodes, settings, telemetry)
         await _prepare(submissions)
-        dispatcher = Dispatcher(settings, store, submissions, episodes, evaluations, telemetry, runner)
+        availability = Availability(settings)
+        dispatcher = Dispatcher(settings, store, submissions, episodes, evaluations, availability, telemetry, runner)
         stack.push_async_callback(dispatcher.stop)
         registrations = Registrations(store, settings, accounts)
         await registrations.prepare()
@@ -146,6 +149,7 @@ async def run_service(
             Idempotency(store),
             leaderboards,
             submissions,
+            availability,
             dispatcher,
             telemetry,
             sockets,

@@ -52,7 +52,7 @@ async def ready(service: ServiceDep) -> Response:
         raise UnavailableError(
             ProblemType.STORAGE_FAILED, f"the database did not answer within {_PATIENCE_S:g} s", retry_after_s=5
         ) from None
-    return reply(Readiness(submissions=str(service.dispatcher.availability)))
+    return reply(Readiness(submissions=str(service.availability)))
 
 
 @router.get("/metrics", **described(None, 401, 404, media="text/plain"))

@@ -86,6 +86,7 @@ class Dispatcher:
         submissions: Submissions,
         episodes: EpisodeManager,
         evaluations: RunningEvaluations,
+        availability: Availability,
         telemetry: Telemetry,
         command: Sequence[str] = COMMAND,
     ) -> None:
@@ -97,15 +98,15 @@ class Dispatcher:
             submissions: Holds the submissions, and tells of changes from now on.
             episodes: Holds the open episodes.
             evaluations: Holds the schedules of running evaluations.
+            availability: Knows whether there are sandboxes.
             telemetry: Metrics.
             command: Program of a runner.
         """
-        self.availability = Availability(settings)
-        """Whether there are sandboxes."""
+        self._availability = availability
         self._rows = submissions.rows
         self._submissions = submissions
         self._telemetry = telemetry
-        means = Means(settings, store, submissions, episodes, evaluations, self.availability, telemetry, command)
+        means = Means(settings, store, submissions, episodes, evaluations, availability, telemetry, command)
         self._checks = _Desk(CHECKS, Checks(means).run, None)
         self._drives = _Desk(settings.submissions, Drives(means).run, SubmissionState.FINISHED)
         self._url = ""
@@ -123,7 +124,7 @@ class Dispatcher:
         self._url = url
         started = await self._rows.last_started()
         self._drives.served = {owner: turn for turn, owner in enumerate(sorted(started, key=lambda of: started[of]), 1)}
-        await self.availability.look()
+        await self._availability.look()
         self._loop = asyncio.create_task(self._run())
 
     async def stop(self) -> None:
@@ -155,16 +156,16 @@ class Dispatcher:
             except Exception:
                 self._log.exception("submissions are held up")
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(LOOK_S if self.availability.on else _PAUSE_S):
+                async with asyncio.timeout(LOOK_S if self._availability.on else _PAUSE_S):
                     await self._changed.wait()
 
     async def _look(self) -> None:
         """End the jobs of submissions that are over, and begin as many as there are places."""
-        await self.availability.look_if_due()
+        await self._availability.look_if_due()
         rows = await self._rows.waiting()
         self._telemetry.submissions(Counter(SubmissionState(row.state) for row in rows))
         self._end_cancelled({row.id for row in rows})
-        if not self.availability.on:
+        if not self._availability.on:
             return
         by_state = {state: [row for row in rows if row.state == state] for state in SubmissionState}
         while (row := self._checks.next(by_state[SubmissionState.QUEUED])) is not None:
