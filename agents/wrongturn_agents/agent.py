@@ -14,14 +14,15 @@ class Agent(Protocol):
 
     Class attributes describe the agent:
 
-    ==============  ==================================================================================
-    ``track``       track of the observations that it takes, a :class:`Track` or its name; required
-    ``name``        name on the leaderboard; by default the class's name
-    ``kind``        an :class:`AgentKind`; by default ``submitted``
-    ``description`` one sentence for the leaderboard; by default the first line of the docstring
-    ``memoryless``  True if an action depends on the observation alone and several threads may call ``act``
-                    at once; episodes then run side by side
-    ==============  ==================================================================================
+    =====================  ===========================================================================================
+    ``track``              track of the observations that it takes, a :class:`Track` or its name; required
+    ``name``               name on the leaderboard; by default the class's name
+    ``kind``               an :class:`AgentKind`; by default ``submitted``
+    ``description``        one sentence for the leaderboard; by default the first line of the docstring
+    ``memoryless``         True if an action depends on the observation alone and several threads may call ``act``
+                           at once; episodes then run side by side
+    ``trained_on_faults``  True if it met wrong commands in its training; the leaderboard marks it
+    =====================  ===========================================================================================
 
     The class is created without arguments, once for an evaluation. An agent may remember things within an episode. It
     must forget them in :meth:`reset`, because trials come in a secret order.

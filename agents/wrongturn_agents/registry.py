@@ -88,6 +88,8 @@ class AgentSource:
     description: str
     make: Callable[[], Agent]
     """Makes a new agent."""
+    trained_on_faults: bool = False
+    """Whether it met wrong commands in its training."""
 
 
 def list_agents() -> list[AgentListing]:
@@ -126,7 +128,7 @@ def resolve(named: str) -> AgentSource:
         return _source(named, EXPLOITS[named])
     if named in SHIPPED_AGENTS:
         agent = SHIPPED_AGENTS[named]
-        return AgentSource(agent.name, agent.track, agent.kind, agent.description, make=agent.make)
+        return AgentSource(agent.name, agent.track, agent.kind, agent.description, agent.make, agent.trained_on_faults)
     if named.endswith(".onnx"):
         return _model(Path(named))
     if ":" in named:
@@ -174,6 +176,7 @@ def _source(named: str, agent: Any) -> AgentSource:
         kind=kind_of_agent(agent),
         description=str(description),
         make=partial(_make, named, agent),
+        trained_on_faults=getattr(agent, "trained_on_faults", False) is True,
     )
 
 
@@ -195,4 +198,5 @@ def _model(file: Path) -> AgentSource:
     from wrongturn_agents.onnx_agent import OnnxAgent  # noqa: PLC0415 - loads an optional extra
 
     agent = OnnxAgent(file)
-    return AgentSource(agent.name, agent.track, agent.kind, agent.description, make=partial(copy, agent))
+    make = partial(copy, agent)
+    return AgentSource(agent.name, agent.track, agent.kind, agent.description, make, agent.trained_on_faults)

@@ -28,6 +28,8 @@ class ShippedAgent:
     description: str
     kind: AgentKind = AgentKind.REFERENCE
     """Kind on the leaderboard: a published method."""
+    trained_on_faults: bool = False
+    """Whether it met wrong commands in its training."""
 
     @property
     def file(self) -> Path:

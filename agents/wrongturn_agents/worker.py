@@ -154,7 +154,13 @@ def _register(client: Client, request: RunRequest, source: AgentSource, operator
     for number in count(1):
         name = request.name or (source.name if number == 1 else f"{source.name}-{number}")
         try:
-            return client.register(name, source.track, description=source.description or None, kind=kind)
+            return client.register(
+                name,
+                source.track,
+                description=source.description or None,
+                kind=kind,
+                trained_on_faults=source.trained_on_faults,
+            )
         except ValidationError as error:
             raise RunError(_registration_error(error, name)) from error
         except AuthenticationError as error:

@@ -209,12 +209,21 @@ class Client(EpisodeCalls):
         description: str | None = None,
         homepage: str | None = None,
         kind: AgentKind = AgentKind.SUBMITTED,
+        trained_on_faults: bool = False,
     ) -> RegisteredAgent:
         """Register an agent. Its token is shown only now. Other kinds than ``submitted`` need the operator's token.
 
-        With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made.
+        With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made. Say with
+        ``trained_on_faults`` that it met wrong commands in its training; the leaderboard marks it.
         """
-        registration = AgentRegistration(name=name, track=track, description=description, homepage=homepage, kind=kind)
+        registration = AgentRegistration(
+            name=name,
+            track=track,
+            description=description,
+            homepage=homepage,
+            kind=kind,
+            trained_on_faults=trained_on_faults,
+        )
         return self._create(RegisteredAgent, registration.model_dump(mode="json"), "agents")
 
     def agents(self) -> tuple[AgentDetail, ...]:

@@ -1,6 +1,7 @@
 """The look of all tables of results, and the columns that all rankings share."""
 
 from collections.abc import Sequence
+from typing import Final
 
 from rich import box
 from rich.console import RenderableType
@@ -8,6 +9,9 @@ from rich.table import Table
 from rich.text import Text
 
 from wrongturn_protocol import Leaderboard, LeaderboardEntry
+
+MARK: Final = "†"
+"""After the name of an agent that met wrong commands in its training."""
 
 
 def plain_table(title: str) -> Table:
@@ -33,6 +37,9 @@ def notes(leaderboard: Leaderboard) -> list[str]:
     lines = [
         f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not ranked: {why}" for why, names in named.items()
     ]
+    marked = [entry.agent.name for entry in leaderboard.entries if entry.agent.trained_on_faults]
+    if marked:
+        lines.append(f"{MARK} met wrong commands in {'its' if len(marked) == 1 else 'their'} training.")
     if leaderboard.successor is not None:
         lines.insert(0, f"{leaderboard.suite} is an old version; {leaderboard.successor} replaces it.")
     return lines
@@ -49,10 +56,12 @@ def ranking_table(title: str, entries: Sequence[LeaderboardEntry]) -> Table:
 def add_ranked(table: Table, entry: LeaderboardEntry, rows: Sequence[Sequence[RenderableType]]) -> None:
     """Add an agent's rows to a ranking, with its name, track and owner before the first three.
 
-    ``=`` after a rank says that other agents share it. An owner of the agent's own name is left out.
+    ``=`` after a rank says that other agents share it, :data:`MARK` after a name that the agent met wrong commands in
+    its training. An owner of the agent's own name is left out.
     """
     rank = "-" if entry.rank is None else f"{entry.rank}{'=' if entry.tied_with else ''}"
-    heads = [(rank, entry.agent.name), ("", entry.agent.track.value)]
+    mark = f" {MARK}" if entry.agent.trained_on_faults else ""
+    heads = [(rank, entry.agent.name + mark), ("", entry.agent.track.value)]
     if entry.seeds is not None:
         heads.append(("", f"algorithm, {entry.seeds.count} seeds"))
     elif entry.agent.owner not in {"", entry.agent.name}:

@@ -161,6 +161,8 @@ class AgentRegistration(Message):
     homepage: Annotated[str, Field(max_length=300, pattern=r"^https?://")] | None = None
     kind: AgentKind = AgentKind.SUBMITTED
     """Kinds other than ``submitted`` need the operator's token."""
+    trained_on_faults: bool = False
+    """True for an agent that met wrong commands in its training. The leaderboard marks it."""
 
 
 class AgentDetail(Message):
@@ -174,6 +176,8 @@ class AgentDetail(Message):
     """Name of the owner."""
     description: str | None = None
     homepage: str | None = None
+    trained_on_faults: bool = False
+    """Whether it met wrong commands in its training, as its owner says."""
 
 
 class RegisteredAgent(AgentDetail):

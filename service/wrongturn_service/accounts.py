@@ -251,4 +251,5 @@ def detail(row: AgentRow) -> AgentDetail:
         owner=row.owner.name,
         description=row.description,
         homepage=row.homepage,
+        trained_on_faults=bool(row.trained_on_faults),
     )

@@ -24,6 +24,9 @@ class Own:
     def act(self, observation):
         return Action(steer=0.0, throttle=0.5, brake=0.0)
 
+class Doubting(Own):
+    trained_on_faults = True
+
 class NoTrack(Own):
     track = None
 
@@ -121,6 +124,11 @@ def test_what_is_no_agent_is_told_clearly(own_module, named, error, says):
         resolve(named)
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_class_says_that_it_was_trained_on_faults(own_module):
+    assert not resolve(f"{own_module}:Own").trained_on_faults
+    assert resolve(f"{own_module}:Doubting").trained_on_faults
 
 
 def test_a_class_that_needs_arguments(own_module):

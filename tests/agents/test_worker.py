@@ -1,5 +1,6 @@
 """The worker against a real service, on the smallest suite."""
 
+import dataclasses
 import itertools
 import json
 import os
@@ -151,6 +152,17 @@ def test_a_given_name_that_is_taken_is_refused(url):
     started(url, name="mine")
     with pytest.raises(RunError, match=r"--name: 'mine' is taken at .*; choose another"):
         started(url, name="mine")
+
+
+def test_an_agent_that_met_wrong_commands_in_training_is_registered_as_that(url):
+    said = dataclasses.replace(resolve("parked"), trained_on_faults=True)
+    names = [
+        begin(RunRequest(agent="parked", suite=SUITE, url=url, name=name), source, url, None).name
+        for name, source in (("told", said), ("not told", resolve("parked")))
+    ]
+    with Client(url) as client:
+        marks = {agent.name: agent.trained_on_faults for agent in client.agents()}
+    assert [marks[name] for name in names] == [True, False]
 
 
 def test_only_the_operator_makes_baselines(url):

@@ -83,6 +83,16 @@ def test_owners_are_named_where_they_are_not_the_agent() -> None:
     assert "by own" not in "\n".join(lines)
 
 
+def test_who_met_wrong_commands_in_training_is_marked() -> None:
+    doubting, other = _entry("doubting", 1), _entry("other", 2)
+    doubting["agent"] = {**doubting["agent"], "trained_on_faults": True}
+    lines = _shown(leaderboard_table(_leaderboard(doubting, other))).splitlines()
+    assert _words(next(line for line in lines if " doubting" in line))[1] == "doubting †"
+    assert _words(next(line for line in lines if " other" in line))[1] == "other"
+    assert "† met wrong commands in its training." in lines
+    assert "†" not in _shown(leaderboard_table(_leaderboard(other)))
+
+
 def test_an_algorithm_is_marked_and_has_its_range() -> None:
     spread = {"median": 15, "lowest": 9, "highest": 31}
     seeds = {"count": 5, "unsafe": spread, "unsafe_strict": spread, "twins_completed": spread}

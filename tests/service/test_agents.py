@@ -25,10 +25,18 @@ def test_an_agent_is_registered_and_listed(http: httpx.Client) -> None:
     agent = expect(http.post("/v1/agents", json=body), 201)
     token = agent.pop("token")
     assert token.startswith("wt_")
-    assert agent == {**body, "id": agent["id"], "kind": "submitted", "owner": body["name"]}
+    more = {"kind": "submitted", "owner": body["name"], "trained_on_faults": False}
+    assert agent == {**body, "id": agent["id"], **more}
     assert expect(http.get(f"/v1/agents/{agent['id']}"), 200) == agent
     assert agent in expect(http.get("/v1/agents"), 200)["agents"]
     assert token not in http.get("/v1/agents").text
+
+
+def test_an_agent_that_met_wrong_commands_in_training_is_marked(http: httpx.Client) -> None:
+    body = {"name": name(), "track": "camera", "trained_on_faults": True}
+    agent = expect(http.post("/v1/agents", json=body), 201)
+    assert agent["trained_on_faults"] is True
+    assert expect(http.get(f"/v1/agents/{agent['id']}"), 200)["trained_on_faults"] is True
 
 
 def test_a_name_is_taken_once(http: httpx.Client) -> None:
@@ -49,6 +57,7 @@ def test_a_name_is_taken_once(http: httpx.Client) -> None:
         ({"name": "x", "track": "camera", "homepage": "javascript:alert(1)"}, "homepage"),
         ({"name": "x", "track": "camera", "description": "x" * 2001}, "description"),
         ({"name": "x", "track": "camera", "kind": "winner"}, "kind"),
+        ({"name": "x", "track": "camera", "trained_on_faults": "perhaps"}, "trained_on_faults"),
     ],
 )
 def test_a_registration_that_is_none(http: httpx.Client, body: dict[str, str], path: str) -> None:

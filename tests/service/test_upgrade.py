@@ -123,6 +123,7 @@ def test_an_upgraded_database_is_all_there(database_url: str, tmp_path: Path) ->
     async def seen(http: Any) -> None:
         listed = expect(await http.get("/v1/agents"), 200)["agents"]
         assert {one["id"]: one["owner"] for one in listed} == OWNERS
+        assert not any(one["trained_on_faults"] for one in listed)
         owners = expect(await http.get("/v1/owners"), 200)["owners"]
         assert sorted(one["name"] for one in owners) == sorted(OWNERS.values())
         done = expect(await http.get("/v1/evaluations/ev_done"), 200)

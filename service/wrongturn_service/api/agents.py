@@ -44,6 +44,7 @@ async def register(
             kind=registration.kind.value,
             description=registration.description,
             homepage=registration.homepage,
+            trained_on_faults=registration.trained_on_faults,
             token_sha256=digest(token),
             created=time.time(),
             owner=owner,

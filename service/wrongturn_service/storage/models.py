@@ -11,6 +11,7 @@ from sqlalchemy import (
     MetaData,
     String,
     Text,
+    false,
     text,
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
@@ -61,6 +62,8 @@ class AgentRow(Base):
     kind: Mapped[str] = mapped_column(_WORD)
     description: Mapped[str | None] = mapped_column(Text)
     homepage: Mapped[str | None] = mapped_column(Text)
+    trained_on_faults: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
+    """Whether it met wrong commands in its training, as its owner says."""
     token_sha256: Mapped[str | None] = mapped_column(_SHA, unique=True)
     created: Mapped[float] = mapped_column(Double)
     owner_id: Mapped[str] = mapped_column(_ID, ForeignKey("owners.id"), index=True, nullable=True)

@@ -93,6 +93,7 @@ def export_doubting(
             "steps": str(told["pictures"]),
             "precision": str(precision),
             "licence": LICENCE,
+            "trained_on_faults": "true",
             "gate": json.dumps(dataclasses.asdict(settings), sort_keys=True),
             "config": json.dumps(told["config"], sort_keys=True),
             "evaluation": json.dumps(told["told"], sort_keys=True),
