@@ -21,7 +21,14 @@ from wrongturn_service.errors import (
     UnauthenticatedError,
 )
 from wrongturn_service.settings import Settings
-from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, IdempotencyRow
+from wrongturn_service.storage.models import (
+    AgentRow,
+    EpisodeRow,
+    EvaluationRow,
+    IdempotencyRow,
+    OwnerRow,
+    SubmissionRow,
+)
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.submissions import SubmissionStore
 from wrongturn_service.tokens import digest, same
@@ -103,6 +110,32 @@ class Caller:
             )
 
 
+@dataclass(frozen=True, slots=True)
+class Submitter:
+    """Who calls about submissions: an owner, one of its agents, or the operator.
+
+    Attributes:
+        owner: The owner. None for the operator.
+        agent: The agent whose token was sent. None for an owner and the operator.
+    """
+
+    owner: OwnerRow | None
+    agent: AgentRow | None = None
+
+    @property
+    def id(self) -> str:
+        """Id of who holds the token."""
+        holder = self.agent or self.owner
+        return "operator" if holder is None else holder.id
+
+    def check_sees(self, row: SubmissionRow) -> None:
+        """Check that a submission is the caller's. Raises ForbiddenError."""
+        if self.agent is not None and row.agent_id != self.agent.id:
+            raise ForbiddenError(f"submission {row.id} belongs to another agent")
+        if self.owner is not None and row.owner_id != self.owner.id:
+            raise ForbiddenError(f"submission {row.id} belongs to another owner")
+
+
 class Accounts:
     """Agents and their tokens. Tokens are stored as SHA-256 only."""
 
@@ -177,6 +210,25 @@ class Accounts:
         if running is (row.evaluation_id is None):
             return None  # its evaluation was deleted, or it is being moved
         return Caller(row.agent_id, Track(row.track), row.id, row.evaluation_id)
+
+    async def submitter(self, authorization: str | None) -> Submitter:
+        """Return who calls about submissions.
+
+        Raises:
+            UnauthenticatedError: There is no token, or nobody has it.
+            ForbiddenError: It is a runner's token.
+        """
+        if self.is_operator(authorization):
+            return Submitter(None)
+        token_sha256 = digest(bearer(authorization))
+        owner = await self._store.owner_by_token(token_sha256)
+        if owner is not None:
+            return Submitter(owner)
+        agent = await self._store.agent_by_token(token_sha256)
+        if agent is not None:
+            return Submitter(agent.owner, agent)
+        await self.check_no_runner(authorization)
+        raise UnauthenticatedError("nobody has this token; it may have been rotated or revoked")
 
     async def check_no_runner(self, authorization: str | None) -> None:
         """Check that no runner has the token of an ``Authorization`` header. Raises ForbiddenError."""

@@ -5,7 +5,18 @@ from collections.abc import AsyncIterator, Sequence
 
 from fastapi import FastAPI
 
-from wrongturn_service.api import agents, episodes, errors, evaluations, health, leaderboards, owners, suites, towns
+from wrongturn_service.api import (
+    agents,
+    episodes,
+    errors,
+    evaluations,
+    health,
+    leaderboards,
+    owners,
+    submissions,
+    suites,
+    towns,
+)
 from wrongturn_service.api.documents import document, serve_document
 from wrongturn_service.api.middleware import Middleware
 from wrongturn_service.errors import StartupError
@@ -60,7 +71,8 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
     app.add_middleware(Middleware, telemetry=telemetry)
     errors.install(app)
     # Starlette tries the routes in this order, and nearly all requests are steps of episodes.
-    for part in (episodes, health, suites, towns, agents, owners, evaluations, session, leaderboards, errors):
+    parts = (episodes, health, suites, towns, agents, owners, evaluations, submissions, session, leaderboards, errors)
+    for part in parts:
         app.include_router(part.router)
     # As one of FastAPI's routes, whose name the log and the figures have.
     app.add_api_route("/openapi.json", serve_document, methods=["GET", "HEAD"], include_in_schema=False)

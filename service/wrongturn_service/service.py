@@ -35,6 +35,7 @@ from wrongturn_service.submissions.dispatcher import Dispatcher
 from wrongturn_service.submissions.files import ModelFiles
 from wrongturn_service.submissions.operations import Submissions
 from wrongturn_service.submissions.runners import COMMAND
+from wrongturn_service.submissions.upload import Uploads
 from wrongturn_service.telemetry import Telemetry
 
 _PURGE_S = 3600.0
@@ -57,6 +58,7 @@ class Service:
     idempotency: Idempotency
     leaderboards: Leaderboards
     submissions: Submissions
+    uploads: Uploads
     availability: Availability
     dispatcher: Dispatcher
     telemetry: Telemetry
@@ -126,8 +128,13 @@ async def run_service(
         memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, updated every 30 s")
         rows = SubmissionStore(database)
         accounts = Accounts(store, rows, settings, episodes.loans.recall)
-        submissions = Submissions(rows, ModelFiles(settings.home), episodes, settings, telemetry)
+        files = ModelFiles(settings.home)
+        submissions = Submissions(rows, files, episodes, settings, telemetry)
         await _prepare(submissions)
+        uploads = Uploads(
+            files, limit=settings.model_limit, patience_s=settings.slow_client_s, each=settings.submissions_per_owner
+        )
+        stack.callback(uploads.close)
         availability = Availability(settings)
         dispatcher = Dispatcher(settings, store, submissions, episodes, evaluations, availability, telemetry, runner)
         stack.push_async_callback(dispatcher.stop)
@@ -149,6 +156,7 @@ async def run_service(
             Idempotency(store),
             leaderboards,
             submissions,
+            uploads,
             availability,
             dispatcher,
             telemetry,

@@ -42,6 +42,11 @@ INTERFACE = {
     "GET /v1/episodes/{episode}",
     "GET /v1/episodes/{episode}/trajectory",
     "DELETE /v1/episodes/{episode}",
+    "POST /v1/submissions",
+    "GET /v1/submissions",
+    "GET /v1/submissions/{submission}",
+    "GET /v1/submissions/{submission}/log",
+    "DELETE /v1/submissions/{submission}",
     "GET /v1/leaderboards",
     "GET /v1/leaderboards/{suite}",
     "GET /v1/leaderboards/{suite}/compare",
@@ -104,6 +109,7 @@ def test_problems_bodies_and_the_token_are_documented(document: dict[str, Any]) 
         "PUT /v1/evaluations/{evaluation}/results",
         "POST /v1/episodes",
         "POST /v1/episodes/{episode}/step",
+        "POST /v1/submissions",
     }
 
 

@@ -122,8 +122,6 @@ def test_a_name_is_for_one_agent(database_url: str) -> None:
         for taken in (submission("SWIFT", id="su_2"), submission("swift", "ow_b", id="su_3")):
             with pytest.raises(AgentNameTakenError):
                 await submissions.add(taken, None, most=9)
-        with pytest.raises(AgentNameTakenError):
-            await submissions.check_free("swift")
         await submissions.make_agent("su_Swift", agent("Swift"))
         with pytest.raises(SubmissionOverError):
             await submissions.make_agent("su_Swift", agent("Swift2"))
@@ -140,7 +138,7 @@ def test_a_name_is_for_one_agent(database_url: str) -> None:
         row = await submissions.get("su_Swift")
         assert row is not None
         assert (row.agent_id, row.track) == (None, "camera")
-        await submissions.check_free("swift")
+        await submissions.add(submission("swift", id="su_5"), None, most=9)
 
     play(database_url, story)
 
@@ -177,10 +175,10 @@ def test_an_agent_with_an_evaluation_stays(database_url: str) -> None:
         row = await submissions.get("su_made")
         assert row is not None
         assert row.evaluation_id is None
+        by_agent = submission("again", agent_id="ag_made", agent_made=False)
         with pytest.raises(SuiteBegunError):
-            await submissions.check_not_begun("ag_made", "smoke@2")
+            await submissions.add(by_agent, None, most=9)
         await submissions.set_state("su_made", SubmissionState.CANCELLED)
-        await submissions.check_not_begun("ag_made", "smoke@2")
         assert await submissions.remove_agent("su_made") == "ag_made"
 
     play(database_url, story)

@@ -52,6 +52,7 @@ _MEANING = {
     422: "A field is wrong",
     429: "Over a limit; come back after Retry-After",
     503: "Not now; come back after Retry-After",
+    507: "The disk of the service is full",
 }
 _BINARY: Final[dict[str, Any]] = {"schema": {"type": "string", "format": "binary"}}
 _MADE = {
@@ -60,6 +61,7 @@ _MADE = {
     "/v1/evaluations": "evaluation",
     "/v1/evaluations/{evaluation}/episodes": "episode",
     "/v1/episodes": "episode",
+    "/v1/submissions": "submission",
 }
 """What a POST creates. Calls below its path take the id."""
 
@@ -159,7 +161,8 @@ def _built(app: FastAPI) -> dict[str, Any]:
 def _link(paths: dict[str, Any]) -> None:
     """Link each reply with an id to the calls that take it."""
     for path, made in _MADE.items():
-        paths[path]["post"]["responses"]["201"]["links"] = {
+        replies = paths[path]["post"]["responses"]
+        replies["201" if "201" in replies else "202"]["links"] = {
             operation["operationId"]: {
                 "operationId": operation["operationId"],
                 "parameters": {made: "$response.body#/id"},

@@ -57,7 +57,8 @@ _EXPLANATIONS = {
     ProblemType.SUITE_RETIRED: "Another suite has replaced this one, which takes no new evaluations.",
     ProblemType.EVALUATION_OPEN: (
         "The agent has an evaluation on this suite that is not finished. Go on with it, or DELETE it: before its first "
-        "step it disappears, later its missing trials count as aborted. `errors` holds its id."
+        "step it disappears, later its missing trials count as aborted. `errors` holds its id. Or a model "
+        "was handed in for an agent that has begun the suite."
     ),
     ProblemType.EVALUATION_FINISHED: "Every trial of the evaluation has a verdict.",
     ProblemType.EVALUATION_CANCELLED: "The evaluation was cancelled, by its agent or because its suite was retired.",
@@ -78,7 +79,7 @@ _EXPLANATIONS = {
         "with fewer simulators come first."
     ),
     ProblemType.SIMULATOR_FAILED: "No simulator could begin the episode. The operator's log says why.",
-    ProblemType.STORAGE_FAILED: "The database failed. Nothing was done by halves.",
+    ProblemType.STORAGE_FAILED: "The database failed, or the disk is full. Nothing was done by halves.",
     ProblemType.SERVICE_FULL: "The service has too many connections. Come back after Retry-After seconds.",
     ProblemType.SHUTTING_DOWN: "The service is stopping. Come back once it runs again.",
     ProblemType.INTERNAL: "The service made a mistake. The operator's log has the details.",

@@ -165,18 +165,7 @@ def new_evaluation(suite: Suite, agent: str, track: Track, entry: Entry) -> Eval
         ConflictError: The suite is retired.
         InvalidRequestError: The suite does not take agents of the track.
     """
-    if suite.successor is not None:
-        message = f"{suite.id} is retired and takes no new evaluations; {suite.successor} replaces it"
-        raise ConflictError(
-            ProblemType.SUITE_RETIRED, f"suite: {message}", errors=[FieldError(path="suite", message=message)]
-        )
-    if track not in suite.tracks:
-        tracks = ", ".join(suite.tracks)
-        raise InvalidRequestError(
-            "suite",
-            f"{suite.id} takes agents of the tracks {tracks}; this agent's track is {track}",
-            ProblemType.TRACK_NOT_AVAILABLE,
-        )
+    check_takes(suite, track)
     return EvaluationRow(
         id=new_id("ev"),
         agent_id=agent,
@@ -188,6 +177,31 @@ def new_evaluation(suite: Suite, agent: str, track: Track, entry: Entry) -> Eval
         trials=len(suite.episodes),
         created=time.time(),
     )
+
+
+def check_takes(suite: Suite, track: Track | None) -> None:
+    """Check whether a suite takes a new evaluation.
+
+    Args:
+        suite: The suite.
+        track: Track of the agent, None if it is not known yet.
+
+    Raises:
+        ConflictError: The suite is retired.
+        InvalidRequestError: The suite does not take agents of the track.
+    """
+    if suite.successor is not None:
+        message = f"{suite.id} is retired and takes no new evaluations; {suite.successor} replaces it"
+        raise ConflictError(
+            ProblemType.SUITE_RETIRED, f"suite: {message}", errors=[FieldError(path="suite", message=message)]
+        )
+    if track is not None and track not in suite.tracks:
+        tracks = ", ".join(suite.tracks)
+        raise InvalidRequestError(
+            "suite",
+            f"{suite.id} takes agents of the tracks {tracks}; this agent's track is {track}",
+            ProblemType.TRACK_NOT_AVAILABLE,
+        )
 
 
 def cancelled(evaluation: EvaluationRow) -> ConflictError:

@@ -7,7 +7,7 @@ from typing import Any, Final
 from sqlalchemy import and_, delete, func, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wrongturn_protocol import EvaluationState, SubmissionState
+from wrongturn_protocol import EpisodeState, EvaluationState, SubmissionState
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import (
     AgentRow,
@@ -78,16 +78,6 @@ class SubmissionStore:
             submission.seq = (await session.scalar(select(func.max(SubmissionRow.seq))) or 0) + 1
             session.add_all([submission] if reply is None else [submission, reply])
 
-    async def check_free(self, name_key: str) -> None:
-        """Check whether a new agent could have a name. Raises AgentNameTakenError."""
-        async with self._database.read() as session:
-            await _check_name(session, name_key)
-
-    async def check_not_begun(self, agent_id: str, suite: str) -> None:
-        """Check that an agent has neither an evaluation nor an open submission on a suite. Raises SuiteBegunError."""
-        async with self._database.read() as session:
-            await _check_not_begun(session, agent_id, suite)
-
     async def open_count(self, owner_id: str) -> int:
         """Return how many submissions of an owner wait or run."""
         async with self._database.read() as session:
@@ -125,6 +115,18 @@ class SubmissionStore:
         async with self._database.read() as session:
             query = select(SubmissionRow).where(SubmissionRow.state.in_(states or OPEN))
             return (await session.scalars(query.order_by(SubmissionRow.seq))).all()
+
+    async def progress(self, evaluation_ids: Iterable[str]) -> dict[str, tuple[int, int]]:
+        """Return how many episodes of each evaluation are finished, and how many it has."""
+        finished = (EpisodeRow.evaluation_id == EvaluationRow.id) & (EpisodeRow.state == EpisodeState.FINISHED)
+        query = (
+            select(EvaluationRow.id, func.count(EpisodeRow.id), EvaluationRow.trials)
+            .outerjoin(EpisodeRow, finished)
+            .where(EvaluationRow.id.in_(list(evaluation_ids)))
+            .group_by(EvaluationRow.id, EvaluationRow.trials)
+        )
+        async with self._database.read() as session:
+            return {evaluation: (done, all_) for evaluation, done, all_ in (await session.execute(query)).all()}
 
     async def last_started(self) -> dict[str, float]:
         """Return when each owner's last submission began to run, by the owner's id."""

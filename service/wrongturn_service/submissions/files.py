@@ -1,6 +1,5 @@
 """The folder with the models of submissions. Names are the submissions' ids, never a client's words."""
 
-import contextlib
 import os
 from pathlib import Path
 from typing import Final
@@ -45,10 +44,12 @@ class ModelFiles:
             os.close(folder)
 
     def delete(self, submission_id: str) -> None:
-        """Delete a model, complete or not. Safe to call more than once."""
-        for file in (self._part(submission_id), self.path(submission_id)):
-            with contextlib.suppress(FileNotFoundError):
-                file.unlink()
+        """Delete a complete model. Safe to call more than once."""
+        self.path(submission_id).unlink(missing_ok=True)
+
+    def delete_part(self, submission_id: str) -> None:
+        """Delete what has arrived of a model. Safe to call more than once."""
+        self._part(submission_id).unlink(missing_ok=True)
 
     async def purge(self, rows: SubmissionStore, before: float) -> int:
         """Delete the models of submissions that were over before a time, and old ones that no submission has.

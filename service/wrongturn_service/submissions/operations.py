@@ -6,19 +6,28 @@ from collections.abc import Callable
 from typing import Final
 
 import structlog
+from sqlalchemy.exc import SQLAlchemyError
 
-from wrongturn_protocol import AgentKind, SubmissionState, Track
+from wrongturn_protocol import AgentKind, FieldError, ProblemType, SubmissionState, Track
+from wrongturn_protocol.submissions import NAME, SUITE
 from wrongturn_service.episodes.manager import EpisodeManager
+from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.models import AgentRow, IdempotencyRow, SubmissionRow
 from wrongturn_service.storage.store import AgentNameTakenError
-from wrongturn_service.storage.submissions import SubmissionOverError, SubmissionStore
+from wrongturn_service.storage.submissions import (
+    SubmissionOverError,
+    SubmissionStore,
+    SuiteBegunError,
+    TooManySubmissionsError,
+)
 from wrongturn_service.submissions.errors import RefusedError
 from wrongturn_service.submissions.files import ModelFiles
 from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.tokens import digest, new_id, new_token
 
 _DAY_S: Final = 86400.0
+_COME_BACK_S: Final = 60
 NO_MODEL: Final = "the service no longer has the model: backups do not hold models; hand it in again"
 
 
@@ -52,14 +61,30 @@ class Submissions:
         self._log = structlog.get_logger("submissions")
 
     async def add(self, row: SubmissionRow, reply: IdempotencyRow | None) -> None:
-        """Store a submission whose model is on disk, as the last in line.
+        """Store a submission whose model is on disk, as the last in line. If it is refused, its model is deleted.
 
         Raises:
-            AgentNameTakenError, SuiteBegunError, TooManySubmissionsError: As for :meth:`SubmissionStore.add`.
+            ConflictError: The name is taken, or the agent has begun the suite.
+            UnavailableError: The owner has too many open submissions (429).
         """
-        await self.rows.add(row, reply, most=self._settings.submissions_per_owner)
+        try:
+            await self.rows.add(row, reply, most=self._settings.submissions_per_owner)
+        except (AgentNameTakenError, SuiteBegunError, TooManySubmissionsError) as error:
+            await asyncio.to_thread(self.files.delete, row.id)
+            raise _refused(row, error) from error
+        except SQLAlchemyError:
+            # The commit may have succeeded before its connection broke. Then the row needs its model.
+            if await self.rows.get(row.id) is None:
+                await asyncio.to_thread(self.files.delete, row.id)
+            raise
         self._log.info("submission handed in", submission=row.id, suite=row.suite, size=row.size)
+        await self.rows.append_log(row.id, f"handed in: {row.size} bytes, SHA-256 {row.sha256}")
         self.changed()
+
+    async def check_room(self, owner_id: str) -> None:
+        """Check that an owner may have one more open submission. Raises UnavailableError (429)."""
+        if await self.rows.open_count(owner_id) >= self._settings.submissions_per_owner:
+            raise _too_many()
 
     async def give_token(self, submission_id: str) -> str | None:
         """Return a new token for a submission's runner. The last one ends. None if the submission is over.
@@ -176,3 +201,30 @@ def _check_track(row: SubmissionRow, track: Track) -> None:
             f"the model's track is {track}, and the track of agent {row.name!r} is {row.track}; hand it in with its "
             "owner's token by another name"
         )
+
+
+def _refused(row: SubmissionRow, error: Exception) -> ServiceError:
+    if isinstance(error, TooManySubmissionsError):
+        return _too_many()
+    if isinstance(error, AgentNameTakenError):
+        message = f"{row.name!r} is taken by an agent or a submission; choose another (a new model is a new agent)"
+        return ConflictError(
+            ProblemType.AGENT_NAME_TAKEN, f"name: {message}", errors=[FieldError(path=NAME, message=message)]
+        )
+    message = (
+        f"agent {row.name!r} has begun {row.suite}, and its first evaluation counts; hand a new model in as a new "
+        "agent, with its owner's token and another name"
+    )
+    return ConflictError(
+        ProblemType.EVALUATION_OPEN, f"suite: {message}", errors=[FieldError(path=SUITE, message=message)]
+    )
+
+
+def _too_many() -> UnavailableError:
+    return UnavailableError(
+        ProblemType.RATE_LIMITED,
+        "this owner has as many open submissions as it may have; wait for one to end, or DELETE one",
+        retry_after_s=_COME_BACK_S,
+        status=429,
+        position=1,
+    )

@@ -1,0 +1,228 @@
+"""Takes models in: from the network to the disk, while they are counted and hashed.
+
+The event loop only passes pieces on. A few threads parse, hash and write, so that an upload holds up nobody else.
+"""
+
+import asyncio
+import contextlib
+import errno
+import hashlib
+import os
+from collections import Counter
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Final, ParamSpec, TypeVar
+
+import structlog
+
+from wrongturn_protocol import ProblemType
+from wrongturn_service.counting import one_less
+from wrongturn_service.errors import ServiceError, UnavailableError
+from wrongturn_service.socket.guards import PROGRESS
+from wrongturn_service.submissions.files import ModelFiles
+from wrongturn_service.submissions.form import AROUND, Form, boundary_of, too_large
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+_PART: Final = 1024 * 1024
+"""Bytes that a thread takes at a time."""
+_THREADS: Final = 2
+_FULL: Final = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_COME_BACK_S: Final = 30
+
+
+@dataclass(frozen=True, slots=True)
+class Upload:
+    """A form that has arrived.
+
+    Attributes:
+        fields: Values of the fields beside the model, by name.
+        sha256: SHA-256 of the model.
+        size: Bytes of the model.
+        keep: Puts the model on disk for good. Without that it is deleted.
+    """
+
+    fields: dict[str, str]
+    sha256: str
+    size: int
+    keep: Callable[[], Awaitable[None]]
+
+
+class Uploads:
+    """Takes models in."""
+
+    def __init__(self, files: ModelFiles, *, limit: int, patience_s: float, each: int) -> None:
+        """Create the threads.
+
+        Args:
+            files: The folder of the models.
+            limit: Largest model, bytes.
+            patience_s: Seconds in which a client has to send 64 KiB.
+            each: Uploads of one owner at a time.
+        """
+        self._files = files
+        self._limit = limit
+        self._patience_s = patience_s
+        self._each = each
+        self._owners: Counter[str] = Counter()
+        # Threads of its own: slow disks must not take those that other calls need.
+        self._threads = ThreadPoolExecutor(_THREADS, "upload")
+
+    def close(self) -> None:
+        """End the threads."""
+        self._threads.shutdown(wait=False)
+
+    def boundary(self, content_length: str, content_type: str) -> bytes:
+        """Check the head of a request, before its body is read, and return the body's boundary.
+
+        Raises:
+            ServiceError: The body is too large (413), of another type (415), or without a boundary (400).
+        """
+        if content_length.isdecimal() and int(content_length[:20]) > self._limit + AROUND:
+            raise too_large(self._limit)
+        return boundary_of(content_type)
+
+    @contextlib.contextmanager
+    def one(self, owner: str) -> Iterator[None]:
+        """Count an upload of an owner while the block runs. Raises UnavailableError beyond the limit."""
+        if self._owners[owner] >= self._each:
+            raise UnavailableError(
+                ProblemType.RATE_LIMITED,
+                f"{self._each} uploads of this owner are under way, which is the limit; send this one after them",
+                retry_after_s=_COME_BACK_S,
+                status=429,
+                position=1,
+            )
+        self._owners[owner] += 1
+        try:
+            yield
+        finally:
+            one_less(self._owners, owner)
+
+    @contextlib.asynccontextmanager
+    async def receive(self, submission_id: str, boundary: bytes, body: AsyncIterator[bytes]) -> AsyncIterator[Upload]:
+        """Read a body to its end. When the block ends, the model is deleted unless it was kept.
+
+        Args:
+            submission_id: Id of the submission.
+            boundary: The boundary.
+            body: Pieces of the body.
+
+        Raises:
+            ServiceError: The client is too slow (408), the body is malformed (400) or too large (413), a field is wrong
+                (422), or the disk is full (507).
+            UnavailableError: The disk failed.
+        """
+        writer = _Writer(self._files, submission_id, boundary, self._limit)
+        try:
+            await self._work(writer.begin)
+            async for part in _parts(body, self._patience_s):
+                await self._work(writer.write, part)
+            fields = await self._work(writer.form.end)
+            yield Upload(fields, writer.sha256, writer.form.size, partial(self._work, writer.keep))
+        finally:
+            await self._work(writer.close)
+
+    async def _work(self, call: Callable[_P, _T], *arguments: _P.args, **named: _P.kwargs) -> _T:
+        """Run a call in a thread. A failure of the disk becomes a ServiceError."""
+        loop = asyncio.get_running_loop()
+        under_way = loop.run_in_executor(self._threads, partial(call, *arguments, **named))
+        try:
+            return await asyncio.shield(under_way)
+        except asyncio.CancelledError:
+            # The thread goes on, so its file has to stay open until it is done.
+            await asyncio.wait([under_way])
+            raise
+        except OSError as error:
+            raise _failed(error) from error
+
+
+class _Writer:
+    """Writes and hashes one model. Its methods run in threads, one at a time."""
+
+    def __init__(self, files: ModelFiles, submission_id: str, boundary: bytes, limit: int) -> None:
+        self.form = Form(boundary, limit, self._take)
+        self._files = files
+        self._id = submission_id
+        self._hash = hashlib.sha256()
+        self._handle: int | None = None
+
+    @property
+    def sha256(self) -> str:
+        return self._hash.hexdigest()
+
+    def begin(self) -> None:
+        self._handle = self._files.begin(self._id)
+
+    def write(self, part: bytes) -> None:
+        self.form.feed(part)
+
+    def _take(self, data: bytes) -> None:
+        assert self._handle is not None
+        self._hash.update(data)
+        left = memoryview(data)
+        while left:
+            left = left[os.write(self._handle, left) :]
+
+    def keep(self) -> None:
+        assert self._handle is not None
+        self._files.keep(self._id, self._handle)
+
+    def close(self) -> None:
+        """Close the file, and delete it unless it was kept."""
+        if self._handle is not None:
+            with contextlib.suppress(OSError):
+                os.close(self._handle)
+            self._handle = None
+        self._files.delete_part(self._id)
+
+
+async def _parts(body: AsyncIterator[bytes], patience_s: float) -> AsyncIterator[bytes]:
+    """Yield a body in large parts.
+
+    Raises:
+        ServiceError: The client sends less than :data:`PROGRESS` bytes within the time. Only waiting for it counts.
+    """
+    loop = asyncio.get_running_loop()
+    part = bytearray()
+    left, moved = patience_s, 0
+    while True:
+        began = loop.time()
+        try:
+            async with asyncio.timeout(left):
+                piece = await anext(body, None)
+        except TimeoutError:
+            raise ServiceError(
+                ProblemType.REQUEST_TIMEOUT,
+                f"the body came too slowly: {PROGRESS} bytes have to come within {patience_s:g} s",
+                status=408,
+            ) from None
+        if piece is None:
+            break
+        left -= loop.time() - began
+        moved += len(piece)
+        if moved >= PROGRESS:
+            left, moved = patience_s, 0
+        part += piece
+        if len(part) >= _PART:
+            yield bytes(part)
+            part.clear()
+    yield bytes(part)
+
+
+def _failed(error: OSError) -> ServiceError:
+    """Return the error that the client gets when the disk fails."""
+    structlog.get_logger("submissions").error("a model could not be stored", reason=str(error))
+    if error.errno in _FULL:
+        return ServiceError(
+            ProblemType.STORAGE_FAILED,
+            "the disk of the service is full, so the model was not kept; tell the operator, and hand it in later",
+            status=507,
+        )
+    return UnavailableError(
+        ProblemType.STORAGE_FAILED,
+        "the service could not store the model, and nothing was kept; hand it in again later, or tell the operator",
+        retry_after_s=_COME_BACK_S,
+    )

@@ -1,0 +1,78 @@
+"""A service in this process that takes submissions, and that a test plays the dispatcher for."""
+
+import contextlib
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import httpx
+from app_harness import application, register
+from fake_pool import FakePool
+from model_form import TYPE, model
+from service_harness import expect
+
+from wrongturn_protocol import SubmissionState, Track
+from wrongturn_service.service import Service
+from wrongturn_service.submissions import availability
+
+OPERATOR = "the-operators-own-token"
+
+
+@contextlib.asynccontextmanager
+async def handing_in(folder: Path, **settings: Any) -> AsyncIterator[httpx.AsyncClient]:
+    """A client with the token of the owner "ada". Nothing is checked or driven unless the test does it."""
+    with patch.object(availability, "look_for", lambda _: "a sandbox of the test"):
+        async with application(folder, FakePool(), operator_token=OPERATOR, **settings) as http:
+            http.headers["Authorization"] = f"Bearer {await owner(http, 'ada')}"
+            yield http
+
+
+def service_of(http: httpx.AsyncClient) -> Service:
+    found: Service = http.app.state.service  # type: ignore[attr-defined]
+    return found
+
+
+async def owner(http: httpx.AsyncClient, name: str) -> str:
+    """The token of a new owner."""
+    token: str = expect(await register(http, "/v1/owners", name=name), 201)["token"]
+    return token
+
+
+async def agent(http: httpx.AsyncClient, name: str, track: str = "camera") -> dict[str, Any]:
+    """A new agent of the client's owner."""
+    return expect(await http.post("/v1/agents", json={"name": name, "track": track}), 201)
+
+
+async def hand_in(http: httpx.AsyncClient, body: bytes = b"", **headers: str) -> httpx.Response:
+    """Hand a model in; by default one with the name "mine"."""
+    named = {"Content-Type": TYPE, **{name.replace("_", "-"): value for name, value in headers.items()}}
+    return await http.post("/v1/submissions", content=body or model(), headers=named)
+
+
+async def checked(http: httpx.AsyncClient, submission: str, track: Track = Track.CAMERA) -> str:
+    """Play a check that has made the agent; the token of its runner."""
+    submissions = service_of(http).submissions
+    assert await submissions.make_agent(submission, track) is not None
+    token = await submissions.give_token(submission)
+    assert token is not None
+    return token
+
+
+async def running(http: httpx.AsyncClient, submission: str) -> tuple[str, str]:
+    """Play the begin of a drive; the evaluation and the token of its runner."""
+    from wrongturn_networks import load_suite
+    from wrongturn_protocol import Entry
+    from wrongturn_service.episodes.evaluations import new_evaluation
+
+    submissions = service_of(http).submissions
+    await submissions.rows.set_state(submission, SubmissionState.CHECKED)
+    row = await submissions.rows.get(submission)
+    assert row is not None
+    assert row.agent_id is not None
+    assert row.track is not None
+    evaluation = new_evaluation(load_suite(row.suite), row.agent_id, Track(row.track), Entry.UPLOADED)
+    await submissions.rows.begin_evaluation(submission, evaluation)
+    token = await submissions.give_token(submission)
+    assert token is not None
+    return evaluation.id, token
