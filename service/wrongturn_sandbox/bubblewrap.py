@@ -3,21 +3,22 @@
 import shutil
 import socket
 import subprocess
-from pathlib import Path
 from typing import Final
 
 from wrongturn_sandbox.errors import SandboxUnavailableError
 from wrongturn_sandbox.libraries import interpreter, packages, shared_libraries, standard_library
 
+_LIBRARIES: Final = "/libraries"
 _PACKAGES: Final = "/packages"
+_PYTHON: Final = "/python"
+_THREADS: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1"}
 _ENVIRONMENT: Final = {
+    **_THREADS,
     "LANG": "C.UTF-8",
+    "LD_LIBRARY_PATH": _LIBRARIES,
+    "PYTHONHOME": _PYTHON,
     "PYTHONPATH": _PACKAGES,
     "PYTHONDONTWRITEBYTECODE": "1",
-    "PYTHONNOUSERSITE": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-    "MALLOC_ARENA_MAX": "1",
 }
 _INSTALL: Final = "install it (on Debian: apt-get install bubblewrap), or use a runner container"
 _REFUSED: Final = (
@@ -26,8 +27,8 @@ _REFUSED: Final = (
 
 
 def environment() -> dict[str, str]:
-    """Return the environment variables of a guest, without ``PYTHONPATH``."""
-    return {name: value for name, value in _ENVIRONMENT.items() if name != "PYTHONPATH"}
+    """Return the environment variables of a guest without bubblewrap."""
+    return {**_THREADS, "LANG": "C.UTF-8", "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 def program() -> str:
@@ -64,10 +65,11 @@ def command(python_arguments: list[str]) -> list[str]:
     Raises:
         SandboxUnavailableError: Something that it needs is missing.
     """
-    binds: dict[str, Path] = {str(path): path for path in (interpreter(), *standard_library(), *shared_libraries())}
-    cache = Path("/etc/ld.so.cache")
-    if cache.is_file():
-        binds[str(cache)] = cache
+    linker, libraries = shared_libraries()
+    python = f"{_PYTHON}/bin/{interpreter().name}"
+    folders = {f"{_PYTHON}/{place}": path for place, path in standard_library().items()}
+    binds = {python: interpreter(), str(linker): linker, **folders}
+    binds |= {f"{_LIBRARIES}/{path.name}": path for path in libraries}
     binds |= {f"{_PACKAGES}/{place}": path for place, path in packages().items()}
     arguments = [
         *("--unshare-user", "--unshare-all", "--die-with-parent", "--new-session", "--clearenv"),
@@ -75,14 +77,14 @@ def command(python_arguments: list[str]) -> list[str]:
     ]
     for place, path in binds.items():
         arguments += ["--ro-bind", str(path), place]
-    for folder in standard_library():  # other packages of this machine may lie in the midst of the library
+    for place, path in folders.items():  # other packages of this machine may lie in the midst of the library
         for name in ("site-packages", "dist-packages"):
-            if (folder / name).is_dir():
-                arguments += ["--tmpfs", str(folder / name), "--remount-ro", str(folder / name)]
+            if (path / name).is_dir():
+                arguments += ["--tmpfs", f"{place}/{name}", "--remount-ro", f"{place}/{name}"]
     for name, value in _ENVIRONMENT.items():
         arguments += ["--setenv", name, value]
     arguments += ["--chdir", "/", "--remount-ro", "/"]
-    return [program(), *arguments, "--", str(interpreter()), "-S", "-s", "-P", *python_arguments]
+    return [program(), *arguments, "--", python, "-S", "-s", "-P", *python_arguments]
 
 
 class Bubblewrap:
@@ -123,7 +125,7 @@ class Bubblewrap:
         assert self._process.stderr is not None
         words = self._process.stderr.read(4096).decode(errors="replace").strip().splitlines()
         said = words[-1] if words else f"it ended with status {self._process.returncode}"
-        hint = f"; {_REFUSED}" if said.startswith("bwrap: ") else ""
+        hint = f"; {_REFUSED}" if "namespace" in said or "ermi" in said else ""
         return f"bubblewrap could not start the guest: {said}{hint}"
 
     def status(self) -> int | None:

@@ -26,7 +26,8 @@ PACKAGES: Final = (
 )
 """The packages that a guest imports."""
 _NATIVE: Final = ("numpy/_core", "numpy/linalg", "onnx", "onnxruntime/capi", "msgpack", "ml_dtypes", "google/_upb")
-_NEEDED: Final = re.compile(r"(?:^\s*|=> )(/\S+)", re.MULTILINE)
+_NEEDED: Final = re.compile(r"^\s*[^/\s]\S* => (/\S+)", re.MULTILINE)
+_LINKER: Final = re.compile(r"^\s*(/\S+)", re.MULTILINE)
 
 
 @functools.cache
@@ -36,11 +37,14 @@ def interpreter() -> Path:
 
 
 @functools.cache
-def standard_library() -> tuple[Path, ...]:
-    """Return the folders of Python's standard library."""
-    kept = {Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib")}
-    base = Path(sys.base_prefix, sys.platlibdir, f"python{sys.version_info[0]}.{sys.version_info[1]}").resolve()
-    return tuple(sorted(path for path in kept | {base} if (path / "os.py").exists() or (path / "lib-dynload").exists()))
+def standard_library() -> dict[str, Path]:
+    """Return the folders of Python's standard library, by their place below the interpreter's prefix."""
+    version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
+    folders = {f"{lib}/{version}": Path(sys.base_prefix, lib, version) for lib in ("lib", sys.platlibdir)}
+    folders[f"{sys.platlibdir}/{version}"] = Path(sysconfig.get_path("stdlib"))
+    return {
+        place: path for place, path in folders.items() if (path / "os.py").exists() or (path / "lib-dynload").exists()
+    }
 
 
 @functools.cache
@@ -74,8 +78,8 @@ def packages() -> dict[str, Path]:
 
 
 @functools.cache
-def shared_libraries() -> tuple[Path, ...]:
-    """Return the system's shared libraries that the interpreter and the packages need, as the linker finds them.
+def shared_libraries() -> tuple[Path, tuple[Path, ...]]:
+    """Return the path where programs expect the dynamic linker, and the shared libraries that it would load.
 
     Raises:
         SandboxUnavailableError: libseccomp is missing, or the linker cannot be asked.
@@ -89,25 +93,27 @@ def shared_libraries() -> tuple[Path, ...]:
     seccomp = re.search(r"(/\S*)/libseccomp\.so[^/\s]*$", mapped, re.MULTILINE)
     if linker is None or seccomp is None:
         raise SandboxUnavailableError("cannot find the system's dynamic linker; the sandbox needs Linux with glibc")
-    programs = [
-        interpreter(),
-        *(file for folder in standard_library() for file in folder.glob("lib-dynload/_ctypes.*")),
-    ]
+    expected = Path(linker[1])
+    found = {Path(seccomp[1], SECCOMP_LIBRARY)}
+    for program in _programs():
+        command = [linker[1], "--list", str(program)]
+        listed = subprocess.run(command, capture_output=True, text=True, check=False, env={}).stdout  # noqa: S603 - our files
+        found |= {Path(path) for path in _NEEDED.findall(listed)}
+        if program == interpreter() and (named := _LINKER.search(listed)):
+            expected = Path(named[1])
+    own = tuple(path.resolve() for path in packages().values())
+    return expected, tuple(sorted(path for path in found if not any(path.resolve().is_relative_to(at) for at in own)))
+
+
+def _programs() -> list[Path]:
+    """Return the programs and libraries that the guest runs, whose own needs are asked for."""
     places = packages()
+    found = [
+        interpreter(),
+        *(file for path in standard_library().values() for file in path.glob("lib-dynload/_ctypes.*")),
+    ]
     for native in _NATIVE:
         package, _, below = native.partition("/")
-        root = places[native] if native in places else places[package] / below
-        programs += sorted(root.glob("*.so*"))
-    own = tuple(path.resolve() for path in places.values())
-    found = {Path(seccomp[1], SECCOMP_LIBRARY)}
-    for program in programs:
-        command = [linker[1], "--list", str(program)]
-        listed = subprocess.run(command, capture_output=True, text=True, check=False, env={})  # noqa: S603 - our files
-        found |= {Path(path) for path in _NEEDED.findall(listed.stdout)}
-    return tuple(
-        sorted(path for path in found if not path.resolve().is_relative_to(Path("/proc")) and not _within(path, own))
-    )
-
-
-def _within(path: Path, folders: tuple[Path, ...]) -> bool:
-    return any(path.resolve().is_relative_to(folder) for folder in folders)
+        folder = places[native] if native in places else places[package] / below
+        found += sorted(folder.glob("*.so*"))
+    return found

@@ -159,7 +159,7 @@ def read_reply(value: object) -> tuple[str, Any]:
 
 def _array(value: object) -> NDArray[Any]:
     parts = _list(value, 3)
-    if len(parts) != 3 or parts[0] not in DTYPES or not isinstance(parts[2], bytes):
+    if len(parts) != 3 or not _is_dtype(parts[0]) or not isinstance(parts[2], bytes):
         raise FrameError("no array")
     dtype = np.dtype(parts[0])
     shape = tuple(_count(length) for length in _list(parts[1], RANK_MOST))
@@ -168,9 +168,13 @@ def _array(value: object) -> NDArray[Any]:
     return np.frombuffer(parts[2], dtype).reshape(shape)
 
 
+def _is_dtype(value: object) -> bool:
+    return isinstance(value, str) and value in DTYPES
+
+
 def _tensor(value: object) -> TensorInfo:
     parts = _list(value, 3)
-    if len(parts) != 3 or parts[1] not in DTYPES:
+    if len(parts) != 3 or not _is_dtype(parts[1]):
         raise FrameError("no description of a tensor")
     shape = tuple(
         _text(length, NAME_MOST) if isinstance(length, str) else None if length is None else _count(length)
