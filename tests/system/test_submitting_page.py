@@ -1,0 +1,109 @@
+"""The page on handing in works as it stands: by command, and by curl alone."""
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from wrongturn_client import Client, LocalService
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs/submitting.md").read_text("utf-8")
+MODEL = ROOT / "agents/wrongturn_agents/weights/ppo-segmentation.onnx"
+SERVED_AT = "http://127.0.0.1:8000"
+pytestmark = [pytest.mark.slow, pytest.mark.system, pytest.mark.timeout(600)]
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
+    database = tmp_path_factory.mktemp("service") / "wrongturn.db"
+    with LocalService(database=f"sqlite+aiosqlite:///{database}") as service:
+        yield service
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    shutil.copy(MODEL, tmp_path / "my_agent.onnx")
+    return tmp_path
+
+
+def environment(**more: str) -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_")} | more
+
+
+def entry_of(service: LocalService, evaluation: str) -> dict[str, Any]:
+    with Client(service.url) as client:
+        entries = client.leaderboard("smoke@2").entries
+    (entry,) = [entry for entry in entries if entry.evaluation == evaluation]
+    return entry.model_dump(mode="json")
+
+
+def test_curl_leads_from_a_fresh_service_to_a_rank(service: LocalService, folder: Path) -> None:
+    serve, *blocks = re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)
+    assert serve == "wrongturn serve\n"
+    marked = "echo; echo ----\n".join(blocks)
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", marked.replace(SERVED_AT, service.url)],
+        cwd=folder,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    owner, submission, state, log, board, cancelled = map(json.loads, done.stdout.split("\n----\n"))
+    assert owner["name"] == "our group"
+    assert (folder / "owner.json").stat().st_mode & 0o077 == 0
+    assert (submission["state"], submission["size"]) == ("queued", MODEL.stat().st_size)
+    assert (state["state"], state["track"], state["finished"]) == ("finished", "segmentation", 12)
+    assert len(log["lines"]) >= 3
+    (entry,) = [entry for entry in board["entries"] if entry["evaluation"] == state["evaluation"]]
+    assert (entry["entry"], entry["agent"]["owner"], entry["rank"]) == ("uploaded", "our group", 1)
+    assert cancelled == state
+
+
+def test_the_command_leads_to_a_rank(service: LocalService, folder: Path) -> None:
+    (line,) = re.findall(r"```bash\nwrongturn (submit .*)\n```", PAGE)
+    arguments = shlex.split(
+        line.replace("wrong-command@2", "smoke@2").replace("https://wrongturn.example.org", service.url)
+    )
+    command = [sys.executable, "-m", "wrongturn_client", *arguments]
+    home = environment(WRONGTURN_HOME=str(folder / "home"))
+    done = subprocess.run(command, cwd=folder, env=home, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"^Rank 1 of \d in the segmentation track.*; unsafe \d+ of 6 \(strict\), 95 % ", done.stdout, re.M)
+    assert "12 of 12 episodes" in done.stderr
+    assert (folder / "home/owners.json").stat().st_mode & 0o077 == 0
+    # The same file under its own name again: its owner is known by now, and the name is taken.
+    again = subprocess.run(command, cwd=folder, env=home, capture_output=True, text=True, check=False)
+    assert again.returncode == 1
+    assert "Registered" not in again.stderr
+    assert "--name my_agent-2" in again.stderr
+
+
+def test_a_broken_model_says_what_is_wrong_and_frees_its_name(service: LocalService, folder: Path) -> None:
+    broken = folder / "broken.onnx"
+    broken.write_bytes(MODEL.read_bytes()[:100_000])
+    home = environment(WRONGTURN_HOME=str(folder / "home"))
+    command = [sys.executable, "-m", "wrongturn_client", "submit", "broken.onnx", "--suite", "smoke@2"]
+    for _ in range(2):
+        done = subprocess.run(
+            [*command, "--url", service.url], cwd=folder, env=home, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 1, done.stderr
+        assert done.stdout.startswith("broken failed: ")
+        assert "Traceback" not in done.stderr
+
+
+def test_every_state_and_option_is_explained() -> None:
+    from wrongturn_protocol import SubmissionState
+
+    assert re.findall(r"^\| `(\w+)` \| ", PAGE, re.MULTILINE) == [state.value for state in SubmissionState]
