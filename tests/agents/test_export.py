@@ -15,7 +15,8 @@ pytest.importorskip("transformers")
 from wrongturn_agents import resolve  # noqa: E402
 from wrongturn_agents.models import build  # noqa: E402
 from wrongturn_agents.training.errors import TrainingError  # noqa: E402
-from wrongturn_agents.training.export.export import OPSET, agreement, export, sha256  # noqa: E402
+from wrongturn_agents.training.export.export import agreement, export, sha256  # noqa: E402
+from wrongturn_agents.training.export.writing import OPSET  # noqa: E402
 from wrongturn_agents.training.recording import record_observations  # noqa: E402
 from wrongturn_protocol import Track  # noqa: E402
 

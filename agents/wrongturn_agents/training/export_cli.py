@@ -1,14 +1,44 @@
-"""``wrongturn export``: write a checkpoint as an ONNX file that drives without torch."""
+"""``wrongturn export``: write a trained agent as an ONNX file that drives without torch."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperGroup
 
 _COMPARED = 200
+_CHECKPOINT = "checkpoint"
+_Out = Annotated[
+    Path,
+    typer.Option("--out", help="File to write. Example: --out agent.onnx", metavar="FILE.onnx", show_default=False),
+]
+_Name = Annotated[str | None, typer.Option(help="Name on the leaderboard; the file's by default.", show_default=False)]
 
 
-def export(
+class _Exports(TyperGroup):
+    """Kinds of export. Without one, it is a checkpoint: ``wrongturn export CHECKPOINT FILE.onnx``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put ``checkpoint`` before arguments that name no kind."""
+        if args and args[0] not in (*self.commands, *ctx.help_option_names):
+            args = [_CHECKPOINT, *args]
+        return super().parse_args(ctx, args)
+
+
+export = typer.Typer(
+    cls=_Exports,
+    help="Write a trained agent as one ONNX file, which 'wrongturn run FILE.onnx' drives without torch.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["--help", "-h"]},
+    epilog="Examples: wrongturn export runs/ppo-image-3/best.pt ppo-image.onnx; "
+    "wrongturn export sb3 agent.zip --out agent.onnx",
+)
+
+
+@export.command(_CHECKPOINT)
+def export_checkpoint(
     checkpoint: Annotated[Path, typer.Argument(help="A run's best.pt or last.pt.", show_default=False)],
     file: Annotated[Path, typer.Argument(metavar="FILE.onnx", help="File to write.", show_default=False)],
     *,
@@ -23,9 +53,8 @@ def export(
         bool, typer.Option(help=f"Compare its actions with the checkpoint's on {_COMPARED} observations.")
     ] = True,
 ) -> None:
-    """Write a trained agent as one ONNX file, which 'wrongturn run FILE.onnx' drives without torch."""
+    """Export a checkpoint of 'wrongturn train'. The word 'checkpoint' can be left out."""
     from wrongturn_agents.training.errors import TrainingError  # noqa: PLC0415 - keeps the program's start quick
-    from wrongturn_client.invocation import python  # noqa: PLC0415
 
     try:
         from wrongturn_agents.training.checkpoint import load_checkpoint, model_of  # noqa: PLC0415
@@ -34,10 +63,7 @@ def export(
         from wrongturn_agents.training.export import export as exporting  # noqa: PLC0415
         from wrongturn_agents.training.recording import record_observations  # noqa: PLC0415
     except ImportError as error:
-        raise TrainingError(
-            f"export: {error.name} is not installed; install what it needs with: "
-            f"{python()} -m pip install 'wrongturn-agents[training]'",
-        ) from error
+        raise TrainingError(_missing(error)) from error
     if is_doubting(checkpoint):
         export_doubting(checkpoint, file, precision, name=name)
         typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")
@@ -49,3 +75,64 @@ def export(
     if found is not None:
         for control, mean, greatest in zip(("steer", "throttle", "brake"), found.mean, found.greatest, strict=True):
             typer.echo(f"{control}: differs from the checkpoint's by {mean:.2g} on average, {greatest:.2g} at most")
+
+
+@export.command("sb3")
+def export_sb3(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.zip", help="What model.save of Stable-Baselines3 wrote.", show_default=False)
+    ],
+    out: _Out,
+    *,
+    vecnormalize: Annotated[
+        Path | None,
+        typer.Option(
+            help="What VecNormalize.save wrote, if training normalised observations. Example: --vecnormalize stats.pkl",
+            show_default=False,
+        ),
+    ] = None,
+    actions: Annotated[
+        Path | None,
+        typer.Option(
+            help="For discrete actions: JSON list with [steer, accelerate] or [steer, throttle, brake] for each. "
+            "Example: --actions actions.json",
+            show_default=False,
+        ),
+    ] = None,
+    name: _Name = None,
+    description: Annotated[
+        str | None, typer.Option(help="One sentence for the leaderboard.", show_default=False)
+    ] = None,
+) -> None:
+    """Export a policy of Stable-Baselines3: PPO, A2C, SAC, TD3, DDPG or DQN on an environment of Wrongturn.
+
+    Loading FILE.zip runs code that it names: export only files that you trust. Start in the folder of your own features
+    extractor, so that it can be imported. Example: wrongturn export sb3 agent.zip --out agent.onnx
+    """
+    from wrongturn_agents.training.errors import TrainingError  # noqa: PLC0415
+
+    try:
+        from wrongturn_agents.training.export import sb3  # noqa: PLC0415
+    except ImportError as error:
+        raise TrainingError(_missing(error)) from error
+    loaded = " and ".join(str(each) for each in (file, vecnormalize) if each is not None)
+    typer.echo(f"Loading {loaded} runs code that is named inside: export only files that you trust.", err=True)
+    made = sb3.export_sb3(file, out, vecnormalize=vecnormalize, actions=actions, name=name, description=description)
+    typer.echo(
+        f"{out}: {made.algorithm}, {made.track} track, {out.stat().st_size / 1e6:.1f} MB; takes "
+        f"{', '.join(made.inputs)}; gives {', '.join(made.outputs)}"
+    )
+    typer.echo(
+        f"On {sb3.COMPARED} sampled observations its actions differ from the policy's by {made.greatest:.2g} at most"
+        + (f" (by more than {sb3.TOLERANCE} on {made.exceptions})" if made.exceptions else "")
+    )
+
+
+def _missing(error: ImportError) -> str:
+    """Return what to install, after an import failed."""
+    from wrongturn_client.invocation import python  # noqa: PLC0415
+
+    return (
+        f"export: {error.name} is not installed; install what it needs with: "
+        f"{python()} -m pip install 'wrongturn-agents[training]'"
+    )

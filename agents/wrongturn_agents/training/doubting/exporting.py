@@ -15,8 +15,9 @@ from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.doubting.config import ALGORITHMS, POLICIES
 from wrongturn_agents.training.doubting.run import load_doubt
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.export import LICENCE, OPSET, Precision, quiet, strip, write_graph
+from wrongturn_agents.training.export.export import LICENCE, Precision
 from wrongturn_agents.training.export.quantisation import halve
+from wrongturn_agents.training.export.writing import export_graph, write_graph
 from wrongturn_protocol.model_contract import ACTION, STATE_IN, STATE_OUT
 
 OBEYED: Final = "obeyed_command"
@@ -110,21 +111,13 @@ def _doubt_graph(model: GatedDoubt, key: str) -> onnx.ModelProto:
         key: torch.ones((2, *_SHAPES[key]), dtype=torch.uint8),
     }
     batch = torch.export.Dim("batch", min=1, max=4096)
-    with quiet():
-        program = torch.onnx.export(
-            model.to(memory_format=torch.contiguous_format).eval(),  # type: ignore[call-overload]
-            kwargs={"observation": example, "state": torch.zeros(2, MEMORY)},
-            dynamo=True,
-            opset_version=OPSET,
-            dynamic_shapes={"observation": {name: {0: batch} for name in example}, "state": {0: batch}},
-            input_names=[*example, STATE_IN],
-            output_names=[OBEYED, STATE_OUT],
-            verbose=False,
-        )
-    assert program is not None
-    proto: onnx.ModelProto = program.model_proto
-    strip(proto)
-    return proto
+    return export_graph(
+        model.to(memory_format=torch.contiguous_format).eval(),  # type: ignore[call-overload]
+        {"observation": example, "state": torch.zeros(2, MEMORY)},
+        [*example, STATE_IN],
+        [OBEYED, STATE_OUT],
+        {"observation": {name: {0: batch} for name in example}, "state": {0: batch}},
+    )
 
 
 def joined(doubt: onnx.ModelProto, driving: onnx.ModelProto) -> onnx.ModelProto:

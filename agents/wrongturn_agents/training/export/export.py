@@ -2,10 +2,7 @@
 
 import hashlib
 import json
-import logging
-import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -15,20 +12,17 @@ import numpy as np
 import onnx
 import torch
 from numpy.typing import NDArray
-from pydantic import ValidationError
 from torch import Tensor, nn
 
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
-from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.quantisation import halve, quantise
+from wrongturn_agents.training.export.writing import check_name, check_target, export_graph, write_graph
 from wrongturn_agents.training.recording import record_observations
-from wrongturn_protocol import AgentRegistration, Track
+from wrongturn_protocol import Track
 from wrongturn_protocol.model_contract import ACTION
 
-OPSET: Final = 18
-"""Opset of the files. Torch writes it without a conversion, and every onnxruntime since 1.14 reads it."""
 LICENCE: Final = "Apache-2.0"
 CALIBRATION: Final = 200
 """Number of observations that determine int8's ranges."""
@@ -100,12 +94,10 @@ def export(
         TrainingError: the file is no checkpoint, or the ONNX file cannot be written.
     """
     file = Path(file)
-    if file.is_dir() or not file.absolute().parent.is_dir():
-        raise TrainingError(f"FILE: {file} cannot be written; name a file in a directory that exists")
-    if file.suffix != ".onnx":
-        raise TrainingError(f"FILE: {file} would not be known by its name; let it end with .onnx")
+    check_target(file)
     told = load_checkpoint(Path(checkpoint))
-    _check_name(name)
+    if name is not None:
+        check_name(name)
     algorithm, precision = told["algorithm"], Precision(precision)
     keys = inputs_of(algorithm)
     graph = _graph(model_of(told), keys)
@@ -134,29 +126,6 @@ def export(
     found = agreement(checkpoint, file, compared)
     write_graph(file, graph, facts | {"agreement": json.dumps(asdict(found), sort_keys=True)})
     return found
-
-
-def _check_name(name: str | None) -> None:
-    if name is None:
-        return
-    try:
-        AgentRegistration(name=name, track=Track.CAMERA)
-    except ValidationError as error:
-        raise TrainingError(
-            f"--name: {name!r} cannot be one; give at most 64 letters, digits, spaces, dots, dashes and underscores, "
-            "a letter or digit first"
-        ) from error
-
-
-def write_graph(file: Path, graph: onnx.ModelProto, facts: dict[str, str]) -> None:
-    """Write the file all at once, with its metadata."""
-    onnx.helper.set_model_props(graph, facts)
-    beside = file.with_name(file.name + ".part")
-    try:
-        beside.write_bytes(graph.SerializeToString(deterministic=True))
-        beside.replace(file)
-    except OSError as error:
-        raise TrainingError(f"FILE: {file} cannot be written ({error.strerror}); name another") from error
 
 
 def inputs_of(algorithm: str) -> tuple[str, ...]:
@@ -202,43 +171,10 @@ def _graph(model: nn.Module, keys: tuple[str, ...]) -> onnx.ModelProto:
     # A batch of two, because the exporter takes an axis of length one as fixed.
     example = {key: torch.ones((2, *shapes[key]), dtype=dtypes.get(key, torch.uint8)) for key in keys}
     batch = torch.export.Dim("batch", min=1, max=4096)
-    with quiet():
-        program = torch.onnx.export(
-            _ExportedAgent(model.to(memory_format=torch.contiguous_format)).eval(),  # type: ignore[call-overload]
-            kwargs={"observation": example},
-            dynamo=True,
-            opset_version=OPSET,
-            dynamic_shapes={"observation": {key: {0: batch} for key in keys}},
-            input_names=list(keys),
-            output_names=[ACTION],
-            verbose=False,
-        )
-    assert program is not None
-    proto: onnx.ModelProto = program.model_proto
-    strip(proto)
-    return proto
-
-
-def strip(proto: onnx.ModelProto) -> None:
-    """Remove the notes about each node's source, which name this machine's folders."""
-    proto.producer_name, proto.producer_version, proto.doc_string = "wrongturn", "", ""
-    graph = proto.graph
-    graph.doc_string = ""
-    for part in (proto, graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer):
-        del part.metadata_props[:]
-        part.doc_string = ""
-    del proto.functions[:]
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Silence the exporter's messages about optional packages and its own deprecations."""
-    logger = logging.getLogger("torch.onnx._internal.exporter._registration")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        logger.setLevel(level)
+    return export_graph(
+        _ExportedAgent(model.to(memory_format=torch.contiguous_format)).eval(),  # type: ignore[call-overload]
+        {"observation": example},
+        keys,
+        (ACTION,),
+        {"observation": {key: {0: batch} for key in keys}},
+    )

@@ -1,0 +1,154 @@
+"""What a policy of Stable-Baselines3 takes, and how that is made from an observation."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecNormalize
+
+from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.export.sb3_policy import SavedPolicy
+from wrongturn_protocol import Track
+from wrongturn_protocol.observations import FIELDS, Field, Observation
+
+_TRACKS: Final = (Track.STATE, Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)  # smaller tracks first
+_CHANNELS_FIRST: Final = (2, 0, 1)
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Statistics of one key, as ``VecNormalize`` applies them."""
+
+    mean: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    clip: float
+    """Greatest scaled value."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """One key that a policy takes."""
+
+    field: Field
+    transposed: bool
+    """Whether the policy takes a picture's channels first."""
+    scaling: Scaling | None
+    """Its normalisation; None for none."""
+
+    @property
+    def scaled_first(self) -> bool:
+        """Whether the normalisation comes before the transposition, as when Stable-Baselines3 adds the latter."""
+        return self.scaling is not None and self.scaling.mean.shape == self.field.shape
+
+
+def taken_by(saved: SavedPolicy, statistics: VecNormalize | None) -> tuple[Track, tuple[Taken, ...]]:
+    """Return the track of a policy, and the keys that it takes.
+
+    Raises:
+        TrainingError: its space is not made of keys of one track, or a wrapper changed them.
+    """
+    space = saved.observation_space
+    if not isinstance(space, spaces.Dict):
+        raise TrainingError(
+            f"observation space: {space} is not one of ours, which are Dicts; train a MultiInputPolicy on an "
+            "environment of Wrongturn without wrappers that change the observation"
+        )
+    track = _track(tuple(space.spaces))
+    keys = tuple(_taken(field, space[field.name], statistics) for field in FIELDS[track] if field.name in space.spaces)
+    if statistics is None:
+        _check_scale(saved)
+    return track, keys
+
+
+def as_policy_takes(
+    observation: Observation, keys: tuple[Taken, ...], statistics: VecNormalize | None
+) -> dict[str, NDArray[Any]]:
+    """Return an observation as training's wrappers hand it to the policy.
+
+    This uses ``VecNormalize`` itself, so that a file can be compared with it.
+    """
+    given = {key.field.name: observation[key.field.name] for key in keys}
+    late = [key.field.name for key in keys if key.transposed and key.scaled_first]
+    for key in keys:
+        if key.transposed and not key.scaled_first:
+            given[key.field.name] = given[key.field.name].transpose(_CHANNELS_FIRST)
+    if statistics is not None:
+        given = statistics.normalize_obs(given)
+    for name in late:
+        given[name] = given[name].transpose(_CHANNELS_FIRST)
+    return given
+
+
+def _track(names: tuple[str, ...]) -> Track:
+    """Return the smallest track with all keys."""
+    for track in _TRACKS:
+        if set(names) <= {field.name for field in FIELDS[track]}:
+            return track
+    known = {field.name for track in _TRACKS for field in FIELDS[track]}
+    unknown = [name for name in names if name not in known]
+    reason = f"{', '.join(unknown)}: no such observation key" if unknown else "no track has all of these keys"
+    raise TrainingError(f"observation space: {reason}; train on an environment of one track, without wrappers")
+
+
+def _taken(field: Field, space: spaces.Space[Any], statistics: VecNormalize | None) -> Taken:
+    shape = tuple(space.shape or ())
+    transposed = field.image and len(field.shape) == 3 and shape == _first(field.shape)
+    if not transposed and shape != field.shape:
+        raise TrainingError(_wrong_shape(field, shape))
+    scaling = _scaling(field, shape, statistics)
+    ours = spaces.Box(field.low, field.high, shape, field.numpy_dtype.type)
+    if space != ours and scaling is None:
+        remedy = "give --vecnormalize, or " if space.dtype == np.float32 else ""
+        raise TrainingError(
+            f"observation space: {field.name} is {space}, and the service shows {ours}: a wrapper changed it; "
+            f"{remedy}train without the wrapper, and put what it does into a features extractor"
+        )
+    return Taken(field, transposed, scaling)
+
+
+def _wrong_shape(field: Field, shape: tuple[int, ...]) -> str:
+    size, whole = math.prod(field.shape), math.prod(shape)
+    if whole > size and whole % size == 0:
+        return (
+            f"observation space: {field.name} is {shape}, {whole // size} frames stacked; a model is shown one "
+            "observation at a time: train without stacking, or write a network with a memory (docs/models.md)"
+        )
+    return (
+        f"observation space: {field.name} is {shape}, and the service shows {field.shape}; train without the wrapper "
+        "that changes it"
+    )
+
+
+def _scaling(field: Field, shape: tuple[int, ...], statistics: VecNormalize | None) -> Scaling | None:
+    if statistics is None or not statistics.norm_obs:
+        return None
+    names = statistics.norm_obs_keys
+    if not isinstance(statistics.obs_rms, dict) or names is None:
+        raise TrainingError("--vecnormalize: its statistics are not of a Dict of observations; name this policy's file")
+    if field.name not in names:
+        return None
+    found = statistics.obs_rms[field.name]
+    if found.mean.shape not in {field.shape, shape}:
+        raise TrainingError(
+            f"--vecnormalize: its {field.name} is {found.mean.shape}, and the policy's is {shape}; name this policy's"
+        )
+    return Scaling(found.mean, np.sqrt(found.var + statistics.epsilon), float(statistics.clip_obs))
+
+
+def _check_scale(saved: SavedPolicy) -> None:
+    """Check by the observations that training saw last that no statistics are missing."""
+    for name, space in saved.observation_space.spaces.items():  # type: ignore[attr-defined]
+        rows = np.asarray(saved.last_observation.get(name, np.empty(0, space.dtype)))
+        if rows.dtype != space.dtype or not all(space.contains(row) for row in rows):
+            raise TrainingError(
+                f"--vecnormalize: is missing: training saw values of {name} that the environment does not have, so "
+                "that VecNormalize scaled them; save its statistics (VecNormalize.save) and name the file"
+            )
+
+
+def _first(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape of a picture with its channels first."""
+    return tuple(shape[axis] for axis in _CHANNELS_FIRST)
