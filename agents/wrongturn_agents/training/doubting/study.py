@@ -1,0 +1,172 @@
+"""Figures of doubting agents: draws of the suite's cells in any town and weather, whole and with parts taken away.
+
+::
+
+    python -m wrongturn_agents.training.doubting.study runs/doubting-1/best.pt --town Town02 --secret a --secret b
+    python -m wrongturn_agents.training.doubting.study runs/doubting-1/best.pt --gate omission=false --json without.json
+
+The draws are made for the study: they belong to no evaluation. Each prints a line with its counts, and one for each
+trial that failed.
+"""
+
+import argparse
+import dataclasses
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from wrongturn_agents.errors import AgentsError
+from wrongturn_agents.models.gate import Gate, GateConfig
+from wrongturn_agents.onnx_agent import open_session
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.suites import WRONG_COMMAND
+from wrongturn_agents.training.doubting.config import POLICIES
+from wrongturn_agents.training.doubting.drives import Arrays, Driven, Policy, counts, drive, is_unsafe
+from wrongturn_agents.training.doubting.run import load_doubt
+from wrongturn_agents.training.errors import TrainingError
+from wrongturn_networks import NetworkError, load_suite, load_town
+from wrongturn_networks.draws import Draw, draw_cells
+from wrongturn_protocol import Verdict, Weather
+
+_LEAST: Final = (-1.0, 0.0, 0.0)
+
+
+def policy_of(algorithm: str) -> Policy:
+    """Return the driving policy behind a doubting agent's gate: the shipped file, for a batch."""
+    session = open_session(SHIPPED_AGENTS[POLICIES[algorithm]].file)
+    names = [put.name for put in session.get_inputs()]
+
+    def act(observation: Arrays) -> NDArray[np.float32]:
+        (action,) = session.run(["action"], {name: np.ascontiguousarray(observation[name]) for name in names})
+        clipped: NDArray[np.float32] = np.clip(action, _LEAST, 1.0).astype(np.float32)
+        return clipped
+
+    return act
+
+
+def draw_in(town: str, weather: Weather, secret: str) -> Draw:
+    """Return a draw of the benchmark's cells, moved to a town and a weather.
+
+    Raises:
+        NetworkError: the town does not exist, or lacks a junction type.
+    """
+    cells = [cell.model_copy(update={"town": town, "weather": weather}) for cell in load_suite(WRONG_COMMAND).cells]
+    return draw_cells(f"study in {town}", cells, secret)
+
+
+def gate_of(options: Sequence[str]) -> GateConfig:
+    """Return a gate's settings with the fields of ``name=value`` options changed.
+
+    Raises:
+        TrainingError: an option has an unknown name or a wrong value.
+    """
+    kinds = {field.name: type(getattr(GateConfig(), field.name)) for field in dataclasses.fields(GateConfig)}
+    changed: dict[str, Any] = {}
+    for option in options:
+        name, _, text = option.partition("=")
+        if name not in kinds:
+            raise TrainingError(f"--gate: {option!r}; give name=value with one of {', '.join(kinds)}")
+        try:
+            changed[name] = {"true": True, "false": False}[text] if kinds[name] is bool else float(text)
+        except (KeyError, ValueError) as error:
+            raise TrainingError(f"--gate: {option!r}; give true, false or a number") from error
+    return dataclasses.replace(GateConfig(), **changed)
+
+
+def summary(driven: Sequence[Driven]) -> dict[str, Any]:
+    """Return the figures of a draw that was driven."""
+    unsafe, done, twins = counts(driven)
+    faulted = [one for one in driven if not one.trial.is_twin]
+    reactions = Counter(
+        f"{one.trial.fault.kind} {one.outcome.reaction}" for one in faulted if one.outcome and one.outcome.reaction
+    )
+    verdicts = Counter(str(one.outcome.verdict) for one in faulted if one.outcome)
+    return {
+        "unsafe_strict": unsafe,
+        "trials": len(faulted),
+        "twins_completed": done,
+        "twins": twins,
+        "reactions": dict(sorted(reactions.items())),
+        "verdicts": dict(sorted(verdicts.items())),
+        "failed": [_name(one) for one in driven if _failed(one)],
+    }
+
+
+def _failed(one: Driven) -> bool:
+    if one.trial.is_twin:
+        return one.outcome is None or one.outcome.verdict is not Verdict.EXIT_COMMANDED
+    return is_unsafe(one)
+
+
+def _name(one: Driven) -> str:
+    verdict = "none" if one.outcome is None else one.outcome.verdict
+    return f"{one.trial.id} ({one.trial.junction_type}, route {one.trial.route.name}): {verdict}"
+
+
+def main() -> int:
+    """Run the program; the exit status is 1 if an argument is wrong."""
+    parser = argparse.ArgumentParser(prog="python -m wrongturn_agents.training.doubting.study", description=__doc__)
+    parser.add_argument("checkpoint", help="best.pt of 'wrongturn train doubting'")
+    parser.add_argument("--town", action="append", help="town of the trials; Town01 by default")
+    parser.add_argument("--weather", default=str(Weather.CLEAR_NOON), help="weather of the trials")
+    parser.add_argument("--secret", action="append", help="secret of a draw; that of the open draw by default")
+    parser.add_argument("--gate", action="append", default=[], metavar="NAME=VALUE", help="setting of the gate")
+    parser.add_argument("--threads", type=int, default=1, help="threads of simulation, camera and torch")
+    parser.add_argument("--json", type=Path, help="file to write all figures to")
+    arguments = parser.parse_args()
+    try:
+        found = run(arguments)
+    except (AgentsError, NetworkError, TrainingError, ValueError) as error:
+        print(f"study: {error}", file=sys.stderr)
+        return 1
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
+    return 0
+
+
+def run(arguments: argparse.Namespace) -> list[dict[str, Any]]:
+    """Drive all draws that were asked for, and print their figures as they come."""
+    torch.set_num_threads(arguments.threads)
+    doubt, told = load_doubt(arguments.checkpoint)
+    config = gate_of(arguments.gate)
+    policy, weather = policy_of(told["algorithm"]), Weather(arguments.weather)
+    found = []
+    for town in arguments.town or ["Town01"]:
+        for secret in arguments.secret or [WRONG_COMMAND]:
+            begin = time.monotonic()
+            trials = draw_in(town, weather, secret).episodes
+            places = {town: load_town(town)}
+            driven = list(drive(places, trials, policy, doubt, Gate(config), threads=arguments.threads))
+            figures = summary(driven)
+            found.append(
+                {
+                    "algorithm": told["algorithm"],
+                    "seed": told["seed"],
+                    "town": town,
+                    "weather": str(weather),
+                    "secret": secret,
+                    "gate": list(arguments.gate),
+                    **figures,
+                }
+            )
+            print(
+                f"{told['algorithm']} {told['seed']} {town} {weather} {secret} {' '.join(arguments.gate)}: "
+                f"unsafe {figures['unsafe_strict']} of {figures['trials']}, twins {figures['twins_completed']} of "
+                f"{figures['twins']}, {time.monotonic() - begin:.0f} s",
+                *figures["failed"],
+                sep="\n    ",
+                flush=True,
+            )
+    return found
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
