@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict
 
 from wrongturn_agents.agent import Agent, kind_of_agent, track_of_agent
 from wrongturn_agents.baselines import AlwaysStops, Careful, IgnoresCommands, ObeysBlindly, Parked
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS, ShippedDoubtingAgent
 from wrongturn_agents.errors import (
     AgentFailedError,
     AgentImportError,
@@ -96,6 +97,7 @@ def list_agents() -> list[AgentListing]:
     """Return the baselines, the trained agents and the exploits. The description says which must be trained first."""
     described: list[tuple[Any, str]] = [(agent, agent.description) for agent in AGENTS.values()]
     described += [(agent, _description(agent)) for agent in SHIPPED_AGENTS.values()]
+    described += [(agent, _description(agent)) for agent in DOUBTING_AGENTS.values()]
     described += [(agent, agent.description) for agent in EXPLOITS.values()]
     return [
         AgentListing(name=agent.name, track=agent.track, kind=agent.kind, description=description)
@@ -103,7 +105,7 @@ def list_agents() -> list[AgentListing]:
     ]
 
 
-def _description(agent: ShippedAgent) -> str:
+def _description(agent: ShippedAgent | ShippedDoubtingAgent) -> str:
     if agent.file.is_file():
         return agent.description
     return f"{agent.description} No weights are shipped yet: train it ('{program()} train {agent.name}')."
@@ -126,14 +128,14 @@ def resolve(named: str) -> AgentSource:
         return _source(named, AGENTS[named])
     if named in EXPLOITS:
         return _source(named, EXPLOITS[named])
-    if named in SHIPPED_AGENTS:
-        agent = SHIPPED_AGENTS[named]
+    agent = SHIPPED_AGENTS.get(named) or DOUBTING_AGENTS.get(named)
+    if agent is not None:
         return AgentSource(agent.name, agent.track, agent.kind, agent.description, agent.make, agent.trained_on_faults)
     if named.endswith(".onnx"):
         return _model(Path(named))
     if ":" in named:
         return _source(named, _import(named))
-    known = ", ".join((*AGENTS, *SHIPPED_AGENTS, *EXPLOITS))
+    known = ", ".join((*AGENTS, *SHIPPED_AGENTS, *DOUBTING_AGENTS, *EXPLOITS))
     raise UnknownAgentError(
         f"agent: there is no agent called {named!r}; known are {known}; or name package.module:Class or a .onnx file",
     )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from wrongturn_agents import list_agents, resolve
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.registry import AGENTS
@@ -26,7 +27,7 @@ def needs_weights(name: str) -> None:
 def test_the_three_are_listed_as_references_after_the_baselines():
     listed = {agent.name: agent for agent in list_agents()}
     after = [name for name in listed if listed[name].kind is not AgentKind.EXPLOIT]
-    assert after == [*AGENTS, "ppo-segmentation", "ppo-image", "ppo-auxiliary"]
+    assert after == [*AGENTS, "ppo-segmentation", "ppo-image", "ppo-auxiliary", *DOUBTING_AGENTS]
     assert list(listed)[: len(after)] == after
     tracks = [listed[name].track for name in ("ppo-segmentation", "ppo-image", "ppo-auxiliary")]
     assert tracks == [Track.SEGMENTATION, Track.CAMERA, Track.CAMERA]

@@ -83,6 +83,35 @@ def test_the_file_drives_as_the_parts_do(checkpoint: Path, precision: str, tmp_p
 
 
 @pytest.mark.slow
+def test_the_parts_that_are_shipped_drive_as_the_whole_file(
+    checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    export_doubting(checkpoint, tmp_path / "whole.onnx", "fp16")
+    export_doubting(checkpoint, tmp_path / "doubting-segmentation.gate.onnx", "fp16", whole=False)
+    monkeypatch.setattr("wrongturn_agents.doubting_agent.WEIGHTS", tmp_path)
+    source, whole = resolve("doubting-segmentation"), resolve(str(tmp_path / "whole.onnx"))
+    assert source.trained_on_faults
+    assert whole.trained_on_faults
+    assert (source.name, source.track) == (whole.name, whole.track)
+    one, other, beside = source.make(), whole.make(), source.make()
+    envs = WrongturnVectorEnv(1, "Town01", "segmentation", fault="omission", record=False)
+    observation, _ = envs.reset(seed=2)
+    for agent in (one, other, beside):
+        agent.reset(envs.single_observation_space)
+    first = {name: array[0] for name, array in observation.items()}
+    for _ in range(60):
+        seen = {name: array[0] for name, array in observation.items()}
+        action = one.act(seen)
+        assert action == other.act(seen)
+        observation, *_ = envs.step(np.array([[action.steer, action.throttle, action.brake]], np.float32))
+    envs.close()
+    # Copies share the loaded files and not the memory.
+    fresh = source.make()
+    fresh.reset(envs.single_observation_space)
+    assert beside.act(first) == fresh.act(first)
+
+
+@pytest.mark.slow
 def test_a_checkpoint_is_known_as_what_it_is(checkpoint: Path, tmp_path: Path) -> None:
     assert is_doubting(checkpoint)
     assert not is_doubting(tmp_path / "nothing.pt")

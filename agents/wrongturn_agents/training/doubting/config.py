@@ -5,11 +5,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.training.errors import TrainingError
 
 ALGORITHMS: Final = {"doubting": "rgb", "doubting-segmentation": "segmentation"}
 """Agents that doubt, and the picture that each sees."""
-POLICIES: Final = {"doubting": "ppo-image", "doubting-segmentation": "ppo-segmentation"}
+POLICIES: Final = {name: agent.drives for name, agent in DOUBTING_AGENTS.items()}
 """The shipped agent that drives for each of them."""
 
 

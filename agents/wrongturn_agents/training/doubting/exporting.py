@@ -9,6 +9,7 @@ import onnx
 import torch
 from torch import Tensor, nn
 
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS, OBEYED
 from wrongturn_agents.models.doubt import Doubt
 from wrongturn_agents.models.gate import MEMORY, Gate, GateConfig
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
@@ -20,8 +21,6 @@ from wrongturn_agents.training.export.quantisation import halve
 from wrongturn_agents.training.export.writing import export_graph, write_graph
 from wrongturn_protocol.model_contract import ACTION, STATE_IN, STATE_OUT
 
-OBEYED: Final = "obeyed_command"
-"""Tensor between the gate and the driving agent."""
 _PREFIX: Final = "policy."
 _SHAPES: Final = {"rgb": (64, 192, 3), "segmentation": (64, 192)}
 
@@ -53,6 +52,7 @@ def export_doubting(
     *,
     name: str | None = None,
     gate: GateConfig | None = None,
+    whole: bool = True,
 ) -> None:
     """Write a doubting agent as one ONNX file.
 
@@ -62,6 +62,7 @@ def export_doubting(
         precision: ``fp32`` or ``fp16``, of the weights that see; the driving agent's stay as they are shipped.
         name: the agent's name on the leaderboard; the algorithm by default.
         gate: settings of the gate; the shipped ones by default.
+        whole: False writes only what doubts, as the shipped agents have it: its output is the command to obey.
 
     Raises:
         TrainingError: the file is no checkpoint, or the ONNX file cannot be written.
@@ -78,16 +79,16 @@ def export_doubting(
     graph = _doubt_graph(GatedDoubt(doubt, Gate(settings)), ALGORITHMS[algorithm])
     if precision == Precision.FP16:
         halve(graph)
-    whole = joined(graph, onnx.load(driving.file))
-    onnx.checker.check_model(whole, full_check=True)
-    described = SHIPPED_AGENTS.get(algorithm)
+    if whole:
+        graph = joined(graph, onnx.load(driving.file))
+    onnx.checker.check_model(graph, full_check=True)
     write_graph(
         file,
-        whole,
+        graph,
         {
             "name": name or algorithm,
             "track": str(driving.track),
-            "description": described.description if described else f"{driving.name} behind a gate that doubts commands",
+            "description": DOUBTING_AGENTS[algorithm].description,
             "algorithm": algorithm,
             "drives": driving.name,
             "seed": str(told["seed"]),
