@@ -32,6 +32,8 @@ class _Guest:
     """File descriptor that can be read once the process has ended."""
     connection: socket.socket
     """Its host. Kept to notice when the host leaves, and to tell it how the guest ended."""
+    leaving: bool = False
+    """Whether its host has left, so that it ends in a moment."""
 
 
 class Listener:
@@ -62,8 +64,11 @@ class Listener:
         _LOG.info("listening at %s for at most %d sandboxes", self._path, self._most)
         try:
             while True:
-                for descriptor, _ in self._poll.poll():
+                ready = [descriptor for descriptor, _ in self._poll.poll()]
+                for descriptor in ready:
                     self._attend(descriptor)
+                if self._socket.fileno() in ready:
+                    self._accept()
         finally:
             for guest in self._guests.values():
                 guest.process.kill()
@@ -72,17 +77,18 @@ class Listener:
             self._path.unlink(missing_ok=True)
 
     def _attend(self, descriptor: int) -> None:
-        if descriptor == self._socket.fileno():
-            self._accept()
-            return
         for guest in list(self._guests.values()):
             if descriptor == guest.ended:
                 self._bury(guest)
             elif descriptor == guest.connection.fileno():
                 self._poll.unregister(guest.connection)
+                guest.leaving = True
                 guest.process.kill()
 
     def _accept(self) -> None:
+        if len(self._guests) >= self._most and any(guest.leaving for guest in self._guests.values()):
+            self._poll.unregister(self._socket)  # the host waits for the place of one that leaves
+            return
         try:
             connection, _ = self._socket.accept()
         except OSError as error:
@@ -115,6 +121,7 @@ class Listener:
     def _bury(self, guest: _Guest) -> None:
         del self._guests[guest.process.pid]
         status = guest.process.wait()
+        self._poll.register(self._socket, select.POLLIN)
         self._poll.unregister(guest.ended)
         os.close(guest.ended)
         with contextlib.suppress(KeyError):

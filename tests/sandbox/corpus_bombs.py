@@ -53,9 +53,9 @@ def _outer() -> bytes:
     return beside(nodes, "b", [ints("tall", 1 << 18, 1), ints("wide", 1, 1 << 18)])
 
 
-def _doubling() -> bytes:
-    nodes = [node("Concat", [f"d{step}" if step else "speed"] * 2, [f"d{step + 1}"], axis=0) for step in range(40)]
-    return beside(nodes, "d40")
+def _multiplying() -> bytes:
+    nodes = [node("Concat", [f"d{step}" if step else "speed"] * 250, [f"d{step + 1}"], axis=0) for step in range(8)]
+    return beside(nodes, "d8")
 
 
 def _conv() -> bytes:
@@ -124,7 +124,7 @@ BOMBS = (
     ),
     Case("memory-resize", _resize, _MEMORY, By.STEP),
     Case("memory-outer-product", _outer, _MEMORY, By.STEP),
-    Case("memory-doubling", _doubling, _MEMORY, By.STEP),
+    Case("memory-multiplying", _multiplying, _MEMORY, By.STEP),
     Case("memory-convolution", _conv, _MEMORY, By.STEP),
     Case(
         "memory-at-a-step-constant",

@@ -38,6 +38,11 @@ def gone(pid: int) -> bool:
         return True
 
 
+def run_for_ever(sandbox: Sandbox) -> None:
+    while True:
+        sandbox.run(SPEED)
+
+
 def wait_until(true: Callable[[], bool]) -> None:
     while not true():
         time.sleep(0.01)
@@ -51,8 +56,7 @@ def test_killed_from_outside(which: str) -> None:
         assert sandbox.pid is not None
         os.kill(sandbox.pid if which == "bubblewrap" else guest(sandbox), signal.SIGKILL)
         with pytest.raises(SandboxLostError, match="outside"):
-            while True:  # the kernel may take a moment
-                sandbox.run(SPEED)
+            run_for_ever(sandbox)  # the kernel may take a moment
 
 
 @pytest.mark.usefixtures("bubblewrap")

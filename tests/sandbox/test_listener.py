@@ -146,8 +146,16 @@ def test_another_version_is_named(listener: Path) -> None:
         assert "versions 99 and 1" in msgpack.unpackb(content)["unavailable"]
 
 
-def test_garbage_from_a_host_harms_no_other(own: Own) -> None:
-    for garbage in (b"", b"\xff" * 100, b"\0\0\0\x05hello", b"GET / HTTP/1.1\r\n\r\n"):
+def test_a_host_gets_the_place_of_one_that_left(start_listener: StartListener) -> None:
+    path = start_listener(most=1)
+    for _ in range(5):
+        with open_sandbox(path, LIMITS) as sandbox:
+            assert sandbox.load(model()).nodes == 2
+
+
+@pytest.mark.parametrize("garbage", [b"", b"\xff" * 100, b"\0\0\0\x05hello", b"GET / HTTP/1.1\r\n\r\n"])
+def test_garbage_from_a_host_harms_no_other(own: Own, garbage: bytes) -> None:
+    for _ in range(3):
         with socket.socket(socket.AF_UNIX) as connection:
             connection.connect(str(own.path))
             connection.sendall(garbage)
