@@ -6,19 +6,22 @@ import gc
 import signal
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import structlog
 from app_harness import Clock
 from fake_pool import FakePool
+from fastapi import FastAPI
 from service_harness import Service
 from typing_extensions import override
 
 from wrongturn_service.app import create_app
 from wrongturn_service.server import Server, configuration
 from wrongturn_service.settings import Settings
+
+T = TypeVar("T")
 
 
 class ClockedLoop(asyncio.SelectorEventLoop):
@@ -90,7 +93,16 @@ class ClockedService(Service):
             self._clock.now += seconds
             await _settled()
 
-        asyncio.run_coroutine_threadsafe(shift(), self._loop).result(60)
+        self.do(shift())
+
+    def do(self, work: Coroutine[Any, Any, T]) -> T:
+        """Do something in the service's event loop."""
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(60)
+
+    @property
+    def app(self) -> FastAPI:
+        """The application."""
+        return self._app
 
     @property
     def connections(self) -> int:

@@ -4,28 +4,61 @@ import contextlib
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
+from unittest.mock import AsyncMock, patch
 
 import httpx
 from app_harness import application, register
+from clocked_service import ClockedService
 from fake_pool import FakePool
 from model_form import TYPE, model
 from service_harness import expect
+from typing_extensions import override
 
-from wrongturn_protocol import SubmissionState, Track
+from wrongturn_networks import load_suite
+from wrongturn_protocol import Entry, SubmissionState, Track
+from wrongturn_service.episodes.evaluations import new_evaluation
 from wrongturn_service.service import Service
 from wrongturn_service.submissions import availability
+from wrongturn_service.submissions.dispatcher import Dispatcher
 
 OPERATOR = "the-operators-own-token"
+_SLOTS = 32
 
 
 @contextlib.asynccontextmanager
 async def handing_in(folder: Path, **settings: Any) -> AsyncIterator[httpx.AsyncClient]:
     """A client with the token of the owner "ada". Nothing is checked or driven unless the test does it."""
     with patch.object(availability, "look_for", lambda _: "a sandbox of the test"):
-        async with application(folder, FakePool(), operator_token=OPERATOR, **settings) as http:
+        async with application(folder, FakePool(_SLOTS), operator_token=OPERATOR, **settings) as http:
             http.headers["Authorization"] = f"Bearer {await owner(http, 'ada')}"
             yield http
+
+
+class TakingService(ClockedService):
+    """A service behind real sockets that takes submissions, and starts no runners."""
+
+    def __init__(self, folder: Path, **settings: Any) -> None:
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(patch.object(availability, "look_for", lambda _: "a sandbox of the test"))
+            stack.enter_context(patch.object(Dispatcher, "open", AsyncMock()))
+            super().__init__(folder / "wrongturn.db", operator_token=OPERATOR, **settings)
+            self._patches = stack.pop_all()
+
+    @property
+    def parts(self) -> Service:
+        """The service without HTTP."""
+        found: Service = self.app.state.service
+        return found
+
+    def owner(self, name: str) -> str:
+        """The token of a new owner."""
+        token: str = expect(httpx.post(f"{self.url}/v1/owners", json={"name": name}, timeout=60), 201)["token"]
+        return token
+
+    @override
+    def close(self) -> None:
+        super().close()
+        self._patches.close()
 
 
 def service_of(http: httpx.AsyncClient) -> Service:
@@ -52,7 +85,12 @@ async def hand_in(http: httpx.AsyncClient, body: bytes = b"", **headers: str) ->
 
 async def checked(http: httpx.AsyncClient, submission: str, track: Track = Track.CAMERA) -> str:
     """Play a check that has made the agent; the token of its runner."""
-    submissions = service_of(http).submissions
+    return await looked_at(service_of(http), submission, track)
+
+
+async def looked_at(service: Service, submission: str, track: Track = Track.CAMERA) -> str:
+    """As :func:`checked`, for a service behind real sockets."""
+    submissions = service.submissions
     assert await submissions.make_agent(submission, track) is not None
     token = await submissions.give_token(submission)
     assert token is not None
@@ -61,11 +99,12 @@ async def checked(http: httpx.AsyncClient, submission: str, track: Track = Track
 
 async def running(http: httpx.AsyncClient, submission: str) -> tuple[str, str]:
     """Play the begin of a drive; the evaluation and the token of its runner."""
-    from wrongturn_networks import load_suite
-    from wrongturn_protocol import Entry
-    from wrongturn_service.episodes.evaluations import new_evaluation
+    return await begun(service_of(http), submission)
 
-    submissions = service_of(http).submissions
+
+async def begun(service: Service, submission: str) -> tuple[str, str]:
+    """As :func:`running`, for a service behind real sockets."""
+    submissions = service.submissions
     await submissions.rows.set_state(submission, SubmissionState.CHECKED)
     row = await submissions.rows.get(submission)
     assert row is not None
