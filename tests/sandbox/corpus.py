@@ -5,12 +5,12 @@ Import :data:`CORPUS` for tests of a sandbox, of a runner, or of the service ove
 each is one thing alone.
 """
 
-from cases import By, Case
 from corpus_bombs import BOMBS
 from corpus_contract import CONTRACT
 from corpus_files import FILES
 from corpus_graphs import GRAPHS
 from corpus_operators import OPERATORS
+from upload_case import By, Case
 
 __all__ = ["CORPUS", "By", "Case"]
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import onnx
-from cases import By, Case
-from models import FLOAT, INT64, TAIL, beside, ints, model, node, number
 from onnx import numpy_helper
+from small_models import FLOAT, INT64, TAIL, beside, ints, model, node, number
+from upload_case import By, Case
 
 _MEMORY = "of memory"
 _LARGE = 1 << 36

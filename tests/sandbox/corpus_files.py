@@ -7,9 +7,9 @@ import random
 import zipfile
 from pathlib import Path
 
-from cases import By, Case
-from models import model, proto
 from onnx import helper
+from small_models import model, proto
+from upload_case import By, Case
 
 MARK = Path("/tmp/wrongturn-corpus-was-run")
 """A file that a pickle of the corpus would make if anything loaded it."""

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import onnx
-from cases import By, Case
-from models import FLOAT, STRING, TAIL, beside, control, field, ints, model, node, number, proto
 from onnx import TensorProto, helper
+from small_models import FLOAT, STRING, TAIL, beside, control, field, ints, model, node, number, proto
+from upload_case import By, Case
 
 
 def _external(location: str, *, flag: bool = True) -> onnx.TensorProto:

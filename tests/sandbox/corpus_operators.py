@@ -1,9 +1,9 @@
 """Models with operators that are not allowed, or whose attributes are hostile."""
 
 import onnx
-from cases import Case
-from models import STRING, beside, control, field, ints, model, node, number
 from onnx import TensorProto, helper
+from small_models import STRING, beside, control, field, ints, model, node, number
+from upload_case import Case
 
 _BOOL = TensorProto.BOOL
 

@@ -3,14 +3,12 @@
 import os
 import signal
 import threading
-import time
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from corpus import CORPUS
-from models import model
+from guest_processes import children, gone, wait_until
+from small_models import model
 
 from wrongturn_sandbox import Limits, ModelRefusedError, Sandbox, SandboxLostError, open_sandbox
 
@@ -19,33 +17,15 @@ SPEED = {"speed": np.zeros((1, 1), np.float32)}
 SLOW = next(case for case in CORPUS if case.name == "time-at-a-step")
 
 
-def children(pid: int) -> list[int]:
-    """Return the processes that a process has started, and theirs."""
-    found = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-    return [*found, *(later for child in found for later in children(child))]
-
-
 def guest(sandbox: Sandbox) -> int:
     """Return the process id of the guest itself, under bubblewrap."""
     assert sandbox.pid is not None
     return children(sandbox.pid)[-1]
 
 
-def gone(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
-    except OSError:
-        return True
-
-
 def run_for_ever(sandbox: Sandbox) -> None:
     while True:
         sandbox.run(SPEED)
-
-
-def wait_until(true: Callable[[], bool]) -> None:
-    while not true():
-        time.sleep(0.01)
 
 
 @pytest.mark.usefixtures("bubblewrap")

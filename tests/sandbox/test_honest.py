@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 import pytest
-from models import TAIL, control, model, node, number, proto
 from onnx import TensorProto, helper
+from small_models import TAIL, control, model, node, number, proto
 
 import wrongturn_agents
 from wrongturn_protocol import Track

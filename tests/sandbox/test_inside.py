@@ -16,7 +16,7 @@ import pytest
 
 from wrongturn_sandbox import bubblewrap as bwrap
 
-ATTEMPTS = Path(__file__).with_name("attempts.py")
+ATTEMPTS = Path(__file__).with_name("hostile_attempts.py")
 FILES = ["/etc/passwd", "/etc/hostname", "/proc/1/environ", "/proc/self/environ", "/dev/mem", "/sys/kernel/notes"]
 
 

@@ -13,7 +13,8 @@ import msgpack
 import numpy as np
 import pytest
 from corpus import CORPUS
-from models import model
+from guest_processes import children, gone, wait_until
+from small_models import model
 
 from wrongturn_sandbox import Limits, ModelRefusedError, SandboxLostError, SandboxUnavailableError, open_sandbox, probe
 from wrongturn_sandbox.frames import receive, send
@@ -39,8 +40,7 @@ class Own:
             time.sleep(0.01)
 
     def guests(self) -> list[int]:
-        pid = self.process.pid
-        return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+        return children(self.process.pid)
 
 
 @pytest.fixture
@@ -101,8 +101,7 @@ def test_guests_end_with_the_listener(own: Own, number: signal.Signals) -> None:
         (pid,) = own.guests()
         own.process.send_signal(number)
         own.process.wait()
-        while Path(f"/proc/{pid}").exists() and ") Z" not in Path(f"/proc/{pid}/stat").read_text():
-            time.sleep(0.01)
+        wait_until(lambda: gone(pid))
         with pytest.raises(SandboxLostError, match="outside"):
             sandbox.run(SPEED)
     assert own.path.exists() == (number == signal.SIGKILL)
