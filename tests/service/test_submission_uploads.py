@@ -1,0 +1,299 @@
+"""Uploads over real connections: clients that are refused, slow, gone, or send another length than they said."""
+
+import contextlib
+import json
+import socket
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from model_form import BOUNDARY, TYPE, form, model, part
+from raw_socket import connected, http_problem, rest
+from service_harness import expect, problem
+from submission_story import OPERATOR, TakingService
+
+LIMIT = 32 * 1024 * 1024
+PATIENCE_S = 30.0
+MUCH = b"m" * (1 << 20)
+
+
+class Taking(TakingService):
+    """A service with an owner."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder, model_limit=LIMIT, slow_client_s=PATIENCE_S, submissions_per_owner=64)
+        self.folder = folder / "submissions"
+        self.token = self.owner("ada")
+
+    def head(self, length: int | None, token: str = "", **headers: str) -> bytes:
+        """The head of a request that hands a model in; without a length the body comes in chunks."""
+        named = {
+            "Host": "x",
+            "Authorization": f"Bearer {token or self.token}",
+            "Content-Type": TYPE,
+            "Transfer-Encoding" if length is None else "Content-Length": "chunked" if length is None else str(length),
+            **{name.replace("_", "-"): value for name, value in headers.items()},
+        }
+        lines = "".join(f"{name}: {value}\r\n" for name, value in named.items())
+        return f"POST /v1/submissions HTTP/1.1\r\n{lines}\r\n".encode()
+
+    @property
+    def files(self) -> list[str]:
+        return sorted(file.name for file in self.folder.iterdir())
+
+
+@pytest.fixture(scope="module")
+def taking(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Taking]:
+    service = Taking(tmp_path_factory.mktemp("taking"))
+    yield service
+    service.close()
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left(taking: Taking) -> Iterator[None]:
+    """Each test leaves as many files as there are submissions, and no connections."""
+    yield
+    until(lambda: taking.connections == 0, "connections are left")
+    until(lambda: not [name for name in taking.files if name.endswith(".part")], "parts are left")
+    listed = httpx.get(f"{taking.url}/v1/submissions", headers={"Authorization": f"Bearer {OPERATOR}"}, timeout=60)
+    known = {f"{row['id']}.onnx" for row in expect(listed, 200)["submissions"]}
+    assert set(taking.files) == known
+
+
+def until(condition: Callable[[], bool], message: str, seconds: float = 120) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, message
+        time.sleep(0.01)
+
+
+def reply(raw: socket.socket) -> tuple[int, dict[str, Any]]:
+    """Status and body of a reply with a length."""
+    data = b""
+    while b"\r\n\r\n" not in data:
+        piece = raw.recv(65536)
+        assert piece, data
+        data += piece
+    head, _, body = data.partition(b"\r\n\r\n")
+    length = next(
+        int(line.split(b":")[1]) for line in head.split(b"\r\n") if line.lower().startswith(b"content-length")
+    )
+    while len(body) < length:
+        body += raw.recv(65536)
+    return int(head.split()[1]), json.loads(body)
+
+
+def named(name: str, value: bytes = b"a model") -> bytes:
+    return model(value, name)
+
+
+REFUSED: list[tuple[dict[str, Any], int]] = [
+    ({"token": "nobodys"}, 401),
+    ({"token": OPERATOR}, 403),
+    ({"length": 1 << 40}, 413),
+    ({"length": None, "token": "nobodys"}, 401),
+    ({"Content_Type": "application/octet-stream"}, 415),
+    ({"Content_Type": "multipart/form-data"}, 400),
+]
+
+
+@pytest.mark.parametrize(("said", "status"), REFUSED)
+def test_a_refused_body_is_not_read(taking: Taking, said: dict[str, Any], status: int) -> None:
+    """The reply comes before the body, and the service takes no more of it than its buffers hold."""
+    with connected(taking) as raw:
+        raw.sendall(taking.head(**{"length": 1 << 24, **said}))
+        until(lambda: bool(peeked(raw)), "there is no reply")
+        sent = 0
+        with contextlib.suppress(ConnectionError, TimeoutError):
+            raw.settimeout(5)
+            while sent < 1 << 28:
+                sent += raw.send(MUCH)
+        # What lies in the buffers of this end is counted too.
+        assert sent < 1 << 23, sent
+        found, headers, _ = http_problem(rest(raw))
+    assert found == status
+    assert headers["connection"] == "close"
+
+
+def peeked(raw: socket.socket) -> bytes:
+    raw.setblocking(False)
+    try:
+        return raw.recv(1, socket.MSG_PEEK)
+    except BlockingIOError:
+        return b""
+    finally:
+        raw.settimeout(60)
+
+
+@pytest.mark.parametrize(("said", "status"), REFUSED)
+def test_who_waits_for_100_sends_nothing_in_vain(taking: Taking, said: dict[str, Any], status: int) -> None:
+    with connected(taking) as raw:
+        raw.sendall(taking.head(**{"length": 1 << 24, **said}, Expect="100-continue"))
+        found, _, _ = http_problem(rest(raw))
+    assert found == status
+
+
+def test_who_waits_for_100_gets_it(taking: Taking) -> None:
+    body = named("waits for 100")
+    with connected(taking) as raw:
+        raw.sendall(taking.head(len(body), Expect="100-continue"))
+        assert raw.recv(65536) == b"HTTP/1.1 100 Continue\r\n\r\n"
+        raw.sendall(body)
+        assert reply(raw)[0] == 202
+
+
+def test_a_large_model_in_any_pieces(taking: Taking) -> None:
+    large = bytes(range(256)) * (LIMIT // 256)
+    body = named("large", large)
+    with connected(taking) as raw:
+        raw.sendall(taking.head(len(body)))
+        for at in range(0, len(body), 100_003):
+            raw.sendall(body[at : at + 100_003])
+        status, told = reply(raw)
+        assert status == 202
+        assert told["size"] == LIMIT
+        assert (taking.folder / f"{told['id']}.onnx").read_bytes() == large
+        # The connection goes on.
+        again = named("small")
+        raw.sendall(taking.head(len(again)) + again)
+        assert reply(raw)[0] == 202
+
+
+def test_a_body_in_chunks(taking: Taking) -> None:
+    body = named("in chunks")
+    with connected(taking) as raw:
+        raw.sendall(taking.head(None))
+        for byte in body:
+            raw.sendall(b"1\r\n" + bytes([byte]) + b"\r\n")
+        raw.sendall(b"0\r\n\r\n")
+        assert reply(raw)[0] == 202
+
+
+def test_chunks_without_end_are_refused_at_the_limit(taking: Taking) -> None:
+    begin = part("suite", b"smoke@2") + part("name", b"endless") + part("model", MUCH)[:-2]
+    sent = 0
+    with connected(taking) as raw:
+        raw.sendall(taking.head(None) + f"{len(begin):x}\r\n".encode() + begin + b"\r\n")
+        with contextlib.suppress(ConnectionError):
+            while sent < 2 * LIMIT:
+                raw.sendall(f"{len(MUCH):x}\r\n".encode() + MUCH + b"\r\n")
+                sent += len(MUCH)
+                if peeked(raw):
+                    break
+        found, headers, told = http_problem(rest(raw))
+    assert (found, told["type"], headers["connection"]) == (413, "/problems/body-too-large", "close")
+    assert sent < LIMIT + (1 << 24)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"Content_Length": "-1"},
+        {"Content_Length": "1e3"},
+        {"Content_Length": "+5"},
+        {"Content_Length": "7, 8"},
+        {"Transfer_Encoding": "chunked"},
+        {"Transfer_Encoding": "gzip"},
+    ],
+)
+def test_a_length_that_makes_no_sense(taking: Taking, said: dict[str, str]) -> None:
+    body = named("no sense")
+    with connected(taking) as raw:
+        raw.sendall(taking.head(len(body), **said) + body)
+        data = rest(raw)
+    assert data.startswith(b"HTTP/1.1 400"), data
+
+
+def test_a_body_that_is_shorter_than_said(taking: Taking) -> None:
+    body = named("shorter")
+    with connected(taking) as raw:
+        raw.sendall(taking.head(len(body) + 100) + body)
+        until(lambda: taking.connections == 1, "it is not connected")
+        raw.shutdown(socket.SHUT_WR)
+        rest(raw)
+
+
+def test_a_body_that_is_longer_than_said(taking: Taking) -> None:
+    """The form is cut off. What follows is the next request, which is none."""
+    body = named("longer")
+    with connected(taking) as raw:
+        raw.sendall(taking.head(len(body) - 20) + body)
+        data = rest(raw)
+    assert data.startswith(b"HTTP/1.1 400"), data
+
+
+def test_a_client_that_leaves(taking: Taking) -> None:
+    body = named("leaves", MUCH * 8)
+    for sent in (0, 10, 300, 2 << 20, len(body) - 1):
+        with connected(taking) as raw:
+            raw.sendall(taking.head(len(body)) + body[:sent])
+            until(lambda: taking.connections == 1, "it is not connected")
+        until(lambda: taking.connections == 0, "it is still connected")
+
+
+@pytest.mark.parametrize("sent", [0, 100, (1 << 20) + 1000])
+def test_a_client_that_is_too_slow(taking: Taking, sent: int) -> None:
+    body = named("slow", MUCH * 2)
+    with connected(taking) as raw:
+        raw.sendall(taking.head(len(body)) + body[:sent])
+        until(lambda: bool([name for name in taking.files if name.endswith(".part")]), "the upload has not begun")
+        deadline = time.monotonic() + 60
+        while not peeked(raw):
+            assert time.monotonic() < deadline
+            taking.pass_time(PATIENCE_S / 3)
+        found, headers, told = http_problem(rest(raw))
+    assert (found, told["type"]) == (408, "/problems/request-timeout")
+    assert headers["connection"] == "close"
+
+
+def test_a_client_that_is_slow_enough(taking: Taking) -> None:
+    """64 KiB within the time is enough, however long the whole takes."""
+    body = named("slow enough", MUCH)
+    with connected(taking) as raw:
+        raw.sendall(taking.head(len(body)))
+        until(lambda: bool([name for name in taking.files if name.endswith(".part")]), "the upload has not begun")
+        for at in range(0, len(body), 70_000):
+            raw.sendall(body[at : at + 70_000])
+            time.sleep(0.05)
+            taking.pass_time(PATIENCE_S - 5)
+        assert reply(raw)[0] == 202
+
+
+def test_so_many_uploads_of_an_owner_at_a_time(taking: Taking) -> None:
+    """Uploads under way count, or connections that stay open would fill the disk."""
+    begin = named("many", MUCH)[:1000]
+    token = taking.owner("many")
+    most = 64
+    with contextlib.ExitStack() as stack:
+        raws = [stack.enter_context(connected(taking)) for _ in range(most)]
+        for raw in raws:
+            raw.sendall(taking.head(1 << 20, token) + begin)
+        until(lambda: len([name for name in taking.files if name.endswith(".part")]) == most, "they have not begun")
+        headers = {"Authorization": f"Bearer {token}", "Content-Type": TYPE}
+        refused = httpx.post(f"{taking.url}/v1/submissions", content=named("more"), headers=headers, timeout=60)
+        assert problem(refused, 429, "rate-limited")["position"] == 1
+        body = named("others may")
+        headers["Authorization"] = f"Bearer {taking.token}"
+        expect(httpx.post(f"{taking.url}/v1/submissions", content=body, headers=headers, timeout=60), 202)
+    until(lambda: taking.connections == 0, "they are still connected")
+    headers["Authorization"] = f"Bearer {token}"
+    expect(httpx.post(f"{taking.url}/v1/submissions", content=named("after"), headers=headers, timeout=60), 202)
+
+
+def test_what_httpx_sends(taking: Taking) -> None:
+    data = {"suite": "smoke@2", "name": "by httpx"}
+    given: dict[str, Any] = {"model": ("../../etc/passwd", b"a model", "application/octet-stream")}
+    headers = {"Authorization": f"Bearer {taking.token}"}
+    found = expect(httpx.post(f"{taking.url}/v1/submissions", data=data, files=given, headers=headers, timeout=60), 202)
+    assert found["name"] == "by httpx"
+
+
+def test_a_boundary_in_other_words(taking: Taking) -> None:
+    body = form(part("suite", b"smoke@2"), part("name", b"quoted"), part("model", b"m"))
+    with connected(taking) as raw:
+        said = f'multipart/form-data; charset="utf-8"; boundary="{BOUNDARY}"'
+        raw.sendall(taking.head(len(body), Content_Type=said) + body)
+        assert reply(raw)[0] == 202
