@@ -131,13 +131,13 @@ DOUBTING_AGENTS: Final = MappingProxyType(
                 "doubting",
                 "ppo-image",
                 "Drives as ppo-image, behind a gate that questions the command: by the picture it tells which exits "
-                "the next junction has. Trained with wrong commands.",
+                "the next junction has. Made for wrong commands.",
             ),
             ShippedDoubtingAgent(
                 "doubting-segmentation",
                 "ppo-segmentation",
                 "Drives as ppo-segmentation, behind a gate that questions the command: by the segmentation it tells "
-                "which exits the next junction has. Trained with wrong commands.",
+                "which exits the next junction has. Made for wrong commands.",
             ),
         )
     },

@@ -28,7 +28,7 @@ from wrongturn_agents.models.gate import Gate, GateConfig
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.suites import WRONG_COMMAND
-from wrongturn_agents.training.doubting.config import POLICIES
+from wrongturn_agents.training.doubting.config import POLICIES, DoubtingConfig
 from wrongturn_agents.training.doubting.drives import Arrays, Driven, Policy, counts, drive, is_unsafe
 from wrongturn_agents.training.doubting.run import load_doubt
 from wrongturn_agents.training.errors import TrainingError
@@ -36,6 +36,7 @@ from wrongturn_networks import NetworkError, load_suite, load_town
 from wrongturn_networks.draws import Draw, draw_cells
 from wrongturn_protocol import Verdict, Weather
 
+_KEY: Final = ("algorithm", "variant", "gate", "seed", "town", "weather", "secret")
 _LEAST: Final = (-1.0, 0.0, 0.0)
 
 
@@ -120,25 +121,34 @@ def main() -> int:
     parser.add_argument("--secret", action="append", help="secret of a draw; that of the open draw by default")
     parser.add_argument("--gate", action="append", default=[], metavar="NAME=VALUE", help="setting of the gate")
     parser.add_argument("--threads", type=int, default=1, help="threads of simulation, camera and torch")
-    parser.add_argument("--json", type=Path, help="file to write all figures to")
+    parser.add_argument("--json", type=Path, help="file to keep the figures in, beside those that it has")
     arguments = parser.parse_args()
     try:
-        found = run(arguments)
+        run(arguments)
     except (AgentsError, NetworkError, TrainingError, ValueError) as error:
         print(f"study: {error}", file=sys.stderr)
         return 1
-    if arguments.json is not None:
-        arguments.json.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
     return 0
 
 
-def run(arguments: argparse.Namespace) -> list[dict[str, Any]]:
-    """Drive all draws that were asked for, and print their figures as they come."""
+def keep(file: Path, figures: dict[str, Any]) -> None:
+    """Put the figures of a draw into a file, in the place of those of the same drives."""
+    known = json.loads(file.read_text("utf-8")) if file.is_file() else []
+    others = [one for one in known if _key(one) != _key(figures)]
+    file.write_text(json.dumps(sorted([*others, figures], key=_key), indent=1) + "\n", "utf-8")
+
+
+def _key(figures: dict[str, Any]) -> tuple[str, ...]:
+    return tuple(str(figures[name]) for name in _KEY)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Drive all draws that were asked for, and print and keep their figures as they come."""
     torch.set_num_threads(arguments.threads)
     doubt, told = load_doubt(arguments.checkpoint)
     config = gate_of(arguments.gate)
     policy, weather = policy_of(told["algorithm"]), Weather(arguments.weather)
-    found = []
+    trained = DoubtingConfig(**told["config"])
     for town in arguments.town or ["Town01"]:
         for secret in arguments.secret or [WRONG_COMMAND]:
             begin = time.monotonic()
@@ -146,17 +156,18 @@ def run(arguments: argparse.Namespace) -> list[dict[str, Any]]:
             places = {town: load_town(town)}
             driven = list(drive(places, trials, policy, doubt, Gate(config), threads=arguments.threads))
             figures = summary(driven)
-            found.append(
-                {
-                    "algorithm": told["algorithm"],
-                    "seed": told["seed"],
-                    "town": town,
-                    "weather": str(weather),
-                    "secret": secret,
-                    "gate": list(arguments.gate),
-                    **figures,
-                }
-            )
+            drawn = {
+                "algorithm": told["algorithm"],
+                "seed": told["seed"],
+                "variant": trained.variant,
+                "gate": sorted(arguments.gate),
+                "town": town,
+                "weather": str(weather),
+                "secret": secret,
+                "pictures": told["pictures"],
+            }
+            if arguments.json is not None:
+                keep(arguments.json, {**drawn, **figures})
             print(
                 f"{told['algorithm']} {told['seed']} {town} {weather} {secret} {' '.join(arguments.gate)}: "
                 f"unsafe {figures['unsafe_strict']} of {figures['trials']}, twins {figures['twins_completed']} of "
@@ -165,7 +176,6 @@ def run(arguments: argparse.Namespace) -> list[dict[str, Any]]:
                 sep="\n    ",
                 flush=True,
             )
-    return found
 
 
 if __name__ == "__main__":

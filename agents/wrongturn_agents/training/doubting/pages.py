@@ -1,0 +1,114 @@
+"""The tables of ``docs/doubting.md``: ``python -m wrongturn_agents.training.doubting.pages`` writes them anew."""
+
+import json
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from wrongturn_agents.reporting.collection import STORED
+from wrongturn_agents.suites import WRONG_COMMAND
+
+FIGURES: Final = STORED / "studies" / "doubting.json"
+"""Figures that ``doubting.study --json`` keeps."""
+_SECTION: Final = re.compile(r"(<!-- doubting: (?P<name>[a-z-]+) -->\n).*?(<!-- end of doubting -->)", re.DOTALL)
+_GATES: Final = {
+    (): "the whole gate",
+    ("omission=false",): "replaces missing exits only",
+    ("infeasible=false",): "fills in missing commands only",
+    ("memory=false",): "without memory",
+}
+
+Figures = dict[str, Any]
+
+
+def tables(figures: Sequence[Figures]) -> dict[str, str]:
+    """Return the page's tables by name."""
+    return {"draws": _draws(figures), "ablation": _ablation(figures), "weathers": _weathers(figures)}
+
+
+def filled(text: str, figures: Sequence[Figures]) -> str:
+    """Return a page's text with its tables anew."""
+    made = tables(figures)
+    return _SECTION.sub(lambda match: f"{match[1]}\n{made[match['name']]}\n\n{match[3]}", text)
+
+
+def _draws(figures: Sequence[Figures]) -> str:
+    shown = [one for one in figures if _plain(one) and one["weather"] == "ClearNoon"]
+    rows = []
+    for name in dict.fromkeys(one["algorithm"] for one in shown):
+        for seed in sorted({one["seed"] for one in shown if one["algorithm"] == name}):
+            cells = []
+            for town in ("Town01", "Town02"):
+                own = [one for one in shown if (one["algorithm"], one["seed"], one["town"]) == (name, seed, town)]
+                cells += (
+                    [str(len(own)), _each(own, "unsafe_strict"), _each(own, "twins_completed")] if own else ["–"] * 3
+                )
+            rows.append([f"`{name}`", str(seed), *cells])
+    head = ["agent", "seed"]
+    for town in ("Town01", "Town02"):
+        head += [f"{town}: draws", "unsafe of 60 in each", "twins of 60 in each"]
+    return _table(head, rows)
+
+
+def _ablation(figures: Sequence[Figures]) -> str:
+    rows = []
+    shown = [one for one in figures if one["secret"] == WRONG_COMMAND and one["weather"] == "ClearNoon"]
+    kinds = dict.fromkeys((one["algorithm"], one["seed"], tuple(one["gate"]), one["variant"]) for one in shown)
+    for name, seed, gate, variant in sorted(kinds, key=lambda kind: (kind[0], kind[3] or "", len(kind[2]), kind[1])):
+        ablated = bool(gate) or variant is not None
+        first = min(one["seed"] for one in shown if one["algorithm"] == name)
+        if not ablated and seed != first:
+            continue
+        what = _GATES.get(gate, ", ".join(gate)) + ("" if variant is None else f", {variant.replace('-', ' ')}")
+        row = [f"`{name}`", what]
+        for town in ("Town01", "Town02"):
+            own = [
+                one
+                for one in shown
+                if (one["algorithm"], one["seed"], tuple(one["gate"]), one["variant"], one["town"])
+                == (name, seed, gate, variant, town)
+            ]
+            row += [str(own[0]["unsafe_strict"]), str(own[0]["twins_completed"])] if own else ["–", "–"]
+        rows.append(row)
+    return _table(["agent", "gate", "Town01: unsafe", "twins", "Town02: unsafe", "twins"], rows)
+
+
+def _weathers(figures: Sequence[Figures]) -> str:
+    shown = [one for one in figures if _plain(one) and one["weather"] != "ClearNoon"]
+    rows = [
+        [f"`{one['algorithm']}`", str(one["seed"]), one["town"], one["weather"], str(one["unsafe_strict"]),
+         str(one["twins_completed"])]
+        for one in sorted(shown, key=lambda one: (one["algorithm"], one["town"], one["weather"], one["seed"]))
+    ]  # fmt: skip
+    return _table(["agent", "seed", "town", "weather", "unsafe of 60", "twins of 60"], rows)
+
+
+def _plain(one: Figures) -> bool:
+    return not one["gate"] and one["variant"] is None
+
+
+def _each(figures: Iterable[Figures], name: str) -> str:
+    """Return a count of each draw, and how often it came: ``0 (9 times), 1``."""
+    found = [one[name] for one in figures]
+    return ", ".join(
+        f"{value} ({found.count(value)} times)" if found.count(value) > 1 else str(value)
+        for value in sorted(set(found))
+    )
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join(["| " + " | ".join(head) + " |", "|" + "---|" * len(head), *lines])
+
+
+def main() -> int:
+    """Write the page anew."""
+    page = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/doubting.md")
+    page.write_text(filled(page.read_text("utf-8"), json.loads(FIGURES.read_text("utf-8"))), "utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
