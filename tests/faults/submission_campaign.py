@@ -1,0 +1,192 @@
+"""Submissions that are carried to their end while the service, its runners and their sandboxes are killed."""
+
+import os
+import signal
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psutil
+from databases import File
+from ledger import results
+from moments import RUNNER, SERVICE, Moment
+from processes import Service, until
+from reference_drive import reference
+from small_models import steady, wavering
+
+from wrongturn_client import Client
+from wrongturn_protocol import SubmissionDetail, SubmissionState
+
+SUITE = "smoke@2"
+MODELS = {"steady": steady(0.02), "wavering": wavering()}
+"""One that remembers nothing, and one whose way depends on all the steps before."""
+PATIENCE_S = 120.0
+_WORK_S, _WRITE_S, _END_S = 30.0, 2.0, 240.0
+
+
+@dataclass
+class Report:
+    """What a campaign came to."""
+
+    kills: Counter[str] = field(default_factory=Counter)
+    during: Counter[str] = field(default_factory=Counter)
+    """States of submissions at the time of a kill."""
+    lost: int = 0
+    """Episodes that were given up and driven again."""
+    submissions: list[SubmissionDetail] = field(default_factory=list)
+    """Each at its end."""
+    bad: list[str] = field(default_factory=list)
+    """Whatever must not be."""
+
+
+class Owner:
+    """Hands in one model after the other until it is told that this one is the last."""
+
+    def __init__(self, service: Service, folder: Path, name: str) -> None:
+        self.done: list[SubmissionDetail] = []
+        self.last = threading.Event()
+        self.error: BaseException | None = None
+        self._url = service.url
+        self._name = name
+        self._file = folder / f"{name}.onnx"
+        self._file.write_bytes(MODELS[name])
+        self.thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def _run(self) -> None:
+        try:
+            with Client(self._url, patience=PATIENCE_S) as client:
+                client.ready()
+                token = client.register_owner(self._name).token
+            with Client(self._url, token, patience=PATIENCE_S) as client:
+                client.live()
+                while not self.last.is_set():
+                    self.done.append(self._hand_in(client, f"{self._name} {len(self.done) + 1}"))
+        except BaseException as error:
+            self.error = error
+
+    def _hand_in(self, client: Client, name: str) -> SubmissionDetail:
+        submission = client.submit(self._file, SUITE, name)
+        while not submission.state.over:
+            time.sleep(0.2)
+            submission = client.submission(submission.id)
+        return submission
+
+
+def run(folder: Path, kills: Sequence[Moment]) -> Report:
+    """Hand in, kill, let everything come to its end, and examine."""
+    report = Report()
+    store = File(folder)
+    service = Service(store.url, folder / "service.log", home=folder / "home", simulators=4, submissions=1)
+    service.start()
+    try:
+        service.await_ready()
+        owners = [Owner(service, folder, name) for name in MODELS]
+        for owner in owners:
+            owner.thread.start()
+        for kill in kills:
+            _wait_for(kill, service, store)
+            states = [row["state"] for row in store.rows("SELECT state FROM submissions")]
+            until(lambda kill=kill: _kill(kill, service), 120.0, f"nothing to kill: {kill}")
+            report.kills[kill.victim] += 1
+            report.during.update(state for state in states if not SubmissionState(state).over)
+        for owner in owners:
+            owner.last.set()
+        deadline = time.monotonic() + _END_S
+        for owner in owners:
+            owner.thread.join(max(0.0, deadline - time.monotonic()))
+            assert owner.error is None, owner.error
+            assert not owner.thread.is_alive(), f"{owner.thread.name} has not finished after {_END_S:.0f} s"
+        below = psutil.Process(service.pid).children(recursive=True)
+    finally:
+        status = service.stop()
+    assert status == 0, f"the service ended with status {status}"
+    _, left = psutil.wait_procs(below, timeout=10.0)
+    report.bad += [f"left behind: {process}" for process in left]
+    report.submissions = [submission for owner in owners for submission in owner.done]
+    _examine(report, store, folder / "home" / "submissions")
+    return report
+
+
+def _wait_for(kill: Moment, service: Service, store: File) -> None:
+    """Until the moment has come."""
+    if not kill.at_once:
+        service.await_ready()
+        deadline = time.monotonic() + _WORK_S
+        while not _runners(service) and time.monotonic() < deadline:
+            time.sleep(0.05)
+    time.sleep(kill.pause_s)
+    if kill.at_write:
+        before, deadline = store.written(), time.monotonic() + _WRITE_S
+        while store.written() == before and time.monotonic() < deadline:
+            time.sleep(0.001)
+
+
+def _kill(kill: Moment, service: Service) -> bool:
+    if kill.victim == SERVICE:
+        return service.kill()
+    found = (_runners if kill.victim == RUNNER else _sandboxes)(service)
+    if not found:
+        return False
+    try:
+        os.kill(found[int(kill.pick * len(found))].pid, signal.SIGKILL)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def _runners(service: Service) -> list[psutil.Process]:
+    return _below(service.pid, lambda process: "wrongturn_runner" in process.cmdline())
+
+
+def _sandboxes(service: Service) -> list[psutil.Process]:
+    """Return all processes of sandboxes: bubblewrap, its second self, and the guest."""
+    return [part for runner in _runners(service) for part in _below(runner.pid, lambda _process: True)]
+
+
+def _below(pid: int | None, wanted: Callable[[psutil.Process], bool]) -> list[psutil.Process]:
+    found = []
+    try:
+        for process in psutil.Process(pid).children(recursive=True) if pid is not None else ():
+            try:
+                if process.status() != psutil.STATUS_ZOMBIE and wanted(process):
+                    found.append(process)
+            except psutil.Error:
+                continue
+    except psutil.Error:
+        return []
+    return found
+
+
+def _examine(report: Report, store: File, files: Path) -> None:
+    """Every submission is there once, and came to what its model comes to when nothing is killed."""
+    secrets = {row["id"]: row["secret"] for row in store.rows("SELECT id, secret FROM evaluations")}
+    rows = {row["id"]: row for row in store.rows("SELECT * FROM submissions")}
+    report.lost = len(store.rows("SELECT id FROM episodes WHERE state = 'lost' AND evaluation_id IS NOT NULL"))
+    told = [submission.id for submission in report.submissions]
+    if sorted(rows) != sorted(told) or len(secrets) != len(told):
+        report.bad.append(f"{len(told)} were handed in; there are {len(rows)} and {len(secrets)} evaluations")
+    for submission in report.submissions:
+        if submission.state is not SubmissionState.FINISHED or submission.evaluation is None:
+            report.bad.append(f"{submission.name} {submission.state}: {submission.reason}")
+            continue
+        count = len(store.rows(f"SELECT id FROM episodes WHERE state = 'finished' AND {_of(submission.evaluation)}"))
+        wanted = reference(MODELS[submission.name.split()[0]], SUITE, secrets[submission.evaluation])
+        got = {
+            trial: (verdict, trajectory)
+            for trial, (verdict, _, _, _, trajectory) in results(store, submission.evaluation).items()
+        }
+        if count != len(wanted):
+            report.bad.append(f"{submission.name}: {count} episodes for {len(wanted)} trials")
+        report.bad += [
+            f"{submission.name} {trial}: {got.get(trial)} and not {result}"
+            for trial, result in wanted.items()
+            if got.get(trial) != result
+        ]
+    report.bad += [f"left behind: {file.name}" for file in files.iterdir() if file.suffix != ".onnx"]
+
+
+def _of(evaluation: str) -> str:
+    return f"evaluation_id = '{evaluation}'"

@@ -1,0 +1,33 @@
+"""Whatever is killed, a submission comes to its end, once, and as if nothing had happened.
+
+The longer run, 20 kills, is ``script/test tests/faults/test_submissions.py -m soak -s``. ``WRONGTURN_FAULT_SEED`` gives
+it other moments.
+"""
+
+import os
+from pathlib import Path
+
+import pytest
+from moments import OF_SUBMISSIONS, moments
+from submission_campaign import Report, run
+
+
+def check(report: Report, kills: int) -> None:
+    print(f"kills: {dict(report.kills)}; states at a kill: {dict(report.during)}; ", end="")
+    print(f"{len(report.submissions)} submissions; {report.lost} episodes driven again")
+    assert report.kills.total() == kills
+    assert not report.bad, report.bad
+    assert report.submissions
+
+
+@pytest.mark.slow
+def test_a_submission_survives_a_few_kills(tmp_path: Path) -> None:
+    """Three kills have one of each kind."""
+    check(run(tmp_path, moments(5, 3, OF_SUBMISSIONS)), 3)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(1800)
+def test_submissions_survive_many_kills(tmp_path: Path) -> None:
+    seed = int(os.environ.get("WRONGTURN_FAULT_SEED", "3"))
+    check(run(tmp_path, moments(seed, 20, OF_SUBMISSIONS)), 20)
