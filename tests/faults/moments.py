@@ -4,13 +4,10 @@ import random
 from dataclasses import dataclass
 
 SERVICE, SIMULATOR, CLIENT, POSTGRES = "service", "simulator", "client", "PostgreSQL"
-RUNNER, SANDBOX = "runner", "sandbox"
 ALL = (SERVICE, SIMULATOR, CLIENT, POSTGRES)
 NO_SERVER = (SERVICE, SIMULATOR, CLIENT)
 """Where the database is a file."""
-OF_SUBMISSIONS = (SERVICE, RUNNER, SANDBOX)
-"""Where the service drives itself what is handed in."""
-WEIGHTS = {SERVICE: 2, SIMULATOR: 4, CLIENT: 3, POSTGRES: 2, RUNNER: 2, SANDBOX: 2}
+WEIGHTS = {SERVICE: 2, SIMULATOR: 4, CLIENT: 3, POSTGRES: 2}
 _OFTEN_S, _AT_ONCE_S = (0.1, 2.5), (0.0, 0.3)
 
 
@@ -45,6 +42,6 @@ def moments(seed: int, count: int, victims: tuple[str, ...]) -> list[Moment]:
     for victim in kinds[:count]:
         at_once = chance.random() < 1 / 6
         pause_s = chance.uniform(*(_AT_ONCE_S if at_once else _OFTEN_S))
-        at_write = victim not in {SIMULATOR, SANDBOX} and chance.random() < 0.5
+        at_write = victim != SIMULATOR and chance.random() < 0.5
         drawn.append(Moment(victim, at_once, pause_s, at_write, chance.random(), chance.uniform(0.0, 4.0)))
     return drawn

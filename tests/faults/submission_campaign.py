@@ -1,6 +1,7 @@
 """Submissions that are carried to their end while the service, its runners and their sandboxes are killed."""
 
 import os
+import random
 import signal
 import threading
 import time
@@ -12,7 +13,6 @@ from pathlib import Path
 import psutil
 from databases import File
 from ledger import results
-from moments import RUNNER, SERVICE, Moment
 from processes import Service, until
 from reference_drive import reference
 from small_models import steady, wavering
@@ -24,7 +24,45 @@ SUITE = "smoke@2"
 MODELS = {"steady": steady(0.02), "wavering": wavering()}
 """One that remembers nothing, and one whose way depends on all the steps before."""
 PATIENCE_S = 120.0
-_WORK_S, _WRITE_S, _END_S = 30.0, 2.0, 240.0
+SERVICE, RUNNER, SANDBOX = "service", "runner", "sandbox"
+VICTIMS = (SERVICE, RUNNER, SANDBOX)
+CHECK, DRIVE, ANY = "check", "drive", "any"
+"""What goes on at a kill. Any: whatever does, soon after the kill before."""
+_PHASES = {CHECK: 2, DRIVE: 5, ANY: 2}
+_PAUSE_S = 1.0
+_HURT = 3
+"""Runners lost in a row. After five the service rightly says that it could not drive a submission."""
+_WORK_S, _WRITE_S, _END_S = 60.0, 2.0, 240.0
+
+
+@dataclass(frozen=True)
+class Blow:
+    """One kill.
+
+    Attributes:
+        victim: what is killed.
+        phase: what goes on at that time.
+        pause_s: seconds since it goes on.
+        at_write: whether it waits for the next write to the database after the pause.
+        pick: which of several such processes, from 0 to 1.
+    """
+
+    victim: str
+    phase: str
+    pause_s: float
+    at_write: bool
+    pick: float
+
+
+def blows(seed: int, count: int) -> list[Blow]:
+    """Draw kills. Each kind of victim is among the first three."""
+    chance = random.Random(seed)
+    victims = chance.sample(VICTIMS, len(VICTIMS)) + chance.choices(VICTIMS, k=max(0, count - len(VICTIMS)))
+    phases = chance.choices(list(_PHASES), list(_PHASES.values()), k=count)
+    return [
+        Blow(victim, phase, chance.uniform(0.0, _PAUSE_S), chance.random() < 0.3, chance.random())
+        for victim, phase in zip(victims, phases, strict=False)
+    ]
 
 
 @dataclass
@@ -75,7 +113,7 @@ class Owner:
         return submission
 
 
-def run(folder: Path, kills: Sequence[Moment]) -> Report:
+def run(folder: Path, kills: Sequence[Blow]) -> Report:
     """Hand in, kill, let everything come to its end, and examine."""
     report = Report()
     store = File(folder)
@@ -110,13 +148,13 @@ def run(folder: Path, kills: Sequence[Moment]) -> Report:
     return report
 
 
-def _wait_for(kill: Moment, service: Service, store: File) -> None:
-    """Until the moment has come."""
-    if not kill.at_once:
+def _wait_for(kill: Blow, service: Service, store: File) -> None:
+    """Until the moment has come, and a submission that lost a few runners in a row has got one through."""
+    if kill.phase != ANY:
         service.await_ready()
-        deadline = time.monotonic() + _WORK_S
-        while not _runners(service) and time.monotonic() < deadline:
-            time.sleep(0.05)
+        until(lambda: _goes_on(kill.phase, service, store), _WORK_S, f"no {kill.phase} goes on")
+    hurt = f"SELECT id FROM submissions WHERE attempts >= {_HURT} AND ended IS NULL"
+    until(lambda: not store.rows(hurt), _END_S, "no runner gets through")
     time.sleep(kill.pause_s)
     if kill.at_write:
         before, deadline = store.written(), time.monotonic() + _WRITE_S
@@ -124,7 +162,14 @@ def _wait_for(kill: Moment, service: Service, store: File) -> None:
             time.sleep(0.001)
 
 
-def _kill(kill: Moment, service: Service) -> bool:
+def _goes_on(phase: str, service: Service, store: File) -> bool:
+    if phase == DRIVE:
+        return bool(store.driven() - {None})  # an open episode without an evaluation is a check's practice
+    waiting = store.rows("SELECT id FROM submissions WHERE state = 'queued'")
+    return bool(waiting and _runners(service))
+
+
+def _kill(kill: Blow, service: Service) -> bool:
     if kill.victim == SERVICE:
         return service.kill()
     found = (_runners if kill.victim == RUNNER else _sandboxes)(service)
