@@ -278,7 +278,7 @@ def test_the_command_says_what_it_made_and_warns(tmp_path):
     assert done.exit_code == 0, done.output
     assert "runs code that is named inside: export only files that you trust" in done.stderr
     assert "PPO, state track" in done.stdout
-    assert "takes speed, steering, command; gives steer, accelerate" in done.stdout
+    assert "takes speed, steering; gives steer, accelerate" in done.stdout
     assert "On 200 sampled observations its actions differ from the policy's by" in done.stdout
     source = resolve(str(out))
     assert (source.name, source.description) == ("my driver", "A try.")

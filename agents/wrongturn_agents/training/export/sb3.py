@@ -43,6 +43,7 @@ class Exported:
     algorithm: str
     track: Track
     inputs: tuple[str, ...]
+    """Keys that the network looks at."""
     outputs: tuple[str, ...]
     greatest: float
     """Greatest difference of a control on the sampled observations."""
@@ -104,7 +105,7 @@ def export_sb3(
     return Exported(
         algorithm=saved.algorithm,
         track=track,
-        inputs=tuple(key.field.name for key in keys),
+        inputs=tuple(put.name for put in graph.graph.input),
         outputs=meaning.outputs,
         greatest=float(differences.max()),
         exceptions=exceptions,
@@ -181,6 +182,7 @@ def _graph(source: Path, policy: BasePolicy, keys: tuple[Taken, ...], meaning: M
         graph = export_graph(
             _Driver(policy, keys, meaning).eval(), {"observation": example}, list(example), meaning.outputs
         )
+        _drop_unused_inputs(graph)
         onnx.checker.check_model(graph, full_check=True)
     except Exception as error:  # torch raises many classes
         raise TrainingError(
@@ -190,6 +192,13 @@ def _graph(source: Path, policy: BasePolicy, keys: tuple[Taken, ...], meaning: M
     finally:
         torch.distributions.Distribution.set_default_validate_args(validated)
     return graph
+
+
+def _drop_unused_inputs(graph: onnx.ModelProto) -> None:
+    """Remove the inputs that the network does not look at, so that nobody has to send them."""
+    used = {name for node in graph.graph.node for name in node.input}
+    for put in [put for put in graph.graph.input if put.name not in used]:
+        graph.graph.input.remove(put)
 
 
 def _cause(error: BaseException) -> str:
