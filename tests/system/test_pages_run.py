@@ -35,8 +35,10 @@ def commands(text: str) -> list[str]:
 def run(command: str, folder: Path) -> str:
     program, *arguments = command.split()
     start = {"python": [sys.executable], "wrongturn": [sys.executable, "-m", "wrongturn_client"]}[program]
-    ignored = {"WRONGTURN_URL", "WRONGTURN_TOKEN"}
+    ignored = {"WRONGTURN_URL", "WRONGTURN_TOKEN", "WRONGTURN_OWNER_TOKEN"}
     environment = {name: value for name, value in os.environ.items() if name not in ignored}
+    if arguments[0] == "submit":
+        environment["WRONGTURN_HOME"] = str(folder / "home")  # keeps the owner's token
     done = subprocess.run(
         [*start, *arguments], cwd=folder, env=environment, capture_output=True, text=True, check=False
     )
@@ -100,14 +102,20 @@ def test_the_readmes_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
 @pytest.mark.timeout(1200)
 def test_the_tutorials_agent_learns_to_drive(tmp_path: Path) -> None:
     text = TUTORIAL.split("\n## 2. ")[1]
-    assert [command.split()[:2] for command in commands(text)[:3]] == [
+    assert [command.split()[:2] for command in commands(text)] == [
         ["python", "train.py"],
-        ["python", "export.py"],
+        ["wrongturn", "export"],
         ["wrongturn", "run"],
+        ["wrongturn", "serve"],
+        ["wrongturn", "submit"],
     ]
     shown, entry = follow(text, tmp_path)
-    assert "first-driver" in shown
-    assert entry["agent"]["track"] == "privileged"
+    assert re.search(r"^(Rank 1 of 1 in the privileged track|Not ranked: )", shown, re.MULTILINE), shown
+    assert (entry["entry"], entry["agent"]["name"], entry["agent"]["track"]) == (
+        "uploaded",
+        "first-driver",
+        "privileged",
+    )
     assert entry["unsafe"]["trials"] == 6
     # A network that has not learned completes none of the six.
     assert entry["twins"]["completed"] >= 1

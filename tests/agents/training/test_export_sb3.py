@@ -34,12 +34,14 @@ from wrongturn_agents.training.export.sb3 import export_sb3  # noqa: E402
 from wrongturn_client.cli import app  # noqa: E402
 from wrongturn_protocol import Track  # noqa: E402
 from wrongturn_protocol.observations import action_space, observation_space  # noqa: E402
+from wrongturn_sandbox.checking import check  # noqa: E402
 
 OFF_POLICY = {"buffer_size": 50, "device": "cpu", "seed": 1}
 
 
 def driven(file: Path, track: Track, number: int = 20) -> list[tuple[dict[str, np.ndarray], np.ndarray]]:
-    """Return observations and a file's controls for each, (3,)."""
+    """Return observations and a file's controls for each, (3,), after what a service checks before it loads a file."""
+    check(file.read_bytes())
     agent = resolve(str(file)).make()
     assert agent.track is track
     space = observation_space(track)

@@ -1,0 +1,99 @@
+"""What the page on models shows is true: its programs make models that drive, and its limits are the sandbox's."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("onnxscript")
+pytest.importorskip("onnxruntime")
+
+from wrongturn_agents import resolve
+from wrongturn_protocol import Track
+from wrongturn_protocol.model_contract import CONTROLS, MAX_STATE_BYTES, OPSETS
+from wrongturn_protocol.observations import observation_space
+from wrongturn_runner.pace import CHECK_STEP_S, DRIVE_STEP_S, LOAD_S, STEP_S
+from wrongturn_sandbox import rules
+from wrongturn_sandbox.checking import check
+from wrongturn_sandbox.operators import GROUPS
+from wrongturn_service.settings import Settings
+
+PAGE = (Path(__file__).parents[2] / "docs/models.md").read_text("utf-8")
+PROGRAMS: dict[str, str] = dict(re.findall(r'```python title="(\w+\.py)"\n(.*?)```', PAGE, re.DOTALL))
+
+
+def drive(file: Path, steps: int = 5) -> list[tuple[float, float, float]]:
+    """Return a model's actions on the same observation, after what a service checks before it loads a file."""
+    check(file.read_bytes())
+    agent = resolve(str(file)).make()
+    assert agent.track is Track.CAMERA
+    space = observation_space(Track.CAMERA)
+    space.seed(3)
+    observation = space.sample()
+    agent.reset(space)
+    actions = [agent.act(observation) for _ in range(steps)]
+    return [(action.steer, action.throttle, action.brake) for action in actions]
+
+
+def made_by(program: str, folder: Path) -> Path:
+    """Run a program of the page, and return the model that it wrote."""
+    (folder / program).write_text(PROGRAMS[program], "utf-8")
+    done = subprocess.run([sys.executable, program], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in folder.iterdir() if path.suffix not in {".py", ".onnx"}] == []
+    return folder / program.replace(".py", ".onnx")
+
+
+@pytest.mark.slow
+def test_plain_torch_makes_a_model_in_fifteen_lines(tmp_path):
+    assert len([line for line in PROGRAMS["my_driver.py"].splitlines() if line.strip()]) <= 15
+    actions = drive(made_by("my_driver.py", tmp_path))
+    assert len(set(actions)) == 1
+    assert actions[0] != (0.0, 0.0, 0.0)
+
+
+@pytest.mark.slow
+def test_a_recurrent_model_remembers(tmp_path):
+    file = made_by("my_rememberer.py", tmp_path)
+    first = drive(file)
+    assert len(set(first)) == len(first)
+    assert drive(file) == first
+
+
+def row(name: str) -> str:
+    """Return the second column of a table's row."""
+    (found,) = re.findall(rf"^\| {re.escape(name)} \| (.*?) \|$", PAGE, re.MULTILINE)
+    return str(found)
+
+
+def test_the_contracts_table():
+    assert row("opset") == f"{OPSETS[0]} to {OPSETS[1]}, of ONNX's default domain"
+    assert range(OPSETS[0], OPSETS[1] + 1) == rules.OPSETS, "a submission's opset is not that of the contract"
+    sets = "; or ".join(" and ".join(f"`{name}`" for name in names) for names in CONTROLS)
+    assert row("outputs").startswith(
+        "one of three sets: " + sets.replace("`steer` and `throttle`", "`steer`, `throttle`")
+    )
+    assert MAX_STATE_BYTES == 1 << 20
+    assert row("state").endswith("at most 1 MiB")
+
+
+def test_the_limits_are_those_of_service_runner_and_sandbox():
+    settings = Settings.model_fields
+    assert f"{settings['model_limit'].default:,} bytes (128 MiB)" in row("file")
+    assert f"{settings['model_memory'].default:,} bytes (2 GiB)" in row("memory")
+    assert row("time to load") == f"{LOAD_S:g} s"
+    assert (
+        row("a step")
+        == f"{STEP_S:g} s; on average {CHECK_STEP_S:g} s in the check, and {DRIVE_STEP_S:g} s in the drive"
+    )
+    assert row("nodes") == f"{rules.NODES_MOST:,}"
+    assert row("parameters") == f"{rules.PARAMETERS_MOST:,}"
+    assert row("inputs, outputs") == f"{rules.TENSORS_MOST} each"
+
+
+@pytest.mark.parametrize("kind", list(GROUPS))
+def test_the_operators(kind: str):
+    assert set(re.findall(r"`(\w+)`", row(kind))) == GROUPS[kind]
