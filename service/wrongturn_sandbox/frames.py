@@ -19,11 +19,16 @@ CALL_MOST: Final = 16 << 20
 """Largest call of the host without a model, bytes: an observation and a state."""
 REPLY_MOST: Final = 8 << 20
 """Largest reply of a guest, bytes: the outputs of a step, or a description."""
+_AT_ONCE: Final = 1 << 20
 _HEADER: Final = struct.Struct("!I")
 
 
 class FrameError(Exception):
     """What came is no frame, or a longer one than this side takes."""
+
+
+class CutOffError(FrameError):
+    """The connection was closed in the midst of a frame."""
 
 
 class DeadlineError(Exception):
@@ -44,7 +49,11 @@ def send(connection: socket.socket, payload: bytes | bytearray | memoryview, dea
     """
     try:
         _wait_until(connection, deadline)
-        connection.sendall(_HEADER.pack(len(payload)))
+        header = _HEADER.pack(len(payload))
+        if len(payload) <= _AT_ONCE:  # a frame in one piece is hardly ever cut off by the sender's end
+            connection.sendall(header + payload)
+            return
+        connection.sendall(header)
         _wait_until(connection, deadline)
         connection.sendall(payload)
     except TimeoutError:
@@ -61,7 +70,8 @@ def receive(connection: socket.socket, most: int, deadline: float = math.inf) ->
 
     Raises:
         DeadlineError: The frame did not come in time.
-        FrameError: The frame is too long, or was cut off.
+        FrameError: The frame is too long.
+        CutOffError: The connection was closed in its midst.
         OSError: The connection is broken.
     """
     header = _exactly(connection, _HEADER.size, deadline)
@@ -72,7 +82,7 @@ def receive(connection: socket.socket, most: int, deadline: float = math.inf) ->
         raise FrameError(f"a frame of {length} bytes; at most {most} are taken")
     content = _exactly(connection, length, deadline)
     if content is None:
-        raise FrameError("a frame without its content")
+        raise CutOffError("a frame without its content")
     return content
 
 
@@ -118,7 +128,7 @@ def _exactly(connection: socket.socket, length: int, deadline: float) -> bytearr
             raise DeadlineError from None
         if not taken:
             if filled:
-                raise FrameError("a frame that was cut off")
+                raise CutOffError("a frame that was cut off")
             return None
         filled += taken
     return content

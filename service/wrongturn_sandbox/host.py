@@ -16,6 +16,7 @@ from wrongturn_sandbox.frames import (
     MODEL_MOST,
     REPLY_MOST,
     VERSION,
+    CutOffError,
     DeadlineError,
     FrameError,
     packed,
@@ -151,7 +152,7 @@ class Sandbox:
             kind, said = ("ended", None) if content is None else read_reply(unpacked(content))
         except DeadlineError:
             raise self._refused(late) from None
-        except OSError:
+        except (OSError, CutOffError):
             kind, said = "ended", None
         except FrameError as error:
             raise self._refused(_nonsense(error)) from None

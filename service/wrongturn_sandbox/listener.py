@@ -1,12 +1,12 @@
 """Holds the guests of a runner container: a fresh process for each connection, which ends with it."""
 
 import contextlib
+import errno
 import logging
 import os
 import select
 import signal
 import socket
-import stat
 import subprocess
 import sys
 import time
@@ -141,27 +141,38 @@ def _tell(connection: socket.socket, message: object) -> None:
 
 
 def _listen(path: Path) -> socket.socket:
+    """Return a socket that listens at a path, which appears only once it does."""
+    _check_free(path)
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    new = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        _remove_stale(path)
         before = os.umask(0o777 & ~_MODE)
         try:
-            listening.bind(str(path))
+            listening.bind(str(new))
         finally:
             os.umask(before)
         listening.listen(64)
+        new.rename(path)
     except BaseException:
         listening.close()
+        new.unlink(missing_ok=True)
         raise
     return listening
 
 
-def _remove_stale(path: Path) -> None:
-    """Remove a socket on which nobody listens any more."""
-    if not path.exists() or not stat.S_ISSOCK(path.stat().st_mode):
+def _check_free(path: Path) -> None:
+    """Check that nothing is at a path but a socket on which nobody listens any more.
+
+    Raises:
+        FileExistsError: Something else is there.
+    """
+    if not path.exists():
         return
+    if not path.is_socket():
+        raise FileExistsError(errno.EEXIST, "another file is there")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as attempt:
         try:
             attempt.connect(str(path))
         except OSError:
-            path.unlink()
+            return
+    raise FileExistsError(errno.EADDRINUSE, "another listener is there")

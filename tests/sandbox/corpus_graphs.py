@@ -5,8 +5,8 @@ from typing import Any
 
 import onnx
 from onnx import TensorProto, helper
-from small_models import FLOAT, STRING, TAIL, beside, control, field, ints, model, node, number, proto
 from upload_case import By, Case
+from upload_models import FLOAT, STRING, TAIL, beside, control, field, ints, model, node, number, proto
 
 
 def _external(location: str, *, flag: bool = True) -> onnx.TensorProto:

@@ -2,8 +2,8 @@
 
 import onnx
 from onnx import TensorProto, helper
-from small_models import STRING, beside, control, field, ints, model, node, number
 from upload_case import Case
+from upload_models import STRING, beside, control, field, ints, model, node, number
 
 _BOOL = TensorProto.BOOL
 

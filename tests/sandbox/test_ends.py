@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from corpus import CORPUS
 from guest_processes import children, gone, wait_until
-from small_models import model
+from upload_models import model
 
 from wrongturn_sandbox import Limits, ModelRefusedError, Sandbox, SandboxLostError, open_sandbox
 

@@ -7,7 +7,7 @@ import numpy as np
 import onnxruntime
 import pytest
 from onnx import TensorProto, helper
-from small_models import TAIL, control, model, node, number, proto
+from upload_models import TAIL, control, model, node, number, proto
 
 import wrongturn_agents
 from wrongturn_protocol import Track

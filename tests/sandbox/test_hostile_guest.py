@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_models import model
+from upload_models import model
 
 from wrongturn_sandbox import Limits, ModelRefusedError, SandboxLostError, SandboxUnavailableError, open_sandbox
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from corpus import CORPUS
 from guest_processes import children, gone, wait_until
-from small_models import model
+from upload_models import model
 
 from wrongturn_sandbox import Limits, ModelRefusedError, SandboxLostError, SandboxUnavailableError, open_sandbox, probe
 from wrongturn_sandbox.frames import receive, send
@@ -115,17 +115,20 @@ def test_a_stale_socket_is_replaced_and_a_used_one_is_not(own: Own, tmp_path: Pa
     own.process.kill()
     own.process.wait()
     assert own.path.exists()
-    again = Own(tmp_path)
+    again = subprocess.Popen(line, stderr=subprocess.DEVNULL)
     try:
-        while True:
-            try:
-                assert probe(again.path).startswith("runner container")
-                break
-            except SandboxUnavailableError:  # the old socket's file was still there
-                time.sleep(0.05)
+        wait_until(lambda: answers(own.path))
+        assert list(tmp_path.iterdir()) == [own.path]
     finally:
-        again.process.kill()
-        again.process.wait()
+        again.kill()
+        again.wait()
+
+
+def answers(path: Path) -> bool:
+    try:
+        return probe(path).startswith("runner container")
+    except SandboxUnavailableError:
+        return False
 
 
 def test_a_file_that_is_no_socket_is_left_alone(tmp_path: Path) -> None:
