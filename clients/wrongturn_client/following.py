@@ -7,6 +7,7 @@ from datetime import datetime
 from typing import IO, Final, Protocol
 
 from rich.console import Console
+from rich.filesize import decimal
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from wrongturn_client.client import Client
@@ -19,7 +20,6 @@ _LONGEST_PAUSE: Final = 2.0
 _GROWTH: Final = 1.1
 _LINE_EVERY: Final = 10.0
 """Seconds between two plain lines about the same state."""
-_MEGABYTE: Final = 1e6
 
 
 class Display(Protocol):
@@ -92,7 +92,7 @@ class PlainLines:
     def uploaded(self, sent: int, total: int) -> None:
         """Say so once the model is sent."""
         if sent >= total:
-            self._say("upload", f"{total / _MEGABYTE:.1f} MB sent")
+            self._say("upload", f"{decimal(total)} sent")
 
     def at(self, detail: SubmissionDetail) -> None:
         """Say where the submission is, if that is new or old enough."""
@@ -127,8 +127,7 @@ class OneLine:
 
     def uploaded(self, sent: int, total: int) -> None:
         """Show the bytes."""
-        megabytes = f"{sent / _MEGABYTE:.1f} of {total / _MEGABYTE:.1f} MB sent"
-        self._show(megabytes, sent, total)
+        self._show(f"{decimal(sent)} of {decimal(total)} sent", sent, total)
 
     def at(self, detail: SubmissionDetail) -> None:
         """Show the state; the bar is that of the episodes."""

@@ -169,7 +169,8 @@ def _upload(
                     raise
         return client.submit(file, suite, name, progress=display.uploaded)
     except AgentNameTakenError as error:
-        raise WrongturnError(f"--name: {error}. Example: --name {shlex.quote(name + '-2')}") from error
+        said = str(error).removeprefix("name: ")
+        raise WrongturnError(f"--name: {said}. Example: --name {shlex.quote(name + '-2')}") from error
 
 
 def _listing(found: Sequence[SubmissionDetail]) -> Table:

@@ -68,7 +68,7 @@ def test_it_follows_a_submission_to_its_rank(served: FakeSubmissions, model: Pat
     assert "Handed in as s1: my_agent on smoke@2 at http://fake:80, owner ann." in said
     shown = [line.removeprefix("my_agent: ") for line in said if line.startswith("my_agent: ")]
     assert shown == [
-        "0.0 MB sent",
+        "5.0 kB sent",
         "waits for its check",
         "checked, 1 before it",
         "3 of 120 episodes",
@@ -302,7 +302,7 @@ def test_a_terminal_has_one_line_with_a_bar_and_the_log_above_it() -> None:
             line.at(SubmissionDetail.model_validate({**head, **step, "created": TIME}))
             bars.refresh()
     shown = output.getvalue()
-    assert "mine: 2.0 of 5.0 MB sent" in shown
+    assert "mine: 2.0 MB of 5.0 MB sent" in shown
     assert "It waits [for] its check.\n" in shown
     assert "mine: checked, is the next" in shown
     assert "mine: 3 of 120 episodes" in shown

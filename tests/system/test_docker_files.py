@@ -6,12 +6,14 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
 from wrongturn_agents.registry import list_agents
-from wrongturn_protocol import AgentKind
+from wrongturn_protocol import Action, AgentKind, Track
+from wrongturn_protocol.observations import observation_space
 from wrongturn_service.settings import Settings
 
 ROOT = Path(__file__).parents[2]
@@ -199,6 +201,12 @@ def test_the_page_on_containers_shows_the_folders_module() -> None:
     page = (ROOT / "docs/containers.md").read_text("utf-8")
     (shown,) = re.findall(r'```python title="my_agents.py"\n(.*?)```', page, re.DOTALL)
     assert shown == (DOCKER / "agent/my_agents.py").read_text("utf-8")
+    made: dict[str, Any] = {}
+    exec(shown, made)
+    agent = made["Slow"]()
+    space = observation_space(Track(agent.track))
+    agent.reset(space)
+    assert isinstance(agent.act(space.sample()), Action)
 
 
 def test_the_owners_token_comes_from_its_file(tmp_path: Path) -> None:
