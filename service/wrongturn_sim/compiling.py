@@ -32,3 +32,12 @@ def compiled_with(*modules: ModuleType, **options: Any) -> Callable[[_Function],
         return cast(_Function, njit(cache=True, **options)(function))
 
     return compiled
+
+
+def uncounted(function: _Function) -> _Function:
+    """Compile a function that allocates nothing, without numba's reference counts.
+
+    Counting would take most of the time of a function that looks at one row of an array after the other.
+    """
+    options: Any = {"_nrt": False}
+    return cast(_Function, njit(**options)(function))

@@ -112,6 +112,14 @@ def score(
     device: _Device = "auto",
     threads: _Threads = None,
     batch: Annotated[int | None, typer.Option(min=1, help="Number of trials at once.")] = None,
+    traffic: Annotated[
+        bool,
+        typer.Option(
+            "--traffic",
+            help="Drive only the trials with other road users, beside simple traffic instead of SUMO's: an estimate. "
+            "Example: --suite navigation@1 --traffic",
+        ),
+    ] = False,
 ) -> None:
     """Drive a suite with a checkpoint or a registered agent in this process, and report how each trial ended.
 
@@ -127,13 +135,18 @@ def score(
     )
     from wrongturn_agents.training.score import score as run  # noqa: PLC0415
 
+    if json is not None and traffic:
+        raise TrainingError(
+            "--json: an estimate beside simple traffic is no result; leave it out, or drive these trials over a "
+            "service with `wrongturn run AGENT --suite navigation@1 --task navigation_dynamic --json FILE`"
+        )
     if json is not None:
         check_writable(json)
     begin = time.monotonic()
     if checkpoint.endswith(".onnx") or checkpoint in {agent.name for agent in list_agents()}:
-        results = score_agent(checkpoint, suite, threads=threads)
+        results = score_agent(checkpoint, suite, threads=threads, traffic=traffic)
     else:
-        results = run(checkpoint, suite, device=device, threads=threads, batch=batch)
+        results = run(checkpoint, suite, device=device, threads=threads, batch=batch, traffic=traffic)
     for line in summary(results):
         typer.echo(line)
     typer.echo(f"{len(results['trials'])} trials in {time.monotonic() - begin:.0f} s.")

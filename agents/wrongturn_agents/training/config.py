@@ -26,6 +26,7 @@ _MOST_ROAD_USERS: Final = 200
 _BEFORE: Final[Mapping[str, Any]] = {
     "inside_junctions": 0.0,
     "projection_learning_rate": 1.0,
+    "collision_penalty": 0.0,
     "traffic": 0.0,
     "window_nearest": 15.0,
     "window_farthest": 15.0,
@@ -87,6 +88,11 @@ class PPOConfig:
 
     A failure already costs everything that would have been earned after it. With a greater cost, cars learned to stand
     still before junctions.
+    """
+    collision_penalty: float = 1.0
+    """Taken off the divided reward when a drive ends in a collision, beside ``failure_penalty``.
+
+    Waiting behind another car earns little, so a crash that ends it would cost little too.
     """
     standing_penalty: float = 1.0
     """Taken off the divided reward when a drive ends because the car stands still.

@@ -14,7 +14,9 @@ from wrongturn_agents.training.rollout import Observations
 from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_agents.training.vec_env import WrongturnVecEnv
 
-FAILURES: Final = frozenset({"off_road", "collision", "wrong_way"})
+COLLISION: Final = "collision"
+"""Verdict of a drive that hit something."""
+FAILURES: Final = frozenset({"off_road", COLLISION, "wrong_way"})
 """Verdicts of a failed drive."""
 STANDING: Final = "not_engaged"
 """Verdict of a drive that ended because the car stood still."""
@@ -37,6 +39,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         device: device of the tensors.
         reward_divisor: divisor of the reward.
         failure_penalty: taken off the divided reward when a drive fails.
+        collision_penalty: taken off as well when it ends in a collision.
         standing_penalty: taken off the divided reward when a drive ends because the car stands still.
         standing_cost: taken off the divided reward of each decision after which the car stands, unless others block
             its way.
@@ -53,6 +56,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         device: torch.device | str = "cpu",
         reward_divisor: float = 1.0,
         failure_penalty: float = 0.0,
+        collision_penalty: float = 0.0,
         standing_penalty: float = 0.0,
         standing_cost: float = 0.0,
         stopwatch: Stopwatch | None = None,
@@ -67,6 +71,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         self.action_space = ACTION_SPACE
         self._divisor = reward_divisor
         self._penalties = dict.fromkeys(FAILURES, failure_penalty) | {STANDING: standing_penalty}
+        self._penalties[COLLISION] += collision_penalty
         self._standing_cost = np.float32(standing_cost)
         self._returns = np.zeros(num_envs)
         self._lengths = np.zeros(num_envs, np.int64)

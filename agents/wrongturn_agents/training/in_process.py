@@ -13,7 +13,7 @@ from wrongturn_agents.agent import Agent
 from wrongturn_agents.registry import AgentSource
 from wrongturn_protocol import Outcome, Trial
 from wrongturn_protocol.observations import Observation
-from wrongturn_sim import Trajectory, WrongturnVectorEnv
+from wrongturn_sim import FleetTraffic, Trajectory, WrongturnVectorEnv
 from wrongturn_sim.verdict import THRESHOLDS
 
 VERSION: Final = THRESHOLDS.version
@@ -47,7 +47,7 @@ def drive_in_process(
 
     Args:
         source: the agent. One that keeps memory is made anew for each car.
-        trials: trials in any towns, without other road users.
+        trials: trials in any towns. Those with other road users drive beside the batch's own traffic, not SUMO's.
         drive_on: seconds to drive each trial for, whatever the verdict; None ends each drive with its verdict.
         enough: called with what a car has driven so far, once a second; True ends its drive before ``drive_on``.
         threads: threads that share the simulation and an agent without memory.
@@ -77,7 +77,13 @@ def _in_town(
 ) -> Iterator[DrivenEpisode]:
     count = min(_CARS, len(waiting))
     envs = WrongturnVectorEnv(
-        count, town, source.track, threads=threads, drive_on=drive_on, autoreset_mode=AutoresetMode.DISABLED
+        count,
+        town,
+        source.track,
+        threads=threads,
+        drive_on=drive_on,
+        own_traffic=FleetTraffic(),
+        autoreset_mode=AutoresetMode.DISABLED,
     )
     agents = _agents(source, count)
     current = [waiting.pop(0) for _ in range(count)]

@@ -18,7 +18,8 @@ from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.drive import drive_trials
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.in_process import drive_in_process
-from wrongturn_networks import load_suite
+from wrongturn_networks import Suite, load_suite
+from wrongturn_protocol import Traffic, Trial
 
 Results = dict[str, Any]
 
@@ -30,10 +31,12 @@ def score(
     device: str = "auto",
     threads: int | None = None,
     batch: int | None = None,
+    traffic: bool = False,
 ) -> Results:
     """Drive each trial and twin of a suite with the mean action, in float32.
 
-    Trials with other road users need SUMO and are left out.
+    Trials with other road users need SUMO and are left out. With ``traffic``, only they are driven, beside a batch's
+    own simple traffic: an estimate of what they would give in SUMO.
 
     Args:
         checkpoint: a run's ``best.pt`` or ``last.pt``.
@@ -42,6 +45,7 @@ def score(
         device: ``cpu``, ``cuda`` or ``auto``.
         threads: threads that share the simulation; all cores by default.
         batch: number of trials at once; by default 16 on the CPU and 256 on CUDA.
+        traffic: drive the trials with other road users instead of the others.
 
     Returns:
         Fields of a :class:`~wrongturn_agents.reporting.results_file.ResultsFile`.
@@ -61,7 +65,7 @@ def score(
     if device == "cuda" and place.type != "cuda":
         raise TrainingError("device: torch finds no CUDA device here; give cpu, or install torch for CUDA")
     chosen = load_suite(suite)
-    trials = [trial for trial in chosen.episodes if not (trial.traffic.vehicles or trial.traffic.pedestrians)]
+    trials = _trials_of(chosen, traffic=traffic)
     # Everything in float32, as in the exported file.
     with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
         (driven,) = drive_trials(
@@ -86,13 +90,14 @@ def score(
     ).model_dump(mode="json")
 
 
-def score_agent(name: str, suite: str, *, threads: int | None = None) -> Results:
+def score_agent(name: str, suite: str, *, threads: int | None = None, traffic: bool = False) -> Results:
     """Drive each trial and twin of a suite with a registered agent, as it is shipped.
 
     Args:
         name: name of the agent. Example: ``ppo-image``
         suite: id of the suite. Of a suite that draws its trials, the open draw is driven.
         threads: threads that share the simulation and an agent without memory; all cores by default.
+        traffic: as :func:`score`.
 
     Returns:
         As :func:`score`.
@@ -103,7 +108,7 @@ def score_agent(name: str, suite: str, *, threads: int | None = None) -> Results
     """
     source = resolve(name)
     chosen = load_suite(suite)
-    trials = [trial for trial in chosen.episodes if not (trial.traffic.vehicles or trial.traffic.pedestrians)]
+    trials = _trials_of(chosen, traffic=traffic)
     driven = drive_in_process(source, trials, threads=threads or len(os.sched_getaffinity(0)))
     return ResultsFile(
         agent=source.name,
@@ -115,6 +120,17 @@ def score_agent(name: str, suite: str, *, threads: int | None = None) -> Results
         device="cpu",
         trials={trial.id: TrialResult.of(outcome) for trial, _, outcome in driven if outcome is not None},
     ).model_dump(mode="json")
+
+
+def _trials_of(suite: Suite, *, traffic: bool) -> list[Trial]:
+    """Return the trials of a suite with other road users, or those without."""
+    trials = [trial for trial in suite.episodes if (trial.traffic != Traffic()) == traffic]
+    if not trials:
+        raise TrainingError(
+            f"suite: {suite.id} has no trials {'with' if traffic else 'without'} other road users; "
+            f"{'leave --traffic out' if traffic else 'score it with --traffic'}"
+        )
+    return trials
 
 
 def write_results(path: Path, results: Results) -> None:

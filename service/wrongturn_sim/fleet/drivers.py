@@ -8,10 +8,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from wrongturn_sim import ego as ego_module
 from wrongturn_sim import guide
+from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.others import (
     GATE,
     GOES,
@@ -21,9 +21,13 @@ from wrongturn_sim.fleet.others import (
     LENGTH,
     LIKES,
     PEDESTRIANS,
+    SINCE,
     STANDS,
     UNTIL,
     VEHICLES,
+    W_SINCE,
+    W_X,
+    W_Y,
     WAITED,
     WIDTH,
     A,
@@ -34,7 +38,9 @@ from wrongturn_sim.fleet.others import (
     Y,
     draw,
     move_walker,
+    out_of_sight,
     place_car,
+    place_walker,
     point_ahead,
 )
 from wrongturn_sim.fleet.right_of_way import CROSSES, YIELDS
@@ -75,7 +81,7 @@ FAR = 1e9
 EGO_LENGTH, EGO_WIDTH = ego_module.VEHICLE.half_length, ego_module.VEHICLE.half_width
 
 
-@njit()
+@uncounted
 def safe_speed(gap: float, leader: float, braking: float, reaction: float) -> float:
     """Return the speed at which a car can stop behind a leader (its speed in m/s) that brakes now, m/s."""
     if gap <= 0.0:
@@ -84,7 +90,7 @@ def safe_speed(gap: float, leader: float, braking: float, reaction: float) -> fl
     return math.sqrt(delay * delay + leader * leader + 2.0 * braking * gap) - delay
 
 
-@njit()
+@uncounted
 def left_to_line(lengths: Array, car: Array, way: Array) -> float:
     """Return a car's distance to the next stop line that it has not got leave to pass, metres."""
     if way[INSIDE] == 0:
@@ -92,7 +98,7 @@ def left_to_line(lengths: Array, car: Array, way: Array) -> float:
     return FAR
 
 
-@njit()
+@uncounted
 def leader_of(legs: Array, lengths: Array, others: Others, i: int, k: int) -> tuple[float, float]:
     """Return the gap to the next car on a car's way, metres, and that car's speed; FAR if there is none."""
     car, way = others.cars[i, k], others.ways[i, k]
@@ -131,7 +137,7 @@ def leader_of(legs: Array, lengths: Array, others: Others, i: int, k: int) -> tu
     return best, speed
 
 
-@njit()
+@uncounted
 def gap_to_ego(
     points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, k: int, reach: float, state: Array
 ) -> tuple[float, float]:
@@ -158,13 +164,13 @@ def gap_to_ego(
     return FAR, 0.0
 
 
-@njit()
+@uncounted
 def time_to(metres: float, speed: float) -> float:
     """Return the seconds that a car needs for a distance at its speed, at least 3 m/s."""
     return max(metres, 0.0) / max(speed, 3.0)
 
 
-@njit()
+@uncounted
 def may_go(
     streets: Streets, legs: Array, lengths: Array, others: Others, i: int, k: int, progress: Array, places: Array,
     state: Array,
@@ -210,7 +216,7 @@ def may_go(
     return not (rule & YIELDS and waits and time_to(away, state[3]) < clear)
 
 
-@njit()
+@uncounted
 def hesitate(others: Others, i: int, k: int, left: float, wanted: float) -> float:
     """Return the speed of a driver who stops now and then without need; other drivers keep the wanted speed."""
     car = others.cars[i, k]
@@ -228,7 +234,7 @@ def hesitate(others: Others, i: int, k: int, left: float, wanted: float) -> floa
     return float(max(0.0, min(wanted, car[V] - BRAKING * DECISION)))
 
 
-@njit()
+@uncounted
 def decide_speed(
     streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, k: int,
     progress: Array, places: Array, state: Array,
@@ -272,7 +278,7 @@ def decide_speed(
     return max(0.0, wanted - IMPERFECTION * ACCELERATION * DECISION * draw(others, i))
 
 
-@njit()
+@uncounted
 def choose_gate(legs: Array, others: Others, i: int, k: int) -> None:
     """Draw the exit that a car takes at the end of its lane."""
     way = others.ways[i, k]
@@ -280,7 +286,7 @@ def choose_gate(legs: Array, others: Others, i: int, k: int) -> None:
     way[GATE] = int(draw(others, i) * gates) if gates > 0 else -1
 
 
-@njit()
+@uncounted
 def come_back(
     streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, k: int,
     state: Array,
@@ -301,7 +307,7 @@ def come_back(
     place_car(points, along, legs, lengths, car, way)
 
 
-@njit()
+@uncounted
 def think(
     streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int,
     progress: Array, places: Array, state: Array,
@@ -318,10 +324,11 @@ def think(
             car[A] = max((wanted - car[V]) / DECISION, -EMERGENCY)
 
 
-@njit()
+@uncounted
 def move(
-    streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, seconds: float
-) -> None:
+    streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, state: Array,
+    seconds: float,
+) -> None:  # fmt: skip
     """Move an ego's road users for a sub-step."""
     for k in range(others.counts[i, VEHICLES]):
         car, way = others.cars[i, k], others.ways[i, k]
@@ -329,6 +336,7 @@ def move(
             continue
         car[V] = max(0.0, car[V] + car[A] * seconds)
         car[S] += car[V] * seconds
+        car[SINCE] += car[V] * seconds
         leg, gate = way[LEG], way[GATE]
         length = lengths[leg, guide.F_LENGTH]
         if way[INSIDE]:
@@ -344,6 +352,10 @@ def move(
                 continue
             car[S] -= length
             way[INSIDE] = 1
-        place_car(points, along, legs, lengths, car, way)
+        if not out_of_sight(car[X], car[Y], car[SINCE], state):
+            place_car(points, along, legs, lengths, car, way)
     for k in range(others.counts[i, PEDESTRIANS]):
-        move_walker(streets, others.walkers[i, k], others.walks[i, k], seconds)
+        walker, walk = others.walkers[i, k], others.walks[i, k]
+        move_walker(streets, walker, walk, seconds)
+        if not out_of_sight(walker[W_X], walker[W_Y], walker[W_SINCE], state):
+            place_walker(streets, walker, walk)

@@ -52,7 +52,7 @@ _COMPILED: Final[dict[type[CommandFault], int]] = {
     Infeasible: kernel.FAULT_INFEASIBLE,
 }
 """Faults that the kernel delivers itself, for speed. Any other fault is asked in Python, one ego at a time."""
-_PRIVILEGED: Final = ("pose", "lane", "stop_line", "exits", "exits_mask")
+_PRIVILEGED: Final = ("pose", "lane", "stop_line", "exits", "exits_mask", "road_users", "road_users_count")
 _ROUNDING: Final = 1e-6
 """A number of sub-steps that is too great by this much is that number: quotients of 0.05 s are not exact in binary."""
 _PICTURES: Final = ("rgb", "segmentation")

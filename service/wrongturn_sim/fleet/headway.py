@@ -8,9 +8,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from wrongturn_sim import guide
+from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.drivers import EGO_LENGTH, EGO_WIDTH, safe_speed, time_to
 from wrongturn_sim.fleet.others import GATE, GOES, HERE, INSIDE, LEG, SAMPLES, VEHICLES, Others, S, V, point_ahead
 from wrongturn_sim.fleet.right_of_way import CROSSES, YIELDS
@@ -38,7 +38,7 @@ WAITING = 1.5
 """An ego that may drive no faster may stand, m/s."""
 
 
-@njit()
+@uncounted
 def on_way(user: Array, px: float, py: float, ux: float, uy: float) -> tuple[bool, float]:
     """Return whether a road user is, or soon will be, at a point of the ego's way; and its speed along the way."""
     cos, sin = math.cos(user[2]), math.sin(user[2])
@@ -52,7 +52,7 @@ def on_way(user: Array, px: float, py: float, ux: float, uy: float) -> tuple[boo
     return False, 0.0
 
 
-@njit()
+@uncounted
 def way_clear(
     points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, progress: Array, places: Array,
     state: Array,
@@ -91,7 +91,7 @@ def way_clear(
     return best
 
 
-@njit()
+@uncounted
 def junction_clear(
     streets: Streets, lengths: Array, others: Others, i: int, progress: Array, places: Array, state: Array
 ) -> float:
@@ -119,7 +119,7 @@ def junction_clear(
     return math.inf
 
 
-@njit()
+@uncounted
 def permit(
     streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int,
     progress: Array, places: Array, state: Array,

@@ -126,6 +126,8 @@ class Observations(NamedTuple):
     stop_line: Array
     exits: Array
     exits_mask: Array
+    road_users: Array
+    road_users_count: Array
 
 
 @njit()
@@ -191,6 +193,13 @@ def observe(tables: Tables, egos: Egos, observations: Observations, i: int) -> N
         return
     for k in range(3):
         observations.pose[i, k] = egos.state[i, k]
+    if observations.road_users_count[i, 0] > 0 or egos.others.seen[i] > 0:
+        shown = min(egos.others.seen[i], observations.road_users.shape[1])
+        observations.road_users[i] = 0.0
+        for k in range(shown):
+            for column in range(others.USER):
+                observations.road_users[i, k, column] = egos.others.users[i, k, column]
+        observations.road_users_count[i, 0] = shown
     progress = egos.progress[i]
     left = guide.stop_line(tables.legs, tables.lengths, progress, egos.places[i])
     observations.stop_line[i, 0] = left
@@ -257,7 +266,7 @@ def meet(tables: Tables, egos: Egos, i: int, sub_step: int) -> None:
         # Who waits for others does not stand: training ends no drive for that.
         egos.standing[i, journey_kernels.J_SLOW_SINCE] = math.nan
     drivers.move(
-        tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i, SUB_STEP
+        tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i, state, SUB_STEP
     )  # fmt: skip
     others.look(egos.others, i, state[0], state[1])
     note_meeting(egos, i, sub_step)

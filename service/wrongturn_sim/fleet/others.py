@@ -7,9 +7,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from wrongturn_sim import guide
+from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.streets import Streets
 from wrongturn_sim.traffic import crowd
 
@@ -23,9 +23,9 @@ HESITANT, LEADS = 0, 1
 # Floats of a car: metres of its front bumper along its line; speed, m/s; acceleration until the next decision; body;
 # number of its colour; share of the speed limit that its driver likes; seconds that it has waited at its stop line;
 # seconds until it stops without need (below 0: it stops), and how long it then stands (0: its driver never does); place
-# of its body's centre.
-S, V, A, LENGTH, WIDTH, HEIGHT, COLOUR, LIKES, WAITED, UNTIL, STANDS, X, Y, YAW = range(14)
-CAR_FLOATS = 14
+# of its body's centre, and metres driven since the car was there (0, unless the ego is far away).
+S, V, A, LENGTH, WIDTH, HEIGHT, COLOUR, LIKES, WAITED, UNTIL, STANDS, X, Y, YAW, SINCE = range(15)
+CAR_FLOATS = 15
 # Ints of a car: its leg; the exit that it takes at the leg's end (-1: none); whether its line is that exit's path,
 # which leads through the junction and along the exit's lane; whether the junction is kept free for it; whether it is in
 # town: where a lane ends at the edge of the town, a car leaves and comes back at an entry.
@@ -33,11 +33,13 @@ LEG, GATE, INSIDE, GOES, HERE = range(5)
 CAR_INTS = 5
 
 # Floats of a walker: metres along the pavement; speed, m/s, below 0 against the pavement's direction; metres to the
-# left of its line; height; number of the colour; place.
-W_S, W_V, W_ASIDE, W_HEIGHT, W_COLOUR, W_X, W_Y, W_YAW = range(8)
-WALKER_FLOATS = 8
+# left of its line; height; number of the colour; place, and metres walked since, as for cars.
+W_S, W_V, W_ASIDE, W_HEIGHT, W_COLOUR, W_X, W_Y, W_YAW, W_SINCE = range(9)
+WALKER_FLOATS = 9
 
 RANGE = crowd.VISIBLE_RANGE
+SLACK, OFTEN = 3.0, 20.0
+"""Who is this much farther away than the ego sees is only placed anew after so many metres."""
 PEDESTRIAN_SIZE = crowd.PEDESTRIAN_SIZE
 USER, PICTURE = 6, crowd.OTHERS
 """Numbers of a road user for the judge (x, y, yaw, length, width, speed) and for pictures."""
@@ -97,7 +99,7 @@ def others_for(count: int, vehicles: int, pedestrians: int) -> Others:
     )
 
 
-@njit()
+@uncounted
 def draw(others: Others, i: int) -> float:
     """Return the next random number of an ego's traffic, from 0 to below 1."""
     state = others.random[i] * 6364136223846793005 + 1442695040888963407
@@ -105,7 +107,7 @@ def draw(others: Others, i: int) -> float:
     return float((state >> 33) & 0x7FFFFFFF) / 2147483648.0
 
 
-@njit()
+@uncounted
 def point_on(points: Array, along: Array, first: int, end: int, s: float) -> tuple[float, float, float, float]:
     """Return the point of a line at a distance along it, and the line's unit vector there."""
     low, high = first, end - 2
@@ -122,7 +124,7 @@ def point_on(points: Array, along: Array, first: int, end: int, s: float) -> tup
     return points[low, 0] + ahead * ux, points[low, 1] + ahead * uy, ux, uy
 
 
-@njit()
+@uncounted
 def point_ahead(
     points: Array, along: Array, legs: Array, lengths: Array, leg: int, gate: int, inside: int, s: float
 ) -> tuple[float, float, float, float]:
@@ -142,13 +144,13 @@ def point_ahead(
     return point_on(points, along, legs[leg, guide.L_FIRST], legs[leg, guide.L_END], s)
 
 
-@njit()
+@uncounted
 def rounded(value: float, per_unit: float) -> float:
     """Return a value rounded as SUMO's road users are, so that both look the same."""
     return math.floor(value * per_unit + 0.5) / per_unit
 
 
-@njit()
+@uncounted
 def place_car(points: Array, along: Array, legs: Array, lengths: Array, car: Array, way: Array) -> None:
     """Set the place of a car's body: both bumpers are on its line."""
     leg, gate, inside = way[LEG], way[GATE], way[INSIDE]
@@ -156,13 +158,22 @@ def place_car(points: Array, along: Array, legs: Array, lengths: Array, car: Arr
     bx, by, _, _ = point_ahead(points, along, legs, lengths, leg, gate, inside, car[S] - car[LENGTH])
     yaw = float(int(math.atan2(fy - by, fx - bx) * 1e4)) / 1e4
     half = 0.5 * car[LENGTH]
+    car[SINCE] = 0.0
     car[X], car[Y], car[YAW] = rounded(fx - half * math.cos(yaw), 1e3), rounded(fy - half * math.sin(yaw), 1e3), yaw
 
 
-@njit()
+@uncounted
+def out_of_sight(x: float, y: float, since: float, state: Array) -> bool:
+    """Return whether nobody needs to know where a road user is that was at a point ``since`` metres ago."""
+    reach = RANGE + since + SLACK
+    dx, dy = x - state[0], y - state[1]
+    return bool(since < OFTEN and dx * dx + dy * dy > reach * reach)
+
+
+@uncounted
 def move_walker(streets: Streets, walker: Array, walk: int, seconds: float) -> None:
     """Let a pedestrian walk on; at the end of a pavement that is no ring they turn round."""
-    first, end = streets.walks[walk, 0], streets.walks[walk, 1]
+    end = streets.walks[walk, 1]
     length = streets.along[end - 1]
     s = walker[W_S] + walker[W_V] * seconds
     if streets.walks[walk, 2] != 0:
@@ -171,21 +182,31 @@ def move_walker(streets: Streets, walker: Array, walk: int, seconds: float) -> N
         s = min(max(s, 0.0), length)
         walker[W_V] = -walker[W_V]
     walker[W_S] = s
-    x, y, ux, uy = point_on(streets.paths, streets.along, first, end, s)
+    walker[W_SINCE] += abs(walker[W_V]) * seconds
+
+
+@uncounted
+def place_walker(streets: Streets, walker: Array, walk: int) -> None:
+    """Set the place of a pedestrian."""
+    first, end = streets.walks[walk, 0], streets.walks[walk, 1]
+    x, y, ux, uy = point_on(streets.paths, streets.along, first, end, walker[W_S])
+    walker[W_SINCE] = 0.0
     walker[W_X], walker[W_Y] = rounded(x - uy * walker[W_ASIDE], 1e3), rounded(y + ux * walker[W_ASIDE], 1e3)
     sign = 1.0 if walker[W_V] >= 0.0 else -1.0
     walker[W_YAW] = float(int(math.atan2(sign * uy, sign * ux) * 1e4)) / 1e4
 
 
-@njit()
+@uncounted
 def note(others: Others, i: int, number: int, square: float, x: float, y: float, yaw: float) -> None:
     """Add a road user to those that an ego sees, in the order of their distance."""
     users, pictures, near = others.users[i], others.pictures[i], others.near[i]
     row = others.seen[i]
     while row > 0 and near[row - 1] > square:
         near[row] = near[row - 1]
-        users[row] = users[row - 1]
-        pictures[row] = pictures[row - 1]
+        for column in range(USER):
+            users[row, column] = users[row - 1, column]
+        for column in range(PICTURE):
+            pictures[row, column] = pictures[row - 1, column]
         row -= 1
     near[row] = square
     others.seen[i] += 1
@@ -206,7 +227,7 @@ def note(others: Others, i: int, number: int, square: float, x: float, y: float,
     pictures[row, 4] = users[row, 4]
 
 
-@njit()
+@uncounted
 def look(others: Others, i: int, x: float, y: float) -> None:
     """Find the road users within 80 m of an ego, nearest first."""
     others.seen[i] = 0

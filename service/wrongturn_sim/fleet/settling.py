@@ -4,9 +4,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from wrongturn_sim import guide
+from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet import drivers
 from wrongturn_sim.fleet.drivers import (
     BRAKING,
@@ -47,8 +47,8 @@ from wrongturn_sim.fleet.others import (
     S,
     V,
     draw,
-    move_walker,
     place_car,
+    place_walker,
 )
 from wrongturn_sim.fleet.streets import Streets
 from wrongturn_sim.traffic import plan, slots
@@ -63,7 +63,7 @@ _LAST = 3.0  # metres between that car and the stop line
 _ASIDE = 0.6  # pedestrians walk this far to either side of the pavement's middle, metres
 
 
-@njit()
+@uncounted
 def free_slot(streets: Streets, others: Others, i: int, taken: int, state: Array) -> int:
     """Return a random slot for a car, away from the ego and from those that are taken."""
     # An ego at speed gets more room: it must be able to stop.
@@ -87,7 +87,7 @@ def free_slot(streets: Streets, others: Others, i: int, taken: int, state: Array
     return slot
 
 
-@njit()
+@uncounted
 def lead(lengths: Array, others: Others, i: int, k: int, progress: Array, places: Array, state: Array) -> bool:
     """Put a car shortly ahead of the ego, in its lane; return False where there is no room."""
     car, way = others.cars[i, k], others.ways[i, k]
@@ -101,7 +101,7 @@ def lead(lengths: Array, others: Others, i: int, k: int, progress: Array, places
     return True
 
 
-@njit()
+@uncounted
 def settle_car(
     streets: Streets, lengths: Array, others: Others, i: int, k: int, progress: Array, places: Array, state: Array
 ) -> None:
@@ -128,7 +128,7 @@ def settle_car(
     car[S] = streets.slots[slot, 1] + JITTER * draw(others, i)
 
 
-@njit()
+@uncounted
 def settle_walker(streets: Streets, others: Others, i: int, k: int, state: Array) -> None:
     """Draw a pedestrian."""
     walker = others.walkers[i, k]
@@ -145,10 +145,10 @@ def settle_walker(streets: Streets, others: Others, i: int, k: int, state: Array
     walker[W_ASIDE] = _ASIDE * (2.0 * draw(others, i) - 1.0)
     walker[W_HEIGHT] = math.floor((1.55 + 0.35 * draw(others, i)) * 100.0) / 100.0
     walker[W_COLOUR] = math.floor(draw(others, i) * COLOURS)
-    move_walker(streets, walker, others.walks[i, k], 0.0)
+    place_walker(streets, walker, others.walks[i, k])
 
 
-@njit()
+@uncounted
 def settle(
     streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int,
     progress: Array, places: Array, state: Array,

@@ -31,6 +31,7 @@ OPTIONS = (
     "accelerate=0",
     "time_limit=8",
     "inside_junctions=0",
+    "traffic=0",
     "journeys=1",
     "brief_journeys=1",
     "patience=1",
