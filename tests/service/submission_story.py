@@ -26,11 +26,18 @@ _SLOTS = 32
 
 
 @contextlib.asynccontextmanager
-async def handing_in(folder: Path, **settings: Any) -> AsyncIterator[httpx.AsyncClient]:
-    """A client with the token of the owner "ada". Nothing is checked or driven unless the test does it."""
+async def handing_in(folder: Path, token: str = "", **settings: Any) -> AsyncIterator[httpx.AsyncClient]:
+    """A client with the token of the owner "ada". Nothing is checked or driven unless the test does it.
+
+    Args:
+        folder: The home.
+        token: The owner's token, if a service has been here before.
+        settings: The service's settings.
+    """
+    again = {"registration": "operator"} if token else {}
     with patch.object(availability, "look_for", lambda _: "a sandbox of the test"):
-        async with application(folder, FakePool(_SLOTS), operator_token=OPERATOR, **settings) as http:
-            http.headers["Authorization"] = f"Bearer {await owner(http, 'ada')}"
+        async with application(folder, FakePool(_SLOTS), operator_token=OPERATOR, **again, **settings) as http:
+            http.headers["Authorization"] = f"Bearer {token or await owner(http, 'ada')}"
             yield http
 
 

@@ -1,0 +1,153 @@
+"""Models on disk through the life of a service: parts of uploads, old models, restores, and ends half-way."""
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+from app_harness import play
+from model_form import model
+from service_harness import expect, problem
+from sqlalchemy import update
+from submission_story import checked, hand_in, handing_in, running, service_of
+from test_submissions import bearer, files
+
+from wrongturn_protocol import SubmissionState
+from wrongturn_service.storage.backup import back_up, restore
+from wrongturn_service.storage.models import SubmissionRow
+from wrongturn_service.storage.submissions import SubmissionStore
+from wrongturn_service.submissions.operations import NO_MODEL
+
+_DAY_S = 86400.0
+
+
+def test_a_start_deletes_what_uploads_left(tmp_path: Path) -> None:
+    folder = tmp_path / "submissions"
+    folder.mkdir()
+    for name in ("su_1.part", "su_2.onnx", "notes.txt", "mine.onnx"):
+        (folder / name).write_text(name)
+
+    async def story() -> None:
+        async with handing_in(tmp_path):
+            # A model without a row may belong to a newer database than the one that was put back.
+            assert files(tmp_path) == ["mine.onnx", "notes.txt", "su_2.onnx"]
+
+    play(story)
+
+
+def test_models_and_logs_are_kept_for_some_days(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with handing_in(tmp_path, submission_keep_days=3) as http:
+            submissions = service_of(http).submissions
+            names = ("old", "new", "open")
+            ids = {name: expect(await hand_in(http, model(name=name)), 202)["id"] for name in names}
+            for name in ("old", "new"):
+                await submissions.end(ids[name], SubmissionState.FAILED, "as the test wants")
+            await _age(submissions.rows, ids["old"], 3.1)
+            for name, days in (("su_lost", 3.1), ("su_late", 2.9), ("operators", 99)):
+                file = tmp_path / "submissions" / f"{name}.onnx"
+                file.write_text(name)
+                os.utime(file, (time.time() - days * _DAY_S,) * 2)
+            os.utime(submissions.files.path(ids["open"]), (0, 0))
+            await submissions.purge()
+            left = {f"{ids['new']}.onnx", f"{ids['open']}.onnx", "su_late.onnx", "operators.onnx"}
+            assert set(files(tmp_path)) == left
+            shown = expect(await http.get(f"/v1/submissions/{ids['old']}"), 200)
+            assert shown["reason"] == "as the test wants"
+            logs = {name: expect(await http.get(f"/v1/submissions/{ids[name]}/log"), 200)["lines"] for name in names}
+            assert [bool(logs[name]) for name in names] == [False, True, True]
+
+    play(story)
+
+
+async def _age(rows: SubmissionStore, submission: str, days: float) -> None:
+    """Let a submission have ended so many days ago."""
+    async with rows._database.write() as session:
+        then = time.time() - days * _DAY_S
+        await session.execute(update(SubmissionRow).where(SubmissionRow.id == submission).values(ended=then))
+
+
+def test_a_restored_submission_without_its_model_has_failed(tmp_path: Path) -> None:
+    url = f"sqlite+aiosqlite:///{tmp_path / 'a.db'}"
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    ids: dict[str, str] = {}
+
+    async def before() -> None:
+        async with handing_in(tmp_path) as http:
+            for name in ("queued", "checked", "running", "driven", "kept"):
+                ids[name] = expect(await hand_in(http, model(name=name)), 202)["id"]
+            ids["ada"] = http.headers["Authorization"].removeprefix("Bearer ")
+            for name in ("checked", "running", "driven"):
+                await checked(http, ids[name])
+            await service_of(http).submissions.rows.set_state(ids["checked"], SubmissionState.CHECKED)
+            for name in ("running", "driven"):
+                evaluation, token = await running(http, ids[name])
+                reset = await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=bearer(token))
+                episode = expect(reset, 201)["id"]
+                if name == "driven":
+                    step = {"seq": 1, "action": {"steer": 0.0, "throttle": 0.0, "brake": 0.0}}
+                    path = f"/v1/episodes/{episode}/step"
+                    expect(await http.post(path, json=step, headers=bearer(token)), 200)
+            back_up(url, tmp_path / "backup")
+
+    async def after() -> None:
+        restore(f"sqlite+aiosqlite:///{elsewhere / 'a.db'}", tmp_path / "backup", elsewhere)
+        kept = elsewhere / "submissions" / f"{ids['kept']}.onnx"
+        kept.parent.mkdir()
+        kept.write_bytes((tmp_path / "submissions" / kept.name).read_bytes())
+        async with handing_in(elsewhere, ids["ada"]) as http:
+            listed = expect(await http.get("/v1/submissions"), 200)["submissions"]
+            states = {row["name"]: (row["state"], row.get("reason")) for row in listed}
+            gone = ("failed", NO_MODEL)
+            assert states == {
+                "queued": gone,
+                "checked": gone,
+                "running": gone,
+                "driven": gone,
+                "kept": ("queued", None),
+            }
+            # Names are free again, but for the agent whose evaluation counts.
+            for name in ("queued", "checked", "running"):
+                expect(await hand_in(http, model(name=name)), 202)
+            problem(await hand_in(http, model(name="driven")), 409, "agent-name-taken")
+            driven = next(row for row in listed if row["name"] == "driven")
+            assert driven["finished"] == driven["episodes"]
+            assert expect(await http.get(f"/v1/evaluations/{driven['evaluation']}"), 200)["state"] == "finished"
+
+    play(before)
+    play(after)
+
+
+@pytest.mark.parametrize("driven", [False, True])
+def test_an_end_that_was_cut_off_is_made_up_for_at_the_start(tmp_path: Path, driven: bool) -> None:
+    """The service dies between the state and the rest: the evaluation is closed, or the agent deleted, later."""
+    ids: dict[str, str] = {}
+
+    async def before() -> None:
+        async with handing_in(tmp_path) as http:
+            ids["ada"] = http.headers["Authorization"].removeprefix("Bearer ")
+            ids["submission"] = expect(await hand_in(http), 202)["id"]
+            await checked(http, ids["submission"])
+            if driven:
+                ids["evaluation"], token = await running(http, ids["submission"])
+                path = f"/v1/evaluations/{ids['evaluation']}/episodes"
+                episode = expect(await http.post(path, headers=bearer(token)), 201)["id"]
+                step = {"seq": 1, "action": {"steer": 0.0, "throttle": 0.0, "brake": 0.0}}
+                expect(await http.post(f"/v1/episodes/{episode}/step", json=step, headers=bearer(token)), 200)
+            rows = service_of(http).submissions.rows
+            assert await rows.set_state(ids["submission"], SubmissionState.CANCELLED, reason="cut off")
+
+    async def after() -> None:
+        async with handing_in(tmp_path, ids["ada"]) as http:
+            shown = expect(await http.get(f"/v1/submissions/{ids['submission']}"), 200)
+            assert (shown["state"], shown["reason"]) == ("cancelled", "cut off")
+            if driven:
+                assert expect(await http.get(f"/v1/evaluations/{ids['evaluation']}"), 200)["state"] == "finished"
+                problem(await hand_in(http), 409, "agent-name-taken")
+            else:
+                assert "agent" not in shown
+                expect(await hand_in(http), 202)
+
+    play(before)
+    play(after)
