@@ -7,7 +7,7 @@ import httpx
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from service_harness import Agent, RunningService, problem
+from service_harness import Agent, RunningService, expect, problem
 
 from wrongturn_client import Client
 from wrongturn_protocol import PracticeRequest, ProblemType, Track
@@ -153,8 +153,21 @@ def agent(service: RunningService) -> Iterator[Agent]:
         yield agent
 
 
+FORM = {"suite": "wrong-command@2"}
+
+
+def handed_in(agent: Agent) -> str:
+    """A submission, or an unknown one where there are no sandboxes. Its model is none, so its check fails."""
+    found = agent.http.post("/v1/submissions", data=FORM, files={"model": b"no model"})
+    if found.status_code == 503:
+        assert problem(found, 503, "submissions-unavailable")["detail"]
+        return "su_none"
+    submission: str = expect(found, 202)["id"]
+    return submission
+
+
 @pytest.fixture
-def real(service: RunningService, agent: Agent) -> dict[str, str]:
+def real(service: RunningService, agent: Agent, request: pytest.FixtureRequest) -> dict[str, str]:
     """What there is, by the names of the paths' parameters."""
     # Simulators may be held by other agents' episodes until those have been silent for a while.
     with Client(service.url, agent.token, patience=60) as client:
@@ -167,6 +180,8 @@ def real(service: RunningService, agent: Agent) -> dict[str, str]:
         "kind": "validation",
         "evaluation": agent.evaluate()["id"],
         "episode": episode,
+        # A check takes seconds, so there is only one where it is asked for.
+        "submission": handed_in(agent) if "{submission}" in request.node.name else "su_none",
     }
 
 
@@ -198,7 +213,7 @@ def test_no_request_breaks_the_service(
             case.path_parameters["agent"] = "not-this-one"
         response = case.call(base_url=service.url, headers={"Authorization": f"Bearer {agent.token}"})
         if response.status_code == 503:
-            assert response.json()["type"] == "/problems/simulators-busy"
+            assert response.json()["type"] in {"/problems/simulators-busy", "/problems/submissions-unavailable"}
             return
         if response.status_code not in {404, 405}:
             # A path that nothing can be at is another operation's, or none's.
@@ -227,10 +242,37 @@ def test_every_other_method_is_refused_with_those_that_are_right(
 def test_replies_with_an_id_lead_to_the_calls_that_take_it(document: dict[str, Any]) -> None:
     names = {operation["operationId"]: name for name, operation in operations(document).items()}
     links = {
-        name: {names[link["operationId"]] for link in operation["responses"].get("201", {}).get("links", {}).values()}
+        name: {names[link["operationId"]] for reply in operation["responses"].values() for link in links_of(reply)}
         for name, operation in operations(document).items()
     }
-    below = {kind: {name for name in INTERFACE if f"/{kind}s/{{{kind}}}" in name} for kind in ("evaluation", "episode")}
+    kinds = ("evaluation", "episode", "submission")
+    below = {kind: {name for name in INTERFACE if f"/{kind}s/{{{kind}}}" in name} for kind in kinds}
     assert links["POST /v1/evaluations"] == below["evaluation"]
     assert links["POST /v1/evaluations/{evaluation}/episodes"] == links["POST /v1/episodes"] == below["episode"]
-    assert len(below["evaluation"]) == 5
+    assert links["POST /v1/submissions"] == below["submission"]
+    assert (len(below["evaluation"]), len(below["submission"])) == (5, 3)
+
+
+def links_of(reply: dict[str, Any]) -> list[dict[str, Any]]:
+    return list(reply.get("links", {}).values())
+
+
+def test_the_form_of_a_submission_is_documented(document: dict[str, Any], agent: Agent) -> None:
+    operation = operations(document)["POST /v1/submissions"]
+    (media,) = operation["requestBody"]["content"]
+    form = operation["requestBody"]["content"][media]
+    assert media == "multipart/form-data"
+    assert form["schema"]["required"] == ["model", "suite"]
+    assert form["example"].keys() == form["schema"]["properties"].keys() == {"model", "suite", "name"}
+    refusals = {"400", "401", "403", "404", "408", "409", "413", "415", "422", "429", "503", "507"}
+    assert operation["responses"].keys() == refusals | {"202"}
+    # What is documented as needed is all that is needed.
+    with_what_is_needed = {name: (None, f"{name} x") for name in form["schema"]["required"]}
+    given = {**with_what_is_needed, "suite": (None, "smoke@2")}
+    found = agent.http.post("/v1/submissions", files=given)
+    assert found.status_code in {202, 503}, found.text
+    for left_out in given:
+        fewer = {name: value for name, value in given.items() if name != left_out}
+        refused = agent.http.post("/v1/submissions", files=fewer)
+        if refused.status_code != 503:
+            problem(refused, 422, "validation", left_out)
