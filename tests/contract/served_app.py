@@ -20,8 +20,8 @@ import uvloop
 from app_harness import Clock
 from fake_pool import FakePool
 
-from wrongturn_service.api import evaluations
 from wrongturn_service.app import create_app
+from wrongturn_service.episodes import evaluations
 from wrongturn_service.server import configuration
 from wrongturn_service.settings import Settings
 

@@ -4,12 +4,14 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import httpx
 import pytest
 from served_app import ServedApp
 
 from wrongturn_protocol import ProblemType
+from wrongturn_service.submissions import availability
 
 KINDS = {f"/problems/{kind}" for kind in ProblemType} - {"/problems/internal"}
 UNCHECKED = {
@@ -36,11 +38,13 @@ SUITE = "smoke@2"
 
 @pytest.fixture
 def served(tmp_path: Path) -> Iterator[ServedApp]:
-    served = ServedApp(tmp_path, slots=32)
-    try:
-        yield served
-    finally:
-        served.close()
+    # It does not listen by itself, so it starts no runners.
+    with patch.object(availability, "look_for", lambda _: "a sandbox of the test"):
+        served = ServedApp(tmp_path, slots=32)
+        try:
+            yield served
+        finally:
+            served.close()
 
 
 def schema_of(served: ServedApp) -> Any:
@@ -57,7 +61,10 @@ def schema_of(served: ServedApp) -> Any:
         driven = http.post(f"/v1/evaluations/{evaluation}/episodes").json()["id"]
         step = {"seq": 1, "action": {"steer": 0.0, "throttle": 1.0, "brake": 0.0}}
         assert http.post(f"/v1/episodes/{driven}/step", json=step).status_code == 200
+        submission = http.post("/v1/submissions", data={"suite": "navigation@1"}, files={"model": b"a model"})
+        assert submission.status_code == 202
         parameters = {
+            "submission": submission.json()["id"],
             "agent": registered["id"],
             "owner": http.get("/v1/owners").json()["owners"][0]["id"],
             "suite": SUITE,
@@ -73,12 +80,14 @@ def schema_of(served: ServedApp) -> Any:
                 if parameter["name"] in parameters:
                     parameter["example"] = parameters[parameter["name"]]
     bodies = {
-        "/v1/evaluations": {"suite": "wrong-command@2"},
+        "/v1/evaluations": {"suite": "navigation@1"},
         "/v1/episodes": practice,
         "/v1/episodes/{episode}/step": step,
     }
     for path, body in bodies.items():
         document["paths"][path]["post"]["requestBody"]["content"]["application/json"]["example"] = body
+    form = document["paths"]["/v1/submissions"]["post"]["requestBody"]["content"]["multipart/form-data"]
+    form["example"] = {"model": "a model", "suite": "wrong-command@2"}
     config = schemathesis.Config.from_dict(
         {
             "headers": {"Authorization": f"Bearer {registered['token']}"},
