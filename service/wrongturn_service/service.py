@@ -219,6 +219,7 @@ async def _housekeeping(
             memory.set(await asyncio.to_thread(pool.memory))
             await evaluations.retry()
             await episodes.closings.close_overdue(await submissions.evaluations())
+            await submissions.tidy()
             if pool.failure is not None and not pool.running:
                 # A service that is not ready gets no calls, so no call would start a simulator.
                 await pool.start()

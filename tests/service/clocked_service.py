@@ -6,7 +6,7 @@ import gc
 import signal
 import socket
 import threading
-from collections.abc import Coroutine, Iterator
+from collections.abc import Coroutine, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,6 +20,7 @@ from typing_extensions import override
 from wrongturn_service.app import create_app
 from wrongturn_service.server import Server, configuration
 from wrongturn_service.settings import Settings
+from wrongturn_service.submissions.runners import COMMAND
 
 T = TypeVar("T")
 
@@ -50,7 +51,14 @@ class ClockedService(Service):
     clock alone: for them no time passes while the test works, however slow the machine is.
     """
 
-    def __init__(self, database: Path, slots: int = 2, **settings: Any) -> None:
+    def __init__(
+        self,
+        database: Path,
+        slots: int = 2,
+        runner: Sequence[str] = COMMAND,
+        pool: FakePool | None = None,
+        **settings: Any,
+    ) -> None:
         given = Settings(database=f"sqlite+aiosqlite:///{database}", home=database.parent, simulators=slots, **settings)
         self._loop = ClockedLoop()
         self._clock = Clock()
@@ -60,7 +68,7 @@ class ClockedService(Service):
         """What this service has logged."""
         bound = socket.create_server(("127.0.0.1", 0))
         self.url = f"http://127.0.0.1:{bound.getsockname()[1]}"
-        self._app = create_app(given, pool=FakePool(slots))
+        self._app = create_app(given, pool=pool or FakePool(slots), runner=runner)
         self._server = _Server(configuration(self._app, given), self._app, self.url, given.shutdown_grace_s)
         self._started = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(bound,), daemon=True)

@@ -57,9 +57,8 @@ def end(act: str) -> NoReturn:
 
 
 def check(job: dict[str, Any], model: dict[str, Any], act: str) -> None:
-    if act == "die":
-        end(act)
-    if act not in {"pass", "hang", "die in practice"}:
+    practised = act.endswith(" in practice")
+    if act != "pass" and not practised:
         end(act)
     say("described", track=model["track"], description="a stand-in of 0 nodes")
     practice = json.loads(sys.stdin.readline())
@@ -68,13 +67,15 @@ def check(job: dict[str, Any], model: dict[str, Any], act: str) -> None:
     _, begun = calls("POST", "/v1/episodes", body, 201)
     for seq in range(1, 7):
         calls.step(begun["id"], seq)
-    if act != "pass":
+    if practised:
         end(act.removesuffix(" in practice"))
     calls("DELETE", f"/v1/episodes/{begun['id']}", expected=204)
     say("passed", step_ms=[1.0] * 6)
 
 
 def drive(job: dict[str, Any], act: dict[str, Any]) -> None:
+    if "at once" in act:
+        end(act["at once"])
     calls = Calls(job["url"], job["token"])
     path = f"/v1/evaluations/{job['evaluation']}"
     for number in range(1000):

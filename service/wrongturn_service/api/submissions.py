@@ -175,12 +175,14 @@ async def submissions(service: ServiceDep, authorization: AuthorizationDep) -> R
     """List submissions, newest first: an owner's, an agent's, or all for the operator."""
     submitter = await service.accounts.submitter(authorization)
     rows = service.submissions.rows
-    if submitter.agent is not None:
-        found = await rows.of_agent(submitter.agent.id)
-    elif submitter.owner is not None:
-        found = await rows.of_owner(submitter.owner.id)
-    else:
-        found = await rows.all()
+
+    async def listed() -> Sequence[SubmissionRow]:
+        if submitter.agent is not None:
+            return await rows.of_agent(submitter.agent.id)
+        return await (rows.all() if submitter.owner is None else rows.of_owner(submitter.owner.id))
+
+    await service.submissions.settled([row.id for row in await listed()])
+    found = await listed()
     return reply(SubmissionList(submissions=await _details(service, found)))
 
 
@@ -214,6 +216,7 @@ async def cancel(service: ServiceDep, authorization: AuthorizationDep, submissio
 
 
 async def _known(service: Service, submission: str) -> SubmissionRow:
+    await service.submissions.settled([submission])
     row = await service.submissions.rows.get(submission)
     if row is None:
         raise NotFoundError(ProblemType.UNKNOWN_SUBMISSION, f"there is no submission {submission[:64]!r}")

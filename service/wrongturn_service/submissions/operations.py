@@ -1,8 +1,9 @@
 """What is done with submissions: taking them in, giving their runners tokens, and ending them."""
 
 import asyncio
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 import structlog
@@ -28,6 +29,7 @@ from wrongturn_service.tokens import digest, new_id, new_token
 
 _DAY_S: Final = 86400.0
 _COME_BACK_S: Final = 60
+_PATIENCE_S: Final = 10.0
 NO_MODEL: Final = "the service no longer has the model: backups do not hold models; hand it in again"
 
 
@@ -58,6 +60,7 @@ class Submissions:
         self._episodes = episodes
         self._settings = settings
         self._telemetry = telemetry
+        self._ending: dict[str, set[asyncio.Event]] = {}
         self._log = structlog.get_logger("submissions")
 
     async def add(self, row: SubmissionRow, reply: IdempotencyRow | None) -> None:
@@ -147,6 +150,29 @@ class Submissions:
         Returns:
             False if it was over before.
         """
+        ended = asyncio.Event()
+        self._ending.setdefault(submission_id, set()).add(ended)
+        try:
+            return await self._end(submission_id, state, reason)
+        finally:
+            ended.set()
+            others = self._ending[submission_id]
+            others.discard(ended)
+            if not others:
+                del self._ending[submission_id]
+
+    async def settled(self, submission_ids: Iterable[str]) -> None:
+        """Wait until submissions that are just being ended have left nothing behind.
+
+        Otherwise somebody who reads that one has failed would find its evaluation open, or its agent's name taken.
+        """
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_PATIENCE_S):
+                for submission_id in submission_ids:
+                    for ended in list(self._ending.get(submission_id, ())):
+                        await ended.wait()
+
+    async def _end(self, submission_id: str, state: SubmissionState, reason: str | None) -> bool:
         changed = await self.rows.set_state(submission_id, state, reason=reason)
         if changed:
             await self.rows.append_log(submission_id, state.value if reason is None else f"{state.value}: {reason}")
@@ -169,7 +195,7 @@ class Submissions:
             await self._episodes.lose(agent)
 
     async def tidy(self) -> None:
-        """Do what an end of the service has kept from being done. Call it at the start, before any runner.
+        """Do what an end of the service or a failure has kept from being done. Call it before the first runner.
 
         Submissions that are over are cleaned up. Those that wait or run without a model have failed. Practice of
         checks is gone, as all open episodes are.

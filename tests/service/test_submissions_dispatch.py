@@ -1,0 +1,369 @@
+"""What happens to a submission after it was taken, played by a runner that does what its model says."""
+
+import json
+import os
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import httpx
+import pytest
+from clocked_service import ClockedService
+from service_harness import expect, problem
+from submission_owner import Owner, until
+
+from wrongturn_service.submissions import availability
+from wrongturn_service.submissions.availability import NoSandboxError
+
+RUNNER = (sys.executable, str(Path(__file__).with_name("stand_in_runner.py")))
+EPISODES = 12
+
+
+class Stage:
+    """A service whose runner is a stand-in, in a folder of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.sandboxes: str | None = "a stand-in"
+        self.services: list[ClockedService] = []
+        self.owners: list[Owner] = []
+
+    def look(self, _socket: Path | None) -> str:
+        if self.sandboxes is None:
+            raise NoSandboxError("there is no stand-in; bring one")
+        return self.sandboxes
+
+    def serve(self, **settings: Any) -> ClockedService:
+        settings = {"submissions": 2, "slots": 4, "shutdown_grace_s": 1, **settings}
+        service = ClockedService(self.folder / "wrongturn.db", runner=RUNNER, **settings)
+        self.services.append(service)
+        return service
+
+    def owner(self, service: ClockedService, name: str | None = None) -> Owner:
+        owner = Owner(service.url, name)
+        self.owners.append(owner)
+        return owner
+
+    def model(self, name: str = "", **acts: Any) -> bytes:
+        notes = self.folder / f"notes{len(list(self.folder.glob('notes*')))}"
+        notes.mkdir()
+        plays = {"check": ["pass"], "drive": [{}], "track": "privileged", **acts}
+        return json.dumps({"notes": str(notes), "name": name, **plays}).encode()
+
+    def starts(self, model: bytes, task: str) -> list[list[str]]:
+        """Process id and name of each start of a runner for a model."""
+        notes = Path(json.loads(model)["notes"]) / task
+        return [line.split(" ", 1) for line in notes.read_text().splitlines()] if notes.exists() else []
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Iterator[Stage]:
+    stage = Stage(tmp_path)
+    with patch.object(availability, "look_for", stage.look):
+        try:
+            yield stage
+        finally:
+            for owner in stage.owners:
+                owner.close()
+            for service in reversed(stage.services):
+                service.close()
+
+
+def figure(owner: Owner, line: str) -> float:
+    text = owner.http.get("/metrics").text
+    (found,) = [row for row in text.splitlines() if row.startswith(line + " ")]
+    return float(found.rsplit(" ", 1)[1])
+
+
+def ended(pid: str) -> bool:
+    try:
+        os.kill(int(pid), 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def verdicts(owner: Owner, evaluation: str) -> Counter[str]:
+    """Verdicts of the finished episodes of an evaluation, each trial once."""
+    episodes = expect(owner.http.get(f"/v1/evaluations/{evaluation}/episodes"), 200)["episodes"]
+    finished = [episode for episode in episodes if episode["state"] == "finished"]
+    assert len({episode["trial"] for episode in finished}) == len(finished) == EPISODES
+    return Counter(episode["outcome"]["verdict"] for episode in finished)
+
+
+def entries(owner: Owner) -> list[dict[str, Any]]:
+    listed: list[dict[str, Any]] = expect(owner.http.get("/v1/leaderboards/smoke@2"), 200)["entries"]
+    return listed
+
+
+def test_a_model_that_works_is_checked_driven_and_on_the_leaderboard(stage: Stage) -> None:
+    service = stage.serve()
+    owner = stage.owner(service, "ann")
+    submission = owner.hand_in(stage.model(), "first")
+    found = owner.until(submission, "finished")
+    assert found["track"] == "privileged"
+    assert found["finished"] == found["episodes"] == EPISODES
+    assert verdicts(owner, found["evaluation"]) == {"exit_commanded": EPISODES}
+    (entry,) = entries(owner)
+    assert entry["entry"] == "uploaded"
+    assert entry["evaluation"] == found["evaluation"]
+    about = {"id": found["agent"], "name": "first", "track": "privileged", "kind": "submitted", "owner": "ann"}
+    assert entry["agent"].items() >= about.items()
+    told = "\n".join(owner.log(submission))
+    for part in ("check begins", "a stand-in of 0 nodes", "6 steps", "drive begins", "12 of 12", "finished"):
+        assert part in told
+    # Each tenth at most, and no verdict before the end.
+    assert sum("episodes are over" in line for line in owner.log(submission)) <= 10
+    assert "exit" not in told
+    assert figure(owner, 'wrongturn_submissions_ended_total{state="finished"}') == 1
+    assert figure(owner, "wrongturn_submission_check_seconds_count") == 1
+    until(lambda: figure(owner, 'wrongturn_submissions{state="running"}') == 0)
+
+
+@pytest.mark.parametrize("practised", [False, True])
+def test_a_model_that_is_refused_in_its_check_leaves_its_reason_and_a_free_name(stage: Stage, practised: bool) -> None:
+    service = stage.serve()
+    owner = stage.owner(service)
+    acts = ["refuse in practice"] if practised else ["steer: is missing; name an output steer"]
+    submission = owner.hand_in(stage.model(check=acts), "second")
+    found = owner.until(submission, "failed")
+    assert found["reason"] == ("refuse" if practised else acts[0])
+    assert found["reason"] in owner.log(submission)[-1]
+    assert "agent" not in found
+    assert "evaluation" not in found
+    assert expect(owner.http.get("/v1/agents"), 200)["agents"] == []
+    assert figure(owner, "wrongturn_open_episodes") == 0
+    # Nothing keeps the name.
+    assert owner.until(owner.hand_in(stage.model(), "second"), "finished")["name"] == "second"
+
+
+def test_a_model_that_fails_while_it_drives_counts_as_what_it_is(stage: Stage) -> None:
+    service = stage.serve()
+    owner = stage.owner(service)
+    submission = owner.hand_in(stage.model(drive=[{"after": 3, "then": "steer: is not a finite number"}]))
+    found = owner.until(submission, "failed")
+    assert found["reason"] == "steer: is not a finite number"
+    assert verdicts(owner, found["evaluation"]) == {"exit_commanded": 3, "aborted": EPISODES - 3}
+    (entry,) = entries(owner)
+    assert entry["evaluation"] == found["evaluation"]
+    assert not entry["eligible"]
+    assert figure(owner, "wrongturn_open_episodes") == 0
+
+
+def test_a_model_that_fails_before_its_first_step_never_drove(stage: Stage) -> None:
+    service = stage.serve()
+    owner = stage.owner(service)
+    submission = owner.hand_in(stage.model(drive=[{"at once": "it does not load again"}]), "third")
+    found = owner.until(submission, "failed")
+    assert "evaluation" not in found
+    assert "agent" not in found
+    assert entries(owner) == []
+    owner.until(owner.hand_in(stage.model(), "third"), "finished")
+
+
+def test_a_lost_runner_takes_nothing_with_it(stage: Stage) -> None:
+    service = stage.serve()
+    owner = stage.owner(service)
+    model = stage.model(check=["die", "die in practice", "nonsense", "pass"], drive=[{"after": 4, "then": "die"}, {}])
+    submission = owner.hand_in(model)
+    found = owner.until(submission, "finished")
+    assert verdicts(owner, found["evaluation"]) == {"exit_commanded": EPISODES}
+    assert len(stage.starts(model, "check")) == 4
+    assert len(stage.starts(model, "drive")) == 2
+    lost = [line for line in owner.log(submission) if "was lost" in line]
+    assert len(lost) == 4
+    assert "signal 9" in lost[0]
+    assert figure(owner, "wrongturn_runners_lost_total") == 4
+    # The episode of the check and the one of the drive that were open.
+    assert figure(owner, 'wrongturn_episodes_voided_total{reason="runner-ended"}') == 2
+    assert figure(owner, "wrongturn_open_episodes") == 0
+
+
+def test_runners_that_are_lost_after_an_episode_do_not_add_up(stage: Stage) -> None:
+    service = stage.serve()
+    owner = stage.owner(service)
+    model = stage.model(drive=[{"after": 1, "then": "die"}])
+    found = owner.until(owner.hand_in(model), "finished")
+    assert verdicts(owner, found["evaluation"]) == {"exit_commanded": EPISODES}
+    assert len(stage.starts(model, "drive")) > 5
+
+
+@pytest.mark.parametrize(("task", "acts"), [("check", ["die"]), ("drive", [{"after": 0, "then": "die"}])])
+def test_after_five_lost_runners_the_service_gives_up(stage: Stage, task: str, acts: list[Any]) -> None:
+    service = stage.serve()
+    owner = stage.owner(service)
+    model = stage.model(**{task: acts})
+    found = owner.until(owner.hand_in(model), "failed")
+    assert f"could not {task} it" in found["reason"]
+    assert "signal 9" in found["reason"]
+    assert len(stage.starts(model, task)) == 5
+    if task == "drive":
+        assert verdicts(owner, found["evaluation"]) == {"aborted": EPISODES}
+    assert figure(owner, "wrongturn_open_episodes") == 0
+
+
+@pytest.mark.parametrize("state", ["queued", "checked", "running"])
+def test_a_submission_is_cancelled_at_once_in_each_state(stage: Stage, state: str) -> None:
+    service = stage.serve(submissions=1)
+    owner = stage.owner(service)
+    blocking = stage.model(drive=[{"after": 2, "then": "hang"}])
+    blocker = owner.hand_in(blocking, "blocker")
+    owner.until(blocker, "running")
+    task = "drive" if state == "running" else "check"
+    model = blocking if state == "running" else stage.model(check=["hang" if state == "queued" else "pass"])
+    submission = blocker if state == "running" else owner.hand_in(model, "cancelled")
+    if state == "checked":
+        owner.until(submission, "checked")
+    until(lambda: bool(stage.starts(model, task)))
+    if state == "running":
+        until(lambda: owner.get(submission).get("finished") == 2)
+    found = owner.cancel(submission)
+    assert found["state"] == "cancelled"
+    assert "owner" in found["reason"]
+    until(lambda: ended(stage.starts(model, task)[-1][0]))
+    assert figure(owner, "wrongturn_open_episodes") == (0 if state == "running" else 1)
+    if state == "running":
+        assert verdicts(owner, found["evaluation"]) == {"exit_commanded": 2, "aborted": EPISODES - 2}
+    else:
+        assert "agent" not in found
+        owner.cancel(blocker)
+        owner.until(owner.hand_in(stage.model(), "cancelled"), "finished")  # the name is free
+    again = owner.cancel(submission)
+    assert again == found
+
+
+def test_what_is_over_stays_as_it_is(stage: Stage) -> None:
+    service = stage.serve()
+    owner = stage.owner(service)
+    submission = owner.hand_in(stage.model())
+    found = owner.until(submission, "finished")
+    assert owner.cancel(submission) == found
+
+
+@pytest.mark.slow
+def test_two_owners_with_ten_each_are_served_in_turns(stage: Stage) -> None:
+    service = stage.serve(submissions=1, submissions_per_owner=10)
+    ann, ben = stage.owner(service, "ann"), stage.owner(service, "ben")
+    blocker = stage.owner(service, "first")
+    blocking = stage.model(drive=[{"after": 0, "then": "hang"}])
+    blocked = blocker.hand_in(blocking)
+    until(lambda: bool(stage.starts(blocking, "drive")))
+    one_notes = json.loads(stage.model())["notes"]
+    handed = []
+    for owner in (ann, ben):
+        for number in range(10):
+            model = json.dumps({**json.loads(stage.model(f"{owner.name} {number}")), "notes": one_notes}).encode()
+            handed.append((owner, owner.hand_in(model)))
+    for owner, submission in handed:
+        owner.until(submission, "checked")
+    positions = [owner.get(submission)["position"] for owner, submission in handed]
+    assert positions == [2 * place for place in range(10)] + [2 * place + 1 for place in range(10)]
+    problem(ann.post(stage.model(), "one more"), 429, "rate-limited")
+    blocker.cancel(blocked)
+    for owner, submission in handed:
+        owner.until(submission, "finished")
+    served = [line.split(" ", 1)[1] for line in (Path(one_notes) / "drive").read_text().splitlines()]
+    assert served == [f"{owner} {number}" for number in range(10) for owner in ("ann", "ben")]
+
+
+def test_one_who_comes_late_does_not_wait_for_all_others(stage: Stage) -> None:
+    service = stage.serve(submissions=1)
+    ann, ben = stage.owner(service), stage.owner(service)
+    models = [stage.model(drive=[{"after": 0, "then": "hang"}]) for _ in range(3)]
+    first, *others = [ann.hand_in(model) for model in models]
+    ann.until(first, "running")
+    late = ben.hand_in(stage.model())
+    ben.until(late, "checked")
+    assert ben.get(late)["position"] == 0
+    assert [ann.get(other)["position"] for other in others] == [1, 2]
+    ann.cancel(first)
+    ben.until(late, "finished")
+    for other in others:
+        ann.cancel(other)
+
+
+@pytest.mark.parametrize("state", ["queued", "checked", "running"])
+def test_a_stop_of_the_service_loses_nothing(stage: Stage, state: str) -> None:
+    service = stage.serve(submissions=1)
+    owner = stage.owner(service)
+    blocking = stage.model(drive=[{"after": 3, "then": "hang"}, {}])
+    blocker = owner.hand_in(blocking)
+    until(lambda: owner.get(blocker).get("finished") == 3)
+    model = stage.model(check=["hang in practice" if state == "queued" else "pass", "pass"])
+    submission = blocker if state == "running" else owner.hand_in(model)
+    if state == "queued":
+        until(lambda: bool(stage.starts(model, "check")))
+    else:
+        owner.until(submission, state)
+    began = time.monotonic()
+    service.signal()
+    service.join()
+    print(f"stopped within {time.monotonic() - began:.1f} s")
+    assert ended(stage.starts(blocking, "drive")[0][0])
+    assert not [line for line in service.logs if line["log_level"] == "error"]
+    service.close()
+    stage.services.remove(service)
+    again = stage.serve(submissions=1)
+    owner.move(again.url)
+    for one in (blocker, submission):
+        found = owner.until(one, "finished")
+        assert verdicts(owner, found["evaluation"]) == {"exit_commanded": EPISODES}
+    assert len(stage.starts(blocking, "drive")) == 2
+    assert len(entries(owner)) == (1 if state == "running" else 2)
+
+
+def test_without_sandboxes_submissions_are_refused_and_those_that_run_wait_without_being_closed(stage: Stage) -> None:
+    service = stage.serve(evaluation_idle_h=24)
+    owner = stage.owner(service)
+    model = stage.model(drive=[{"after": 3, "then": "hang"}, {}])
+    submission = owner.hand_in(model)
+    until(lambda: owner.get(submission).get("finished") == 3)
+    stage.sandboxes = None
+    os.kill(int(stage.starts(model, "drive")[0][0]), 9)
+    until(lambda: any("no sandbox" in line for line in owner.log(submission)))
+    refused = problem(owner.post(stage.model(), "too early"), 503, "submissions-unavailable")
+    assert "bring one" in refused["detail"]
+    assert expect(httpx.get(f"{service.url}/health/ready"), 200)["submissions"].startswith("off: there is no stand-in")
+    service.pass_time(25 * 3600)  # leases, housekeeping and the idle limit go by this clock
+    service.pass_time(60)
+    assert owner.get(submission)["state"] == "running"
+    stage.sandboxes = "a stand-in"
+    found = owner.until(submission, "finished")
+    assert verdicts(owner, found["evaluation"]) == {"exit_commanded": EPISODES}
+    assert expect(httpx.get(f"{service.url}/health/ready"), 200)["submissions"] == "on: a stand-in"
+
+
+def test_an_agent_that_hands_in_by_its_own_token_is_not_driven_by_it_too(stage: Stage) -> None:
+    service = stage.serve()
+    with service.agent() as agent:
+        owner = stage.owner(service)
+        owner.token = agent.token
+        owner.move(service.url)
+        model = stage.model(drive=[{"after": 3, "then": "hang"}, {}])
+        submission = expect(owner.post(model, None), 202)["id"]
+        until(lambda: owner.get(submission).get("finished") == 3)
+        found = owner.get(submission)
+        assert found["agent"] == agent.id
+        assert agent.reset(found["evaluation"]).status_code == 403
+        problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 409, "evaluation-open")
+        # Its own practice is not the runner's, which ends without it.
+        practice = agent.practise()
+        os.kill(int(stage.starts(model, "drive")[0][0]), 9)
+        owner.until(submission, "finished")
+        expect(agent.step(practice["id"], 1), 200)
+
+
+def test_an_agent_of_another_track_is_told_so(stage: Stage) -> None:
+    service = stage.serve()
+    with service.agent("camera") as agent:
+        owner = stage.owner(service)
+        owner.token = agent.token
+        owner.move(service.url)
+        found = owner.until(expect(owner.post(stage.model(), None), 202)["id"], "failed")
+        assert "privileged" in found["reason"]
+        assert "camera" in found["reason"]
+        assert expect(agent.http.get(f"/v1/agents/{agent.id}"), 200)["name"] == agent.name
