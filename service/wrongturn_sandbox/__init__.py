@@ -7,7 +7,13 @@
         outputs = sandbox.run({"speed": np.zeros((1, 1), np.float32)})
 """
 
-from wrongturn_sandbox.errors import ModelRefusedError, SandboxError, SandboxLostError, SandboxUnavailableError
+from wrongturn_sandbox.errors import (
+    ModelRefusedError,
+    SandboxBusyError,
+    SandboxError,
+    SandboxLostError,
+    SandboxUnavailableError,
+)
 from wrongturn_sandbox.host import Sandbox, open_sandbox, probe
 from wrongturn_sandbox.messages import Description, Limits, TensorInfo
 
@@ -16,6 +22,7 @@ __all__ = [
     "Limits",
     "ModelRefusedError",
     "Sandbox",
+    "SandboxBusyError",
     "SandboxError",
     "SandboxLostError",
     "SandboxUnavailableError",

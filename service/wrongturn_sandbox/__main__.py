@@ -45,9 +45,7 @@ def listen(path: Path, most: int) -> None:
     try:
         Listener(path, most).run()
     except OSError as error:
-        sys.exit(
-            f"error: cannot listen at {path}: {error.strerror}; choose a path in a folder that this user may write"
-        )
+        sys.exit(f"error: cannot listen at {path}: {error.strerror}; choose a folder that this user may write")
 
 
 if __name__ == "__main__":

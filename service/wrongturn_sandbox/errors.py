@@ -6,6 +6,7 @@
     ├── ModelRefusedError        the model is at fault
     ├── SandboxLostError         the sandbox was ended from outside: try again
     └── SandboxUnavailableError  no sandbox can be opened here
+        └── SandboxBusyError     not now: try again later
 """
 
 
@@ -28,3 +29,7 @@ class SandboxLostError(SandboxError):
 
 class SandboxUnavailableError(SandboxError):
     """No sandbox can be opened; the message says why, and what the operator can do."""
+
+
+class SandboxBusyError(SandboxUnavailableError):
+    """All sandboxes of the runner container are taken. One that closes makes room."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wrongturn_sandbox import bubblewrap, reasons
 from wrongturn_sandbox.bubblewrap import Bubblewrap
-from wrongturn_sandbox.errors import ModelRefusedError, SandboxLostError, SandboxUnavailableError
+from wrongturn_sandbox.errors import ModelRefusedError, SandboxBusyError, SandboxLostError, SandboxUnavailableError
 from wrongturn_sandbox.frames import (
     MODEL_MOST,
     REPLY_MOST,
@@ -129,6 +129,9 @@ class Sandbox:
             raise SandboxUnavailableError(f"the sandbox did not start within {START_S:g} s") from None
         except (OSError, FrameError):
             kind = "nonsense"
+        if kind == "busy":
+            self.close()
+            raise SandboxBusyError(reasons.printable(said))
         if kind == "unavailable":
             self.close()
             raise SandboxUnavailableError(f"the sandbox does not start: {reasons.printable(said)}")
@@ -185,6 +188,7 @@ def open_sandbox(socket: Path | None, limits: Limits) -> Sandbox:
         limits: What the model may use.
 
     Raises:
+        SandboxBusyError: All sandboxes of the runner container are taken.
         SandboxUnavailableError: None can be opened; the message says why, and what the operator can do.
     """
     sandbox = Sandbox(Bubblewrap() if socket is None else Remote(socket), limits)
@@ -197,7 +201,9 @@ def open_sandbox(socket: Path | None, limits: Limits) -> Sandbox:
 
 
 def probe(socket: Path | None) -> str:
-    """Open a sandbox, close it again, and return what it is: ``bubblewrap 0.8.0`` or ``runner container``.
+    """Open a sandbox, close it again, and return what it is: ``bubblewrap 0.8.0 (…)`` or ``runner container (…)``.
+
+    A container whose sandboxes are all taken works, and says so.
 
     Args:
         socket: Unix socket of a runner container, or None for bubblewrap on this machine.
@@ -205,9 +211,12 @@ def probe(socket: Path | None) -> str:
     Raises:
         SandboxUnavailableError: None can be opened; the message says why, and what the operator can do.
     """
-    with open_sandbox(socket, Limits(memory=1 << 28)) as sandbox:
-        name = bubblewrap.version() if socket is None else "runner container"
-        return f"{name} ({sandbox.runtime})"
+    try:
+        with open_sandbox(socket, Limits(memory=1 << 28)) as sandbox:
+            name = bubblewrap.version() if socket is None else "runner container"
+            return f"{name} ({sandbox.runtime})"
+    except SandboxBusyError as error:
+        return f"runner container ({error})"
 
 
 def _nonsense(error: object) -> str:

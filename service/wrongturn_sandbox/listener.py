@@ -96,7 +96,7 @@ class Listener:
             time.sleep(0.1)
             return
         if len(self._guests) >= self._most:
-            _tell(connection, {"unavailable": f"all {self._most} sandboxes of the runner container are taken"})
+            _tell(connection, {"busy": f"all {self._most} sandboxes of the runner container are taken"})
             connection.close()
             return
         try:

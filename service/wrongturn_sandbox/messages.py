@@ -8,8 +8,8 @@ host                                                  guest
 ``{"run": {name: [dtype, shape, bytes]}}``            ``{"outputs": {name: [dtype, shape, bytes]}}``
 ====================================================  =====================================================
 
-To any of them a guest may answer ``{"refused": reason}``. A listener may say ``{"unavailable": reason}`` instead of
-``ready``, and ``{"ended": status}`` once its guest has ended.
+To any of them a guest may answer ``{"refused": reason}``. Instead of ``ready`` a listener may say
+``{"unavailable": reason}`` or ``{"busy": reason}``, and ``{"ended": status}`` once its guest has ended.
 """
 
 import math
@@ -150,7 +150,7 @@ def read_reply(value: object) -> tuple[str, Any]:
     """
     said = _mapping(value, 2)
     kind = next(iter(said), None)
-    if kind not in {"ready", "description", "outputs", "refused", "unavailable", "ended"}:
+    if kind not in {"ready", "description", "outputs", "refused", "unavailable", "busy", "ended"}:
         raise FrameError("an unknown reply")
     if kind != "ready" and len(said) != 1:
         raise FrameError("a reply with two meanings")

@@ -16,7 +16,15 @@ from corpus import CORPUS
 from guest_processes import children, gone, wait_until
 from upload_models import model
 
-from wrongturn_sandbox import Limits, ModelRefusedError, SandboxLostError, SandboxUnavailableError, open_sandbox, probe
+from wrongturn_sandbox import (
+    Limits,
+    ModelRefusedError,
+    SandboxBusyError,
+    SandboxLostError,
+    SandboxUnavailableError,
+    open_sandbox,
+    probe,
+)
 from wrongturn_sandbox.frames import receive, send
 
 LIMITS = Limits(memory=1 << 30, load_s=60, step_s=60)
@@ -57,8 +65,9 @@ def test_only_owner_and_group_may_connect(listener: Path) -> None:
 
 def test_one_host_too_many_is_told(start_listener: StartListener) -> None:
     path = start_listener(most=2)
-    taken = pytest.raises(SandboxUnavailableError, match="all 2 sandboxes of the runner container are taken")
+    taken = pytest.raises(SandboxBusyError, match="all 2 sandboxes of the runner container are taken")
     with open_sandbox(path, LIMITS), open_sandbox(path, LIMITS), taken:
+        assert probe(path) == "runner container (all 2 sandboxes of the runner container are taken)"
         open_sandbox(path, LIMITS)
 
 
