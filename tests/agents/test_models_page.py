@@ -63,6 +63,49 @@ def test_a_recurrent_model_remembers(tmp_path):
     assert drive(file) == first
 
 
+RECURRENT = """
+import sys
+import torch
+
+class Remembers(torch.nn.Module):
+    def __init__(self, layer):
+        super().__init__()
+        self.see = torch.nn.Linear(64 * 3 + 1, 4)
+        self.layer = layer(4, 8)
+        self.decide = torch.nn.Linear(8, 2)
+
+    def forward(self, rgb, speed, state_in):
+        seen = self.see(torch.cat([rgb[:, :, 0].flatten(1) / 255, speed], 1))
+        states = tuple(state_in.chunk(2, 1))
+        if isinstance(self.layer, torch.nn.LSTMCell):
+            states = self.layer(seen, states)
+        elif isinstance(self.layer, torch.nn.LSTM):
+            _, states = self.layer(seen[None], tuple(state[None].contiguous() for state in states))
+            states = tuple(state[0] for state in states)
+        else:
+            _, state = self.layer(seen[None], states[0][None].contiguous())
+            states = (state[0], states[1])
+        return *self.decide(states[0]).tanh().split(1, dim=1), torch.cat(states, 1)
+
+inputs = {"rgb": torch.zeros(1, 64, 192, 3, dtype=torch.uint8), "speed": torch.zeros(1, 1)}
+inputs["state_in"] = torch.zeros(1, 16)
+names = {"input_names": list(inputs), "output_names": ["steer", "accelerate", "state_out"]}
+model = Remembers(getattr(torch.nn, sys.argv[1])).eval()
+torch.onnx.export(model, kwargs=inputs, f="model.onnx", **names, dynamo=True, external_data=False)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("layer", ["LSTMCell", "LSTM", "GRU"])
+def test_the_recurrent_layers_of_torch_need_no_control_flow(tmp_path, layer):
+    done = subprocess.run(
+        [sys.executable, "-c", RECURRENT, layer], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    actions = drive(tmp_path / "model.onnx")
+    assert len(set(actions)) == len(actions)
+
+
 def row(name: str) -> str:
     """Return the second column of a table's row."""
     (found,) = re.findall(rf"^\| {re.escape(name)} \| (.*?) \|$", PAGE, re.MULTILINE)

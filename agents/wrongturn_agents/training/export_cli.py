@@ -94,8 +94,8 @@ def export_sb3(
     actions: Annotated[
         Path | None,
         typer.Option(
-            help="For discrete actions: JSON list with [steer, accelerate] or [steer, throttle, brake] for each. "
-            "Example: --actions actions.json",
+            help="For discrete actions: JSON list with a list for each, of steer and accelerate, or of steer, throttle "
+            "and brake. Example: --actions actions.json",
             show_default=False,
         ),
     ] = None,
