@@ -38,7 +38,14 @@ def check(job: Check, conversation: Conversation) -> Passed:
     """
     pace = _TimedPace()
     with sandboxed_model(job, tracks=job.tracks) as model:
-        conversation.tell(Described(track=model.contract.track, description=model.description))
+        conversation.tell(
+            Described(
+                track=model.contract.track,
+                description=model.description,
+                about=model.about,
+                trained_on_faults=model.trained_on_faults,
+            )
+        )
         practice = conversation.practice()
         with Client(job.url, practice.token) as client:
             begun = client.practise(PracticeRequest(suite=practice.suite, trial=practice.trial))

@@ -65,6 +65,10 @@ class Described(Message):
     track: Track
     description: str
     """One line for the log: inputs, outputs, opset, nodes, size."""
+    about: Annotated[str, Field(max_length=2000)] | None = None
+    """What the model's metadata says of the agent."""
+    trained_on_faults: bool = False
+    """Whether the metadata says that the agent met wrong commands in its training."""
 
 
 class Passed(Message):

@@ -6,7 +6,7 @@ import queue
 import time
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -28,6 +28,9 @@ from wrongturn_sandbox.errors import ModelRefusedError, SandboxLostError, Sandbo
 from wrongturn_sandbox.host import Sandbox, open_sandbox
 from wrongturn_sandbox.messages import Description, Limits
 
+_LONGEST_ABOUT: Final = 2000
+"""Most characters of an agent's description."""
+
 
 class SandboxedModel:
     """A model that keeps the contract, loaded in one sandbox or more. Several threads may use it at once."""
@@ -37,6 +40,10 @@ class SandboxedModel:
         self.contract = contract
         self.description = _line(description)
         """One line about its inputs, outputs and size."""
+        self.about = plain(description.metadata.get("description", ""), _LONGEST_ABOUT) or None
+        """What its metadata says of the agent."""
+        self.trained_on_faults = description.metadata.get("trained_on_faults") == "true"
+        """Whether its metadata says that the agent met wrong commands in its training."""
         self._idle: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
         for sandbox in sandboxes:
             self._idle.put(sandbox)

@@ -40,6 +40,7 @@ def test_a_model_that_works_passes(tmp_path: Path, service: LocalService) -> Non
     described, passed = checked(tmp_path, service, steady())
     assert isinstance(described, Described)
     assert described.track is Track.PRIVILEGED
+    assert (described.about, described.trained_on_faults) == (None, False)
     assert "inputs speed float32[1, 1]; outputs steer float32[1, 1], accelerate" in described.description
     assert isinstance(passed, Passed)
     assert len(passed.step_ms) == 6
@@ -62,6 +63,16 @@ def test_what_is_wrong_with_a_model_is_told(
     refused = checked(tmp_path, service, model, *tracks)[-1]
     assert isinstance(refused, Refused)
     assert re.search(reason, refused.reason), refused.reason
+
+
+def test_what_the_metadata_says_of_the_agent_is_told(tmp_path: Path, service: LocalService) -> None:
+    said = {"track": "privileged", "description": "  Drives\non. " + "x" * 3000, "trained_on_faults": "true"}
+    described = checked(tmp_path, service, steady(metadata=said))[0]
+    assert isinstance(described, Described)
+    assert described.trained_on_faults
+    assert described.about is not None
+    assert described.about.startswith("Drives on. xxx")
+    assert len(described.about) == 2000
 
 
 def test_a_slow_model_is_told_its_time(tmp_path: Path, service: LocalService) -> None:

@@ -68,6 +68,9 @@ def test_curl_leads_from_a_fresh_service_to_a_rank(service: LocalService, folder
     (entry,) = [entry for entry in board["entries"] if entry["evaluation"] == state["evaluation"]]
     assert (entry["entry"], entry["agent"]["owner"], entry["rank"]) == ("uploaded", "our group", 1)
     assert cancelled == state
+    with Client(service.url) as client:
+        # What the file's metadata says.
+        assert "segmentation" in (client.agent(state["agent"]).description or "")
 
 
 def test_the_command_leads_to_a_rank(service: LocalService, folder: Path) -> None:

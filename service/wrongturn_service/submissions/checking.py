@@ -94,6 +94,9 @@ class Checks:
     async def _described(self, submission: str, suite: Suite, event: Described) -> Practice:
         """Make the agent if that is wanted, and return what the runner practises."""
         await self._means.tell(submission, f"The model was loaded: {event.description}. Its track is {event.track}.")
-        if await self._means.submissions.make_agent(submission, event.track) is None:
+        agent = await self._means.submissions.make_agent(
+            submission, event.track, description=event.about, trained_on_faults=event.trained_on_faults
+        )
+        if agent is None:
             raise OverError(submission)
         return Practice(token=await self._means.token(submission), suite=suite.id, trial=suite.trials[0].id)

@@ -98,12 +98,16 @@ class Submissions:
         token = new_token()
         return token if await self.rows.set_columns(submission_id, token_sha256=digest(token)) else None
 
-    async def make_agent(self, submission_id: str, track: Track) -> str | None:
+    async def make_agent(
+        self, submission_id: str, track: Track, *, description: str | None = None, trained_on_faults: bool = False
+    ) -> str | None:
         """Make the agent of a submission whose model was looked at.
 
         Args:
             submission_id: Id of the submission.
             track: Track of the model.
+            description: What the model says of the agent.
+            trained_on_faults: Whether the model says that the agent met wrong commands in its training.
 
         Returns:
             The agent's id, that of the agent that handed it in if one did. None if the submission is over.
@@ -123,6 +127,8 @@ class Submissions:
             name_key=row.name_key,
             track=track.value,
             kind=AgentKind.SUBMITTED.value,
+            description=description,
+            trained_on_faults=trained_on_faults,
             owner_id=row.owner_id,
             created=time.time(),
         )
