@@ -297,3 +297,20 @@ def test_a_boundary_in_other_words(taking: Taking) -> None:
         said = f'multipart/form-data; charset="utf-8"; boundary="{BOUNDARY}"'
         raw.sendall(taking.head(len(body), Content_Type=said) + body)
         assert reply(raw)[0] == 202
+
+
+def test_a_stop_during_uploads(tmp_path: Path) -> None:
+    service = Taking(tmp_path)
+    body = named("stopped", MUCH * 3)
+    try:
+        with connected(service) as early, connected(service) as late:
+            early.sendall(service.head(len(body)))
+            late.sendall(service.head(len(body)) + body[: 2 << 20])
+            until(lambda: len(service.files) == 2, "the uploads have not begun")
+            service.signal()
+            service.signal()
+            service.join()
+    finally:
+        service.close()
+    assert service.files == []
+    assert not [line for line in service.logs if line["log_level"] == "error"]

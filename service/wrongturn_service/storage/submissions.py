@@ -23,6 +23,7 @@ from wrongturn_service.storage.store import AgentNameTakenError, take_unused_sec
 
 OPEN: Final = tuple(state for state in SubmissionState if not state.over)
 """States of submissions that wait or run."""
+_BATCH: Final = 500
 _LONGEST: Final = 4000
 """Characters of a reason or a log's message. Part of them can come from a model."""
 
@@ -118,15 +119,20 @@ class SubmissionStore:
 
     async def progress(self, evaluation_ids: Iterable[str]) -> dict[str, tuple[int, int]]:
         """Return how many episodes of each evaluation are finished, and how many it has."""
+        wanted = list(evaluation_ids)
         finished = (EpisodeRow.evaluation_id == EvaluationRow.id) & (EpisodeRow.state == EpisodeState.FINISHED)
         query = (
             select(EvaluationRow.id, func.count(EpisodeRow.id), EvaluationRow.trials)
             .outerjoin(EpisodeRow, finished)
-            .where(EvaluationRow.id.in_(list(evaluation_ids)))
             .group_by(EvaluationRow.id, EvaluationRow.trials)
         )
+        found: dict[str, tuple[int, int]] = {}
         async with self._database.read() as session:
-            return {evaluation: (done, all_) for evaluation, done, all_ in (await session.execute(query)).all()}
+            # Databases limit the number of a query's parameters.
+            for at in range(0, len(wanted), _BATCH):
+                some = query.where(EvaluationRow.id.in_(wanted[at : at + _BATCH]))
+                found |= {name: (done, episodes) for name, done, episodes in (await session.execute(some)).all()}
+        return found
 
     async def last_started(self) -> dict[str, float]:
         """Return when each owner's last submission began to run, by the owner's id."""

@@ -19,6 +19,7 @@ import structlog
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.counting import one_less
+from wrongturn_service.episodes.refusals import stopping
 from wrongturn_service.errors import ServiceError, UnavailableError
 from wrongturn_service.socket.guards import PROGRESS
 from wrongturn_service.submissions.files import ModelFiles
@@ -69,9 +70,11 @@ class Uploads:
         self._owners: Counter[str] = Counter()
         # Threads of its own: slow disks must not take those that other calls need.
         self._threads = ThreadPoolExecutor(_THREADS, "upload")
+        self._closed = False
 
     def close(self) -> None:
-        """End the threads."""
+        """End the threads. Uploads under way fail, and leave nothing."""
+        self._closed = True
         self._threads.shutdown(wait=False)
 
     def boundary(self, content_length: str, content_type: str) -> bytes:
@@ -123,10 +126,15 @@ class Uploads:
             fields = await self._work(writer.form.end)
             yield Upload(fields, writer.sha256, writer.form.size, partial(self._work, writer.keep))
         finally:
-            await self._work(writer.close)
+            if self._closed:
+                writer.close()
+            else:
+                await self._work(writer.close)
 
     async def _work(self, call: Callable[_P, _T], *arguments: _P.args, **named: _P.kwargs) -> _T:
         """Run a call in a thread. A failure of the disk becomes a ServiceError."""
+        if self._closed:
+            raise stopping()
         loop = asyncio.get_running_loop()
         under_way = loop.run_in_executor(self._threads, partial(call, *arguments, **named))
         try:
