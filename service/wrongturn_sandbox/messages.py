@@ -21,21 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_sandbox.frames import FrameError
+from wrongturn_sandbox.rules import METADATA_LENGTH_MOST, METADATA_MOST, NAME_MOST, TENSORS_MOST
 
 DTYPES: Final = frozenset(
     ["bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float16", "float32", "float64"],
 )
 """numpy's names of the types that tensors may have on their way in and out."""
-NAME_MOST: Final = 512
-"""Longest name of a tensor."""
 RANK_MOST: Final = 8
 """Most axes of a tensor on its way in or out."""
-TENSORS_MOST: Final = 64
-"""Most inputs, and most outputs, of a model."""
-METADATA_MOST: Final = 128
-"""Most entries of a model's metadata."""
-METADATA_LENGTH_MOST: Final = 1 << 18
-"""Most characters of a model's metadata in all."""
 
 
 @dataclass(frozen=True)
