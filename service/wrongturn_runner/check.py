@@ -9,7 +9,7 @@ from wrongturn_protocol.observations import observation_space
 from wrongturn_runner.conversation import Conversation
 from wrongturn_runner.messages import Check, Described, Passed
 from wrongturn_runner.model import EpisodePolicy, sandboxed_model
-from wrongturn_runner.pace import CHECK_STEP_S, Pace
+from wrongturn_runner.pace import CHECK_DEADLINE_S, CHECK_STEP_S, Pace
 
 STEPS: Final = 6
 """Steps of practice."""
@@ -37,7 +37,7 @@ def check(job: Check, conversation: Conversation) -> Passed:
         WrongturnError: The service refuses, or cannot be reached.
     """
     pace = _TimedPace()
-    with sandboxed_model(job, tracks=job.tracks) as model:
+    with sandboxed_model(job, step_s=CHECK_DEADLINE_S, tracks=job.tracks) as model:
         conversation.tell(
             Described(
                 track=model.contract.track,

@@ -8,7 +8,7 @@ from wrongturn_runner.conversation import Conversation
 from wrongturn_runner.errors import RunnerFailedError
 from wrongturn_runner.messages import Drive, Driven, Progressed
 from wrongturn_runner.model import EpisodePolicy, sandboxed_model
-from wrongturn_runner.pace import DRIVE_STEP_S, Pace
+from wrongturn_runner.pace import DRIVE_DEADLINE_S, DRIVE_STEP_S, Pace
 
 EPISODES: Final = 2
 """Episodes at a time. A submission gets about two processors, as ``WRONGTURN_SUBMISSIONS`` has it by default."""
@@ -27,7 +27,7 @@ def drive(job: Drive, conversation: Conversation) -> Driven:
         WrongturnError: The service refuses, or cannot be reached.
     """
     with (
-        sandboxed_model(job, sandboxes=SANDBOXES) as model,
+        sandboxed_model(job, step_s=DRIVE_DEADLINE_S, sandboxes=SANDBOXES) as model,
         Client(job.url, job.token) as client,
     ):
         if model.contract.state_shape is not None and client.open_episodes(job.evaluation):

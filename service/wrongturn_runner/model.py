@@ -22,7 +22,7 @@ from wrongturn_protocol.model_contract import (
 from wrongturn_protocol.observations import Observation
 from wrongturn_runner.errors import ModelAtFaultError, RunnerFailedError
 from wrongturn_runner.messages import Check, Drive
-from wrongturn_runner.pace import LOAD_S, STEP_S, Pace
+from wrongturn_runner.pace import LOAD_S, Pace
 from wrongturn_runner.plain_text import plain
 from wrongturn_sandbox.errors import ModelRefusedError, SandboxLostError, SandboxUnavailableError
 from wrongturn_sandbox.host import Sandbox, open_sandbox
@@ -106,12 +106,13 @@ class EpisodePolicy:
 
 @contextlib.contextmanager
 def sandboxed_model(
-    job: Check | Drive, *, tracks: Collection[Track] | None = None, sandboxes: int = 1
+    job: Check | Drive, *, step_s: float, tracks: Collection[Track] | None = None, sandboxes: int = 1
 ) -> Iterator[SandboxedModel]:
     """Load a job's model in sandboxes for the ``with`` block.
 
     Args:
         job: Names the model and the place of its sandboxes.
+        step_s: Longest step, seconds.
         tracks: Tracks that it may drive in; None for any.
         sandboxes: How many steps it can take at a time.
 
@@ -120,7 +121,7 @@ def sandboxed_model(
         RunnerFailedError: The file is damaged, or there is no sandbox.
     """
     data = _read(job.model, job.sha256)
-    limits = Limits(memory=job.place.memory, load_s=LOAD_S, step_s=STEP_S)
+    limits = Limits(memory=job.place.memory, load_s=LOAD_S, step_s=step_s)
     with contextlib.ExitStack() as stack:
         with _explained():
             loaded = [stack.enter_context(open_sandbox(job.place.socket, limits)) for _ in range(sandboxes)]

@@ -7,8 +7,10 @@ from wrongturn_runner.errors import ModelAtFaultError
 
 LOAD_S: Final = 5.0
 """Seconds in which a model has to load."""
-STEP_S: Final = 2.0
-"""Longest step, seconds. Only a model that hangs takes so long, or a machine that does."""
+CHECK_DEADLINE_S: Final = 2.0
+"""Longest step of a check, seconds, so that a model which hangs is refused soon."""
+DRIVE_DEADLINE_S: Final = 10.0
+"""Longest step of a drive, seconds. A machine that hangs for a while must cost no evaluation."""
 CHECK_STEP_S: Final = 0.5
 """Seconds that a step of the check may take on average.
 
