@@ -11,9 +11,14 @@ from wrongturn_sandbox.libraries import interpreter, packages, shared_libraries,
 _LIBRARIES: Final = "/libraries"
 _PACKAGES: Final = "/packages"
 _PYTHON: Final = "/python"
-_THREADS: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1"}
+_QUIET: Final = {
+    "ORT_DISABLE_TELEMETRY": "1",  # it would start a thread, write files and look for its maker's servers
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "MALLOC_ARENA_MAX": "1",
+}
 _ENVIRONMENT: Final = {
-    **_THREADS,
+    **_QUIET,
     "LANG": "C.UTF-8",
     "LD_LIBRARY_PATH": _LIBRARIES,
     "PYTHONHOME": _PYTHON,
@@ -28,7 +33,7 @@ _REFUSED: Final = (
 
 def environment() -> dict[str, str]:
     """Return the environment variables of a guest without bubblewrap."""
-    return {**_THREADS, "LANG": "C.UTF-8", "PYTHONDONTWRITEBYTECODE": "1"}
+    return {**_QUIET, "LANG": "C.UTF-8", "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 def program() -> str:

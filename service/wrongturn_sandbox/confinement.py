@@ -97,6 +97,7 @@ def _find_seccomp(name: str) -> str | None:  # noqa: ARG001 - takes the place of
 def _filter() -> Any:
     seccomp = load_seccomp()
     filter_ = seccomp.SyscallFilter(seccomp.ERRNO(errno.EPERM))
+    filter_.set_attr(seccomp.Attr.CTL_TSYNC, 1)  # for all threads, should a library have started one
     for name in _ALLOWED.split():
         try:
             number = seccomp.resolve_syscall(seccomp.Arch.NATIVE, name)

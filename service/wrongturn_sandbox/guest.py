@@ -37,8 +37,7 @@ def begin(connection: socket.socket, said: dict[str, Any]) -> None:
         from wrongturn_sandbox import session  # noqa: PLC0415 - slow, and not needed for the above
 
         session.warm_up()
-        os.dup2(0, 1)  # the host gives /dev/null as stdin; the socket is the only way out
-        os.dup2(0, 2)
+        _close_all_but(connection.fileno())
         confine()
         limit_memory(limits.memory)
     except Exception as error:
@@ -91,3 +90,11 @@ class _Guest:
             return {"refused": printable(error.reason)}
         except MemoryError:
             return {"refused": out_of_memory(self._limits)}
+
+
+def _close_all_but(kept: int) -> None:
+    """Make a socket the only way out. The host gives ``/dev/null`` as stdin."""
+    os.dup2(0, 1)
+    os.dup2(0, 2)
+    os.closerange(3, kept)
+    os.closerange(kept + 1, 1 << 16)

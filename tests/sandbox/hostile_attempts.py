@@ -104,8 +104,21 @@ found: dict[str, Any] = {
     "environment": dict(os.environ),
     "descriptors": descriptors(),
 }
+confined = threading.Event()
+old: list[Any] = []
+
+
+def wait_and_read() -> None:
+    confined.wait()
+    old.append(attempt(lambda: read(os.__file__)))
+
+
+old_thread = threading.Thread(target=wait_and_read)
+old_thread.start()
 if GIVEN["confine"]:
     confinement.confine()
+confined.set()
+old_thread.join()
 nowhere = bytes(16)
 found |= {
     "read": {path: attempt(lambda path=path: read(path)) for path in GIVEN["files"]},
@@ -135,6 +148,7 @@ found |= {
     "fork": attempt(fork),
     "exec": attempt(start),
     "thread": attempt(thread),
+    "old_thread": old[0],
     "code": attempt(run_code),
     "open_own": attempt(lambda: read(os.__file__)),
 }

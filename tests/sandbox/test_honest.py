@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 import pytest
-from onnx import TensorProto, helper
-from upload_models import TAIL, control, model, node, number, proto
+from onnx import TensorProto, helper, numpy_helper
+from upload_models import TAIL, control, ints, model, node, number, proto
 
 import wrongturn_agents
 from wrongturn_protocol import Track
@@ -140,3 +140,18 @@ def test_a_closed_sandbox_says_so(place: Path | None) -> None:
 def test_limits_that_cannot_be_are_named(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):
         Limits(**{"memory": 1 << 30, field: value})
+
+
+@pytest.mark.slow
+def test_a_model_of_a_hundred_megabytes_fits(place: Path | None) -> None:
+    weights = np.full((5000, 5000), 1e-9, np.float32)
+    nodes = [
+        node("Expand", ["speed", "shape"], ["wide"]),
+        node("MatMul", ["wide", "weights"], ["seen"]),
+        node("ReduceMax", ["seen"], ["steer"], axes=[1]),
+        TAIL[1],
+    ]
+    constants = [ints("shape", 1, 5000), numpy_helper.from_array(weights, "weights")]
+    with open_sandbox(place, LIMITS) as sandbox:
+        assert sandbox.load(model(nodes, constants, opset=17)).parameters == 25_000_002
+        assert sandbox.run({"speed": np.ones((1, 1), np.float32)})["steer"][0, 0] == pytest.approx(5e-6, rel=1e-3)
