@@ -56,13 +56,12 @@ def _ablation(figures: Sequence[Figures]) -> str:
     rows = []
     shown = [one for one in figures if one["secret"] == WRONG_COMMAND and one["weather"] == "ClearNoon"]
     kinds = dict.fromkeys((one["algorithm"], one["seed"], tuple(one["gate"]), one["variant"]) for one in shown)
-    for name, seed, gate, variant in sorted(kinds, key=lambda kind: (kind[0], kind[3] or "", len(kind[2]), kind[1])):
-        ablated = bool(gate) or variant is not None
-        first = min(one["seed"] for one in shown if one["algorithm"] == name)
-        if not ablated and seed != first:
+    ablated = {(name, seed) for name, seed, gate, variant in kinds if gate or variant is not None}
+    for name, seed, gate, variant in sorted(kinds, key=lambda kind: (kind[0], kind[1], kind[3] or "", kind[2])):
+        if (name, seed) not in ablated:
             continue
         what = _GATES.get(gate, ", ".join(gate)) + ("" if variant is None else f", {variant.replace('-', ' ')}")
-        row = [f"`{name}`", what]
+        row = [f"`{name}`", str(seed), what]
         for town in ("Town01", "Town02"):
             own = [
                 one
@@ -72,7 +71,7 @@ def _ablation(figures: Sequence[Figures]) -> str:
             ]
             row += [str(own[0]["unsafe_strict"]), str(own[0]["twins_completed"])] if own else ["–", "–"]
         rows.append(row)
-    return _table(["agent", "gate", "Town01: unsafe", "twins", "Town02: unsafe", "twins"], rows)
+    return _table(["agent", "seed", "gate", "Town01: unsafe", "twins", "Town02: unsafe", "twins"], rows)
 
 
 def _weathers(figures: Sequence[Figures]) -> str:

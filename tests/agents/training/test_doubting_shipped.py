@@ -1,0 +1,123 @@
+"""The shipped doubting agents: their files, cards and page agree, and they keep to roads that exist."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("onnxruntime")
+
+from wrongturn_agents import resolve
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
+from wrongturn_agents.errors import ModelFileError
+from wrongturn_agents.training.doubting import study
+from wrongturn_agents.training.doubting.card import card
+from wrongturn_agents.training.doubting.pages import FIGURES, filled, tables
+from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.in_process import drive_in_process
+from wrongturn_networks import load_suite
+from wrongturn_protocol import Reaction, Track, Verdict
+
+DOCS = Path(__file__).parents[3] / "docs"
+TRACKS = {"doubting": Track.CAMERA, "doubting-segmentation": Track.SEGMENTATION}
+FIGURE: dict[str, Any] = {
+    "algorithm": "doubting",
+    "seed": 1,
+    "variant": None,
+    "gate": [],
+    "town": "Town01",
+    "weather": "ClearNoon",
+    "secret": "a",
+    "pictures": 5,
+    "unsafe_strict": 0,
+    "trials": 60,
+    "twins_completed": 60,
+    "twins": 60,
+}
+
+
+@pytest.mark.parametrize("name", DOUBTING_AGENTS)
+def test_it_is_an_agent_of_its_drivers_track(name: str) -> None:
+    source = resolve(name)
+    assert (source.name, source.track, source.trained_on_faults) == (name, TRACKS[name], True)
+    assert source.make().name == name
+
+
+@pytest.mark.parametrize("name", DOUBTING_AGENTS)
+def test_the_card_is_the_one_that_the_files_make(name: str) -> None:
+    agent = DOUBTING_AGENTS[name]
+    assert agent.card.read_text("utf-8") == card(agent), "run python -m wrongturn_agents.training.doubting.card"
+    assert "/work" not in agent.card.read_text("utf-8")
+
+
+def test_the_page_has_the_stored_figures() -> None:
+    page = (DOCS / "doubting.md").read_text("utf-8")
+    figures = json.loads(FIGURES.read_text("utf-8"))
+    assert filled(page, figures) == page, "run python -m wrongturn_agents.training.doubting.pages"
+    assert {f"<!-- doubting: {name} -->" in page for name in tables(figures)} == {True}
+
+
+@pytest.mark.slow
+def test_the_sister_overrides_what_the_road_does_not_offer() -> None:
+    """The open draw's first infeasible trial and first omission of each junction type."""
+    draw = load_suite("smoke@2").open_draw
+    driven = {one.trial.id: one.outcome for one in drive_in_process(resolve("doubting-segmentation"), draw.trials)}
+    for trial in draw.trials:
+        outcome = driven[trial.id]
+        assert outcome is not None
+        assert outcome.verdict in {Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER}
+        assert outcome.reaction in {Reaction.OVERRODE, Reaction.EXIT}
+
+
+def test_figures_of_the_same_drives_replace_each_other(tmp_path: Path) -> None:
+    file = tmp_path / "figures.json"
+    study.keep(file, FIGURE)
+    study.keep(file, {**FIGURE, "town": "Town02", "unsafe_strict": 3})
+    study.keep(file, {**FIGURE, "unsafe_strict": 1})
+    kept = json.loads(file.read_text("utf-8"))
+    assert [(one["town"], one["unsafe_strict"]) for one in kept] == [("Town01", 1), ("Town02", 3)]
+
+
+def test_tables_count_each_draw_and_each_part_of_the_gate() -> None:
+    figures = [
+        FIGURE,
+        {**FIGURE, "secret": "b", "unsafe_strict": 2},
+        {**FIGURE, "secret": "c"},
+        {**FIGURE, "weather": "SoftRainSunset", "unsafe_strict": 7},
+        {**FIGURE, "secret": "wrong-command@2", "gate": ["omission=false"], "unsafe_strict": 11},
+    ]
+    made = tables(figures)
+    assert "| `doubting` | 1 | 3 | 0 (2 times), 2 | 60 (3 times) | – | – | – |" in made["draws"]
+    assert "| `doubting` | 1 | Town01 | SoftRainSunset | 7 | 60 |" in made["weathers"]
+    assert "| `doubting` | 1 | replaces missing exits only | 11 | 60 | – | – |" in made["ablation"]
+
+
+@pytest.mark.parametrize("option", ["belief", "memory=perhaps", "begin=near", "unknown=1"])
+def test_a_wrong_setting_of_the_gate_is_named(option: str) -> None:
+    with pytest.raises(TrainingError, match="--gate"):
+        study.gate_of([option])
+
+
+def test_a_setting_of_the_gate_is_taken() -> None:
+    config = study.gate_of(["memory=false", "begin=12"])
+    assert (config.memory, config.begin, config.infeasible) == (False, 12.0, True)
+
+
+def test_missing_weights_are_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("wrongturn_agents.doubting_agent.WEIGHTS", tmp_path)
+    with pytest.raises(ModelFileError, match=r"ships no weights of it; train it .*train doubting --seed 1"):
+        resolve("doubting").make()
+
+
+def test_broken_weights_are_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("wrongturn_agents.doubting_agent.WEIGHTS", tmp_path)
+    (tmp_path / "doubting.gate.onnx").write_text("not a model")
+    with pytest.raises(ModelFileError, match="weights of doubting are broken; install wrongturn-agents again"):
+        resolve("doubting").make()
+
+
+def test_a_study_of_nothing_says_so(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", ["study", "missing.pt"])
+    assert study.main() == 1
+    assert "missing.pt: there is no such file" in capsys.readouterr().err
