@@ -198,3 +198,21 @@ def test_drawing_takes_next_to_no_time() -> None:
     town, random = load_town("Town01"), np.random.default_rng(1)
     seconds = min(timeit.repeat(lambda: draw_cruise(town, random), number=200, repeat=10)) / 200
     assert seconds < 300e-6  # measured 30e-6 s; the slack is for a busy machine
+
+
+def test_cruises_beside_others_begin_as_those_alone(town: Town) -> None:
+    most, least = Traffic(vehicles=9, pedestrians=6), Traffic(vehicles=3, pedestrians=6)
+    plain = _drawn(town, 400)
+    beside = _drawn(town, 400, traffic=most, alone=0.25, least_traffic=least)
+    assert [trial.model_copy(update={"traffic": Traffic()}) for trial in beside] == plain
+    numbers = Counter(trial.traffic.vehicles for trial in beside)
+    assert set(numbers) == {0, *range(3, 10)}
+    assert 60 < numbers[0] < 140
+    assert {trial.traffic.pedestrians for trial in beside if trial.traffic.vehicles} == {6}
+    assert {trial.traffic for trial in _drawn(town, 20, traffic=most)} == {most}
+
+
+@pytest.mark.parametrize("how", [{"alone": 1.1}, {"least_traffic": Traffic(vehicles=1)}])
+def test_traffic_that_cannot_be_is_refused(town: Town, how: dict[str, Any]) -> None:
+    with pytest.raises(CruiseError, match=next(iter(how))):
+        _drawn(town, 1, **how)

@@ -89,7 +89,7 @@ class PPOConfig:
     A failure already costs everything that would have been earned after it. With a greater cost, cars learned to stand
     still before junctions.
     """
-    collision_penalty: float = 1.0
+    collision_penalty: float = 2.0
     """Taken off the divided reward when a drive ends in a collision, beside ``failure_penalty``.
 
     Waiting behind another car earns little, so a crash that ends it would cost little too.

@@ -1,10 +1,12 @@
+import dataclasses
+
 import pytest
 import torch
 
 from wrongturn_agents.training.drive import drive_trials
-from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, shortest
+from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, shortest, with_traffic
 from wrongturn_networks import draw_journey, load_suite, load_town
-from wrongturn_protocol import Task, Verdict
+from wrongturn_protocol import Task, Traffic, Verdict
 
 
 class Constant:
@@ -69,6 +71,23 @@ def test_an_evaluation_counts_what_arrived():
     assert found.success == pytest.approx(sum(arrived) / 4)
     assert found.clean <= found.success
     assert Evaluation(4, 0.5, 0.5, 1.0).rank < Evaluation(4, 0.75, 0.0, -9.0).rank
+
+
+def test_journeys_beside_others_are_counted_apart():
+    alone = [draw_journey(load_town("Town01"), Task.STRAIGHT, seed) for seed in range(4)]
+    beside = with_traffic(alone)
+    assert [(one.seed, one.start, one.journey.goal) for one in beside] == [
+        (one.seed, one.start, one.journey.goal) for one in alone
+    ]
+    assert {one.traffic for one in beside} == {Traffic(vehicles=20, pedestrians=50)}
+    assert {one.journey.task for one in beside} == {Task.NAVIGATION_DYNAMIC}
+    models, options = [Constant(0.0, 0.6, 0.0)], {"track": "state", "patience": 5.0}
+    (first,), (both,) = (Evaluation.each(models, trials, **options) for trials in (alone, [*alone, *beside]))
+    (driven,) = drive_trials(models, beside, **options)
+    arrived = [one.outcome is not None and one.outcome.verdict is Verdict.ARRIVED for one in driven]
+    assert dataclasses.replace(both, traffic_success=None) == first
+    assert both.traffic_success == pytest.approx(sum(arrived) / 4)
+    assert Evaluation(4, 0.9, 0.9, 1.0, 0.2).rank < Evaluation(4, 0.8, 0.8, 0.0, 0.4).rank
 
 
 def test_several_agents_drive_side_by_side_as_each_alone():

@@ -5,7 +5,13 @@ import pytest
 import torch
 
 from wrongturn_agents.training.driving_env import FAILURES, DrivingVecEnv
+from wrongturn_protocol import Traffic
+from wrongturn_sim import FleetTraffic
 
+BESIDE = {
+    "traffic": Traffic(vehicles=60, pedestrians=10),
+    "own_traffic": FleetTraffic(hesitant=1.0, leaders=1.0),
+}
 CRUISE = {"town": "Town01", "task": "cruise", "strict": True, "record": False}
 KEYS = ("speed", "command", "pose", "lane")
 
@@ -119,5 +125,46 @@ def test_standing_costs_at_once():
         assert first - second == pytest.approx(np.where(stands, 0.05, 0.0), abs=1e-6)
         stood += stands.sum()
     assert stood > 20
+    for envs in (plain, dear):
+        envs.close()
+
+
+def test_waiting_for_others_is_free_and_other_standing_is_not():
+    plain, dear = (DrivingVecEnv(16, keys=("speed",), standing_cost=cost, **BESIDE, **CRUISE) for cost in (0.0, 0.05))
+    waited = stood = 0
+    for envs in (plain, dear):
+        envs.seed(4)
+        envs.reset()
+    for k in range(150):
+        pedals = np.tile(np.float32([0.0, 0.3 if k < 25 else -1.0]), (16, 1))
+        (observation, first, dones, _), (_, second, _, _) = plain.step(pedals), dear.step(pedals)
+        stands = (observation["speed"][:, 0].numpy() < 0.3) & ~dones
+        waits = plain.envs.waits
+        assert first - second == pytest.approx(np.where(stands & ~waits, 0.05, 0.0), abs=1e-4)
+        waited += (stands & waits).sum()
+        stood += (stands & ~waits).sum()
+    assert waited > 20
+    assert stood > 20
+    for envs in (plain, dear):
+        envs.close()
+
+
+def test_a_collision_costs_more_than_other_failures():
+    plain, dear = (
+        DrivingVecEnv(16, keys=("speed",), failure_penalty=0.5, collision_penalty=cost, **BESIDE, **CRUISE)
+        for cost in (0.0, 2.0)
+    )
+    told = []
+    for envs in (plain, dear):
+        envs.seed(6)
+        envs.reset()
+    for _ in range(120):
+        pedals = np.tile(np.float32([0.0, 0.6]), (16, 1))
+        (_, first, _, _), (_, second, _, infos) = plain.step(pedals), dear.step(pedals)
+        crashed = np.array([info.get("verdict") == "collision" for info in infos])
+        assert first - second == pytest.approx(np.where(crashed, 2.0, 0.0), abs=1e-4)
+        told += [info["verdict"] for info in infos if info]
+    assert told.count("collision") > 5
+    assert told.count("off_road") > 5
     for envs in (plain, dear):
         envs.close()

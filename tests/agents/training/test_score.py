@@ -2,6 +2,7 @@ import json
 
 import pytest
 from small_run import SMALL
+from typer.testing import CliRunner
 
 from wrongturn_agents.models import build
 from wrongturn_agents.reporting.results_file import ResultsFile
@@ -9,6 +10,7 @@ from wrongturn_agents.training.checkpoint import save_checkpoint
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.score import score, score_agent, summary, write_results
+from wrongturn_client.cli import app
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Verdict
 
@@ -49,3 +51,17 @@ def test_a_shipped_agent_is_scored_as_it_is():
 def test_devices_that_cannot_be(checkpoint):
     with pytest.raises(TrainingError, match="device"):
         score(checkpoint, "smoke@2", device="tpu")
+
+
+def test_trials_with_others_are_estimated_apart(checkpoint):
+    with pytest.raises(TrainingError, match=r"smoke@2 has no trials with other road users; leave --traffic out"):
+        score(checkpoint, "smoke@2", device="cpu", threads=1, traffic=True)
+
+
+def test_an_estimate_writes_no_results(checkpoint, tmp_path):
+    done = CliRunner().invoke(
+        app, ["score", str(checkpoint), "--suite", "navigation@1", "--traffic", "--json", str(tmp_path / "no.json")]
+    )
+    assert done.exit_code != 0
+    assert "an estimate beside simple traffic is no result" in str(done.exception) + done.output
+    assert not (tmp_path / "no.json").exists()

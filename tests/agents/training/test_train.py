@@ -33,7 +33,7 @@ def test_a_run_leaves_its_files(run):
     rows = read_rows(whole / "progress.csv")
     assert [int(row["step"]) for row in rows] == [12, 24]
     assert all(float(row["seconds_env"]) > 0 for row in rows)
-    assert rows[0]["success_heldout"] == "0"
+    assert rows[0]["success_heldout"] == rows[0]["traffic_success_heldout"] == "0"
 
 
 def test_a_checkpoint_drives(run):
@@ -129,3 +129,10 @@ def test_an_encoder_is_pretrained_once_and_taken_by_others(tmp_path):
     told = json.loads((first / "pretraining.json").read_text())
     assert (told["frames"], told["minibatches"]) == (16, 4)
     assert np.isfinite(told["loss"])
+
+
+def test_without_traffic_no_journey_has_any(tmp_path):
+    train("ppo-segmentation", directory=tmp_path, steps=12, device="cpu", threads=1, options=[*FAST, "traffic=0"])
+    (row,) = read_rows(tmp_path / "progress.csv")[-1:]
+    assert (row["success_heldout"], row["traffic_success_heldout"]) == ("0", "")
+    assert load_checkpoint(tmp_path / "best.pt")["evaluation"]["traffic_success"] is None
