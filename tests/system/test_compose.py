@@ -92,7 +92,7 @@ def test_agents_from_outside_and_as_workers_come_on_the_leaderboard(composed: Se
     assert done.returncode == 0, done.stderr[-3000:]
     composed.compose("--profile", "careful", "up", "--no-recreate", "careful")
     found = {entry["agent"]["name"]: entry["agent"]["kind"] for entry in entries(composed)}
-    assert found == {"always-stops": "submitted", "careful": "baseline"}
+    assert {"always-stops": "submitted", "careful": "baseline"}.items() <= found.items()
     # As README shows it; the suite of a run elsewhere is named.
     shown = composed.compose("exec", "-T", "service", "wrongturn", "leaderboard")
     assert "wrongturn leaderboard smoke@2" in shown
