@@ -26,12 +26,14 @@ JOB = Check(
 
 
 @asynccontextmanager
-async def program(text: str, environment: dict[str, str] | None = None) -> AsyncIterator[Runner]:
+async def program(
+    text: str, environment: dict[str, str] | None = None, halt: asyncio.Event | None = None
+) -> AsyncIterator[Runner]:
     """A runner that is this Python program; ``job`` is the first line that it reads."""
     head = "import json, os, signal, sys, time\njob = json.loads(sys.stdin.readline())\n"
     head += "say = lambda **message: print(json.dumps(message), flush=True)\n"
     command = (sys.executable, "-c", head + textwrap.dedent(text))
-    async with runner(JOB, "su_1", command, os.environ if environment is None else environment) as started:
+    async with runner(JOB, "su_1", command, halt, os.environ if environment is None else environment) as started:
         yield started
 
 

@@ -28,28 +28,30 @@ class Checks:
         self._means = means
         self._log = structlog.get_logger("submissions")
 
-    async def run(self, row: SubmissionRow, url: str) -> None:
+    async def run(self, row: SubmissionRow, url: str, halt: asyncio.Event) -> None:
         """Check a submission until it is ``checked``.
 
         Args:
             row: The submission, ``queued``.
             url: URL of the service.
+            halt: Tells this job to end.
 
         Raises:
             RefusedError: The model is at fault, or no runner could check it.
             OverError: The submission was cancelled meanwhile.
+            HaltedError: The job was told to end.
         """
         began, attempts = time.monotonic(), row.attempts
         await self._means.tell(row.id, "The check begins.")
         while True:
-            await self._means.sandboxes(row.id)
+            await self._means.sandboxes(row.id, halt)
             try:
-                passed = await self._once(row, url)
+                passed = await self._once(row, url, halt)
                 break
             except RunnerLostError as lost:
                 attempts += 1
                 await self._means.runner_gone(row.id)
-                await self._means.lost(row, lost, attempts)
+                await self._means.lost(row, lost, attempts, halt)
             except RefusedError:
                 self._means.telemetry.checks.observe(time.monotonic() - began)
                 raise
@@ -62,7 +64,7 @@ class Checks:
             await self._means.tell(row.id, told)
             self._log.info("submission checked", submission=row.id, seconds=round(seconds, 2))
 
-    async def _once(self, row: SubmissionRow, url: str) -> Passed:
+    async def _once(self, row: SubmissionRow, url: str, halt: asyncio.Event) -> Passed:
         """Let one runner check the model until its last word.
 
         Raises:
@@ -73,22 +75,20 @@ class Checks:
         tracks = suite.tracks if row.agent_made or row.track is None else (Track(row.track),)
         job = Check(model=self._means.model(row), sha256=row.sha256, place=self._means.place, tracks=tracks, url=url)
         loop = asyncio.get_running_loop()
-        try:
-            async with asyncio.timeout(_LOAD_S) as deadline, runner(job, row.id, self._means.command) as process:
-                async for event in process.events():
-                    match event:
-                        case Described():
-                            practice = await self._described(row.id, suite, event)
-                            deadline.reschedule(loop.time() + _PRACTICE_S)
-                            await process.send(practice)
-                        case Refused():
-                            raise RefusedError(event.reason)
-                        case Passed():
-                            return event
-                        case _:
-                            raise RunnerLostError(f"the runner said {event.event!r}, which makes no sense in a check")
-        except TimeoutError as error:
-            raise RunnerLostError("the runner took too long") from error
+        async with runner(job, row.id, self._means.command, halt) as process:
+            process.deadline = loop.time() + _LOAD_S
+            async for event in process.events():
+                match event:
+                    case Described():
+                        practice = await self._described(row.id, suite, event)
+                        process.deadline = loop.time() + _PRACTICE_S
+                        await process.send(practice)
+                    case Refused():
+                        raise RefusedError(event.reason)
+                    case Passed():
+                        return event
+                    case _:
+                        raise RunnerLostError(f"the runner said {event.event!r}, which makes no sense in a check")
         raise AssertionError("a runner's last word is passed or refused")
 
     async def _described(self, submission: str, suite: Suite, event: Described) -> Practice:

@@ -8,7 +8,7 @@ import asyncio
 import contextlib
 from collections import Counter
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import structlog
@@ -22,8 +22,8 @@ from wrongturn_service.storage.store import Store
 from wrongturn_service.submissions.availability import LOOK_S, Availability
 from wrongturn_service.submissions.checking import Checks
 from wrongturn_service.submissions.driving import Drives
-from wrongturn_service.submissions.errors import OverError, RefusedError
-from wrongturn_service.submissions.jobs import Means
+from wrongturn_service.submissions.errors import HaltedError, OverError, RefusedError
+from wrongturn_service.submissions.jobs import Means, pause
 from wrongturn_service.submissions.operations import Submissions
 from wrongturn_service.submissions.order import Waiting, in_turn, next_one
 from wrongturn_service.submissions.runners import COMMAND
@@ -33,8 +33,10 @@ CHECKS: Final = 2
 """Submissions that are checked at a time."""
 _PAUSE_S: Final = 5.0
 """Seconds before a job is tried again that failed because of the service itself, such as its database."""
+_STOP_S: Final = 10.0
+"""Seconds that jobs get to end their runners and to write down what they know."""
 
-Work = Callable[[SubmissionRow, str], Awaitable[None]]
+Work = Callable[[SubmissionRow, str, asyncio.Event], Awaitable[None]]
 
 
 @dataclass(eq=False)
@@ -43,13 +45,13 @@ class _Job:
 
     Attributes:
         row: The submission when the job began.
+        halt: Tells the job to end. It is not cancelled, because that would cut its writes to the database short.
         task: Does the work.
-        ending: Whether the job ends its submission or was told to end.
     """
 
     row: SubmissionRow
+    halt: asyncio.Event = field(default_factory=asyncio.Event)
     task: "asyncio.Task[None] | None" = None
-    ending: bool = False
 
 
 class _Desk:
@@ -110,6 +112,7 @@ class Dispatcher:
         self._checks = _Desk(CHECKS, Checks(means).run, None)
         self._drives = _Desk(settings.submissions, Drives(means).run, SubmissionState.FINISHED)
         self._url = ""
+        self._stopping = False
         self._changed = asyncio.Event()
         submissions.changed = self._changed.set
         self._loop: asyncio.Task[None] | None = None
@@ -129,11 +132,19 @@ class Dispatcher:
 
     async def stop(self) -> None:
         """End all runners. Their submissions wait in the database for the next start. Safe to call again."""
-        if self._loop is not None:
-            await _end([self._loop])
-            self._loop = None
-        # From here on nothing begins.
-        await _end([job.task for desk in self._desks for job in desk.jobs.values() if job.task is not None])
+        self._stopping = True
+        self._changed.set()
+        jobs = [job for desk in self._desks for job in desk.jobs.values()]
+        for job in jobs:
+            job.halt.set()
+        tasks = [job.task for job in jobs if job.task is not None] + ([] if self._loop is None else [self._loop])
+        if tasks:
+            _, late = await asyncio.wait(tasks, timeout=_STOP_S)
+            for task in late:
+                self._log.warning("a job of submissions does not end in time")
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+        self._loop = None
 
     async def positions(self) -> dict[str, int]:
         """Return for each waiting submission how many are driven before it, if no other one arrives."""
@@ -149,7 +160,7 @@ class Dispatcher:
         return self._checks, self._drives
 
     async def _run(self) -> None:
-        while True:
+        while not self._stopping:
             self._changed.clear()
             try:
                 await self._look()
@@ -162,10 +173,12 @@ class Dispatcher:
     async def _look(self) -> None:
         """End the jobs of submissions that are over, and begin as many as there are places."""
         await self._availability.look_if_due()
+        if self._stopping:
+            return
         rows = await self._rows.waiting()
         self._telemetry.submissions(Counter(SubmissionState(row.state) for row in rows))
         self._end_cancelled({row.id for row in rows})
-        if not self._availability.on:
+        if not self._availability.on or self._stopping:
             return
         by_state = {state: [row for row in rows if row.state == state] for state in SubmissionState}
         while (row := self._checks.next(by_state[SubmissionState.QUEUED])) is not None:
@@ -180,9 +193,8 @@ class Dispatcher:
     def _end_cancelled(self, still_open: set[str]) -> None:
         for desk in self._desks:
             for submission, job in desk.jobs.items():
-                if submission not in still_open and not job.ending and job.task is not None:
-                    job.ending = True  # a second cancellation would keep it from ending its runner
-                    job.task.cancel()
+                if submission not in still_open:
+                    job.halt.set()
 
     def _begin(self, desk: _Desk, row: SubmissionRow) -> None:
         if row.state != SubmissionState.RUNNING:
@@ -203,28 +215,21 @@ class Dispatcher:
             if now is None or now.state != job.row.state:
                 return  # another job ended with it while the line was read
             await self._carry(desk, job, now)
-        except OverError:
+        except (OverError, HaltedError):
             return
         except Exception:
             self._log.exception("submission is held up", submission=submission)
-            await asyncio.sleep(_PAUSE_S)
+            with contextlib.suppress(HaltedError):
+                await pause(_PAUSE_S, job.halt)
 
     async def _carry(self, desk: _Desk, job: _Job, row: SubmissionRow) -> None:
         try:
-            await desk.work(row, self._url)
+            await desk.work(row, self._url, job.halt)
         except RefusedError as error:
-            job.ending = True
             await self._submissions.end(row.id, SubmissionState.FAILED, str(error))
         else:
             if desk.done is not None:
-                job.ending = True
                 await self._submissions.end(row.id, desk.done)
-
-
-async def _end(tasks: "Sequence[asyncio.Task[None]]") -> None:
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def _waiting(row: SubmissionRow) -> Waiting:

@@ -13,7 +13,7 @@ from wrongturn_service.errors import ServiceError
 from wrongturn_service.storage.models import SubmissionRow
 from wrongturn_service.storage.submissions import SubmissionOverError, SuiteBegunError
 from wrongturn_service.submissions.errors import OverError, RefusedError
-from wrongturn_service.submissions.jobs import Means
+from wrongturn_service.submissions.jobs import Means, pause
 from wrongturn_service.submissions.runners import RunnerLostError, runner
 
 _PARTS: Final = 10
@@ -30,16 +30,18 @@ class Drives:
         self._means = means
         self._log = structlog.get_logger("submissions")
 
-    async def run(self, row: SubmissionRow, url: str) -> None:
+    async def run(self, row: SubmissionRow, url: str, halt: asyncio.Event) -> None:
         """Drive a submission until its evaluation is finished.
 
         Args:
             row: The submission, ``checked`` or ``running``.
             url: URL of the service.
+            halt: Tells this job to end.
 
         Raises:
             RefusedError: The model is at fault, the evaluation cannot go on, or no runner could drive it.
             OverError: The submission was cancelled meanwhile.
+            HaltedError: The job was told to end.
         """
         if row.state == SubmissionState.CHECKED:
             row = await self._begin(row)
@@ -47,14 +49,14 @@ class Drives:
             await self._means.tell(row.id, "The service was restarted. The drive goes on.")
         attempts = row.attempts
         while not await self._finished(row):
-            await self._means.sandboxes(row.id)
+            await self._means.sandboxes(row.id, halt)
             before = await self._means.store.finished_count(row.evaluation_id or "")
             try:
-                await self._once(row, url, before)
+                await self._once(row, url, before, halt)
             except RunnerLostError as lost:
                 after = await self._means.store.finished_count(row.evaluation_id or "")
                 attempts = 1 if after > before else attempts + 1
-                await self._means.lost(row, lost, attempts)
+                await self._means.lost(row, lost, attempts, halt)
 
     async def _begin(self, row: SubmissionRow) -> SubmissionRow:
         """Begin the evaluation by the rules for every agent, and return the new row."""
@@ -90,7 +92,7 @@ class Drives:
             raise RefusedError(f"its evaluation was cancelled, because {row.suite} was retired")
         return evaluation.state == EvaluationState.FINISHED
 
-    async def _once(self, row: SubmissionRow, url: str, before: int) -> None:
+    async def _once(self, row: SubmissionRow, url: str, before: int, halt: asyncio.Event) -> None:
         """Let one runner drive until its last word.
 
         Raises:
@@ -111,7 +113,7 @@ class Drives:
         )
         told = before
         try:
-            async with runner(job, row.id, self._means.command) as process:
+            async with runner(job, row.id, self._means.command, halt) as process:
                 async for event in process.events():
                     match event:
                         case Progressed():
@@ -124,7 +126,7 @@ class Drives:
                             raise RunnerLostError(f"the runner said {event.event!r}, which makes no sense in a drive")
         finally:
             await self._means.runner_gone(row.id, _PATIENCE_S)
-        await self._settle(row.evaluation_id)
+        await self._settle(row.evaluation_id, halt)
 
     async def _progressed(self, submission: str, event: Progressed, told: int) -> int:
         """Tell the owner of each tenth. Returns how many episodes were told of last."""
@@ -134,7 +136,7 @@ class Drives:
         await self._means.tell(submission, f"{event.finished} of {event.episodes} episodes are over.")
         return event.finished
 
-    async def _settle(self, evaluation_id: str) -> None:
+    async def _settle(self, evaluation_id: str, halt: asyncio.Event) -> None:
         """Wait until the metrics of an evaluation are stored, whose every episode is over.
 
         Raises:
@@ -150,4 +152,4 @@ class Drives:
             evaluation = await self._means.store.evaluation(evaluation_id)
             if evaluation is not None and evaluation.state == EvaluationState.RUNNING:
                 self._log.warning("metrics are not stored yet", evaluation=evaluation_id)
-                await asyncio.sleep(_PAUSE_S)
+                await pause(_PAUSE_S, halt)

@@ -7,3 +7,7 @@ class RefusedError(Exception):
 
 class OverError(Exception):
     """The submission is over: it was cancelled while it was checked or driven."""
+
+
+class HaltedError(Exception):
+    """The job was told to end: its submission is over, or the service stops."""

@@ -1,6 +1,7 @@
 """What checks and drives of submissions have in common."""
 
 import asyncio
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from wrongturn_service.settings import Settings
 from wrongturn_service.storage.models import SubmissionRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.submissions.availability import Availability
-from wrongturn_service.submissions.errors import OverError, RefusedError
+from wrongturn_service.submissions.errors import HaltedError, OverError, RefusedError
 from wrongturn_service.submissions.operations import NO_MODEL, Submissions
 from wrongturn_service.submissions.runners import RunnerLostError
 from wrongturn_service.telemetry import Telemetry
@@ -66,13 +67,13 @@ class Means:
             raise OverError(submission)
         return token
 
-    async def sandboxes(self, submission: str) -> None:
-        """Wait until there are sandboxes."""
+    async def sandboxes(self, submission: str, halt: asyncio.Event) -> None:
+        """Wait until there are sandboxes. Raises HaltedError."""
         if self.availability.on:
             return
         await self.tell(submission, "The service has no sandbox at the moment. It goes on as soon as it has one.")
-        while not await self.availability.look():  # noqa: ASYNC110 - they come up without telling us
-            await asyncio.sleep(_LOOK_S)
+        while not await self.availability.look():
+            await pause(_LOOK_S, halt)
 
     async def runner_gone(self, submission: str, patience_s: float = PATIENCE_S) -> None:
         """End the token of a runner that is gone, and give up its open episodes.
@@ -84,17 +85,19 @@ class Means:
         await self.submissions.rows.set_columns(submission, token_sha256=None)
         await self.episodes.lose(submission, patience_s)
 
-    async def lost(self, row: SubmissionRow, lost: RunnerLostError, attempts: int) -> None:
+    async def lost(self, row: SubmissionRow, lost: RunnerLostError, attempts: int, halt: asyncio.Event) -> None:
         """Note that a runner was lost, and wait a little before the next one.
 
         Args:
             row: The submission.
             lost: What happened.
             attempts: How many runners in a row were lost now.
+            halt: Tells the job to end.
 
         Raises:
             RefusedError: They were too many.
             OverError: The submission is over, which may be why.
+            HaltedError: The job was told to end.
         """
         if not await self.submissions.rows.set_columns(row.id, attempts=attempts):
             raise OverError(row.id)
@@ -109,4 +112,13 @@ class Means:
             )
         await self.tell(row.id, f"A runner was lost: {lost}. Another one takes over ({attempts + 1} of {ATTEMPTS}).")
         await self.availability.look()
-        await asyncio.sleep(min(_LONGEST_PAUSE_S, _FIRST_PAUSE_S * 2 ** (attempts - 1)))
+        await pause(min(_LONGEST_PAUSE_S, _FIRST_PAUSE_S * 2 ** (attempts - 1)), halt)
+
+
+async def pause(seconds: float, halt: asyncio.Event) -> None:
+    """Wait some seconds. Raises HaltedError as soon as the job is told to end."""
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(seconds):
+            await halt.wait()
+    if halt.is_set():
+        raise HaltedError("the job has to end")

@@ -16,6 +16,7 @@ import structlog
 from pydantic import ValidationError
 
 from wrongturn_runner.messages import EVENT, Check, Described, Drive, Driven, Passed, Practice, Progressed, Refused
+from wrongturn_service.submissions.errors import HaltedError
 
 COMMAND: Final = (sys.executable, "-P", "-m", "wrongturn_runner")
 """Program of a runner. ``-P``: a file in the service's folder must not take the place of a package."""
@@ -39,8 +40,11 @@ class RunnerLostError(Exception):
 class Runner:
     """A runner's process. Make it with :func:`runner`."""
 
-    def __init__(self, process: asyncio.subprocess.Process, submission: str) -> None:
+    def __init__(self, process: asyncio.subprocess.Process, submission: str, halt: asyncio.Event) -> None:
+        self.deadline: float | None = None
+        """Time of the event loop by which the runner must have said its next word."""
         self._process = process
+        self._halt = halt
         self._stderr = bytearray()
         self._drain = asyncio.create_task(self._keep_stderr())
         self._spoken = False
@@ -57,12 +61,12 @@ class Runner:
         """Yield what the runner says, until its last word.
 
         Raises:
-            RunnerLostError: It ended before that, or said something that makes no sense.
+            RunnerLostError: It ended before that, was too slow, or said something that makes no sense.
+            HaltedError: The job was told to end.
         """
-        assert self._process.stdout is not None
         while True:
             try:
-                line = await self._process.stdout.readline()
+                line = await self._line()
                 if not line.endswith(b"\n"):
                     raise RunnerLostError(f"the runner {await self._how_it_ended()}")
                 event = EVENT.validate_json(line)
@@ -74,6 +78,23 @@ class Runner:
             yield event
             if self._spoken:
                 return
+
+    async def _line(self) -> bytes:
+        """Return the next line, what is left at the end of the stream, or nothing."""
+        assert self._process.stdout is not None
+        late = None if self.deadline is None else max(0.0, self.deadline - asyncio.get_running_loop().time())
+        reading = asyncio.ensure_future(self._process.stdout.readline())
+        halted = asyncio.ensure_future(self._halt.wait())
+        try:
+            await asyncio.wait((reading, halted), timeout=late, return_when=asyncio.FIRST_COMPLETED)
+            if halted.done():
+                raise HaltedError("the runner has to end")
+            if not reading.done():
+                raise RunnerLostError("the runner took too long")
+            return reading.result()
+        finally:
+            halted.cancel()
+            reading.cancel()
 
     async def end(self) -> None:
         """End the process and all of its group. Safe to call more than once."""
@@ -116,7 +137,11 @@ class Runner:
 
 @contextlib.asynccontextmanager
 async def runner(
-    job: Check | Drive, submission: str, command: Sequence[str] = COMMAND, environment: Mapping[str, str] = os.environ
+    job: Check | Drive,
+    submission: str,
+    command: Sequence[str] = COMMAND,
+    halt: asyncio.Event | None = None,
+    environment: Mapping[str, str] = os.environ,
 ) -> AsyncIterator[Runner]:
     """Start a runner and give it a job. Its whole process group is ended when the block ends.
 
@@ -124,6 +149,7 @@ async def runner(
         job: What the runner has to do.
         submission: Id of the submission, for the operator's log.
         command: Program of the runner.
+        halt: Tells the job to end.
         environment: Variables of the service, of which the runner gets few.
 
     Raises:
@@ -145,7 +171,7 @@ async def runner(
     with contextlib.suppress(OSError):
         # Before its first thread, so that all threads and children inherit it.
         os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
-    started = Runner(process, submission)
+    started = Runner(process, submission, halt or asyncio.Event())
     try:
         await started.send(job)
         yield started
