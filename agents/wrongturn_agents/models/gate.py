@@ -29,7 +29,10 @@ class GateConfig:
     belief: float = 28.0
     """Pictures from this far on count for the belief, metres."""
     forget: float = 0.2
-    """Least weight of the newest picture in belief and distance."""
+    """Least weight of the newest picture in the belief."""
+    follow: float = 0.15
+    """Weight of the newest picture in the distance, against the old distance less what was driven since. A car that
+    comes out of a bend askew may see a junction for some pictures where none is."""
     leave_travelled: float = 12.0
     """Least distance travelled since the choice before it ends, metres."""
     leave_distance: float = 12.0
@@ -82,7 +85,7 @@ class Gate(nn.Module):
         first = looks < 0.5
         weight = torch.clamp(1.0 / (looks + 1.0), min=config.forget)
         ahead = torch.where(first, distance, memory[:, DISTANCE : DISTANCE + 1] - driven)
-        ahead = torch.where(free, ahead + torch.clamp(weight, min=0.3) * (distance - ahead), distance)
+        ahead = torch.where(free, ahead + config.follow * (distance - ahead), distance)
         counts = free & (ahead < config.belief)
         clipped = exits.clamp(-_CERTAIN, _CERTAIN)
         belief = torch.where(counts, memory[:, BELIEF] + weight * (clipped - memory[:, BELIEF]), memory[:, BELIEF])

@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import MissingPackageError
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import AGENTS, EXPLOITS, resolve
@@ -119,7 +120,8 @@ def _shipped() -> list[str]:
 
 
 def _weights_sha256(name: str) -> str | None:
-    file = SHIPPED_AGENTS[name].file if name in SHIPPED_AGENTS else Path(name)
+    shipped = SHIPPED_AGENTS.get(name) or DOUBTING_AGENTS.get(name)
+    file = Path(name) if shipped is None else shipped.file
     return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else None
 
 

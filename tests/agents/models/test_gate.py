@@ -125,6 +125,12 @@ def test_a_wrong_picture_among_right_ones_changes_nothing() -> None:
     assert set(obeyed[WAY.index(13.0) : AWAY]) == {LEFT}
 
 
+def test_a_junction_that_is_seen_for_half_a_second_is_none() -> None:
+    """As a car sees one that comes out of a bend askew: distances that jump are not driven."""
+    distances = [*[40.0] * 20, 20.0, 3.5, 3.5, 5.0, 9.0, *[30.0] * 20]
+    assert set(drive(T_STRAIGHT_LEFT, [FOLLOW] * len(distances), distances=distances)) == {FOLLOW}
+
+
 def test_nothing_is_left_of_a_junction_behind_the_car() -> None:
     """The second junction of a drive is judged by its own pictures."""
     gate = Gate()
