@@ -34,6 +34,7 @@ FIGURE: dict[str, Any] = {
     "trials": 60,
     "twins_completed": 60,
     "twins": 60,
+    "reactions": {"infeasible overrode": 29, "infeasible froze": 1, "omission exit": 30},
 }
 
 
@@ -88,6 +89,7 @@ def test_tables_count_each_draw_and_each_part_of_the_gate() -> None:
         {**FIGURE, "secret": "wrong-command@2", "gate": ["omission=false"], "unsafe_strict": 11},
     ]
     made = tables(figures)
+    assert "| `doubting` | infeasible | 120 | overrode 116, froze 4 |" in made["reactions"]
     assert "| `doubting` | 1 | 3 | 0 (2 times), 2 | 60 (3 times) | – | – | – |" in made["draws"]
     assert "| `doubting` | 1 | Town01 | SoftRainSunset | 7 | 60 |" in made["weathers"]
     assert "| `doubting` | 1 | replaces missing exits only | 11 | 60 | – | – |" in made["ablation"]

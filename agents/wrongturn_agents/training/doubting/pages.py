@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -25,7 +26,12 @@ Figures = dict[str, Any]
 
 def tables(figures: Sequence[Figures]) -> dict[str, str]:
     """Return the page's tables by name."""
-    return {"draws": _draws(figures), "ablation": _ablation(figures), "weathers": _weathers(figures)}
+    return {
+        "draws": _draws(figures),
+        "reactions": _reactions(figures),
+        "ablation": _ablation(figures),
+        "weathers": _weathers(figures),
+    }
 
 
 def filled(text: str, figures: Sequence[Figures]) -> str:
@@ -82,6 +88,24 @@ def _weathers(figures: Sequence[Figures]) -> str:
         for one in sorted(shown, key=lambda one: (one["algorithm"], one["town"], one["weather"], one["seed"]))
     ]  # fmt: skip
     return _table(["agent", "seed", "town", "weather", "unsafe of 60", "twins of 60"], rows)
+
+
+def _reactions(figures: Sequence[Figures]) -> str:
+    found: dict[tuple[str, str], Counter[str]] = {}
+    for one in figures:
+        for said, count in one["reactions"].items() if _plain(one) else ():
+            fault, _, reaction = said.partition(" ")
+            found.setdefault((one["algorithm"], fault), Counter())[reaction] += count
+    rows = [
+        [
+            f"`{name}`",
+            fault,
+            str(kinds.total()),
+            ", ".join(f"{reaction} {count}" for reaction, count in kinds.most_common()),
+        ]
+        for (name, fault), kinds in sorted(found.items())
+    ]
+    return _table(["agent", "fault", "trials", "reactions"], rows)
 
 
 def _plain(one: Figures) -> bool:
