@@ -6,8 +6,8 @@ from wrongturn_client import WrongturnError
 from wrongturn_runner.check import check
 from wrongturn_runner.conversation import FAILED, Conversation
 from wrongturn_runner.drive import drive
-from wrongturn_runner.errors import ModelAtFaultError, RunnerFailedError
-from wrongturn_runner.messages import Check, Refused
+from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError
+from wrongturn_runner.messages import BUSY, Check, Refused
 from wrongturn_runner.plain_text import plain
 
 
@@ -19,6 +19,9 @@ def main() -> int:
         conversation.finish(check(job, conversation) if isinstance(job, Check) else drive(job, conversation))
     except ModelAtFaultError as error:
         conversation.finish(Refused(reason=plain(str(error))))
+    except NoRoomError as error:
+        sys.stderr.write(f"wrongturn_runner: {plain(str(error))}\n")
+        return BUSY
     except (RunnerFailedError, WrongturnError) as error:
         sys.stderr.write(f"wrongturn_runner: {plain(str(error))}\n")
         return FAILED

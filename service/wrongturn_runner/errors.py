@@ -12,3 +12,7 @@ class ModelAtFaultError(BaseException):
 
 class RunnerFailedError(BaseException):
     """Something else than the model has failed. The service starts another runner."""
+
+
+class NoRoomError(RunnerFailedError):
+    """All sandboxes are taken. The service starts another runner later."""

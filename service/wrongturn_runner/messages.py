@@ -1,17 +1,21 @@
 """What the service and a runner tell each other: JSON, one message a line, over the runner's stdin and stdout.
 
 The service starts ``python -m wrongturn_runner`` and writes a :class:`Check` or a :class:`Drive`. The runner writes
-events and ends with status 0 after ``passed``, ``refused`` or ``driven``. Any other end is the infrastructure's
-failure, and the service starts another runner.
+events and ends with status 0 after ``passed``, ``refused`` or ``driven``. It ends with status :data:`BUSY` if it got no
+sandbox, because all of them are taken; the service then tries again. Any other end is the infrastructure's failure, and
+the service starts another runner, but not for ever.
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, TypeAdapter
 
 from wrongturn_protocol import Track
 from wrongturn_protocol.episodes import Message
+
+BUSY: Final = 75
+"""Exit status of a runner that got no sandbox, because all of them are taken."""
 
 
 class Place(Message):

@@ -20,14 +20,17 @@ from wrongturn_protocol.model_contract import (
     contract_of,
 )
 from wrongturn_protocol.observations import Observation
-from wrongturn_runner.errors import ModelAtFaultError, RunnerFailedError
+from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError
 from wrongturn_runner.messages import Check, Drive
 from wrongturn_runner.pace import LOAD_S, Pace
 from wrongturn_runner.plain_text import plain
-from wrongturn_sandbox.errors import ModelRefusedError, SandboxLostError, SandboxUnavailableError
+from wrongturn_sandbox.errors import ModelRefusedError, SandboxBusyError, SandboxLostError, SandboxUnavailableError
 from wrongturn_sandbox.host import Sandbox, open_sandbox
 from wrongturn_sandbox.messages import Description, Limits
 
+_ROOM_S: Final = 20.0
+"""Seconds to wait for a sandbox while all are taken."""
+_LOOK_S: Final = 0.5
 _LONGEST_ABOUT: Final = 2000
 """Most characters of an agent's description."""
 
@@ -114,7 +117,7 @@ def sandboxed_model(
         job: Names the model and the place of its sandboxes.
         step_s: Longest step, seconds.
         tracks: Tracks that it may drive in; None for any.
-        sandboxes: How many steps it can take at a time.
+        sandboxes: How many steps it can take at a time; fewer if no more sandboxes are free.
 
     Raises:
         ModelAtFaultError: The model is refused by its sandbox, or breaks the contract.
@@ -124,11 +127,26 @@ def sandboxed_model(
     limits = Limits(memory=job.place.memory, load_s=LOAD_S, step_s=step_s)
     with contextlib.ExitStack() as stack:
         with _explained():
-            loaded = [stack.enter_context(open_sandbox(job.place.socket, limits)) for _ in range(sandboxes)]
+            loaded = [stack.enter_context(_first_sandbox(job.place.socket, limits))]
+            with contextlib.suppress(SandboxBusyError):  # fewer are slower, but do
+                for _ in range(sandboxes - 1):
+                    loaded.append(stack.enter_context(open_sandbox(job.place.socket, limits)))  # noqa: PERF401
             descriptions = [sandbox.load(data) for sandbox in loaded]
             del data
             contract = contract_of(_signature(descriptions[0]), tracks)
         yield SandboxedModel(loaded, descriptions[0], contract)
+
+
+def _first_sandbox(socket: Path | None, limits: Limits) -> Sandbox:
+    """Open a sandbox, once one is free if all are taken. Raises NoRoomError, SandboxUnavailableError."""
+    until = time.monotonic() + _ROOM_S
+    while True:
+        try:
+            return open_sandbox(socket, limits)
+        except SandboxBusyError as error:
+            if time.monotonic() > until:
+                raise NoRoomError(str(error)) from error
+        time.sleep(_LOOK_S)
 
 
 def _read(file: Path, sha256: str) -> bytes:

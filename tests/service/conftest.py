@@ -6,6 +6,8 @@ import pytest
 
 # The helpers beside these tests are imported by their plain names.
 sys.path.insert(0, str(Path(__file__).parent))
+# Uploads and models of other tests.
+sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("sandbox", "runner")]
 
 from lent_socket import LentSocket
 from loan_story import Payloads, reference_of

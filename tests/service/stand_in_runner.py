@@ -48,6 +48,8 @@ def end(act: str) -> NoReturn:
         time.sleep(600)
     if act == "die":
         os.kill(os.getpid(), signal.SIGKILL)
+    if act == "no room":
+        sys.exit(75)
     if act == "nonsense":
         sys.stdout.write("I have won\n")
         sys.stdout.flush()

@@ -16,7 +16,7 @@ from clocked_service import ClockedService
 from service_harness import expect, problem
 from submission_owner import Owner, until
 
-from wrongturn_service.submissions import availability
+from wrongturn_service.submissions import availability, jobs
 from wrongturn_service.submissions.availability import NoSandboxError
 
 RUNNER = (sys.executable, str(Path(__file__).with_name("stand_in_runner.py")))
@@ -114,7 +114,7 @@ def test_a_model_that_works_is_checked_driven_and_on_the_leaderboard(stage: Stag
     about = {"id": found["agent"], "name": "first", "track": "privileged", "kind": "submitted", "owner": "ann"}
     assert entry["agent"].items() >= about.items()
     told = "\n".join(owner.log(submission))
-    for part in ("check begins", "a stand-in of 0 nodes", "6 steps", "drive begins", "12 of 12", "finished"):
+    for part in ("check begins", "a stand-in of 0 nodes", "6 steps", "drive begins", "12 of 12", "Finished"):
         assert part in told
     # Each tenth at most, and no verdict before the end.
     assert sum("episodes are over" in line for line in owner.log(submission)) <= 10
@@ -181,6 +181,18 @@ def test_a_lost_runner_takes_nothing_with_it(stage: Stage) -> None:
     # The episode of the check and the one of the drive that were open.
     assert figure(owner, 'wrongturn_episodes_voided_total{reason="runner-ended"}') == 2
     assert figure(owner, "wrongturn_open_episodes") == 0
+
+
+def test_a_runner_that_gets_no_sandbox_is_not_lost(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jobs, "_LONGEST_PAUSE_S", 0.01)
+    service = stage.serve()
+    owner = stage.owner(service)
+    model = stage.model(check=[*["no room"] * 6, "pass"], drive=[*[{"at once": "no room"}] * 6, {}])
+    submission = owner.hand_in(model)
+    owner.until(submission, "finished")
+    assert len(stage.starts(model, "check")) == len(stage.starts(model, "drive")) == 7
+    assert sum("sandboxes are taken" in line for line in owner.log(submission)) == 2
+    assert figure(owner, "wrongturn_runners_lost_total") == 0
 
 
 def test_runners_that_are_lost_after_an_episode_do_not_add_up(stage: Stage) -> None:

@@ -92,9 +92,10 @@ class Availability:
         return self.on
 
     def _tell(self) -> None:
-        """Log what was found if it has changed."""
-        if str(self) != self._told:
-            self._told = str(self)
+        """Log what was found if that makes a difference."""
+        told = "on" if self.on else str(self)
+        if told != self._told:
+            self._told = told
             (self._log.info if self.on or self._off else self._log.warning)(f"submissions {self}")
 
     def _looked_once(self, task: "asyncio.Task[str]") -> None:

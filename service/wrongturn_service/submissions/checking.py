@@ -13,7 +13,7 @@ from wrongturn_service import catalogue
 from wrongturn_service.storage.models import SubmissionRow
 from wrongturn_service.submissions.errors import OverError, RefusedError
 from wrongturn_service.submissions.jobs import Means
-from wrongturn_service.submissions.runners import RunnerLostError, runner
+from wrongturn_service.submissions.runners import NoRoomError, RunnerLostError, runner
 
 _LOAD_S: Final = 60.0
 """Seconds until the model has to be described. The runner itself gives a model less; this is for runners that hang."""
@@ -49,7 +49,7 @@ class Checks:
                 passed = await self._once(row, url, halt)
                 break
             except RunnerLostError as lost:
-                attempts += 1
+                attempts += not isinstance(lost, NoRoomError)
                 await self._means.runner_gone(row.id)
                 await self._means.lost(row, lost, attempts, halt)
             except RefusedError:

@@ -14,7 +14,7 @@ from wrongturn_service.storage.models import SubmissionRow
 from wrongturn_service.storage.submissions import SubmissionOverError, SuiteBegunError
 from wrongturn_service.submissions.errors import OverError, RefusedError
 from wrongturn_service.submissions.jobs import Means, pause
-from wrongturn_service.submissions.runners import RunnerLostError, runner
+from wrongturn_service.submissions.runners import NoRoomError, RunnerLostError, runner
 
 _PARTS: Final = 10
 """The log has a line for each tenth of the episodes."""
@@ -55,7 +55,7 @@ class Drives:
                 await self._once(row, url, before, halt)
             except RunnerLostError as lost:
                 after = await self._means.store.finished_count(row.evaluation_id or "")
-                attempts = 1 if after > before else attempts + 1
+                attempts = (0 if after > before else attempts) + (not isinstance(lost, NoRoomError))
                 await self._means.lost(row, lost, attempts, halt)
 
     async def _begin(self, row: SubmissionRow) -> SubmissionRow:

@@ -20,7 +20,7 @@ from wrongturn_service.storage.store import Store
 from wrongturn_service.submissions.availability import Availability
 from wrongturn_service.submissions.errors import HaltedError, OverError, RefusedError
 from wrongturn_service.submissions.operations import NO_MODEL, Submissions
-from wrongturn_service.submissions.runners import RunnerLostError
+from wrongturn_service.submissions.runners import NoRoomError, RunnerLostError
 from wrongturn_service.telemetry import Telemetry
 
 ATTEMPTS: Final = 5
@@ -60,6 +60,12 @@ class Means:
         """Add a line to a submission's log, for its owner."""
         await self.submissions.rows.append_log(submission, message)
 
+    async def _tell_once(self, submission: str, message: str) -> None:
+        """Add a line to a submission's log unless it is the last one: waiting can take long."""
+        lines = await self.submissions.rows.log(submission)
+        if not lines or lines[-1].message != message:
+            await self.tell(submission, message)
+
     async def token(self, submission: str) -> str:
         """Return a new token for a submission's runner. Raises OverError if the submission is over."""
         token = await self.submissions.give_token(submission)
@@ -71,7 +77,7 @@ class Means:
         """Wait until there are sandboxes. Raises HaltedError."""
         if self.availability.on:
             return
-        await self.tell(submission, "The service has no sandbox at the moment. It goes on as soon as it has one.")
+        await self._tell_once(submission, "The service has no sandbox at the moment. It goes on as soon as it has one.")
         while not await self.availability.look():
             await pause(_LOOK_S, halt)
 
@@ -91,7 +97,7 @@ class Means:
         Args:
             row: The submission.
             lost: What happened.
-            attempts: How many runners in a row were lost now.
+            attempts: How many runners in a row were lost now. One that got no sandbox is none of them.
             halt: Tells the job to end.
 
         Raises:
@@ -101,6 +107,10 @@ class Means:
         """
         if not await self.submissions.rows.set_columns(row.id, attempts=attempts):
             raise OverError(row.id)
+        if isinstance(lost, NoRoomError):
+            await self._tell_once(row.id, "All sandboxes are taken. It goes on as soon as one is free.")
+            await pause(_LONGEST_PAUSE_S, halt)
+            return
         self.telemetry.runners_lost.inc()
         log = structlog.get_logger("submissions")
         log.warning("runner lost", submission=row.id, reason=str(lost), attempts=attempts)

@@ -81,7 +81,7 @@ class Submissions:
                 await asyncio.to_thread(self.files.delete, row.id)
             raise
         self._log.info("submission handed in", submission=row.id, suite=row.suite, size=row.size)
-        await self.rows.append_log(row.id, f"handed in: {row.size} bytes, SHA-256 {row.sha256}")
+        await self.rows.append_log(row.id, f"Handed in: {row.size} bytes, SHA-256 {row.sha256}")
         self.changed()
 
     async def check_room(self, owner_id: str) -> None:
@@ -181,7 +181,9 @@ class Submissions:
     async def _end(self, submission_id: str, state: SubmissionState, reason: str | None) -> bool:
         changed = await self.rows.set_state(submission_id, state, reason=reason)
         if changed:
-            await self.rows.append_log(submission_id, state.value if reason is None else f"{state.value}: {reason}")
+            await self.rows.append_log(
+                submission_id, f"{state.capitalize()}." if reason is None else f"{state.capitalize()}: {reason}"
+            )
             self._log.info("submission over", submission=submission_id, state=state.value, reason=reason)
             self._telemetry.submission_over(state)
             self.changed()

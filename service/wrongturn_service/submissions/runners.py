@@ -15,7 +15,18 @@ from typing import Final
 import structlog
 from pydantic import ValidationError
 
-from wrongturn_runner.messages import EVENT, Check, Described, Drive, Driven, Passed, Practice, Progressed, Refused
+from wrongturn_runner.messages import (
+    BUSY,
+    EVENT,
+    Check,
+    Described,
+    Drive,
+    Driven,
+    Passed,
+    Practice,
+    Progressed,
+    Refused,
+)
 from wrongturn_service.submissions.errors import HaltedError
 
 COMMAND: Final = (sys.executable, "-P", "-m", "wrongturn_runner")
@@ -35,6 +46,10 @@ _GRACE_S: Final = 2.0
 
 class RunnerLostError(Exception):
     """The runner ended without its last word, or said something that makes no sense. The model is not at fault."""
+
+
+class NoRoomError(RunnerLostError):
+    """The runner got no sandbox, because all of them are taken."""
 
 
 class Runner:
@@ -68,7 +83,7 @@ class Runner:
             try:
                 line = await self._line()
                 if not line.endswith(b"\n"):
-                    raise RunnerLostError(f"the runner {await self._how_it_ended()}")
+                    raise await self._how_it_ended()
                 event = EVENT.validate_json(line)
             except ValidationError as error:
                 raise RunnerLostError(f"the runner said what is no message: {error.errors()[0]['msg']}") from error
@@ -120,13 +135,16 @@ class Runner:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, number)
 
-    async def _how_it_ended(self) -> str:
+    async def _how_it_ended(self) -> RunnerLostError:
         try:
             async with asyncio.timeout(_GRACE_S):
                 status = await self._process.wait()
         except TimeoutError:
-            return "closed its stdout"
-        return f"was ended by signal {-status}" if status < 0 else f"ended with status {status}"
+            return RunnerLostError("the runner closed its stdout")
+        if status == BUSY:
+            return NoRoomError("all sandboxes are taken")
+        how = f"was ended by signal {-status}" if status < 0 else f"ended with status {status}"
+        return RunnerLostError(f"the runner {how}")
 
     async def _keep_stderr(self) -> None:
         assert self._process.stderr is not None
