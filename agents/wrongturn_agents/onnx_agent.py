@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
 from wrongturn_agents.onnx_file import opset_of
+from wrongturn_agents.onnx_runtime import load_onnxruntime
 from wrongturn_client.invocation import python
 from wrongturn_protocol import Action, AgentKind, ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
 from wrongturn_protocol.model_contract import check_opset
@@ -77,7 +78,7 @@ def open_session(file: Path) -> Any:
         ModelFileError: The file is missing, or is not an ONNX model.
     """
     try:
-        import onnxruntime  # noqa: PLC0415 - comes with an extra, and is slow to import
+        onnxruntime = load_onnxruntime()
     except ImportError:
         raise OnnxRuntimeMissingError(
             f"{file}: an ONNX model needs onnxruntime; install it with: "

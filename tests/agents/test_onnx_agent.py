@@ -2,6 +2,8 @@
 
 import builtins
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +36,18 @@ def test_a_model_drives(tmp_path):
     agent.reset(observation_space(Track.STATE))
     action = agent.act(observation(speed=0.25, steering=-0.5))
     assert (action.steer, action.throttle, action.brake) == (-0.5, 0.25, 0.25)
+
+
+def test_a_model_writes_nothing_into_the_home_folder(tmp_path):
+    """onnxruntime's telemetry, which is on by default, would keep a database there."""
+    model = write_concat_model(tmp_path / "tiny.onnx", ("steering", "speed", "speed"))
+    home = tmp_path / "home"
+    home.mkdir()
+    code = "import sys; from wrongturn_agents import resolve; resolve(sys.argv[1]).make()"
+    environment = {**os.environ, "HOME": str(home)}
+    environment.pop("ORT_DISABLE_TELEMETRY", None)
+    subprocess.run([sys.executable, "-c", code, str(model)], env=environment, check=True)
+    assert not [file for file in home.rglob("*") if file.is_file()]
 
 
 def test_a_model_drives_several_episodes_at_a_time(tmp_path):

@@ -12,6 +12,8 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
+from wrongturn_agents.onnx_runtime import load_onnxruntime
+
 _WORTH: Final = 1_000
 """Tensors with fewer numbers stay as they are."""
 _WIDE: Final = 1_000_000
@@ -21,8 +23,7 @@ _WIDE: Final = 1_000_000
 def halve(model: onnx.ModelProto) -> None:
     """Store float32 weights as float16, in place.
 
-    A cast before each makes them float32 again when the file is
-    loaded.
+    A cast before each makes them float32 again when the file is loaded.
 
     onnxruntime has no half-precision convolutions on most processors, so computing in float16 would be slower.
     """
@@ -51,6 +52,7 @@ def quantise(model: onnx.ModelProto, observations: Mapping[str, NDArray[Any]]) -
         model: the graph in float32.
         observations: (n, ...) for each input. The range of each activation is its range over them.
     """
+    load_onnxruntime()
     from onnxruntime.quantization import (  # noqa: PLC0415 - slow to load
         CalibrationDataReader,
         QuantFormat,
