@@ -10,12 +10,12 @@ import structlog
 
 _START: Final = secrets.token_hex(4)
 _numbers = itertools.count(1)
-_SUBJECTS: Final = {"evaluations": "evaluation", "episodes": "episode"}
+_SUBJECTS: Final = {"evaluations": "evaluation", "episodes": "episode", "submissions": "submission"}
 _LONGEST: Final = 64
 
 
 def begin_request(path: str = "") -> str:
-    """Add a new request id, and the episode or evaluation of its path, to all log lines that follow.
+    """Add a new request id, and the episode, evaluation or submission of its path, to all log lines that follow.
 
     Args:
         path: Path of the request, such as ``/v1/episodes/{id}/step``.
