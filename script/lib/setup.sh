@@ -53,6 +53,11 @@ install_packages() {
     fail "apt-get could not install ${packages[*]}; see its message above"
 }
 
+# The sandbox of submitted models. The tests that need it are skipped where it cannot be installed.
+install_bubblewrap() {
+  command -v bwrap >/dev/null || (install_packages bubblewrap) || say "Going on without bubblewrap."
+}
+
 setup() {
   local level=$1 python stamp digest
   local -a packages
@@ -70,6 +75,7 @@ setup() {
   python=$(find_python) || exit 1
   mapfile -t packages < <(missing_packages "$python" | sort -u)
   ((${#packages[@]} == 0)) || install_packages "${packages[@]}"
+  [[ $level == run ]] || install_bubblewrap
   say "Setting up .venv (this takes a few minutes, once) …"
   if ! .venv/bin/python -c 'import pip, sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null; then
     "$python" -m venv --clear .venv || fail "$python -m venv .venv failed; see its message above"

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from submission_campaign import Report, blows, run
 
+pytestmark = pytest.mark.usefixtures("bubblewrap")
+
 
 def check(report: Report, kills: int) -> None:
     print(f"kills: {dict(report.kills)}; states at a kill: {dict(report.during)}; ", end="")

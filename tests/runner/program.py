@@ -3,12 +3,14 @@
 import hashlib
 import subprocess
 import sys
+import uuid
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import psutil
 
+from wrongturn_client import Client, LocalService
 from wrongturn_protocol import Track
 from wrongturn_runner.messages import (
     EVENT,
@@ -26,6 +28,7 @@ from wrongturn_runner.messages import (
 Event = Described | Passed | Refused | Progressed | Driven
 COMMAND = (sys.executable, "-m", "wrongturn_runner")
 PLACE = Place(memory=2 << 30)
+SUITE = "smoke@2"
 
 
 class Runner:
@@ -89,3 +92,12 @@ def stored(folder: Path, model: bytes) -> dict[str, Any]:
 
 def check_of(folder: Path, model: bytes, url: str, *tracks: Track) -> Check:
     return Check(**stored(folder, model), tracks=tracks or (Track.CAMERA, Track.PRIVILEGED), url=url)
+
+
+def drive_of(folder: Path, model: bytes, service: LocalService) -> Drive:
+    """Begin an evaluation and return the job of driving it."""
+    with Client(service.url) as client:
+        token = client.register(f"driven {uuid.uuid4().hex[:8]}", Track.PRIVILEGED).token
+    with Client(service.url, token) as client:
+        evaluation = client.create_evaluation(SUITE).id
+    return Drive(**stored(folder, model), url=service.url, token=token, evaluation=evaluation, suite=SUITE)

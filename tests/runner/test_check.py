@@ -13,6 +13,8 @@ from wrongturn_client import Client, LocalService
 from wrongturn_protocol import Track
 from wrongturn_runner.messages import Described, Passed, Practice, Refused
 
+pytestmark = pytest.mark.usefixtures("bubblewrap")
+
 SUITE = "smoke@2"
 
 

@@ -2,29 +2,20 @@
 
 import re
 import signal
-import uuid
 from pathlib import Path
 
 import pytest
-from program import Runner, stored
+from program import SUITE, Runner, drive_of
 from reference_drive import reference
 from small_models import not_a_number_above, steady, wavering
 
 from wrongturn_client import Client, LocalService
-from wrongturn_protocol import EvaluationState, Track
+from wrongturn_protocol import EvaluationState
 from wrongturn_runner.messages import Drive, Driven, Progressed, Refused
 
-SUITE = "smoke@2"
+pytestmark = pytest.mark.usefixtures("bubblewrap")
+
 TRIALS = 12
-
-
-def drive_of(folder: Path, model: bytes, service: LocalService) -> Drive:
-    """Begin an evaluation and return the job of driving it."""
-    with Client(service.url) as client:
-        token = client.register(f"driven {uuid.uuid4().hex[:8]}", Track.PRIVILEGED).token
-    with Client(service.url, token) as client:
-        evaluation = client.create_evaluation(SUITE).id
-    return Drive(**stored(folder, model), url=service.url, token=token, evaluation=evaluation, suite=SUITE)
 
 
 def results(job: Drive) -> dict[str, tuple[str, str]]:

@@ -4,12 +4,14 @@ import sys
 from pathlib import Path
 
 import psutil
-from program import COMMAND, Runner, check_of, stored
+import pytest
+from program import COMMAND, Runner, check_of, drive_of, stored
 from small_models import steady
-from test_drive import drive_of
 
 from wrongturn_client import LocalService
 from wrongturn_runner.messages import Described, Drive, Driven, Progressed
+
+pytestmark = pytest.mark.usefixtures("bubblewrap")
 
 QUICK_S = 5.0
 """Far below any patience; a machine under load needs a part of it."""

@@ -17,8 +17,6 @@ from service_harness import RunningService, expect
 from small_models import not_a_number_above, steady, wavering
 from submission_owner import Owner, until
 
-from wrongturn_sandbox import SandboxUnavailableError, probe
-
 pytestmark = pytest.mark.slow
 PATIENCE_S = 600.0
 SOME = (
@@ -40,15 +38,7 @@ SOONER = {"outputs-large": "batch axis"}
 
 
 @pytest.fixture(scope="module")
-def machine() -> None:
-    try:
-        probe(None)
-    except SandboxUnavailableError as error:
-        pytest.skip(str(error))
-
-
-@pytest.fixture(scope="module")
-def serving(machine: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
+def serving(bubblewrap: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
     folder = tmp_path_factory.mktemp("real")
     running = RunningService(folder / "wrongturn.db", simulators=4, submissions=2, submissions_per_owner=200)
     assert running.ready, running.stderr

@@ -100,6 +100,7 @@ def test_the_readmes_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.system
 @pytest.mark.timeout(1200)
+@pytest.mark.usefixtures("bubblewrap")
 def test_the_tutorials_agent_learns_to_drive(tmp_path: Path) -> None:
     text = TUTORIAL.split("\n## 2. ")[1]
     assert [command.split()[:2] for command in commands(text)] == [
