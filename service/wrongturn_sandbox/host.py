@@ -220,4 +220,4 @@ def probe(socket: Path | None) -> str:
 
 
 def _nonsense(error: object) -> str:
-    return f"the sandbox answers what no honest model makes it say ({reasons.printable(str(error))})"
+    return f"the sandbox gave an answer that does not follow its protocol ({reasons.printable(str(error))})"

@@ -61,7 +61,7 @@ def ending(status: int | None, limits: Limits) -> str | None:
     if status is None:
         return None
     if status >= 0:
-        return f"the model ended its sandbox (status {status}); no honest model does"
+        return f"the model ended its sandbox by itself (status {status})"
     if -status in FROM_OUTSIDE:
         return None
     if -status == signal.SIGXCPU:
