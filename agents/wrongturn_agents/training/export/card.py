@@ -92,7 +92,7 @@ def card(agent: ShippedAgent, collection: Collection, curves: tuple[Curve, ...],
         "## How it drives",
         *_figures(agent, collection),
         "## Limits",
-        "It was trained in one simulated town, in four weathers, without other road users, and with correct commands "
+        f"It was trained in one simulated town, in four weathers, {_company(told)}, and with correct commands "
         "only. It has learned no reaction to a wrong command: whatever it does then is what the benchmark asks about. "
         "It does not see traffic lights or signs, brakes for nobody by any rule that it was taught, and is for "
         "research on this benchmark alone: nothing here is fit to drive a car.",
@@ -156,6 +156,12 @@ def _agreement(told: dict[str, str]) -> str:
     )
 
 
+def _company(told: dict[str, str]) -> str:
+    """With whom it drove in training; the first files do not say it, and met nobody."""
+    share = json.loads(told["config"]).get("traffic", 0)
+    return f"in {share:.0%} of the drives beside simple traffic" if share else "without other road users"
+
+
 def _training(told: dict[str, str], curve: Curve | None, facts: Facts) -> dict[str, str]:
     versions = {name: version for name, version in json.loads(told["versions"]).items() if version != "unknown"}
     minutes = curve.last("minutes") if curve else math.nan
@@ -165,7 +171,8 @@ def _training(told: dict[str, str], curve: Curve | None, facts: Facts) -> dict[s
         if isinstance(value, int | float)
     )
     return {
-        "data": "drives about Town01 in ClearNoon, WetNoon, HardRainNoon and ClearSunset, commands always correct",
+        "data": "drives about Town01 in ClearNoon, WetNoon, HardRainNoon and ClearSunset, commands always correct, "
+        + _company(told),
         "seed": told["seed"],
         "environment steps": f"{int(told['steps']):,}" + (f" (of {curve.last('step'):,.0f})" if curve else ""),
         "minutes": _STATED if math.isnan(minutes) else f"{minutes:.1f}",
