@@ -15,7 +15,10 @@ from wrongturn_protocol.observations import FIELDS
 from wrongturn_sandbox import Limits, SandboxLostError, TensorInfo, open_sandbox, probe
 
 LIMITS = Limits(memory=1 << 30, load_s=60, step_s=60)
-WEIGHTS = sorted((Path(wrongturn_agents.__file__).parent / "weights").glob("*.onnx"))
+FOLDER = Path(wrongturn_agents.__file__).parent / "weights"
+WEIGHTS = sorted(
+    file for file in FOLDER.glob("*.onnx") if not file.name.endswith(".gate.onnx")
+)  # no agents by themselves
 
 
 def in_this_process(content: bytes) -> onnxruntime.InferenceSession:

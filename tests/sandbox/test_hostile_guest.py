@@ -84,7 +84,7 @@ send(connection, packed({{"outputs": {{"steer": {array}}}}}))
 """
     with opened(start_listener, program) as sandbox:
         assert sandbox.load(model()).opset == 18
-        with pytest.raises(ModelRefusedError, match="honest"):
+        with pytest.raises(ModelRefusedError, match="does not follow its protocol"):
             sandbox.run(SPEED)
 
 

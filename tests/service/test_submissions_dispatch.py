@@ -256,7 +256,7 @@ def test_what_is_over_stays_as_it_is(stage: Stage) -> None:
     assert owner.cancel(submission) == found
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_two_owners_with_ten_each_are_served_in_turns(stage: Stage) -> None:
     service = stage.serve(submissions=1, submissions_per_owner=10)
     ann, ben = stage.owner(service, "ann"), stage.owner(service, "ben")

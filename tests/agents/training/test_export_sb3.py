@@ -65,7 +65,9 @@ def assert_alike(model, file: Path, track: Track) -> None:
 
 
 @pytest.mark.parametrize("actions", [action_space(), ACTION_SPACE], ids=["controls", "accelerate"])
-@pytest.mark.parametrize("algorithm", [PPO, A2C, SAC, TD3, DDPG])
+@pytest.mark.parametrize(
+    "algorithm", [PPO, pytest.param(A2C, marks=pytest.mark.soak), SAC, TD3, pytest.param(DDPG, marks=pytest.mark.soak)]
+)
 def test_each_algorithm_drives_as_its_policy(tmp_path, algorithm, actions):
     options = {"device": "cpu", "seed": 1} if algorithm in {PPO, A2C} else OFF_POLICY
     model = made(algorithm("MultiInputPolicy", RandomTown(actions=actions), **options))
