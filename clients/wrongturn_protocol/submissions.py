@@ -40,7 +40,7 @@ class SubmissionDetail(Message):
     evaluation: str | None = Field(default=None, exclude_if=is_none)
     """Id of the evaluation, once it runs."""
     finished: int | None = Field(default=None, exclude_if=is_none)
-    """Episodes that are finished, once it runs."""
+    """Episodes that were driven to their end, once it runs. Those that a closing aborts are not among them."""
     episodes: int | None = Field(default=None, exclude_if=is_none)
     """All episodes of the evaluation, once it runs."""
     reason: str | None = Field(default=None, exclude_if=is_none)

@@ -288,7 +288,8 @@ def bearer(authorization: str | None) -> str:
     token = token.strip()
     if scheme.lower() != "bearer" or not token:
         raise UnauthenticatedError(
-            "this call needs a token: send 'Authorization: Bearer …' with the one from POST /v1/agents",
+            "this call needs a token: send 'Authorization: Bearer …' with an owner's token from POST /v1/owners, or "
+            "an agent's from POST /v1/agents; /openapi.json says which a call takes",
         )
     return token
 

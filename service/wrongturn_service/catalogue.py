@@ -122,4 +122,6 @@ def _find(look: Callable[[], _T], path: str, kind: ProblemType) -> _T:
         return look()
     except (UnknownSuiteError, UnknownTownError, UnknownTrialError, UnknownApproachError) as error:
         message = str(error)[:_LONGEST]
-        raise NotFoundError(kind, message, errors=(FieldError(path=path, message=message),)) from error
+        raise NotFoundError(
+            kind, message, errors=(FieldError(path=path, message=message.removeprefix(f"{path}: ")),)
+        ) from error

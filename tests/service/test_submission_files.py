@@ -39,11 +39,19 @@ def test_models_and_logs_are_kept_for_some_days(tmp_path: Path) -> None:
     async def story() -> None:
         async with handing_in(tmp_path, submission_keep_days=3) as http:
             submissions = service_of(http).submissions
-            names = ("old", "new", "open")
+            names = ("old", "new", "open", "useless")
             ids = {name: expect(await hand_in(http, model(name=name)), 202)["id"] for name in names}
             for name in ("old", "new"):
+                await checked(http, ids[name])
+                evaluation, token = await running(http, ids[name])
+                reset = await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=bearer(token))
+                step = {"seq": 1, "action": {"steer": 0.0, "throttle": 0.0, "brake": 0.0}}
+                path = f"/v1/episodes/{expect(reset, 201)['id']}/step"
+                expect(await http.post(path, json=step, headers=bearer(token)), 200)
                 await submissions.end(ids[name], SubmissionState.FAILED, "as the test wants")
             await _age(submissions.rows, ids["old"], 3.1)
+            # The service died before it could delete the model.
+            await submissions.rows.set_state(ids["useless"], SubmissionState.CANCELLED, reason="cut off")
             for name, days in (("su_lost", 3.1), ("su_late", 2.9), ("operators", 99)):
                 file = tmp_path / "submissions" / f"{name}.onnx"
                 file.write_text(name)
@@ -55,7 +63,7 @@ def test_models_and_logs_are_kept_for_some_days(tmp_path: Path) -> None:
             shown = expect(await http.get(f"/v1/submissions/{ids['old']}"), 200)
             assert shown["reason"] == "as the test wants"
             logs = {name: expect(await http.get(f"/v1/submissions/{ids[name]}/log"), 200)["lines"] for name in names}
-            assert [bool(logs[name]) for name in names] == [False, True, True]
+            assert [bool(logs[name]) for name in names] == [False, True, True, True]
 
     play(story)
 
@@ -112,7 +120,8 @@ def test_a_restored_submission_without_its_model_has_failed(tmp_path: Path) -> N
                 expect(await hand_in(http, model(name=name)), 202)
             problem(await hand_in(http, model(name="driven")), 409, "agent-name-taken")
             driven = next(row for row in listed if row["name"] == "driven")
-            assert driven["finished"] == driven["episodes"]
+            assert driven["finished"] == 0
+            assert driven["episodes"] > 0
             assert expect(await http.get(f"/v1/evaluations/{driven['evaluation']}"), 200)["state"] == "finished"
 
     play(before)

@@ -1,8 +1,11 @@
 """Handing in: what is taken and refused, what is stored, who may see it, and what a repeat gets."""
 
 import errno
+import gzip
 import os
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -42,7 +45,7 @@ def test_a_model_is_stored_and_waits(tmp_path: Path) -> None:
             listed = expect(await http.get("/v1/submissions"), 200)["submissions"]
             assert listed == [second, found]
             (line,) = expect(await http.get(f"/v1/submissions/{found['id']}/log"), 200)["lines"]
-            assert line["message"] == f"handed in: 7 bytes, SHA-256 {found['sha256']}"
+            assert line["message"] == f"Handed in: 7 bytes, SHA-256 {found['sha256']}"
 
     play(story)
 
@@ -134,7 +137,7 @@ def test_an_owner_has_so_many_open_ones(tmp_path: Path) -> None:
             expect(await hand_in(http, model(name="c"), **other), 202)
             expect(await http.delete(f"/v1/submissions/{first['id']}"), 200)
             expect(await hand_in(http, model(name="d")), 202)
-            assert len(files(tmp_path)) == 4
+            assert len(files(tmp_path)) == 3
 
     play(story)
 
@@ -272,12 +275,16 @@ def test_one_that_runs_is_cancelled_as_its_evaluation_is_closed(tmp_path: Path, 
             gone = expect(await http.delete(f"/v1/submissions/{found['id']}"), 200)
             assert gone["state"] == "cancelled"
             if driven:
-                assert gone["finished"] == gone["episodes"]
+                # Nobody drove the trials that the closing aborted.
+                assert gone["finished"] == 0
+                assert gone["episodes"] > 0
+                assert files(tmp_path) == [f"{found['id']}.onnx"]
                 closed = expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)
                 assert closed["state"] == "finished"
                 problem(await hand_in(http), 409, "agent-name-taken")
             else:
                 assert "evaluation" not in gone
+                assert files(tmp_path) == []
                 problem(await http.get(f"/v1/evaluations/{evaluation}", headers=bearer(token)), 401, "unauthenticated")
                 expect(await hand_in(http), 202)
 
@@ -292,8 +299,10 @@ def test_what_failed_says_why(tmp_path: Path) -> None:
             await service_of(http).submissions.end(found["id"], SubmissionState.FAILED, "speed: no output")
             shown = expect(await http.get(f"/v1/submissions/{found['id']}"), 200)
             assert (shown["state"], shown["reason"]) == ("failed", "speed: no output")
+            assert shown["sha256"] == found["sha256"]
+            assert files(tmp_path) == []
             lines = expect(await http.get(f"/v1/submissions/{found['id']}/log"), 200)["lines"]
-            assert [line["message"] for line in lines][-1] == "failed: speed: no output"
+            assert [line["message"] for line in lines][-1] == "Failed: speed: no output"
             expect(await hand_in(http), 202)
 
     play(story)
@@ -322,6 +331,41 @@ def test_a_disk_that_fails(
             assert "hand it in" in told["detail"]
             assert files(tmp_path) == []
             expect(await hand_in(http), 202)
+
+    play(story)
+
+
+@pytest.mark.parametrize(("total", "reserve"), [(1 << 40, 1 << 30), (1 << 30, (1 << 30) // 20)])
+def test_uploads_leave_a_reserve_of_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, total: int, reserve: int
+) -> None:
+    async def story() -> None:
+        async with handing_in(tmp_path) as http:
+            body = model()
+            for free, fits in ((reserve + len(body) - 1, False), (reserve + len(body), True)):
+                disk = SimpleNamespace(total=total, used=total - free, free=free)
+                with monkeypatch.context() as patched:
+                    patched.setattr(shutil, "disk_usage", lambda _, disk=disk: disk)
+                    answer = await hand_in(http, body)
+                if fits:
+                    expect(answer, 202)
+                    continue
+                told = problem(answer, 507, "storage-failed")
+                assert "disk of the service is full" in told["detail"]
+                assert answer.headers["connection"] == "close"
+                assert files(tmp_path) == []
+
+    play(story)
+
+
+@pytest.mark.parametrize("encoding", ["gzip", "br", "identity, gzip"])
+def test_a_compressed_form_is_refused_with_the_remedy(tmp_path: Path, encoding: str) -> None:
+    async def story() -> None:
+        async with handing_in(tmp_path) as http:
+            refused = await hand_in(http, gzip.compress(model()), Content_Encoding=encoding)
+            assert "without compression" in problem(refused, 415, "unsupported-media-type")["detail"]
+            assert refused.headers["accept-encoding"] == "identity"
+            expect(await hand_in(http, Content_Encoding="identity"), 202)
 
     play(story)
 

@@ -44,7 +44,9 @@ class Token(SecurityBase):
 
     def __init__(self, *, runners: bool = False) -> None:
         self.runners = runners
-        self.model = HTTPBearer(description="From POST /v1/agents")
+        self.model = HTTPBearer(
+            description="An agent's token, from POST /v1/agents, or an owner's, from POST /v1/owners"
+        )
         self.scheme_name = "token"
 
     async def __call__(self, request: Request) -> Caller:

@@ -18,14 +18,17 @@ from wrongturn_service.simulators.interface import EpisodeRefusedError, Simulato
 MEDIA_TYPE = "application/problem+json"
 _log = structlog.get_logger("errors")
 _EXPLANATIONS = {
-    ProblemType.MALFORMED_BODY: "The body is not JSON, or not msgpack although its Content-Type says so.",
+    ProblemType.MALFORMED_BODY: (
+        "The body is not JSON, or not msgpack or a form although its Content-Type says so. A form may also lack its "
+        "boundary, or end too early."
+    ),
     ProblemType.VALIDATION: "A field is missing, unknown, of a wrong type or out of range. `errors` names each.",
-    ProblemType.UNAUTHENTICATED: "The call needs a bearer token. It had none, or one that no agent has.",
+    ProblemType.UNAUTHENTICATED: "The call needs a bearer token. It had none, or one that nobody has.",
     ProblemType.FORBIDDEN: "The token is valid, but the call is for another agent or the operator.",
     ProblemType.UNKNOWN_ROUTE: "There is no such call. See /openapi.json.",
     ProblemType.METHOD_NOT_ALLOWED: "The path does not take this method. Allow names those that it takes.",
     ProblemType.NOT_ACCEPTABLE: "Accept names neither application/json nor application/msgpack.",
-    ProblemType.UNSUPPORTED_MEDIA_TYPE: "The call does not take this Content-Type.",
+    ProblemType.UNSUPPORTED_MEDIA_TYPE: "The call does not take this Content-Type, or no compressed body.",
     ProblemType.BODY_TOO_LARGE: "The body is too large.",
     ProblemType.REQUEST_TIMEOUT: "The request, or a message of /v1/drive, did not arrive completely in time.",
     ProblemType.PROTOCOL_VERSION: "The handshake of /v1/drive names no version that this service speaks.",

@@ -95,10 +95,14 @@ async def hand_in(request: Request, service: ServiceDep, authorization: Authoriz
         if submitter.owner is None:
             raise ForbiddenError("the operator's token hands nothing in; send an owner's, or an agent's")
         headers = request.headers
-        boundary = service.uploads.boundary(headers.get("content-length", ""), headers.get("content-type", ""))
+        length = headers.get("content-length", "")
+        boundary = service.uploads.boundary(
+            length, headers.get("content-type", ""), ",".join(headers.getlist("content-encoding"))
+        )
         if key.value is None:
             # A repeat has to get its stored reply, even if there is no more room.
             await service.submissions.check_room(submitter.owner.id)
+        await service.uploads.check_disk(length)
         submission = new_id("su")
         with service.uploads.one(submitter.owner.id):
             async with service.uploads.receive(submission, boundary, request.stream()) as upload:

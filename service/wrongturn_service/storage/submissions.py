@@ -7,7 +7,7 @@ from typing import Any, Final
 from sqlalchemy import and_, delete, func, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wrongturn_protocol import EpisodeState, EvaluationState, SubmissionState
+from wrongturn_protocol import EpisodeState, EvaluationState, SubmissionState, Verdict
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import (
     AgentRow,
@@ -118,9 +118,16 @@ class SubmissionStore:
             return (await session.scalars(query.order_by(SubmissionRow.seq))).all()
 
     async def progress(self, evaluation_ids: Iterable[str]) -> dict[str, tuple[int, int]]:
-        """Return how many episodes of each evaluation are finished, and how many it has."""
+        """Return how many episodes of each evaluation were driven to their end, and how many it has.
+
+        The trials that are missing when an evaluation is closed get a verdict too, but nobody drove them.
+        """
         wanted = list(evaluation_ids)
-        finished = (EpisodeRow.evaluation_id == EvaluationRow.id) & (EpisodeRow.state == EpisodeState.FINISHED)
+        finished = and_(
+            EpisodeRow.evaluation_id == EvaluationRow.id,
+            EpisodeRow.state == EpisodeState.FINISHED,
+            EpisodeRow.verdict != Verdict.ABORTED,
+        )
         query = (
             select(EvaluationRow.id, func.count(EpisodeRow.id), EvaluationRow.trials)
             .outerjoin(EpisodeRow, finished)
@@ -277,15 +284,11 @@ class SubmissionStore:
             old = select(SubmissionRow.id).where(SubmissionRow.ended < before)
             await session.execute(delete(SubmissionLogRow).where(SubmissionLogRow.submission_id.in_(old)))
 
-    async def ended(self, submission_ids: Iterable[str]) -> dict[str, float | None]:
-        """Return when these submissions were over, None for those that are not. Unknown ids are left out."""
-        found: dict[str, float | None] = {}
+    async def some(self, submission_ids: Iterable[str]) -> Sequence[SubmissionRow]:
+        """Return these submissions. Unknown ids are left out."""
         async with self._database.read() as session:
-            for submission_id in submission_ids:
-                row = await session.get(SubmissionRow, submission_id)
-                if row is not None:
-                    found[row.id] = row.ended
-        return found
+            found = [await session.get(SubmissionRow, submission_id) for submission_id in submission_ids]
+        return [row for row in found if row is not None]
 
 
 async def _check_name(session: AsyncSession, name_key: str) -> None:

@@ -1,13 +1,21 @@
 """The folder with the models of submissions. Names are the submissions' ids, never a client's words."""
 
+import errno
 import os
+import shutil
 from pathlib import Path
 from typing import Final
 
+from wrongturn_protocol import SubmissionState
 from wrongturn_service.storage.location import OWNER_ALONE
+from wrongturn_service.storage.models import SubmissionRow
 from wrongturn_service.storage.submissions import SubmissionStore
 
 _FOLDER_MODE: Final = 0o700
+_RESERVE: Final = 1 << 30
+"""Bytes of the disk that models leave free for the database, which may be on the same one."""
+_RESERVE_SHARE: Final = 0.05
+"""The reserve is never more than this share of the disk."""
 
 
 class ModelFiles:
@@ -28,6 +36,13 @@ class ModelFiles:
     def path(self, submission_id: str) -> Path:
         """Return the path of a complete model."""
         return self.folder / f"{submission_id}.onnx"
+
+    def check_room(self, size: int) -> None:
+        """Check that so many bytes more leave the reserve of the disk free. Raises OSError (ENOSPC)."""
+        disk = shutil.disk_usage(self.folder)
+        reserve = min(_RESERVE, int(disk.total * _RESERVE_SHARE))
+        if disk.free - size < reserve:
+            raise OSError(errno.ENOSPC, f"{disk.free} bytes are free, {size} are needed, {reserve} are kept free")
 
     def begin(self, submission_id: str) -> int:
         """Create the file of a model that arrives, and return its descriptor. Raises OSError."""
@@ -52,7 +67,10 @@ class ModelFiles:
         self._part(submission_id).unlink(missing_ok=True)
 
     async def purge(self, rows: SubmissionStore, before: float) -> int:
-        """Delete the models of submissions that were over before a time, and old ones that no submission has.
+        """Delete models that nobody needs any more.
+
+        Those are models of submissions that were never driven, of those that were over before a time, and old ones
+        that no submission has.
 
         A model without a row is kept as long: the database may have been put back from a backup that is too old.
 
@@ -64,11 +82,22 @@ class ModelFiles:
             The number of deleted models.
         """
         written = {file.stem: file.stat().st_mtime for file in self.folder.glob("su_*.onnx")}
-        ended = {**written, **await rows.ended(written)}
-        old = [name for name, end in ended.items() if end is not None and end < before]
-        for name in old:
+        known = {row.id: row for row in await rows.some(written)}
+        useless = [name for name, since in written.items() if _useless(known.get(name), since, before)]
+        for name in useless:
             self.delete(name)
-        return len(old)
+        return len(useless)
 
     def _part(self, submission_id: str) -> Path:
         return self.folder / f"{submission_id}.part"
+
+
+def never_driven(row: SubmissionRow) -> bool:
+    """Return whether a submission is over and has no evaluation. Its model is of no use to anybody."""
+    return SubmissionState(row.state).over and row.evaluation_id is None
+
+
+def _useless(row: SubmissionRow | None, written: float, before: float) -> bool:
+    if row is None:
+        return written < before
+    return never_driven(row) or (row.ended is not None and row.ended < before)

@@ -101,12 +101,13 @@ class Means:
             halt: Tells the job to end.
 
         Raises:
-            RefusedError: They were too many.
+            RefusedError: They were too many, or the model is gone, which is why the runner ended.
             OverError: The submission is over, which may be why.
             HaltedError: The job was told to end.
         """
         if not await self.submissions.rows.set_columns(row.id, attempts=attempts):
             raise OverError(row.id)
+        self.model(row)
         if isinstance(lost, NoRoomError):
             await self._tell_once(row.id, "All sandboxes are taken. It goes on as soon as one is free.")
             await pause(_LONGEST_PAUSE_S, halt)
@@ -120,7 +121,7 @@ class Means:
                 f"the service could not {what} it: {attempts} runners in a row ended before they were done, the last "
                 f"one because {lost}; as far as the service can tell, the model is not to blame; ask the operator"
             )
-        await self.tell(row.id, f"A runner was lost: {lost}. Another one takes over ({attempts + 1} of {ATTEMPTS}).")
+        await self.tell(row.id, f"A runner was lost: {lost}. Runner {attempts + 1} of at most {ATTEMPTS} takes over.")
         await self.availability.look()
         await pause(min(_LONGEST_PAUSE_S, _FIRST_PAUSE_S * 2 ** (attempts - 1)), halt)
 

@@ -23,7 +23,7 @@ from wrongturn_service.storage.submissions import (
     TooManySubmissionsError,
 )
 from wrongturn_service.submissions.errors import RefusedError
-from wrongturn_service.submissions.files import ModelFiles
+from wrongturn_service.submissions.files import ModelFiles, never_driven
 from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.tokens import digest, new_id, new_token
 
@@ -145,8 +145,9 @@ class Submissions:
     async def end(self, submission_id: str, state: SubmissionState, reason: str | None = None) -> bool:
         """End a submission: its token ends, its evaluation is closed unless it is finished, its practice is given up.
 
-        An agent that was made for it and never began an evaluation is deleted, so its name is free again. Safe to call
-        again. If it fails half-way, :meth:`tidy` goes on with it at the next start.
+        An agent that was made for it and never began an evaluation is deleted, so its name is free again. The model
+        of a submission without an evaluation is deleted too: its row and log stay. Safe to call again. If it fails
+        half-way, :meth:`tidy` and :meth:`purge` go on with it.
 
         Args:
             submission_id: Id of the submission.
@@ -201,6 +202,10 @@ class Submissions:
             # Its owner may have made a token for it.
             await self.rows.token_ended(agent)
             await self._episodes.lose(agent)
+        # Closed before its first step, an evaluation is gone by now.
+        left = await self.rows.get(row.id)
+        if left is not None and never_driven(left):
+            await asyncio.to_thread(self.files.delete, row.id)
 
     async def tidy(self) -> None:
         """Do what an end of the service or a failure has kept from being done. Call it before the first runner.
@@ -220,7 +225,7 @@ class Submissions:
         return {row.evaluation_id for row in rows if row.evaluation_id is not None}
 
     async def purge(self) -> None:
-        """Delete the models and logs of submissions that were over long ago."""
+        """Delete the models and logs of submissions that were over long ago, and models that were never driven."""
         before = time.time() - self._settings.submission_keep_days * _DAY_S
         await self.rows.purge_logs(before)
         deleted = await self.files.purge(self.rows, before)

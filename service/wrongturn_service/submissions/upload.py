@@ -77,15 +77,34 @@ class Uploads:
         self._closed = True
         self._threads.shutdown(wait=False)
 
-    def boundary(self, content_length: str, content_type: str) -> bytes:
+    def boundary(self, content_length: str, content_type: str, content_encoding: str = "") -> bytes:
         """Check the head of a request, before its body is read, and return the body's boundary.
 
         Raises:
-            ServiceError: The body is too large (413), of another type (415), or without a boundary (400).
+            ServiceError: The body is too large (413), of another type or compressed (415), or without a boundary (400).
         """
         if content_length.isdecimal() and int(content_length[:20]) > self._limit + AROUND:
             raise too_large(self._limit)
+        if content_encoding.strip().lower() not in {"", "identity"}:
+            raise ServiceError(
+                ProblemType.UNSUPPORTED_MEDIA_TYPE,
+                "the body has a Content-Encoding; send the form as it is, without compression and without that header",
+                status=415,
+                headers={"Accept-Encoding": "identity"},
+            )
         return boundary_of(content_type)
+
+    async def check_disk(self, content_length: str) -> None:
+        """Check, before a body is read, that the disk has room for it.
+
+        Args:
+            content_length: The header. Without it, the body may be as large as the largest model.
+
+        Raises:
+            ServiceError: The disk would be too full (507).
+        """
+        size = int(content_length[:20]) if content_length.isdecimal() else self._limit
+        await self._work(self._files.check_room, size)
 
     @contextlib.contextmanager
     def one(self, owner: str) -> Iterator[None]:
@@ -165,6 +184,8 @@ class _Writer:
         self._handle = self._files.begin(self._id)
 
     def write(self, part: bytes) -> None:
+        # Uploads at the same time may fill the disk that was free when each began.
+        self._files.check_room(len(part))
         self.form.feed(part)
 
     def _take(self, data: bytes) -> None:
