@@ -39,7 +39,7 @@ class OnnxAgent:
         self.name: str = said.get("name", file.stem)
         self.kind = AgentKind.SUBMITTED
         self.description: str = said.get("description", f"ONNX model {file.name}")
-        self.trained_on_faults: bool = said.get("trained_on_faults") == "true"
+        self.trained_on_faults: bool = self.contract.trained_on_faults
         """Whether the file says that its agent met wrong commands in its training."""
         self.memoryless: bool = self.contract.state_shape is None
         """Whether :meth:`act` depends on the observation alone, so that several threads may call it at once."""

@@ -30,6 +30,7 @@ OPSETS: Final = (7, 26)
 """Least and greatest opset of ONNX's default domain that a model may have."""
 
 _TRACKS: Final = (Track.STATE, Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)  # smaller tracks first
+_KEYS: Final = {field.name: field for track in _TRACKS for field in FIELDS[track]}
 _FLOATS: Final = ("float32", "float64", "float16")
 _CONTROL_NAMES: Final = tuple(dict.fromkeys(name for names in CONTROLS for name in names))
 _SHOWN: Final = 60
@@ -82,6 +83,8 @@ class ModelContract:
     """Names of the outputs to ask for: the controls, and the state if it has one."""
     state_shape: tuple[int, ...] | None
     """Shape of its state, with a batch axis of 1; None for a model without a memory."""
+    trained_on_faults: bool = False
+    """Whether its metadata says that the agent met wrong commands in its training."""
 
     def feed(self, observation: Observation, state: NDArray[Any] | None = None) -> dict[str, NDArray[Any]]:
         """Return the model's inputs, each with a batch axis of 1.
@@ -118,7 +121,8 @@ class ModelContract:
         """Return what the model wants to remember for the next step; None for a model without a memory.
 
         Raises:
-            ContractError: The state is missing, or has another type or shape than it had at the beginning.
+            ContractError: The state is missing, is not finite, or has another type or shape than it had at the
+                beginning.
         """
         if self.state_shape is None:
             return None
@@ -128,15 +132,23 @@ class ModelContract:
                 f"output {STATE_OUT}: is {state.dtype} {_written(state.shape)}; "
                 f"it must be float32 {_written(self.state_shape)}, as {STATE_IN} is"
             )
+        if not (finite := np.isfinite(state)).all():
+            raise ContractError(
+                f"output {STATE_OUT}: {int(np.count_nonzero(~finite))} of its {state.size} numbers are not finite; "
+                "it must be finite"
+            )
         return state
 
 
-def contract_of(signature: ModelSignature, tracks: Collection[Track] | None = None) -> ModelContract:
+def contract_of(
+    signature: ModelSignature, tracks: Collection[Track] | None = None, agent_track: Track | None = None
+) -> ModelContract:
     """Return how to drive with a model.
 
     Args:
         signature: The model's inputs, outputs, opset and metadata.
         tracks: Tracks that the suite takes; None for any.
+        agent_track: Track of the agent that the model has to drive as; None if there is no agent yet.
 
     Raises:
         ContractError: The model breaks the contract. The messages name each tensor and the remedy.
@@ -151,17 +163,19 @@ def contract_of(signature: ModelSignature, tracks: Collection[Track] | None = No
     except ContractError as error:
         wrong += error.messages
     try:
-        track = _track(observed, signature.metadata.get("track"), tracks)
+        track = _track(observed, signature.metadata.get("track"))
+        _check_taken(observed, track, tracks, agent_track)
     except ContractError as error:
         wrong += error.messages
-    if track is not None:
-        fields = {field.name: field for field in FIELDS[track]}
-        wrong += [message for name in observed for message in _wrong_input(inputs[name], fields[name])]
+    wrong += [message for name in observed if name in _KEYS for message in _wrong_input(inputs[name], _KEYS[name])]
     controls = next((names for names in CONTROLS if set(names) == outputs.keys() & set(_CONTROL_NAMES)), ())
     wrong += [message for name in controls for message in _wrong_control(outputs[name])]
     if not controls:
         wrong.append(f"outputs: {_listed(outputs) or 'none'}; the contract wants {_WAYS}")
     wrong += _wrong_state(inputs.get(STATE_IN), outputs.get(STATE_OUT))
+    said = signature.metadata.get("trained_on_faults", "false")
+    if said.lower() not in {"true", "false"}:
+        wrong.append(f"metadata trained_on_faults: {_shown(said) or 'empty'}; write true or false")
     if wrong or track is None:
         raise ContractError(*wrong)
     state = inputs.get(STATE_IN)
@@ -170,6 +184,7 @@ def contract_of(signature: ModelSignature, tracks: Collection[Track] | None = No
         inputs=observed,
         outputs=controls if state is None else (*controls, STATE_OUT),
         state_shape=None if state is None else (1, *_static(state.shape)),
+        trained_on_faults=said.lower() == "true",
     )
 
 
@@ -184,24 +199,64 @@ def check_opset(opset: int) -> None:
         raise ContractError(f"opset: {opset}; export the model with one from {least} to {greatest}")
 
 
-def _track(inputs: tuple[str, ...], said: str | None, tracks: Collection[Track] | None) -> Track:
+def _track(inputs: tuple[str, ...], said: str | None) -> Track:
     """Return the smallest track that has all inputs, or the one that the metadata names."""
-    keys = {track: {field.name for field in FIELDS[track]} for track in _TRACKS}
-    if said is not None and said not in keys:
+    if said is not None and said not in set(_TRACKS):
         raise ContractError(f"metadata track: {_shown(said)} is none of {', '.join(_TRACKS)}")
-    fitting = [track for track in _TRACKS if set(inputs) <= keys[track] and said in {None, track}]
+    fitting = [track for track in _TRACKS if not _beyond(inputs, track)]
+    unknown = sorted(set(inputs) - _KEYS.keys())
+    if unknown:
+        raise ContractError(f"inputs: {_listed(unknown)}: no such observation key; the keys are {_keys_of_tracks()}")
     if not fitting:
-        known = keys[Track(said)] if said is not None else set[str]().union(*keys.values())
-        unknown = sorted(set(inputs) - known)
-        reason = f"{_listed(unknown)}: no such observation key" if unknown else "no track has all of these"
-        raise ContractError(f"inputs: {reason}; name each input after a key of one track's observations")
-    if tracks is not None and fitting[0] not in tracks:
-        allowed = ", ".join(track for track in _TRACKS if track in tracks)
+        raise ContractError(f"inputs: no track has all of these; take the keys of one track: {_keys_of_tracks()}")
+    if said is None:
+        return fitting[0]
+    if said not in fitting:
+        lacking = _listed(_beyond(inputs, Track(said)))
         raise ContractError(
-            f"inputs: they make it a model of the {fitting[0]} track, which the suite does not take; take keys of "
-            f"another track ({allowed}), or name one that has these keys in the metadata's track"
+            f"inputs: the metadata's track {said} does not have {lacking}; remove track from the metadata, "
+            f"or let it be {' or '.join(fitting)}"
         )
-    return fitting[0]
+    return Track(said)
+
+
+def _check_taken(
+    inputs: tuple[str, ...], track: Track, tracks: Collection[Track] | None, agent_track: Track | None
+) -> None:
+    """Check that a model's track is its agent's, or else one that the suite takes. Raises ContractError."""
+    if agent_track is not None and track is not agent_track:
+        beyond = _beyond(inputs, agent_track)
+        wants = f"wants {_listed(beyond)}" if beyond else f"is of the {track} track"
+        remedy = "do without" if beyond else f"set the metadata's track to {agent_track}"
+        raise ContractError(
+            f"inputs: the agent is of the {agent_track} track, and the model {wants}; {remedy}, "
+            "or hand it in with the owner's token by another name"
+        )
+    if agent_track is None and tracks is not None and track not in tracks:
+        taken = [each for each in _TRACKS if each in tracks]
+        fitting = [each for each in taken if not _beyond(inputs, each)]
+        remedy = (
+            f"set the metadata's track to {' or '.join(fitting)}"
+            if fitting
+            else f"take the keys of one of its tracks ({', '.join(taken)})"
+        )
+        raise ContractError(f"inputs: the suite does not take the model's track, {track}; {remedy}")
+
+
+def _beyond(inputs: tuple[str, ...], track: Track) -> list[str]:
+    """Return the inputs that a track does not have."""
+    has = {field.name for field in FIELDS[track]}
+    return [name for name in inputs if name not in has]
+
+
+def _keys_of_tracks() -> str:
+    """Return the keys of all tracks: those that all have, then what each adds."""
+    common = [field.name for field in FIELDS[Track.STATE]]
+    more = [
+        f"{track}: {', '.join(field.name for field in FIELDS[track] if field.name not in common)}"
+        for track in _TRACKS[1:]
+    ]
+    return f"{', '.join(common)}; also {'; '.join(more)}"
 
 
 def _wrong_input(put: TensorSpec, field: Field) -> Iterator[str]:
@@ -238,8 +293,9 @@ def _wrong_state(taken: TensorSpec | None, given: TensorSpec | None) -> Iterator
     for put, kind in ((taken, "input"), (given, "output")):
         if put.dtype != "float32":
             yield f"{kind} {put.name}: is {_shown(put.dtype)}; let it be float32"
+        shown = _written(put.shape) if put.shape else "of free shape"
         if not put.shape or not _fits(put.shape[:1], (1,)):
-            yield f"{kind} {put.name}: is {_written(put.shape)}; let it begin with a batch axis of 1, or a free one"
+            yield f"{kind} {put.name}: is {shown}; let it begin with a batch axis of 1, or a free one"
         elif not all(isinstance(size, int) and size > 0 for size in put.shape[1:]):
             yield f"{kind} {put.name}: is {_written(put.shape)}; give every axis after the batch axis a fixed size"
         elif put is taken and (size := 4 * prod(_static(put.shape))) > MAX_STATE_BYTES:

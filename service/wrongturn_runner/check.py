@@ -37,7 +37,7 @@ def check(job: Check, conversation: Conversation) -> Passed:
         WrongturnError: The service refuses, or cannot be reached.
     """
     pace = _TimedPace()
-    with sandboxed_model(job, step_s=CHECK_DEADLINE_S, tracks=job.tracks) as model:
+    with sandboxed_model(job, step_s=CHECK_DEADLINE_S, tracks=job.tracks, agent_track=job.agent_track) as model:
         conversation.tell(
             Described(
                 track=model.contract.track,

@@ -36,6 +36,8 @@ class Check(Message):
     place: Place
     tracks: tuple[Track, ...]
     """Tracks that the suite takes."""
+    agent_track: Track | None = None
+    """Track of the agent whose token handed the model in; None if the check makes the agent."""
     url: str
     """URL of the service."""
 

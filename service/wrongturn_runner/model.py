@@ -45,7 +45,7 @@ class SandboxedModel:
         """One line about its inputs, outputs and size."""
         self.about = plain(description.metadata.get("description", ""), _LONGEST_ABOUT) or None
         """What its metadata says of the agent."""
-        self.trained_on_faults = description.metadata.get("trained_on_faults") == "true"
+        self.trained_on_faults = contract.trained_on_faults
         """Whether its metadata says that the agent met wrong commands in its training."""
         self._idle: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
         for sandbox in sandboxes:
@@ -109,7 +109,12 @@ class EpisodePolicy:
 
 @contextlib.contextmanager
 def sandboxed_model(
-    job: Check | Drive, *, step_s: float, tracks: Collection[Track] | None = None, sandboxes: int = 1
+    job: Check | Drive,
+    *,
+    step_s: float,
+    tracks: Collection[Track] | None = None,
+    agent_track: Track | None = None,
+    sandboxes: int = 1,
 ) -> Iterator[SandboxedModel]:
     """Load a job's model in sandboxes for the ``with`` block.
 
@@ -117,6 +122,7 @@ def sandboxed_model(
         job: Names the model and the place of its sandboxes.
         step_s: Longest step, seconds.
         tracks: Tracks that it may drive in; None for any.
+        agent_track: Track of the agent that it has to drive as; None if there is no agent yet.
         sandboxes: How many steps it can take at a time; fewer if no more sandboxes are free.
 
     Raises:
@@ -133,7 +139,7 @@ def sandboxed_model(
                     loaded.append(stack.enter_context(open_sandbox(job.place.socket, limits)))  # noqa: PERF401
             descriptions = [sandbox.load(data) for sandbox in loaded]
             del data
-            contract = contract_of(_signature(descriptions[0]), tracks)
+            contract = contract_of(_signature(descriptions[0]), tracks, agent_track)
         yield SandboxedModel(loaded, descriptions[0], contract)
 
 
@@ -182,8 +188,12 @@ def _signature(description: Description) -> ModelSignature:
 def _line(description: Description) -> str:
     """Return one line about a model, for the log of its submission."""
 
+    def axes(tensor: Any) -> str:
+        # onnxruntime describes a tensor of free shape as it does a scalar, which no contract has.
+        return ", ".join("?" if size is None else str(size) for size in tensor.shape) or "?"
+
     def names(tensors: Collection[Any]) -> str:
-        return ", ".join(f"{tensor.name} {tensor.dtype}{list(tensor.shape)}" for tensor in tensors)
+        return ", ".join(f"{tensor.name} {tensor.dtype}[{axes(tensor)}]" for tensor in tensors)
 
     return plain(
         f"inputs {names(description.inputs)}; outputs {names(description.outputs)}; opset {description.opset}; "

@@ -103,9 +103,10 @@ def test_an_opset_out_of_range_is_named(tmp_path, opset):
 
 
 def test_metadata_names_the_agent_and_its_track(tmp_path):
-    metadata = {"name": "mine", "track": "camera", "description": "A try."}
+    metadata = {"name": "mine", "track": "camera", "description": "A try.", "trained_on_faults": "True"}
     file = write_concat_model(tmp_path / "tiny.onnx", ("steering", "speed", "speed"), metadata=metadata)
     source = resolve(str(file))
+    assert source.trained_on_faults
     assert (source.name, source.track, source.description) == ("mine", Track.CAMERA, "A try.")
 
 
@@ -121,6 +122,11 @@ def test_metadata_names_the_agent_and_its_track(tmp_path):
         (("steering", "speed"), {}, "output action: is (1, 2); let it be (N, 3)"),
         (("steering", "speed", "speed"), {"opset": 3}, "opset: 3; export the model with one from 7 to"),
         (("steering", "speed", "speed"), {"metadata": {"track": "sonar"}}, "metadata track: sonar is none of"),
+        (
+            ("steering", "speed", "speed"),
+            {"metadata": {"trained_on_faults": "yes"}},
+            "metadata trained_on_faults: yes; write true or false",
+        ),
     ],
 )
 def test_a_model_against_the_contract(tmp_path, inputs, extra, says):

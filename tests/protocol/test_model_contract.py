@@ -11,6 +11,7 @@ from wrongturn_protocol.observations import FIELDS, observation_space
 
 SPEED = TensorSpec("speed", "float32", ("N", 1))
 RGB = TensorSpec("rgb", "uint8", ("N", 64, 192, 3))
+SEGMENTATION = TensorSpec("segmentation", "uint8", ("N", 64, 192))
 STATE_IN = TensorSpec("state_in", "float32", (1, 8))
 STATE_OUT = TensorSpec("state_out", "float32", (1, 8))
 
@@ -110,6 +111,10 @@ def test_opsets_at_the_ends_of_the_range(opset):
     assert contract_of(signature(opset=opset)).track is Track.CAMERA
 
 
+KEYS = (
+    "speed, steering, command; also camera: rgb; segmentation: rgb, segmentation; privileged: pose, lane, stop_line, "
+    "exits, exits_mask, road_users, road_users_count"
+)
 MESSAGES = {
     "opset too old": (
         signature(opset=OPSETS[0] - 1),
@@ -121,15 +126,33 @@ MESSAGES = {
     ),
     "unknown input": (
         signature((SPEED, control("velocity"))),
-        "inputs: velocity: no such observation key; name each input after a key of one track's observations",
+        f"inputs: velocity: no such observation key; the keys are {KEYS}",
     ),
     "keys of two tracks": (
         signature((RGB, TensorSpec("pose", "float64", (1, 3)))),
-        "inputs: no track has all of these; name each input after a key of one track's observations",
+        f"inputs: no track has all of these; take the keys of one track: {KEYS}",
     ),
     "key that the named track lacks": (
         signature(metadata={"track": "privileged"}),
-        "inputs: rgb: no such observation key; name each input after a key of one track's observations",
+        "inputs: the metadata's track privileged does not have rgb; remove track from the metadata, or let it be "
+        "camera or segmentation",
+    ),
+    "segmentation of the camera track": (
+        signature((SPEED, RGB, SEGMENTATION), metadata={"track": "camera"}),
+        "inputs: the metadata's track camera does not have segmentation; remove track from the metadata, or let it be "
+        "segmentation",
+    ),
+    "neither true nor false": (
+        signature(metadata={"trained_on_faults": "maybe"}),
+        "metadata trained_on_faults: maybe; write true or false",
+    ),
+    "a number for true": (
+        signature(metadata={"trained_on_faults": "1"}),
+        "metadata trained_on_faults: 1; write true or false",
+    ),
+    "no word for true": (
+        signature(metadata={"trained_on_faults": ""}),
+        "metadata trained_on_faults: empty; write true or false",
     ),
     "unknown track": (
         signature(metadata={"track": "sonar"}),
@@ -238,9 +261,37 @@ def test_a_suite_without_the_models_track():
     with pytest.raises(ContractError) as caught:
         contract_of(signature((SPEED,)), (Track.PRIVILEGED, Track.CAMERA))
     assert str(caught.value) == (
-        "inputs: they make it a model of the state track, which the suite does not take; take keys of another track "
-        "(camera, privileged), or name one that has these keys in the metadata's track"
+        "inputs: the suite does not take the model's track, state; set the metadata's track to camera or privileged"
     )
+    with pytest.raises(ContractError) as caught:
+        contract_of(signature((SEGMENTATION,)), (Track.PRIVILEGED, Track.CAMERA))
+    assert str(caught.value) == (
+        "inputs: the suite does not take the model's track, segmentation; take the keys of one of its tracks "
+        "(camera, privileged)"
+    )
+
+
+def test_an_agent_of_another_track():
+    suite = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
+    assert contract_of(signature(), suite, Track.CAMERA).track is Track.CAMERA
+    for inputs, says in (
+        ((SPEED, RGB, SEGMENTATION), "wants segmentation; do without"),
+        ((SPEED,), "is of the state track; set the metadata's track to camera"),
+    ):
+        with pytest.raises(ContractError) as caught:
+            contract_of(signature(inputs), suite, Track.CAMERA)
+        assert str(caught.value) == (
+            f"inputs: the agent is of the camera track, and the model {says}, or hand it in with the owner's token by "
+            "another name"
+        )
+
+
+@pytest.mark.parametrize(
+    ("said", "means"), [({}, False), *(({"trained_on_faults": word}, True) for word in ("true", "True", "TRUE"))]
+)
+def test_whether_it_was_trained_on_faults(said: dict[str, str], means: bool):
+    assert contract_of(signature(metadata=said)).trained_on_faults is means
+    assert not contract_of(signature(metadata={"trained_on_faults": "False"})).trained_on_faults
 
 
 def test_every_breach_is_reported():
@@ -252,6 +303,18 @@ def test_every_breach_is_reported():
         "outputs",
         "state_in",
     ]
+
+
+def test_types_and_shapes_are_reported_beside_a_wrong_track():
+    inputs = (TensorSpec("speed", "float64", (1, 1)), TensorSpec("steering", "float32", (1, 2)))
+    for more, tracks in (((), (Track.CAMERA,)), ((control("velocity"),), None)):
+        with pytest.raises(ContractError) as caught:
+            contract_of(signature((*inputs, *more)), tracks)
+        assert [message.partition(":")[0] for message in caught.value.messages] == [
+            "inputs",
+            "input speed",
+            "input steering",
+        ]
 
 
 def test_names_that_are_meant_to_harm_stay_short():
@@ -295,3 +358,13 @@ def test_a_state_that_changes_its_shape(state):
     contract = contract_of(signature((SPEED, STATE_IN), (STEER, ACCELERATE, STATE_OUT)))
     with pytest.raises(ContractError, match=r"output state_out: is (missing|float)"):
         contract.state({} if state is None else {"state_out": state})
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_state_that_is_not_finite(value: float):
+    contract = contract_of(signature((SPEED, STATE_IN), (STEER, ACCELERATE, STATE_OUT)))
+    state = np.zeros((1, 8), np.float32)
+    state[0, 3] = value
+    with pytest.raises(ContractError) as caught:
+        contract.state({"state_out": state})
+    assert str(caught.value) == "output state_out: 1 of its 8 numbers are not finite; it must be finite"

@@ -70,6 +70,19 @@ def not_a_number_above(speed: float) -> bytes:
     return _model(nodes, {"limit": speed, "zero": 0.0, "one": 1.0})
 
 
+def forgetful() -> bytes:
+    """Remember what is not finite from the second step on."""
+    nodes = [
+        helper.make_node("Add", ["state_in", "one"], ["count"]),
+        helper.make_node("Sub", ["one", "state_in"], ["left"]),
+        helper.make_node("Div", ["count", "left"], ["state_out"]),
+        helper.make_node("Mul", ["speed", "zero"], ["steer"]),
+        helper.make_node("Mul", ["speed", "zero"], ["accelerate"]),
+    ]
+    inputs, outputs = ("speed", "state_in"), ("steer", "accelerate", "state_out")
+    return _model(nodes, {"one": 1.0, "zero": 0.0}, inputs=inputs, outputs=outputs)
+
+
 def slow(size: int = 1536, times: int = 40) -> bytes:
     """Multiply large matrices at each step."""
     nodes = [helper.make_node("Expand", ["speed", "large"], ["m0"])]

@@ -7,7 +7,7 @@ from pathlib import Path
 import httpx
 import pytest
 from program import Event, Runner, check_of
-from small_models import not_a_number_above, of_input, slow, steady
+from small_models import forgetful, not_a_number_above, of_input, slow, steady
 
 from wrongturn_client import Client, LocalService
 from wrongturn_protocol import Track
@@ -53,10 +53,12 @@ def test_a_model_that_works_passes(tmp_path: Path, service: LocalService) -> Non
     ("model", "tracks", "reason"),
     [
         (b"no model at all", (), "ONNX"),
-        (of_input("sped"), (), r"inputs: sped: no such observation key; name each input after"),
-        (steady(metadata={}), (), r"state track, which the suite does not take; take keys of another track"),
-        (steady(), (Track.CAMERA,), r"privileged track, which the suite does not take"),
+        (of_input("sped"), (), r"inputs: sped: no such observation key; the keys are speed, steering"),
+        (steady(metadata={}), (), r"does not take the model's track, state; set the metadata's track to camera"),
+        (steady(), (Track.CAMERA,), r"does not take the model's track, privileged; set the metadata's track to camera"),
         (not_a_number_above(0.0), (), r"^at step 1 of an episode: output accelerate: is .*nan.*must be finite"),
+        (forgetful(), (), r"^at step 2 of an episode: output state_out: 1 of its 1 numbers are not finite"),
+        (steady(metadata={"trained_on_faults": "yes"}), (), r"metadata trained_on_faults: yes; write true or false"),
     ],
 )
 def test_what_is_wrong_with_a_model_is_told(
@@ -67,8 +69,19 @@ def test_what_is_wrong_with_a_model_is_told(
     assert re.search(reason, refused.reason), refused.reason
 
 
+def test_a_model_of_another_track_than_its_agents(tmp_path: Path, service: LocalService) -> None:
+    job = check_of(tmp_path, steady(), service.url).model_copy(update={"agent_track": Track.CAMERA})
+    with Runner(tmp_path) as runner:
+        runner.tell(job)
+        (refused,) = runner.events()
+    assert isinstance(refused, Refused)
+    assert refused.reason.startswith(
+        "inputs: the agent is of the camera track, and the model is of the privileged track; set the metadata's track"
+    )
+
+
 def test_what_the_metadata_says_of_the_agent_is_told(tmp_path: Path, service: LocalService) -> None:
-    said = {"track": "privileged", "description": "  Drives\non. " + "x" * 3000, "trained_on_faults": "true"}
+    said = {"track": "privileged", "description": "  Drives\non. " + "x" * 3000, "trained_on_faults": "True"}
     described = checked(tmp_path, service, steady(metadata=said))[0]
     assert isinstance(described, Described)
     assert described.trained_on_faults

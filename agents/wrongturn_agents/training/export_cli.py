@@ -112,9 +112,10 @@ def export_sb3(
     from wrongturn_agents.training.errors import TrainingError  # noqa: PLC0415
 
     try:
-        from wrongturn_agents.training.export import sb3  # noqa: PLC0415
+        from wrongturn_agents.training.export import sb3, sb3_policy  # noqa: PLC0415
     except ImportError as error:
         raise TrainingError(_missing(error)) from error
+    sb3_policy.check_files(file, vecnormalize)
     loaded = " and ".join(str(each) for each in (file, vecnormalize) if each is not None)
     typer.echo(f"Loading {loaded} runs code that is named inside: export only files that you trust.", err=True)
     made = sb3.export_sb3(file, out, vecnormalize=vecnormalize, actions=actions, name=name, description=description)

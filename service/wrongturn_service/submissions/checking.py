@@ -72,8 +72,14 @@ class Checks:
             RunnerLostError: The runner ended before it was done.
         """
         suite = catalogue.suite(row.suite)
-        tracks = suite.tracks if row.agent_made or row.track is None else (Track(row.track),)
-        job = Check(model=self._means.model(row), sha256=row.sha256, place=self._means.place, tracks=tracks, url=url)
+        job = Check(
+            model=self._means.model(row),
+            sha256=row.sha256,
+            place=self._means.place,
+            tracks=suite.tracks,
+            agent_track=None if row.agent_made or row.track is None else Track(row.track),
+            url=url,
+        )
         loop = asyncio.get_running_loop()
         async with runner(job, row.id, self._means.command, halt) as process:
             process.deadline = loop.time() + _LOAD_S

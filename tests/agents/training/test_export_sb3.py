@@ -275,6 +275,12 @@ def test_weights_that_are_not_finite(tmp_path):
         export_sb3(saved(model, tmp_path / "agent.zip"), tmp_path / "agent.onnx")
 
 
+def test_the_command_warns_only_of_files_that_are_there(tmp_path):
+    done = CliRunner().invoke(app, ["export", "sb3", str(tmp_path / "missing.zip"), "--out", str(tmp_path / "a.onnx")])
+    assert "there is no such file; name what model.save wrote" in str(done.exception)
+    assert "runs code" not in done.output
+
+
 def test_the_command_says_what_it_made_and_warns(tmp_path):
     file = saved(ppo(RandomTown(), policy_kwargs={"features_extractor_class": Extractor}), tmp_path / "agent.zip")
     out = tmp_path / "my driver.onnx"

@@ -27,7 +27,7 @@ from wrongturn_agents.training.errors import TrainingError
 ALGORITHMS: Final = "PPO, A2C, SAC, TD3, DDPG and DQN"
 """Algorithms whose policies can be exported."""
 _NEEDED: Final = ("policy_class", "policy_kwargs", "observation_space", "action_space", "use_sde")
-_WANTED: Final = "name what PPO's, A2C's, SAC's or TD3's model.save wrote"
+_WANTED: Final = f"name what model.save wrote; policies of {ALGORITHMS} can be exported"
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,20 @@ class SavedPolicy:
         """Space of its actions."""
         space: spaces.Space[Any] = self.policy.action_space
         return space
+
+
+def check_files(file: Path, statistics: Path | None) -> None:
+    """Check that a model's file is one, and that statistics can be read, without loading either.
+
+    Raises:
+        TrainingError: the file is missing or no model of Stable-Baselines3, or the statistics cannot be read.
+    """
+    _keys(file)
+    if statistics is not None:
+        try:
+            statistics.open("rb").close()
+        except OSError as error:
+            raise _unreadable(statistics, error) from error
 
 
 def load_policy(file: Path) -> SavedPolicy:
@@ -90,7 +104,7 @@ def load_statistics(file: Path) -> VecNormalize:
         with file.open("rb") as opened:
             found = pickle.load(opened)  # noqa: S301 - the user is warned
     except OSError as error:
-        raise TrainingError(f"--vecnormalize: {file} cannot be read ({error.strerror}); name another") from error
+        raise _unreadable(file, error) from error
     except Exception as error:  # a pickle may raise anything
         raise TrainingError(
             f"--vecnormalize: {file} is not what VecNormalize.save wrote ({_told(error)}); name another"
@@ -98,6 +112,10 @@ def load_statistics(file: Path) -> VecNormalize:
     if not isinstance(found, VecNormalize):
         raise TrainingError(f"--vecnormalize: {file} holds a {type(found).__name__}; name what VecNormalize.save wrote")
     return found
+
+
+def _unreadable(file: Path, error: OSError) -> TrainingError:
+    return TrainingError(f"--vecnormalize: {file} cannot be read ({error.strerror}); name another")
 
 
 def _keys(file: Path) -> tuple[str, ...]:
