@@ -110,6 +110,7 @@ class AsyncClient(_Awaitable):
 
     live = _awaited(Client.live)
     ready = _awaited(Client.ready)
+    submissions_state = _awaited(Client.submissions_state)
     simulators = _awaited(Client.simulators)
     suites = _awaited(Client.suites)
     suite = _awaited(Client.suite)

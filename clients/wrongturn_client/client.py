@@ -143,6 +143,12 @@ class Client(EpisodeCalls):
         self._transport.call("GET", "/health/ready")
         return True
 
+    def submissions_state(self) -> str | None:
+        """Return whether the service takes submissions: ``on: …``, or ``off:`` and why; None if it does not say."""
+        found = self._transport.call("GET", "/health/ready").message()
+        state = found.get("submissions") if isinstance(found, dict) else None
+        return state if isinstance(state, str) else None
+
     def simulators(self) -> int | None:
         """Return how many episodes all agents together can drive at a time; None if the service does not say."""
         try:

@@ -38,6 +38,8 @@ def check_model_file(path: Path) -> None:
         )
     if head.startswith(_LFS):
         raise ModelFileError(f"FILE: {path} is only a pointer of Git LFS; fetch the file by 'git lfs pull'")
+    if path.name.lower() == ".onnx":
+        raise ModelFileError(f"FILE: {path} has no name before .onnx; rename it, for example to my_agent.onnx")
     if path.suffix.lower() != ".onnx":
         raise ModelFileError(f"FILE: {path} is not called .onnx; hand in a model in ONNX's format, named so")
 

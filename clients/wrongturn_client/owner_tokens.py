@@ -51,6 +51,14 @@ class OwnerTokens:
         there = [owner for owner in self._read().root.get(_origin(url), []) if name in {None, owner.name}]
         return there[-1] if there else None
 
+    def names(self, url: str) -> list[str]:
+        """Return the names of the owners that are kept for a service, the one used last at the end.
+
+        Raises:
+            WrongturnError: The file cannot be read.
+        """
+        return [owner.name for owner in self._read().root.get(_origin(url), [])]
+
     def keep(self, url: str, owner: KeptOwner) -> None:
         """Keep an owner as the one used last at a service; it replaces one of the same name.
 

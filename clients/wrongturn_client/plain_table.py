@@ -8,10 +8,12 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from wrongturn_protocol import Leaderboard, LeaderboardEntry
+from wrongturn_protocol import Entry, Leaderboard, LeaderboardEntry
 
 MARK: Final = "†"
 """After the name of an agent that met wrong commands in its training."""
+UPLOADED: Final = "‡"
+"""After the name of an agent that was handed in as a file."""
 
 
 def plain_table(title: str) -> Table:
@@ -40,6 +42,8 @@ def notes(leaderboard: Leaderboard) -> list[str]:
     marked = [entry.agent.name for entry in leaderboard.entries if entry.agent.trained_on_faults]
     if marked:
         lines.append(f"{MARK} met wrong commands in {'its' if len(marked) == 1 else 'their'} training.")
+    if any(entry.entry is Entry.UPLOADED for entry in leaderboard.entries):
+        lines.append(f"{UPLOADED} was handed in as a file, and the service drove it.")
     if leaderboard.successor is not None:
         lines.insert(0, f"{leaderboard.suite} is an old version; {leaderboard.successor} replaces it.")
     return lines
@@ -57,10 +61,11 @@ def add_ranked(table: Table, entry: LeaderboardEntry, rows: Sequence[Sequence[Re
     """Add an agent's rows to a ranking, with its name, track and owner before the first three.
 
     ``=`` after a rank says that other agents share it, :data:`MARK` after a name that the agent met wrong commands in
-    its training. An owner of the agent's own name is left out.
+    its training, :data:`UPLOADED` that it was handed in as a file. An owner of the agent's own name is left out.
     """
     rank = "-" if entry.rank is None else f"{entry.rank}{'=' if entry.tied_with else ''}"
     mark = f" {MARK}" if entry.agent.trained_on_faults else ""
+    mark += f" {UPLOADED}" if entry.entry is Entry.UPLOADED else ""
     heads = [(rank, entry.agent.name + mark), ("", entry.agent.track.value)]
     if entry.seeds is not None:
         heads.append(("", f"algorithm, {entry.seeds.count} seeds"))

@@ -57,8 +57,11 @@ def submit(
 
     WRONGTURN_TOKEN: the token of an agent that is registered already and has not begun the suite.
     """
-    if sum(value is not None for value in (file, follow, cancel)) != 1:
+    given = [name for name, value in (("FILE", file), ("--follow", follow), ("--cancel", cancel)) if value is not None]
+    if not given:
         raise WrongturnError("FILE: name the model, or an earlier submission by --follow ID or --cancel ID")
+    if len(given) > 1:
+        raise WrongturnError(f"{' and '.join(given)}: give only one of them")
     from wrongturn_client.submitting import Order  # noqa: PLC0415
 
     order = Order(url, owner_name, as_json=as_json)

@@ -136,8 +136,21 @@ def _login_name() -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", login).strip("-._")[:50] or "owner"
 
 
+def unknown(url: str, owner_name: str | None) -> WrongturnError:
+    """Return the error for a user of whom no token is known here."""
+    if owner_name is None:
+        return WrongturnError(
+            f"{OWNER_TOKEN}: no token for {url} is known here; set the one that the model was handed in with"
+        )
+    names = ", ".join(map(repr, OwnerTokens().names(url)))
+    remedy = f"give one of {names}" if names else f"leave it out and set {OWNER_TOKEN} to the owner's token"
+    return WrongturnError(f"--owner-name: no token of an owner {owner_name!r} at {url} is known here; {remedy}")
+
+
 def not_taken(error: AuthenticationError, url: str, source: str) -> WrongturnError:
     """Return the error for a token that the service does not take, with where the token is from."""
+    if error.type == ProblemType.FORBIDDEN:  # the token is good, but another's would be needed
+        return WrongturnError(f"{error}; choose its owner by --owner-name, or set {OWNER_TOKEN} to that owner's token")
     remedy = (
         f"if you changed the token, set {OWNER_TOKEN} to the new one; for another owner give --owner-name"
         if source not in {OWNER_TOKEN, _TOKEN}

@@ -14,13 +14,31 @@ from rich.text import Text
 
 from wrongturn_client import settings
 from wrongturn_client.client import Client
-from wrongturn_client.errors import AgentNameTakenError, AuthenticationError, InvalidRequestError, WrongturnError
+from wrongturn_client.errors import (
+    AgentNameTakenError,
+    ApiError,
+    AuthenticationError,
+    InvalidRequestError,
+    ProtocolError,
+    ServiceUnreachableError,
+    WrongturnError,
+)
 from wrongturn_client.following import Display, display_of, follow, whereabouts
 from wrongturn_client.invocation import program
 from wrongturn_client.model_file import check_model_file
-from wrongturn_client.submitter import NAME_RULE, OWNER_TOKEN, Submitter, is_name, known_submitter, not_taken, submitter
+from wrongturn_client.submitter import (
+    NAME_RULE,
+    OWNER_TOKEN,
+    Submitter,
+    is_name,
+    known_submitter,
+    not_taken,
+    submitter,
+    unknown,
+)
 from wrongturn_client.tables import console, evaluation_table, standing
 from wrongturn_protocol import Leaderboard, SubmissionDetail, SubmissionState
+from wrongturn_protocol.submissions import NAME
 
 _INTERRUPTED = 130
 
@@ -38,12 +56,17 @@ class Order:
         check_model_file(file)
         wanted = file.stem if name is None else name
         if not is_name(wanted):
+            if name is None:
+                raise WrongturnError(
+                    f"FILE: {wanted!r} cannot be the agent's name; choose another by --name. Example: --name my-agent"
+                )
             raise WrongturnError(f"--name: {wanted!r} cannot be a name; {NAME_RULE}")
         self._check_suite(suite)
+        self._check_open()
         who = submitter(self.url, self.owner_name, _say)
         with self._client(who) as client, display_of(wanted) as display:
             try:
-                detail = _upload(client, file, suite, wanted, display, may_have_name=who.named and name is None)
+                detail = _upload(client, file, suite, wanted, display, who, may_have_name=who.named and name is None)
             except KeyboardInterrupt:
                 _say(f"Interrupted. If the model arrived, it is listed: {program()} submissions --url {self.url}")
                 raise typer.Exit(_INTERRUPTED) from None
@@ -96,12 +119,24 @@ class Order:
                 f"--suite: {suite} is retired and takes no new evaluations; give --suite {successor}, which replaces it"
             )
 
+    def _check_open(self) -> None:
+        """Check that the service takes submissions, before an owner is registered for one."""
+        try:
+            with Client(self.url, "", patience=0) as client:
+                state = client.submissions_state() or ""
+        except (ApiError, ProtocolError, ServiceUnreachableError):  # the upload itself will tell
+            return
+        word, _, why = state.partition(": ")
+        if word == "off":
+            turned_off = "WRONGTURN_SUBMISSIONS" in why
+            what = f"its operator turned them off ({why})" if turned_off else f"it has no sandbox ({why})"
+            raise WrongturnError(f"--url: {self.url} takes no submissions, because {what}; ask its operator")
+
     def _known(self) -> Submitter:
+        Client(self.url, "").close()  # a URL that is none is told as such
         who = known_submitter(self.url, self.owner_name)
         if who is None:
-            raise WrongturnError(
-                f"{OWNER_TOKEN}: no token for {self.url} is known here; set the one that the model was handed in with"
-            )
+            raise unknown(self.url, self.owner_name)
         return who
 
     @contextmanager
@@ -148,7 +183,7 @@ class Order:
 
 
 def _upload(
-    client: Client, file: Path, suite: str, name: str, display: Display, *, may_have_name: bool
+    client: Client, file: Path, suite: str, name: str, display: Display, who: Submitter, *, may_have_name: bool
 ) -> SubmissionDetail:
     """Hand the file in.
 
@@ -158,6 +193,7 @@ def _upload(
         suite: The suite's id.
         name: Name of the agent.
         display: Shows the progress.
+        who: Whose token it is.
         may_have_name: Whether the token may be an agent's, whose name the service then knows.
     """
     try:
@@ -165,12 +201,24 @@ def _upload(
             try:
                 return client.submit(file, suite, progress=display.uploaded)
             except InvalidRequestError as error:  # an owner's token needs a name
-                if not any(field.path == "name" for field in error.problem.errors):
+                if not _about_name(error):
                     raise
         return client.submit(file, suite, name, progress=display.uploaded)
     except AgentNameTakenError as error:
         said = str(error).removeprefix("name: ")
         raise WrongturnError(f"--name: {said}. Example: --name {shlex.quote(name + '-2')}") from error
+    except InvalidRequestError as error:
+        # The name itself is checked already, so an agent's token must have one of its own.
+        if who.source != OWNER_TOKEN or not _about_name(error):
+            raise
+        raise WrongturnError(
+            f"{OWNER_TOKEN}: it holds the token of an agent, not of an owner; set WRONGTURN_TOKEN to it and unset "
+            f"{OWNER_TOKEN}"
+        ) from error
+
+
+def _about_name(error: InvalidRequestError) -> bool:
+    return any(field.path == NAME for field in error.problem.errors)
 
 
 def _listing(found: Sequence[SubmissionDetail]) -> Table:

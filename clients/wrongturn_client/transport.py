@@ -252,6 +252,10 @@ def _split(url: str) -> SplitResult:
             return parts
     except ValueError:
         pass
+    if "://" not in url:
+        raise WrongturnError(
+            f"url: {url!r} does not begin with http:// or https://; give one such as http://127.0.0.1:8000"
+        )
     raise WrongturnError(f"url: {url!r} is not the URL of a service; give one such as http://127.0.0.1:8000")
 
 

@@ -48,12 +48,15 @@ class FakeSubmissions(FakeService):
         self.detail: dict[str, Any] = {}
         self.log: list[dict[str, str]] = []
         self.why_not: str | None = None
+        self.ready = {"status": "ok", "submissions": "on: bubblewrap 0.8.0"}
 
     def _fresh(self, request: httpx.Request) -> httpx.Response:
         parts = request.url.path.strip("/").split("/")
         token = request.headers.get("authorization", "").removeprefix("Bearer ")
         owner = "me" if token == "agent's" else self.owners.get(token)
         match request.method, parts:
+            case "GET", ["health", "ready"]:
+                return httpx.Response(200, json=self.ready)
             case "GET", ["v1", "suites", suite]:
                 return self._suite(suite)
             case "POST", ["v1", "owners"]:
@@ -72,6 +75,8 @@ class FakeSubmissions(FakeService):
                 return self._take(request, str(owner), by_agent=token == "agent's")
             case "GET", ["v1", "submissions"]:
                 return httpx.Response(200, json={"submissions": [self.detail] if self.detail else []})
+            case _, ["v1", "submissions", "theirs", *_]:
+                return problem(ProblemType.FORBIDDEN, 403, "submission theirs belongs to another owner")
             case _, ["v1", "submissions", name, *_] if name != "s1":
                 return problem(ProblemType.UNKNOWN_SUBMISSION, 404, f"there is no submission {name} of yours")
             case "GET", ["v1", "submissions", _, "log"]:
@@ -104,6 +109,9 @@ class FakeSubmissions(FakeService):
         form = form_of(request)
         self.forms.append(form)
         given = form.get("name", (None, b""))[1].decode()
+        if by_agent and given not in {"", "the agent"}:
+            field = {"path": "name", "message": "the token is agent 'the agent''s, so leave the name out"}
+            return problem(ProblemType.VALIDATION, 422, "name: leave the name out", errors=[field])
         if not given and not by_agent:
             field = {"path": "name", "message": "is missing"}
             return problem(ProblemType.VALIDATION, 422, "name: is missing", errors=[field])

@@ -233,6 +233,8 @@ def test_the_other_variable_may_have_an_agents_token_or_an_owners(
         ("model.pkl", b"\x80\x04\x95", "is a pickle"),
         ("model.onnx", b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
         ("model.bin", b"\x08\x08", "not called .onnx"),
+        (".onnx", b"\x08\x08", "no name before .onnx"),
+        ("模型.onnx", b"\x08\x08", "^FILE: '模型' cannot be the agent's name; choose another by --name"),
     ],
 )
 def test_a_file_that_is_no_model_is_told_before_anything_is_sent(
@@ -257,9 +259,64 @@ def test_what_is_wrong_is_told_before_an_owner_is_registered(served: FakeSubmiss
     assert "give --suite smoke@2" in refused(model, "--suite", "smoke@1")
     assert "--name: '?' cannot be a name" in refused(model, "--name", "?")
     assert "by --follow ID" in refused()
-    assert "by --follow ID" in refused(model, "--follow", "s1")
+    assert refused(model, "--follow", "s1") == "FILE and --follow: give only one of them"
+    assert refused("--follow", "s1", "--cancel", "s2") == "--follow and --cancel: give only one of them"
     assert "no token for http://fake:80 is known here" in refused("--follow", "s1")
     assert served.owners == {}
+
+
+@pytest.mark.parametrize(
+    ("state", "why"),
+    [
+        ("off: WRONGTURN_SUBMISSIONS is 0", "its operator turned them off"),
+        ("off: bwrap is not installed", "it has no sandbox (bwrap is not installed)"),
+    ],
+)
+def test_a_service_without_submissions_registers_nobody(
+    served: FakeSubmissions, model: Path, state: str, why: str
+) -> None:
+    served.ready["submissions"] = state
+    assert f"--url: http://fake:80 takes no submissions, because {why}" in refused(model)
+    assert served.owners == {}
+    assert served.paths("POST") == []
+
+
+@pytest.mark.parametrize("status", [200, 404, 503])
+def test_a_service_that_does_not_say_whether_it_takes_submissions_is_asked(
+    served: FakeSubmissions, model: Path, status: int
+) -> None:
+    def silent(request: httpx.Request) -> httpx.Response | None:
+        return httpx.Response(status, json={"status": "ok"}) if request.url.path == "/health/ready" else None
+
+    served.inject = silent
+    assert submit(model, "--no-wait").exit_code == 0
+
+
+@pytest.mark.parametrize("option", ["--follow", "--cancel"])
+def test_a_submission_of_another_owner_is_told_as_such(served: FakeSubmissions, model: Path, option: str) -> None:
+    submit(model, "--no-wait")
+    said = refused(option, "theirs")
+    assert said.startswith("submission theirs belongs to another owner; choose its owner by --owner-name")
+
+
+def test_a_list_that_cannot_be_asked_for_says_what_is_wrong(served: FakeSubmissions, model: Path) -> None:
+    def listed(*arguments: str) -> str:
+        return str(CliRunner().invoke(cli.app, ["submissions", *arguments]).exception)
+
+    nobody = ["--url", URL, "--owner-name", "nobody"]
+    said = "--owner-name: no token of an owner 'nobody' at http://fake:80 is known here; "
+    assert listed(*nobody) == said + "leave it out and set WRONGTURN_OWNER_TOKEN to the owner's token"
+    submit(model, "--no-wait")
+    assert listed(*nobody) == said + "give one of 'ann'"
+    assert "'127.0.0.1:18613' does not begin with http:// or https://" in listed("--url", "127.0.0.1:18613")
+
+
+def test_an_agents_token_in_the_owners_variable_is_told(
+    served: FakeSubmissions, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WRONGTURN_OWNER_TOKEN", "agent's")
+    assert "WRONGTURN_OWNER_TOKEN: it holds the token of an agent" in refused(model)
+    assert "set WRONGTURN_TOKEN to it" in refused(model)
 
 
 def test_a_name_that_is_taken_shows_another(served: FakeSubmissions, model: Path) -> None:

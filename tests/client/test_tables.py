@@ -93,6 +93,13 @@ def test_who_met_wrong_commands_in_training_is_marked() -> None:
     assert "†" not in _shown(leaderboard_table(_leaderboard(other)))
 
 
+def test_what_was_handed_in_as_a_file_is_marked() -> None:
+    lines = _shown(leaderboard_table(_leaderboard({**_entry("file", 1), "entry": "uploaded"}, _entry("other", 2))))
+    assert _words(next(line for line in lines.splitlines() if " file" in line))[1] == "file ‡"
+    assert _words(next(line for line in lines.splitlines() if " other" in line))[1] == "other"
+    assert "‡ was handed in as a file, and the service drove it." in lines.splitlines()
+
+
 def test_an_algorithm_is_marked_and_has_its_range() -> None:
     spread = {"median": 15, "lowest": 9, "highest": 31}
     seeds = {"count": 5, "unsafe": spread, "unsafe_strict": spread, "twins_completed": spread}
