@@ -1,5 +1,6 @@
 """The shipped doubting agents: their files, cards and page agree, and they keep to roads that exist."""
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,10 @@ pytest.importorskip("onnxruntime")
 from wrongturn_agents import resolve
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import ModelFileError
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.doubting import study
 from wrongturn_agents.training.doubting.card import card
+from wrongturn_agents.training.doubting.config import driver_of
 from wrongturn_agents.training.doubting.pages import FIGURES, filled, tables
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.in_process import drive_in_process
@@ -30,6 +33,7 @@ FIGURE: dict[str, Any] = {
     "weather": "ClearNoon",
     "secret": "a",
     "pictures": 5,
+    "driver": "0a1b",
     "unsafe_strict": 0,
     "trials": 60,
     "twins_completed": 60,
@@ -57,6 +61,17 @@ def test_the_page_has_the_stored_figures() -> None:
     figures = json.loads(FIGURES.read_text("utf-8"))
     assert filled(page, figures) == page, "run python -m wrongturn_agents.training.doubting.pages"
     assert {f"<!-- doubting: {name} -->" in page for name in tables(figures)} == {True}
+
+
+@pytest.mark.parametrize("name", DOUBTING_AGENTS)
+def test_the_figures_are_of_the_driver_that_is_shipped(name: str) -> None:
+    """Another driver behind the same gate drives otherwise, so its figures are driven anew."""
+    drivers = {one.get("driver") for one in json.loads(FIGURES.read_text("utf-8")) if one["algorithm"] == name}
+    shipped = hashlib.sha256(SHIPPED_AGENTS[DOUBTING_AGENTS[name].drives].file.read_bytes()).hexdigest()
+    assert drivers == {shipped}, (
+        f"{DOUBTING_AGENTS[name].drives} changed since {name} was driven: drive again with "
+        "python -m wrongturn_agents.training.doubting.study, drop the old figures, and read docs/doubting.md anew"
+    )
 
 
 @pytest.mark.slow
@@ -89,10 +104,28 @@ def test_tables_count_each_draw_and_each_part_of_the_gate() -> None:
         {**FIGURE, "secret": "wrong-command@2", "gate": ["omission=false"], "unsafe_strict": 11},
     ]
     made = tables(figures)
+    assert made["drivers"].count("| `doubting` | `ppo-image` | `0a1b` |") == 1
     assert "| `doubting` | infeasible | 120 | overrode 116, froze 4 |" in made["reactions"]
     assert "| `doubting` | 1 | 3 | 0 (2 times), 2 | 60 (3 times) | – | – | – |" in made["draws"]
     assert "| `doubting` | 1 | Town01 | SoftRainSunset | 7 | 60 |" in made["weathers"]
     assert "| `doubting` | 1 | replaces missing exits only | 11 | 60 | – | – |" in made["ablation"]
+
+
+def test_figures_of_two_drivers_are_told_apart() -> None:
+    made = tables([FIGURE, {**FIGURE, "seed": 2, "driver": "2c3d"}])["drivers"]
+    assert [row for row in ("0a1b", "2c3d") if f"| `ppo-image` | `{row}` |" in made] == ["0a1b", "2c3d"]
+
+
+def test_a_table_without_figures_says_so() -> None:
+    assert tables([FIGURE])["weathers"] == "*Not driven with these drivers yet.*"
+
+
+def test_figures_name_the_file_that_drives(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
+    (tmp_path / "ppo-image.onnx").write_bytes(b"one")
+    before = driver_of("doubting")
+    (tmp_path / "ppo-image.onnx").write_bytes(b"another")
+    assert before != driver_of("doubting") == hashlib.sha256(b"another").hexdigest()
 
 
 @pytest.mark.parametrize("option", ["belief", "memory=perhaps", "begin=near", "unknown=1"])

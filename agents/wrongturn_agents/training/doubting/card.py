@@ -10,6 +10,7 @@ from typing import Any, Final
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS, ShippedDoubtingAgent
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import WEIGHTS
+from wrongturn_agents.training.doubting.config import driver_of
 from wrongturn_agents.training.doubting.pages import FIGURES
 from wrongturn_agents.training.export.card import FACTS, read_facts
 
@@ -38,6 +39,7 @@ def card(agent: ShippedDoubtingAgent) -> str:
             {
                 "file": f"`{agent.file.name}`, {len(data) / 1e6:.1f} MB, beside `{agent.drives}.onnx`, which drives",
                 "sha256": f"`{hashlib.sha256(data).hexdigest()}`",
+                f"sha256 of `{agent.drives}.onnx`": f"`{driver_of(agent.name)}`",
                 "track": f"`{agent.track}`",
                 "memory": "8 numbers, for an episode",
                 "licence": told["licence"],
@@ -64,8 +66,8 @@ def card(agent: ShippedDoubtingAgent) -> str:
         _drives(agent, int(seed)),
         "## Limits",
         f"It drives as `{agent.drives}` does, whose card has more. It knows junctions with three and four arms at "
-        "right angles. It cannot know that a command is wrong which the road offers. It sees no traffic, and is for "
-        "research on this benchmark alone: nothing here is fit to drive a car.",
+        "right angles. It cannot know that a command is wrong which the road offers. Its doubt never saw traffic. It "
+        "is for research on this benchmark alone: nothing here is fit to drive a car.",
         "## Licence",
         f"{told['licence']}, as the rest of the package.",
     ]

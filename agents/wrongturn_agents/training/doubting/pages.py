@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from wrongturn_agents.reporting.collection import STORED
 from wrongturn_agents.suites import WRONG_COMMAND
+from wrongturn_agents.training.doubting.config import POLICIES
 
 FIGURES: Final = STORED / "studies" / "doubting.json"
 """Figures that ``doubting.study --json`` keeps."""
@@ -27,6 +28,7 @@ Figures = dict[str, Any]
 def tables(figures: Sequence[Figures]) -> dict[str, str]:
     """Return the page's tables by name."""
     return {
+        "drivers": _drivers(figures),
         "draws": _draws(figures),
         "reactions": _reactions(figures),
         "ablation": _ablation(figures),
@@ -38,6 +40,13 @@ def filled(text: str, figures: Sequence[Figures]) -> str:
     """Return a page's text with its tables anew."""
     made = tables(figures)
     return _SECTION.sub(lambda match: f"{match[1]}\n{made[match['name']]}\n\n{match[3]}", text)
+
+
+def _drivers(figures: Sequence[Figures]) -> str:
+    """Return the table of the files that drove; a second row of an agent says that its figures are mixed."""
+    found = sorted({(one["algorithm"], one["driver"]) for one in figures})
+    rows = [[f"`{name}`", f"`{POLICIES[name]}`", f"`{driver}`"] for name, driver in found]
+    return _table(["agent", "driver", "SHA-256 of the driver's file"], rows)
 
 
 def _draws(figures: Sequence[Figures]) -> str:
@@ -122,6 +131,9 @@ def _each(figures: Iterable[Figures], name: str) -> str:
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    rows = list(rows)
+    if not rows:
+        return "*Not driven with these drivers yet.*"
     lines = ["| " + " | ".join(row) + " |" for row in rows]
     return "\n".join(["| " + " | ".join(head) + " |", "|" + "---|" * len(head), *lines])
 

@@ -28,7 +28,7 @@ from wrongturn_agents.models.gate import Gate, GateConfig
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.suites import WRONG_COMMAND
-from wrongturn_agents.training.doubting.config import POLICIES, DoubtingConfig
+from wrongturn_agents.training.doubting.config import POLICIES, DoubtingConfig, driver_of
 from wrongturn_agents.training.doubting.drives import Arrays, Driven, Policy, counts, drive, is_unsafe
 from wrongturn_agents.training.doubting.run import load_doubt
 from wrongturn_agents.training.errors import TrainingError
@@ -148,7 +148,7 @@ def run(arguments: argparse.Namespace) -> None:
     doubt, told = load_doubt(arguments.checkpoint)
     config = gate_of(arguments.gate)
     policy, weather = policy_of(told["algorithm"]), Weather(arguments.weather)
-    trained = DoubtingConfig(**told["config"])
+    trained, driver = DoubtingConfig(**told["config"]), driver_of(told["algorithm"])
     for town in arguments.town or ["Town01"]:
         for secret in arguments.secret or [WRONG_COMMAND]:
             begin = time.monotonic()
@@ -165,6 +165,7 @@ def run(arguments: argparse.Namespace) -> None:
                 "weather": str(weather),
                 "secret": secret,
                 "pictures": told["pictures"],
+                "driver": driver,
             }
             if arguments.json is not None:
                 keep(arguments.json, {**drawn, **figures})
