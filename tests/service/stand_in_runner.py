@@ -59,6 +59,8 @@ def end(act: str) -> NoReturn:
 
 
 def check(job: dict[str, Any], model: dict[str, Any], act: str) -> None:
+    if act == "tell agent's track":
+        end(f"agent's track: {job['agent_track']}")
     practised = act.endswith(" in practice")
     if act != "pass" and not practised:
         end(act)

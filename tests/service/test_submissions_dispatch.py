@@ -124,6 +124,15 @@ def test_a_model_that_works_is_checked_driven_and_on_the_leaderboard(stage: Stag
     until(lambda: figure(owner, 'wrongturn_submissions{state="running"}') == 0)
 
 
+def test_the_check_knows_the_track_of_the_agent_whose_token_hands_in(stage: Stage) -> None:
+    owner = stage.owner(stage.serve())
+    model = stage.model(check=["tell agent's track"])
+    agent = expect(owner.http.post("/v1/agents", json={"name": "third", "track": "camera"}), 201)
+    handed = expect(owner.post(model, None, Authorization=f"Bearer {agent['token']}"), 202)
+    assert owner.until(handed["id"], "failed")["reason"] == "agent's track: camera"
+    assert owner.until(owner.hand_in(model), "failed")["reason"] == "agent's track: None"
+
+
 @pytest.mark.parametrize("practised", [False, True])
 def test_a_model_that_is_refused_in_its_check_leaves_its_reason_and_a_free_name(stage: Stage, practised: bool) -> None:
     service = stage.serve()
