@@ -370,6 +370,18 @@ def test_a_compressed_form_is_refused_with_the_remedy(tmp_path: Path, encoding: 
     play(story)
 
 
+def test_refusals_name_the_remedy_once(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with handing_in(tmp_path) as http:
+            (error,) = problem(await hand_in(http, model(suite="none@1")), 404, "unknown-suite")["errors"]
+            assert error["path"] == "suite"
+            assert not error["message"].startswith("suite:")
+            told = problem(await hand_in(http, Authorization=""), 401, "unauthenticated")
+            assert "POST /v1/owners" in told["detail"]
+
+    play(story)
+
+
 def test_a_database_that_fails_leaves_no_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     async def story() -> None:
         async with handing_in(tmp_path) as http:
