@@ -227,7 +227,7 @@ def test_after_five_lost_runners_the_service_gives_up(stage: Stage, task: str, a
     assert figure(owner, "wrongturn_open_episodes") == 0
 
 
-@pytest.mark.parametrize("state", ["queued", "checked", "running"])
+@pytest.mark.parametrize("state", ["queued", pytest.param("checked", marks=pytest.mark.soak), "running"])
 def test_a_submission_is_cancelled_at_once_in_each_state(stage: Stage, state: str) -> None:
     service = stage.serve(submissions=1)
     owner = stage.owner(service)
@@ -307,7 +307,7 @@ def test_one_who_comes_late_does_not_wait_for_all_others(stage: Stage) -> None:
         ann.cancel(other)
 
 
-@pytest.mark.parametrize("state", ["queued", "checked", "running"])
+@pytest.mark.parametrize("state", ["queued", pytest.param("checked", marks=pytest.mark.soak), "running"])
 def test_a_stop_of_the_service_loses_nothing(stage: Stage, state: str) -> None:
     service = stage.serve(submissions=1)
     owner = stage.owner(service)

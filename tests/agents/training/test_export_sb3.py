@@ -86,7 +86,9 @@ def test_state_dependent_exploration(tmp_path, options):
     assert_alike(model, tmp_path / "agent.onnx", Track.STATE)
 
 
-@pytest.mark.parametrize("track", [Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED])
+@pytest.mark.parametrize(
+    "track", [Track.CAMERA, pytest.param(Track.SEGMENTATION, marks=pytest.mark.soak), Track.PRIVILEGED]
+)
 def test_each_track_is_known_by_its_space(tmp_path, track):
     model = ppo(RandomTown(track, action_space()))
     exported = export_sb3(saved(model, tmp_path / "agent.zip"), tmp_path / "agent.onnx")
