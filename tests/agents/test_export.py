@@ -71,7 +71,7 @@ def exported(checkpoint, tmp_path_factory):
     ("algorithm", "precision", "mean", "greatest"),
     [
         ("ppo-segmentation", "fp32", 1e-5, 1e-4),
-        pytest.param("ppo-image", "fp32", 1e-5, 1e-4, marks=pytest.mark.slow),
+        pytest.param("ppo-image", "fp32", 1e-5, 1e-4, marks=pytest.mark.soak),
         pytest.param("ppo-auxiliary", "fp32", 1e-5, 1e-4, marks=pytest.mark.soak),
         ("ppo-segmentation", "fp16", 1e-3, 5e-3),
         pytest.param("ppo-segmentation", "int8", 0.02, 0.1, marks=pytest.mark.slow),

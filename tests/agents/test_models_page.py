@@ -95,10 +95,8 @@ torch.onnx.export(model, kwargs=inputs, f="model.onnx", **names, dynamo=True, ex
 """
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "layer", ["LSTMCell", *(pytest.param(name, marks=pytest.mark.soak) for name in ("LSTM", "GRU"))]
-)
+@pytest.mark.soak
+@pytest.mark.parametrize("layer", ["LSTMCell", "LSTM", "GRU"])
 def test_the_recurrent_layers_of_torch_need_no_control_flow(tmp_path, layer):
     done = subprocess.run(
         [sys.executable, "-c", RECURRENT, layer], cwd=tmp_path, capture_output=True, text=True, check=False
