@@ -58,6 +58,11 @@ install_bubblewrap() {
   command -v bwrap >/dev/null || (install_packages bubblewrap) || say "Going on without bubblewrap."
 }
 
+# The browser of the tests of pages. They are skipped where it cannot be installed.
+install_chromium() {
+  command -v chromium >/dev/null || (install_packages chromium) || say "Going on without chromium."
+}
+
 setup() {
   local level=$1 python stamp digest
   local -a packages
@@ -75,7 +80,7 @@ setup() {
   python=$(find_python) || exit 1
   mapfile -t packages < <(missing_packages "$python" | sort -u)
   ((${#packages[@]} == 0)) || install_packages "${packages[@]}"
-  [[ $level == run ]] || install_bubblewrap
+  [[ $level == run ]] || { install_bubblewrap && install_chromium; }
   say "Setting up .venv (this takes a few minutes, once) …"
   if ! .venv/bin/python -c 'import pip, sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null; then
     "$python" -m venv --clear .venv || fail "$python -m venv .venv failed; see its message above"

@@ -28,6 +28,7 @@ from wrongturn_service.simulators.interface import SimulatorPool, SimulatorStart
 from wrongturn_service.simulators.local_pool import LocalPool
 from wrongturn_service.socket.limits import ConnectionLimits
 from wrongturn_service.storage.database import Database
+from wrongturn_service.storage.finished import FinishedStore
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.submissions import SubmissionStore
 from wrongturn_service.submissions.availability import Availability
@@ -50,6 +51,7 @@ class Service:
 
     settings: Settings
     store: Store
+    finished: FinishedStore
     pool: SimulatorPool
     episodes: EpisodeManager
     evaluations: RunningEvaluations
@@ -148,6 +150,7 @@ async def run_service(
         yield Service(
             settings,
             store,
+            FinishedStore(database),
             pool,
             episodes,
             evaluations,

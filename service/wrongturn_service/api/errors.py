@@ -14,6 +14,7 @@ from wrongturn_service.api.dependencies import StoredReplyError, reply, stored_r
 from wrongturn_service.api.documents import described, methods_at
 from wrongturn_service.errors import InvalidRequestError, ServiceError, UnavailableError, title
 from wrongturn_service.simulators.interface import EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError
+from wrongturn_service.web.errors import error_page, wants_page
 
 MEDIA_TYPE = "application/problem+json"
 _log = structlog.get_logger("errors")
@@ -107,6 +108,11 @@ def problem_response(error: ServiceError) -> Response:
     return response
 
 
+def response_for(request: Request, error: ServiceError) -> Response:
+    """Return the response for an error: a page for a browser that asked for one, else a problem."""
+    return error_page(request, error) if wants_page(request) else problem_response(error)
+
+
 def as_service_error(error: Exception) -> ServiceError:
     """Return the error that the caller sees for an exception."""
     match error:
@@ -168,7 +174,7 @@ async def _handle(request: Request, error: Exception) -> Response:
         methods = await asyncio.to_thread(methods_at, request.app, request.scope["path"])
         if methods:
             found.headers["Allow"] = ", ".join(methods)
-    return problem_response(found)
+    return response_for(request, found)
 
 
 async def _repeat(_: Request, error: Exception) -> Response:

@@ -4,10 +4,11 @@ import time
 from typing import Final
 
 import structlog
+from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wrongturn_service import logs
-from wrongturn_service.api.errors import as_service_error, problem_response
+from wrongturn_service.api.errors import as_service_error, response_for
 from wrongturn_service.telemetry import Telemetry
 
 _QUIET: Final = {"/health/live", "/health/ready", "/metrics"}
@@ -45,7 +46,7 @@ class Middleware:
         except Exception as error:
             if status:
                 raise
-            await problem_response(as_service_error(error))(scope, receive, watched)
+            await response_for(Request(scope), as_service_error(error))(scope, receive, watched)
         finally:
             # The route's pattern, never the path: a metric for each id would grow without end.
             route = getattr(scope.get("route"), "path", "unknown")

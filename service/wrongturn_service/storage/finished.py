@@ -1,0 +1,96 @@
+"""Queries about finished evaluations, for pages. What is still running is hidden, so no query here finds it."""
+
+import asyncio
+import zlib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from sqlalchemy import Select, select
+
+from wrongturn_protocol import EpisodeState, EvaluationState, Outcome, Trial
+from wrongturn_service.storage.database import Database
+from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, TrajectoryRow
+
+
+class FinishedEpisode(NamedTuple):
+    """A finished episode of a finished evaluation."""
+
+    id: str
+    evaluation: str
+    trial: Trial
+    outcome: Outcome
+
+
+class FinishedStore:
+    """Reads finished evaluations. Each method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    async def of_agent(self, agent_id: str) -> Sequence[EvaluationRow]:
+        """Return an agent's finished evaluations in the order in which they were begun."""
+        query = select(EvaluationRow).where(
+            EvaluationRow.agent_id == agent_id, EvaluationRow.state == EvaluationState.FINISHED
+        )
+        async with self._database.read() as session:
+            return (await session.scalars(query.order_by(EvaluationRow.created, EvaluationRow.id))).all()
+
+    async def evaluation(self, evaluation_id: str) -> tuple[EvaluationRow, AgentRow] | None:
+        """Return a finished evaluation and its agent, or None."""
+        query = (
+            select(EvaluationRow, AgentRow)
+            .join(AgentRow, AgentRow.id == EvaluationRow.agent_id)
+            .where(EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.FINISHED)
+        )
+        async with self._database.read() as session:
+            row = (await session.execute(query)).first()
+        return None if row is None else (row[0], row[1])
+
+    async def episodes(self, evaluation_id: str) -> list[FinishedEpisode]:
+        """Return an evaluation's episodes in the order of their resets; none if it is not finished."""
+        return await self._episodes(_shown().where(EpisodeRow.evaluation_id == evaluation_id))
+
+    async def episode(self, episode_id: str) -> FinishedEpisode | None:
+        """Return an episode, or None."""
+        found = await self._episodes(_shown().where(EpisodeRow.id == episode_id))
+        return found[0] if found else None
+
+    async def episode_of(self, evaluation_id: str, trial_id: str) -> FinishedEpisode | None:
+        """Return the episode of one trial, or None. A twin's trial has an id of its own, see ``twin_id``."""
+        found = await self._episodes(
+            _shown().where(EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.trial_id == trial_id)
+        )
+        return found[0] if found else None
+
+    async def trajectories(self, evaluation_id: str) -> dict[str, bytes]:
+        """Return the canonical JSON of all of an evaluation's trajectories, by episode."""
+        query = (
+            select(TrajectoryRow.episode_id, TrajectoryRow.data)
+            .join(EpisodeRow, EpisodeRow.id == TrajectoryRow.episode_id)
+            .join(EvaluationRow, EvaluationRow.id == EpisodeRow.evaluation_id)
+            .where(EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.FINISHED)
+        )
+        async with self._database.read() as session:
+            rows = (await session.execute(query)).tuples().all()
+        return await asyncio.to_thread(lambda: {episode: zlib.decompress(data) for episode, data in rows})
+
+    async def _episodes(self, query: Select[tuple[str, str, str, str]]) -> list[FinishedEpisode]:
+        async with self._database.read() as session:
+            rows = (await session.execute(query)).tuples().all()
+        return [
+            FinishedEpisode(row, evaluation, Trial.model_validate_json(trial), Outcome.model_validate_json(outcome))
+            for row, evaluation, trial, outcome in rows
+        ]
+
+
+def _shown() -> Select[tuple[str, str, str, str]]:
+    return (
+        select(EpisodeRow.id, EvaluationRow.id, EpisodeRow.trial, EpisodeRow.outcome)
+        .join(EvaluationRow, EvaluationRow.id == EpisodeRow.evaluation_id)
+        .where(
+            EvaluationRow.state == EvaluationState.FINISHED,
+            EpisodeRow.state == EpisodeState.FINISHED,
+            EpisodeRow.outcome.is_not(None),
+        )
+        .order_by(EpisodeRow.created, EpisodeRow.id)
+    )

@@ -1,0 +1,48 @@
+"""A service whose pages have something to show: two baselines, each with a finished evaluation."""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+from service_harness import RunningService, expect
+
+from wrongturn_agents.registry import resolve
+from wrongturn_client import Client
+
+SUITE = "smoke@2"
+OPERATOR = "the-operators-own-token"
+
+
+@dataclass(frozen=True)
+class Site:
+    """What the tests of pages need to know."""
+
+    url: str
+    agents: dict[str, str]
+    """Ids of the agents, by name."""
+    evaluations: dict[str, str]
+    """Ids of their evaluations on ``SUITE``."""
+
+    def get(self, path: str) -> dict:
+        """Return the reply to a REST call."""
+        return expect(httpx.get(f"{self.url}{path}", timeout=30), 200)
+
+
+@contextlib.contextmanager
+def filled_site(folder: Path) -> Iterator[Site]:
+    """Run a service and drive its agents."""
+    running = RunningService(folder / "wrongturn.db", operator_token=OPERATOR)
+    assert running.ready, running.stderr
+    agents, evaluations = {}, {}
+    for name in ("careful", "obeys-blindly"):
+        body = {"name": name, "track": "privileged", "kind": "baseline", "description": f"The baseline {name}."}
+        operator = {"Authorization": f"Bearer {OPERATOR}"}
+        made = expect(httpx.post(f"{running.url}/v1/agents", json=body, headers=operator, timeout=30), 201)
+        with Client(running.url, made["token"]) as client:
+            evaluations[name] = client.evaluate(resolve(name).make(), SUITE).id
+        agents[name] = made["id"]
+    yield Site(running.url, agents, evaluations)
+    assert running.stop() == 0, running.stderr
+    assert '"level": "error"' not in running.stderr, running.stderr
