@@ -74,16 +74,17 @@ class FinishedStore:
             rows = (await session.execute(query)).tuples().all()
         return await asyncio.to_thread(lambda: {episode: zlib.decompress(data) for episode, data in rows})
 
-    async def _episodes(self, query: Select[tuple[str, str, str, str]]) -> list[FinishedEpisode]:
+    async def _episodes(self, query: "Select[str, str, str, str | None]") -> list[FinishedEpisode]:
         async with self._database.read() as session:
             rows = (await session.execute(query)).tuples().all()
         return [
             FinishedEpisode(row, evaluation, Trial.model_validate_json(trial), Outcome.model_validate_json(outcome))
             for row, evaluation, trial, outcome in rows
+            if outcome is not None
         ]
 
 
-def _shown() -> Select[tuple[str, str, str, str]]:
+def _shown() -> "Select[str, str, str, str | None]":
     return (
         select(EpisodeRow.id, EvaluationRow.id, EpisodeRow.trial, EpisodeRow.outcome)
         .join(EvaluationRow, EvaluationRow.id == EpisodeRow.evaluation_id)
