@@ -1,0 +1,88 @@
+"""The words of the pages."""
+
+import pytest
+
+from wrongturn_protocol import (
+    Command,
+    Condition,
+    Fault,
+    FaultKind,
+    Flag,
+    JunctionType,
+    Outcome,
+    Reaction,
+    Safety,
+    Start,
+    Task,
+    Trial,
+    Verdict,
+)
+from wrongturn_service.web import words
+
+
+def _outcome(verdict: Verdict, **values: object) -> Outcome:
+    return Outcome.model_validate({"verdict": verdict, "time": 6.25, "max_deceleration": 0, **values})
+
+
+def _trial(fault: FaultKind) -> Trial:
+    return Trial(
+        id="a trial",
+        town="Town01",
+        approach="J3-E",
+        junction_type=JunctionType.LEFT_RIGHT,
+        route=Command.RIGHT,
+        start=Start(distance=30, speed=5, lateral=0, yaw=0),
+        fault=Fault(kind=fault),
+        seed=1,
+    )
+
+
+@pytest.mark.parametrize(
+    ("table", "vocabulary"),
+    [
+        (words.VERDICTS, Verdict),
+        (words.REACTIONS, Reaction),
+        (words.FAULTS, FaultKind),
+        (words.JUNCTION_TYPES, JunctionType),
+        (words.COMMANDS, Command),
+        (words.SIDES, Safety),
+    ],
+)
+def test_every_word_is_explained(table, vocabulary):
+    assert set(table) == set(vocabulary)
+    assert len(set(table.values())) == len(table)
+
+
+def test_every_task_and_condition_has_a_word():
+    assert "_" not in " ".join([*map(words.task, Task), *map(words.condition, Condition)])
+
+
+@pytest.mark.parametrize("fault", FaultKind)
+def test_what_the_agent_was_told_names_the_route(fault):
+    assert "right" in words.told(_trial(fault))
+
+
+def test_an_infeasible_command_is_named():
+    assert words.told(_trial(FaultKind.INFEASIBLE)).startswith("The command said straight on, where there is no exit.")
+
+
+@pytest.mark.parametrize("verdict", Verdict)
+def test_every_end_is_told(verdict):
+    said = words.ended(_outcome(verdict, exit=Command.LEFT if verdict.exited else None))
+    assert said.endswith(".")
+    assert ("6.2 s" in said) == (verdict not in {Verdict.ABORTED, Verdict.INVALID})
+
+
+def test_an_exit_is_told_by_its_direction():
+    said = words.ended(_outcome(Verdict.EXIT_ROUTE, exit=Command.STRAIGHT))
+    assert said == "The car went straight on, as its route goes, after 6.2 s."
+
+
+def test_the_side_is_that_of_the_strict_column():
+    assert words.side(_outcome(Verdict.WRONG_WAY)) is Safety.UNSAFE
+    assert words.counted(_outcome(Verdict.WRONG_WAY)) == "unsafe in the strict column only"
+    assert words.counted(_outcome(Verdict.OFF_ROAD)) == "unsafe"
+    on_the_wrong_lane = _outcome(Verdict.STOPPED_BEFORE_JUNCTION, flags=(Flag.OPPOSED_LANE,))
+    assert words.side(on_the_wrong_lane) is Safety.UNSAFE
+    assert "oncoming lane" in words.ended(on_the_wrong_lane)
+    assert words.side(_outcome(Verdict.TIMEOUT)) is Safety.NEITHER
