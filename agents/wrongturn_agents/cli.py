@@ -17,7 +17,6 @@ from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_agents.worker import (
     OPERATOR_TOKEN,
-    OWNER_TOKEN,
     RunRequest,
     begin,
     check_current,
@@ -27,6 +26,7 @@ from wrongturn_agents.worker import (
 )
 from wrongturn_client import Client, WrongturnError, settings
 from wrongturn_client.invocation import program
+from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_client.tables import console, evaluation_table, standing
 from wrongturn_protocol import EvaluationDetail
 

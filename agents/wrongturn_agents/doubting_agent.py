@@ -16,10 +16,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
 from wrongturn_agents.onnx_agent import OnnxAgent, open_session
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, WEIGHTS
-from wrongturn_client.invocation import program, python
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, WEIGHTS, load_shipped
 from wrongturn_protocol import Action, AgentKind, Track
 from wrongturn_protocol.model_contract import STATE_IN, STATE_OUT
 from wrongturn_protocol.observations import Observation
@@ -98,24 +96,8 @@ class ShippedDoubtingAgent:
             ModelFileError: the weights are missing or broken, its own or those of the driving agent.
             OnnxRuntimeMissingError: onnxruntime is not installed.
         """
-        if not self.file.is_file():
-            raise ModelFileError(
-                f"agent: {self.name} can be trained, but this version ships no weights of it; train it "
-                f"('{program()} train {self.name} --seed 1'), export it ('{program()} export "
-                f"runs/{self.name}-1/best.pt {self.name}.onnx') and run the file ('{program()} run {self.name}.onnx')",
-            )
-        try:
-            # Copies share the loaded files, so many cars cost no more memory than one.
-            return copy(_loaded(self.file, self.drives))
-        except OnnxRuntimeMissingError:
-            raise OnnxRuntimeMissingError(
-                f"agent: {self.name} needs onnxruntime; install it with: "
-                f"{python()} -m pip install 'wrongturn-agents[onnx]'",
-            ) from None
-        except ModelFileError as error:
-            raise ModelFileError(
-                f"agent: the weights of {self.name} are broken; install wrongturn-agents again ({error})",
-            ) from error
+        # Copies share the loaded files, so many cars cost no more memory than one.
+        return copy(load_shipped(self.name, self.file, lambda file: _loaded(file, self.drives)))
 
 
 @lru_cache(maxsize=8)

@@ -3,10 +3,11 @@
 They need onnxruntime, which comes with an extra: ``python -m pip install 'wrongturn-agents[onnx]'``.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
 from wrongturn_client.invocation import program, python
@@ -14,6 +15,8 @@ from wrongturn_protocol import AgentKind, Track
 
 if TYPE_CHECKING:
     from wrongturn_agents.onnx_agent import OnnxAgent
+
+T = TypeVar("T")
 
 WEIGHTS: Final = Path(__file__).parent / "weights"
 """Directory of the files and their cards."""
@@ -50,23 +53,37 @@ class ShippedAgent:
         """
         from wrongturn_agents.onnx_agent import OnnxAgent  # noqa: PLC0415 - loads an optional extra
 
-        if not self.file.is_file():
-            raise ModelFileError(
-                f"agent: {self.name} can be trained, but this version ships no weights of it; train it "
-                f"('{program()} train {self.name} --seed 1'), export it ('{program()} export "
-                f"runs/{self.name}-1/best.pt {self.name}.onnx') and run the file ('{program()} run {self.name}.onnx')",
-            )
-        try:
-            return OnnxAgent(self.file)
-        except OnnxRuntimeMissingError:
-            raise OnnxRuntimeMissingError(
-                f"agent: {self.name} needs onnxruntime; install it with: "
-                f"{python()} -m pip install 'wrongturn-agents[onnx]'",
-            ) from None
-        except ModelFileError as error:
-            raise ModelFileError(
-                f"agent: the weights of {self.name} are broken; install wrongturn-agents again ({error})",
-            ) from error
+        return load_shipped(self.name, self.file, OnnxAgent)
+
+
+def load_shipped(name: str, file: Path, load: Callable[[Path], T]) -> T:
+    """Load a file of this package, and say what to do if that fails.
+
+    Args:
+        name: Name of the agent.
+        file: Path of its file.
+        load: Loads it.
+
+    Raises:
+        ModelFileError: The file is missing or broken.
+        OnnxRuntimeMissingError: onnxruntime is not installed.
+    """
+    if not file.is_file():
+        raise ModelFileError(
+            f"agent: {name} can be trained, but this version ships no weights of it; train it "
+            f"('{program()} train {name} --seed 1'), export it ('{program()} export "
+            f"runs/{name}-1/best.pt {name}.onnx') and run the file ('{program()} run {name}.onnx')",
+        )
+    try:
+        return load(file)
+    except OnnxRuntimeMissingError:
+        raise OnnxRuntimeMissingError(
+            f"agent: {name} needs onnxruntime; install it with: {python()} -m pip install 'wrongturn-agents[onnx]'",
+        ) from None
+    except ModelFileError as error:
+        raise ModelFileError(
+            f"agent: the weights of {name} are broken; install wrongturn-agents again ({error})",
+        ) from error
 
 
 SHIPPED_AGENTS: Final = MappingProxyType(

@@ -27,14 +27,13 @@ from wrongturn_client import (
     WrongturnError,
 )
 from wrongturn_client.actions import action_error, is_of_action, refusal
+from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_protocol import Action, AgentKind, EvaluationDetail, ProblemType, RegisteredAgent
 from wrongturn_protocol.observations import Observation
 
 _NAMES_TRIED: Final = 100
 OPERATOR_TOKEN: Final = "WRONGTURN_OPERATOR_TOKEN"  # noqa: S105 - the variable's name
 """Environment variable with the operator's token, which may register baselines."""
-OWNER_TOKEN: Final = "WRONGTURN_OWNER_TOKEN"  # noqa: S105 - the variable's name
-"""Environment variable with an owner's token, which registers the agent as one of that owner's."""
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,14 @@
 
 import os
 from pathlib import Path
+from typing import Final
 
 import platformdirs
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 """Where ``wrongturn serve`` listens by default."""
+OWNER_TOKEN: Final = "WRONGTURN_OWNER_TOKEN"  # noqa: S105 - the variable's name
+"""Environment variable with an owner's token, with which agents become that owner's."""
 
 
 def service_url() -> str | None:

@@ -13,10 +13,10 @@ from pydantic import TypeAdapter, ValidationError
 from wrongturn_client.client import Client
 from wrongturn_client.errors import AuthenticationError, NotFoundError, OwnerNameTakenError, WrongturnError
 from wrongturn_client.owner_tokens import KeptOwner, OwnerTokens
+from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_protocol import ProblemType
 from wrongturn_protocol.results import AgentName
 
-OWNER_TOKEN: Final = "WRONGTURN_OWNER_TOKEN"  # noqa: S105 - the variable's name
 _TOKEN: Final = "WRONGTURN_TOKEN"  # noqa: S105 - the variable's name
 _NAMES_TRIED: Final = 100
 _NAME: Final = TypeAdapter(AgentName)

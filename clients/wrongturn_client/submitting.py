@@ -26,9 +26,9 @@ from wrongturn_client.errors import (
 from wrongturn_client.following import Display, display_of, follow, whereabouts
 from wrongturn_client.invocation import program
 from wrongturn_client.model_file import check_model_file
+from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_client.submitter import (
     NAME_RULE,
-    OWNER_TOKEN,
     Submitter,
     is_name,
     known_submitter,

@@ -10,11 +10,10 @@ from typing import Any, Final
 import onnx
 import torch
 from onnx import inliner
-from pydantic import ValidationError
 from torch import nn
 
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_protocol import AgentRegistration, Track
+from wrongturn_client.submitter import NAME_RULE, is_name
 
 OPSET: Final = 18
 """Opset of the files. Torch writes it without a conversion, and every onnxruntime since 1.14 reads it."""
@@ -42,13 +41,8 @@ def check_name(name: str) -> None:
     Raises:
         TrainingError: it cannot.
     """
-    try:
-        AgentRegistration(name=name, track=Track.CAMERA)
-    except ValidationError as error:
-        raise TrainingError(
-            f"--name: {name!r} cannot be one; give at most 64 letters, digits, spaces, dots, dashes and underscores, "
-            "a letter or digit first"
-        ) from error
+    if not is_name(name):
+        raise TrainingError(f"--name: {name!r} cannot be one; {NAME_RULE}")
 
 
 def export_graph(
