@@ -3,7 +3,7 @@
 import os
 import traceback
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -33,6 +33,19 @@ from wrongturn_protocol import EvaluationDetail
 _INTERRUPTED = 130
 
 
+@dataclass(frozen=True)
+class _Done:
+    """A finished run."""
+
+    name: str
+    """The agent's name on the leaderboard."""
+    evaluation: EvaluationDetail
+    place: str | None
+    """A sentence about its place; None if the service does not say."""
+    unsaved: RunError | None
+    """Why the file of ``--json`` was not written; None if it was, or none was asked for."""
+
+
 def run(
     agent: Annotated[
         str | None,
@@ -55,7 +68,12 @@ def run(
     ] = None,
     json_file: Annotated[
         Path | None,
-        typer.Option("--json", metavar="FILE", help="File for the evaluation and its metrics. Example: run.json"),
+        typer.Option(
+            "--json",
+            metavar="FILE",
+            help="File for the evaluation with every outcome and trajectory; compressed if it ends in .gz. "
+            "Example: run.json.gz",
+        ),
     ] = None,
     task: Annotated[
         str | None,
@@ -93,7 +111,7 @@ def run(
         if task is not None:
             _practise(agent, task, suite, url, json_file, parallel, progress, unused=(name, resume))
             return
-        shown, evaluation, place = _evaluate(
+        done = _evaluate(
             agent,
             suite=suite,
             url=url,
@@ -109,10 +127,12 @@ def run(
         raise
     except KeyboardInterrupt:
         raise typer.Exit(_INTERRUPTED) from None
-    if evaluation.metrics is not None:
-        console().print(evaluation_table(shown, evaluation.metrics))
-    if place is not None:
-        typer.echo(place)
+    if done.evaluation.metrics is not None:
+        console().print(evaluation_table(done.name, done.evaluation.metrics))
+    if done.place is not None:
+        typer.echo(done.place)
+    if done.unsaved is not None:
+        raise done.unsaved
 
 
 def _practise(
@@ -152,13 +172,8 @@ def _evaluate(
     resume: str | None,
     parallel: int | None,
     progress: ProgressStyle,
-) -> tuple[str, EvaluationDetail, str | None]:
-    """Begin or resume an evaluation and drive it.
-
-    Returns:
-        The agent's name on the leaderboard, the finished evaluation, and a sentence about its place; None if the
-        service does not say.
-    """
+) -> _Done:
+    """Begin or resume an evaluation, drive it, and write its file."""
     saved_run: SavedRun | None = None
     if json_file is not None and (json_file.is_dir() or not json_file.absolute().parent.is_dir()):
         raise RunError(f"--json: {json_file} cannot be written; name a file in a directory that exists")
@@ -195,15 +210,22 @@ def _evaluate(
         except BaseException:
             typer.echo(f"Not finished. To go on with it: {program()} run --resume {saved_run.evaluation}", err=True)
             raise
-    if json_file is not None:
-        try:
-            json_file.write_text(evaluation.model_dump_json(indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise RunError(
-                f"--json: {json_file} cannot be written ({error.strerror}); the run is finished: "
-                f"'{program()} run --resume {saved_run.evaluation} --json FILE' writes it elsewhere",
-            ) from error
-    return shown, evaluation, place
+        unsaved = None if json_file is None else _save(at, saved_run.evaluation, json_file)
+    return _Done(shown, evaluation, place, unsaved)
+
+
+def _save(at: str, evaluation: str, file: Path) -> RunError | None:
+    """Write a finished evaluation into a file; return the error if that fails, since the run itself did not."""
+    try:
+        with Client(at, "") as client:  # a finished evaluation is public
+            client.save_run(evaluation, file)
+    except (OSError, WrongturnError) as error:
+        reason = (error.strerror or error) if isinstance(error, OSError) else error
+        return RunError(
+            f"--json: {file} cannot be written ({reason}); the run is finished: "
+            f"'{program()} run --resume {evaluation} --json FILE' writes it",
+        )
+    return None
 
 
 def _place(at: str, evaluation: EvaluationDetail) -> str | None:

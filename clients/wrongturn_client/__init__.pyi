@@ -15,6 +15,7 @@ from .errors import InvalidActionError as InvalidActionError
 from .errors import InvalidRequestError as InvalidRequestError
 from .errors import LocalServiceError as LocalServiceError
 from .errors import ModelFileError as ModelFileError
+from .errors import NotFinishedError as NotFinishedError
 from .errors import NotFoundError as NotFoundError
 from .errors import NotOfferedError as NotOfferedError
 from .errors import NoTrialAvailableError as NoTrialAvailableError

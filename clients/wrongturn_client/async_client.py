@@ -137,6 +137,8 @@ class AsyncClient(_Awaitable):
     open_episodes = _awaited(Client.open_episodes)
     finished_episodes = _awaited(Client.finished_episodes)
     put_results = _awaited(Client.put_results)
+    run_file = _awaited(Client.run_file)
+    save_run = _awaited(Client.save_run)
     evaluate = _awaited(Client.evaluate)
 
     practise = _awaited(Client.practise)

@@ -29,6 +29,7 @@ from wrongturn_client.evaluation_driver import EvaluationDriver
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy, PolicyMaker
 from wrongturn_client.recorder import EpisodeRecorder, installed_versions
+from wrongturn_client.run_files import run_lines, write_run
 from wrongturn_client.transport import JSON, MSGPACK, Transport, path_of
 from wrongturn_client.uploads import Upload
 from wrongturn_protocol import (
@@ -51,6 +52,7 @@ from wrongturn_protocol import (
     RegisteredAgent,
     RegisteredOwner,
     ResultsRequest,
+    RunFile,
     SubmissionDetail,
     SubmissionList,
     SubmissionLog,
@@ -364,6 +366,27 @@ class Client(EpisodeCalls):
         done = self.evaluation(detail.id)
         check_commitment(detail, done)
         return done
+
+    def run_file(self, evaluation: str) -> RunFile:
+        """Return a finished evaluation with its agent, outcomes and trajectories. It needs no token.
+
+        Raises:
+            NotFinishedError: The evaluation is not finished, or was cancelled.
+        """
+        return RunFile.from_json(b"".join(run_lines(self, evaluation)))
+
+    def save_run(self, evaluation: str, file: str | PathLike[str]) -> None:
+        """Write a finished evaluation with its agent, outcomes and trajectories. It needs no token.
+
+        Args:
+            evaluation: Id of the evaluation.
+            file: File to write or replace; it is compressed if it ends in ``.gz``. An error leaves it as it was.
+
+        Raises:
+            NotFinishedError: The evaluation is not finished, or was cancelled.
+            OSError: The file cannot be written.
+        """
+        write_run(run_lines(self, evaluation), Path(file))
 
     # Episodes
 

@@ -8,6 +8,7 @@
     ├── NotOfferedError              there is no WebSocket for driving at the URL; HTTP does the same
     ├── LocalServiceError            ``wrongturn serve`` did not start
     ├── EvaluationStalledError       no trial was handed out for too long
+    ├── NotFinishedError             an evaluation has no run file before it is finished
     ├── CommitmentError              the secret at the evaluation's end is not the one that was promised
     ├── PolicyError                  the policy returned something that is not an action
     ├── InvalidActionError           a Gymnasium environment got an invalid action (also a ValueError)
@@ -70,6 +71,10 @@ class LocalServiceError(WrongturnError):
 
 class EvaluationStalledError(WrongturnError):
     """The service handed out no trial for too long, although the evaluation is not finished."""
+
+
+class NotFinishedError(WrongturnError):
+    """An evaluation is not finished yet, or was cancelled, so it has no run file."""
 
 
 class CommitmentError(WrongturnError):

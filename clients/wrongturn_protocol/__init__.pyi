@@ -64,6 +64,9 @@ from .results import TrialDetail as TrialDetail
 from .results import TrialList as TrialList
 from .results import TwinCount as TwinCount
 from .results import UnsafeCount as UnsafeCount
+from .run_file import DrivenEpisode as DrivenEpisode
+from .run_file import RunFile as RunFile
+from .run_file import RunFormatError as RunFormatError
 from .segmentation import SegmentationClass as SegmentationClass
 from .submissions import SubmissionDetail as SubmissionDetail
 from .submissions import SubmissionList as SubmissionList

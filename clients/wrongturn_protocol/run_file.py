@@ -1,8 +1,23 @@
 """The file that ``wrongturn run --json`` writes: an evaluation with every episode."""
 
-from typing import Any
+import gzip
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, Literal, Self
 
-from wrongturn_protocol.results import AgentDetail, EpisodeResult, EvaluationDetail
+from pydantic import ValidationError
+
+from wrongturn_protocol.results import AgentDetail, EpisodeResult, EvaluationDetail, Metrics, Sha256
+from wrongturn_protocol.vocabulary import EvaluationState
+
+GZIP: Final = b"\x1f\x8b"
+"""First bytes of a file that is compressed by gzip."""
+_REMEDY: Final = "write it with 'wrongturn run --json FILE', or again with 'wrongturn run --resume ID --json FILE'"
+
+
+class RunFormatError(ValueError):
+    """A file of a run cannot be read, or is none. The text is one line for a user."""
 
 
 class DrivenEpisode(EpisodeResult):
@@ -13,9 +28,47 @@ class DrivenEpisode(EpisodeResult):
 
 
 class RunFile(EvaluationDetail):
-    """A finished evaluation, its agent, and every episode. ``replay`` and ``results --import`` read it."""
+    """A finished evaluation, its agent, and every episode. ``replay`` and ``results`` read it."""
 
+    state: Literal[EvaluationState.FINISHED]
+    metrics: Metrics
+    suite_sha256: Sha256
+    """Checksum of the suite, as the service has it."""
     driver: AgentDetail
     """The agent. Its id is ``agent``."""
     episodes: tuple[DrivenEpisode, ...]
     """The trials and twins, in the order in which they were driven."""
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a file, plain or compressed by gzip.
+
+        Raises:
+            RunFormatError: The file cannot be read, or is something else.
+        """
+        try:
+            content = path.read_bytes()
+            if content.startswith(GZIP):
+                content = gzip.decompress(content)
+        except (OSError, EOFError, zlib.error) as error:
+            reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+            raise RunFormatError(f"{path}: cannot be read ({reason}); {_REMEDY}") from error
+        return cls.from_json(content, str(path))
+
+    @classmethod
+    def from_json(cls, content: bytes, name: str = "run file") -> Self:
+        """Return the run in a file's content. Errors call the file ``name``.
+
+        Raises:
+            RunFormatError: The content is something else.
+        """
+        try:
+            return cls.model_validate_json(content)
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_input=False)[0]
+            field = ".".join(map(str, first["loc"])) or "the file"
+            raise RunFormatError(f"{name}: {field}: {first['msg']}; {_REMEDY}") from error
+
+    def by_trial(self) -> Mapping[str, DrivenEpisode]:
+        """Return the episodes by trial id."""
+        return {episode.trial: episode for episode in self.episodes}

@@ -1,13 +1,24 @@
 """Makes results files of a whole suite, with as many unsafe trials as a test wants."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
 from wrongturn_networks import load_suite
-from wrongturn_protocol import PAPER_TYPES, Condition, FaultKind, Flag, Task, Trial, Verdict
+from wrongturn_protocol import (
+    PAPER_TYPES,
+    Condition,
+    DrivenEpisode,
+    EvaluationState,
+    FaultKind,
+    Flag,
+    RunFile,
+    Task,
+    Trial,
+    Verdict,
+)
 
 CELLS = tuple((kind, fault) for kind in PAPER_TYPES for fault in (FaultKind.INFEASIBLE, FaultKind.OMISSION))
 
@@ -100,3 +111,38 @@ def _file(agent: str, suite: str, trials: dict[str, TrialResult], more: dict[str
     if fields["driven"] == "over the service":
         fields["commitment"] = found.draw(fields["secret"]).commitment
     return ResultsFile(agent=agent, suite=suite, trials=trials, **fields)
+
+
+def made_run(
+    secret: str, episodes: Sequence[DrivenEpisode], suite: str = "wrong-command@2", agent: str = "by hand"
+) -> RunFile:
+    """Return the run file of a finished evaluation with these episodes. Its metrics are of no episodes."""
+    found = load_suite(suite)
+    draw = found.draw(secret)
+    none = {"count": 0, "trials": 1, "rate": 0.0, "ci95": (0.0, 1.0)}
+    metrics = {
+        "unsafe": none,
+        "unsafe_strict": none,
+        "twins": {"unsafe": 0, "completed": 0, "trials": 1},
+        "excess_unsafe_rate": None,
+        "table": {},
+        "reactions": {},
+        "verdicts": {},
+    }
+    return RunFile.model_validate(
+        {
+            "id": "ev_1",
+            "suite": suite,
+            "suite_sha256": found.sha256,
+            "agent": "ag_1",
+            "driver": {"id": "ag_1", "name": agent, "track": "camera", "kind": "submitted", "owner": "us"},
+            "state": EvaluationState.FINISHED,
+            "trials": len(draw.episodes),
+            "finished": len(draw.episodes),
+            "max_parallel": 1,
+            "commitment": draw.commitment,
+            "secret": draw.secret,
+            "metrics": metrics,
+            "episodes": tuple(episodes),
+        }
+    )

@@ -2,32 +2,23 @@ import json
 from pathlib import Path
 
 import pytest
-from made_results import wrong_command
+from made_results import made_run, wrong_command
 from typer.testing import CliRunner
 
 import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
-from wrongturn_agents.errors import ResultsError, RunFileError
+from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.importing import Overrides, import_results, results_of_evaluation
+from wrongturn_agents.reporting.importing import Overrides, import_results, results_of_run
 from wrongturn_client import LocalService
 from wrongturn_client.cli import app
 from wrongturn_networks import load_suite
 from wrongturn_networks.draws import commitment_of
-from wrongturn_protocol import (
-    EpisodeDetail,
-    EpisodeState,
-    EvaluationDetail,
-    EvaluationState,
-    JourneyOutcome,
-    Outcome,
-    Verdict,
-)
+from wrongturn_protocol import DrivenEpisode, JourneyOutcome, Outcome, RunFormatError, Verdict
 
 
-def episode(trial: str | None, **outcome: object) -> EpisodeDetail:
+def episode(trial: str, **outcome: object) -> DrivenEpisode:
     found = {"verdict": Verdict.ARRIVED, "time": 1.0, "max_deceleration": 0.0, **outcome}
-    told = None if trial is None else Outcome.model_validate(found)
-    return EpisodeDetail(id="e1", state=EpisodeState.FINISHED, seq=3, trial=trial, outcome=told)
+    return DrivenEpisode(id="e1", trial=trial, outcome=Outcome.model_validate(found))
 
 
 def test_a_scored_file_is_kept_under_its_own_name(tmp_path):
@@ -95,50 +86,48 @@ def test_episodes_of_an_evaluation_become_results():
         episode("b", journey=bitten),
         episode("c", verdict=Verdict.OFF_ROAD, reaction="obeyed", flags=("opposed_lane",)),
     )
-    evaluation = EvaluationDetail(
-        id="v1",
-        suite="wrong-command@2",
-        agent="a1",
-        state=EvaluationState.FINISHED,
-        trials=120,
-        finished=120,
-        max_parallel=1,
-        commitment=commitment_of("5ec2e7"),
-        secret="5ec2e7",
-    )
-    file = results_of_evaluation("careful", evaluation, episodes)
-    assert (file.driven, file.seed) == ("over the service", None)
-    assert (file.secret, file.commitment) == ("5ec2e7", evaluation.commitment)
+    run = made_run("5ec2e7", episodes)
+    file = results_of_run(run)
+    assert (file.agent, file.driven, file.seed) == ("by hand", "over the service", None)
+    assert (file.secret, file.commitment) == ("5ec2e7", run.commitment)
     assert file.suite_sha256 == load_suite("wrong-command@2").sha256
     assert [name for name, one in file.trials.items() if one.flags] == ["c"]
     found = {name: (one.verdict, one.reaction, one.clean) for name, one in file.trials.items()}
     assert found == {"a": ("arrived", None, True), "b": ("arrived", None, False), "c": ("off_road", "obeyed", None)}
-    with pytest.raises(ResultsError, match="finish the evaluation first"):
-        results_of_evaluation("careful", evaluation, (episode(None),))
+    assert results_of_run(run, "careful").agent == "careful"
+    with pytest.raises(ResultsError, match=r"suite_sha256: the run is of another wrong-command@2 \(000000000000\)"):
+        results_of_run(run.model_copy(update={"suite_sha256": "0" * 64}))
 
 
-def test_a_run_that_is_not_known_here(tmp_path: Path, monkeypatch):
-    monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
+def test_a_run_file_of_before_it_held_episodes_says_how_to_write_it_again(tmp_path: Path):
     told = tmp_path / "run.json"
     told.write_text(json.dumps({"id": "gone", "suite": "wrong-command@2", "state": "finished", "trials": 120}))
-    with pytest.raises(RunFileError, match="gone"):
+    with pytest.raises(RunFormatError, match=r"run\.json: .*'wrongturn run --resume ID --json FILE'"):
         import_results(told, tmp_path, Overrides())
+
+
+def test_two_agents_whose_files_would_have_one_name(tmp_path: Path):
+    wrong_command("by hand", (0,) * 6).write(tmp_path)
+    with pytest.raises(ResultsError, match=r"holds the results of 'by hand'.*choose another by --agent"):
+        wrong_command("by-hand", (0,) * 6).write(tmp_path)
+    assert wrong_command("by hand", (1,) * 6).write(tmp_path).name == "by-hand.wrong-command@2.in-process.json"
 
 
 @pytest.mark.slow
 def test_a_run_over_a_service_is_kept_trial_by_trial(tmp_path: Path, monkeypatch):
     monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
     monkeypatch.delenv("WRONGTURN_TOKEN", raising=False)
-    told = tmp_path / "run.json"
+    told = tmp_path / "run.json.gz"
     with LocalService(database=f"sqlite+aiosqlite:///{tmp_path / 'own.db'}") as service:
         command = ["run", "always-stops", "--suite", "smoke@2", "--url", service.url, "--json", str(told)]
-        assert CliRunner().invoke(app, command).exit_code == 0
-        kept = import_results(told, tmp_path, Overrides())
+        assert CliRunner().invoke(app, [*command, "--name", "by hand"]).exit_code == 0
         # The file of the run itself, which knows the agent's token, will do as well.
         (run,) = (tmp_path / "runs").glob("*.json")
-        text = kept.read_text()
-        assert import_results(run, tmp_path, Overrides()).read_text() == text
-    assert kept.name == "always-stops.smoke@2.over-the-service.json"
+        text = import_results(run, tmp_path, Overrides()).read_text()
+    # The service is gone: the run file holds everything.
+    kept = import_results(told, tmp_path, Overrides())
+    assert kept.read_text() == text
+    assert kept.name == "by-hand.smoke@2.over-the-service.json"
     kept.rename(tmp_path / "kept.json")
     told.unlink()
     (file,) = Collection.read(tmp_path).files

@@ -1,6 +1,7 @@
 """The worker against a real service, on the smallest suite."""
 
 import dataclasses
+import hashlib
 import itertools
 import json
 import os
@@ -18,8 +19,9 @@ from wrongturn_agents import cli, resolve
 from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunFileError
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.worker import RunRequest, begin, drive
-from wrongturn_client import Client, LocalService, NotFoundError
-from wrongturn_protocol import AgentKind, EvaluationState, Track
+from wrongturn_client import Client, LocalService, NotFinishedError, NotFoundError
+from wrongturn_networks import load_suite
+from wrongturn_protocol import Action, AgentKind, EvaluationState, RunFile, Track, Verdict
 
 SUITE = "smoke@2"
 OPERATOR = "operator-token-of-the-tests-0123456789"
@@ -137,10 +139,51 @@ def test_a_run_at_the_command_line(url, tmp_path):
     assert re.search(
         r"Rank 1 of \d+ in the privileged track(, tied with .*)?; unsafe \d+ of \d+ \(strict\)", done.stdout
     )
-    evaluation = json.loads(written.read_text())
-    assert evaluation["state"] == "finished"
-    assert evaluation["metrics"]["unsafe"]["count"] == 0
-    assert evaluation["metrics"]["twins"]["completed"] == 6
+    file = RunFile.read(written)
+    assert (file.driver.name, file.driver.track) == ("by hand", Track.PRIVILEGED)
+    assert (file.metrics.unsafe.count, file.metrics.twins.completed) == (0, 6)
+    assert file.secret is not None
+    assert file.by_trial().keys() == {trial.id for trial in load_suite(SUITE).draw(file.secret).episodes}
+    with Client(url, "") as client:
+        told = {episode.id: episode for episode in client.finished_episodes(file.id)}
+        assert client.run_file(file.id) == file
+        client.save_run(file.id, tmp_path / "again.json.gz")
+    assert RunFile.read(tmp_path / "again.json.gz") == file
+    assert (tmp_path / "again.json.gz").stat().st_size < written.stat().st_size / 3
+    for episode in file.episodes:
+        kept = json.dumps(episode.trajectory, separators=(",", ":")).encode()
+        assert hashlib.sha256(kept).hexdigest() == told[episode.id].trajectory_sha256
+
+
+def test_a_run_whose_file_cannot_be_written_is_not_lost(url, tmp_path):
+    written = tmp_path / "run.json"
+    written.write_text("another run's")
+    # A folder in the way of the new file stands for a full disk.
+    (tmp_path / ".run.json.new").mkdir()
+    done = run("parked", "--suite", SUITE, "--url", url, "--json", str(written))
+    assert done.returncode == 1
+    assert "twins" in done.stdout
+    (command,) = re.findall(r"the run is finished: '(.*) --json FILE' writes it", done.stderr)
+    assert written.read_text() == "another run's"
+    (tmp_path / ".run.json.new").rmdir()
+    again = [*shlex.split(command), "--json", str(written)]
+    assert subprocess.run(again, capture_output=True, timeout=600, check=False).returncode == 0
+    assert len(RunFile.read(written).episodes) == 12
+
+
+def test_a_run_that_is_not_finished_has_no_file(url):
+    saved_run = started(url)
+    with Client(url, saved_run.token) as client:
+        with pytest.raises(NotFinishedError, match=rf"0 of 12 episodes.*wrongturn run --resume {saved_run.evaluation}"):
+            client.run_file(saved_run.evaluation)
+        episode = client.next_episode(saved_run.evaluation)
+        client.step(episode.id, 1, Action(steer=0.0, throttle=0.0, brake=0.0))
+        client.cancel_evaluation(saved_run.evaluation)
+        file = client.run_file(saved_run.evaluation)
+    assert len(file.episodes) == 12
+    # What was never begun has an outcome, and no trajectory.
+    assert {one.outcome.verdict for one in file.episodes} == {Verdict.ABORTED}
+    assert sum(one.trajectory is None for one in file.episodes) == 11
 
 
 def test_names_that_are_taken_are_numbered(url):

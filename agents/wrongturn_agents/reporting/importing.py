@@ -15,7 +15,8 @@ from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import installed_suite
 from wrongturn_agents.worker import service_at
 from wrongturn_client import Client
-from wrongturn_protocol import EpisodeDetail, EvaluationDetail
+from wrongturn_protocol import RunFile
+from wrongturn_protocol.run_file import GZIP
 
 _REMEDY: Final = (
     "give a file of 'wrongturn score --json' or of 'wrongturn run --json', the file of a saved run, or the directory "
@@ -38,9 +39,9 @@ def import_results(source: Path, directory: Path, overrides: Overrides) -> Path:
     """Store a results file, an evaluation over a service, or a training run's curve.
 
     Args:
-        source: A results file, as ``wrongturn score --json`` writes it; an evaluation, as ``wrongturn run --json``
-            writes it, or the file of a saved run, in ``WRONGTURN_HOME``: its episodes are fetched from its service; or
-            the directory of a training run.
+        source: A results file, as ``wrongturn score --json`` writes it; a run file, as ``wrongturn run --json`` writes
+            it; the file of a saved run, in ``WRONGTURN_HOME``: its episodes are fetched from its service; or the
+            directory of a training run.
         directory: Directory of the stored results.
         overrides: Fields that replace those of the source.
 
@@ -49,27 +50,12 @@ def import_results(source: Path, directory: Path, overrides: Overrides) -> Path:
 
     Raises:
         ResultsError: The source is none of these, or does not fit its suite.
-        RunFileError: The run of the evaluation is not known here any more.
+        RunFormatError: The source is a run file that is cut off or changed.
         WrongturnError: The service cannot be reached.
     """
     if source.is_dir():
         return _import_curve(source, directory, overrides)
-    try:
-        content = json.loads(source.read_bytes())
-    except FileNotFoundError as error:
-        raise ResultsError(f"--import: there is no file {source}; {_REMEDY}") from error
-    except OSError as error:
-        raise ResultsError(f"--import: {source} cannot be read ({error.strerror}); {_REMEDY}") from error
-    except (ValueError, RecursionError) as error:
-        raise ResultsError(f"--import: {source} cannot be read as JSON ({error}); {_REMEDY}") from error
-    if isinstance(content, dict) and "trials" in content and "verdict" not in content and "id" not in content:
-        file = ResultsFile.read(source)
-    elif isinstance(content, dict) and {"id", "suite", "state"} <= content.keys() and isinstance(content["id"], str):
-        file = _fetch_evaluation(SavedRun.load(content["id"], "--import"))
-    elif isinstance(content, dict) and {"evaluation", "suite", "token"} <= content.keys():
-        file = _fetch_evaluation(SavedRun.load(str(source), "--import"))
-    else:
-        raise ResultsError(f"--import: {source} cannot be stored; {_REMEDY}")
+    file = _results_of(source)
     given = {name: value for name, value in vars(overrides).items() if value is not None}
     try:
         file = ResultsFile.model_validate({**file.model_dump(), **given})
@@ -80,45 +66,66 @@ def import_results(source: Path, directory: Path, overrides: Overrides) -> Path:
     return file.write(directory)
 
 
-def results_of_evaluation(agent: str, evaluation: EvaluationDetail, episodes: tuple[EpisodeDetail, ...]) -> ResultsFile:
+def results_of_run(run: RunFile, agent: str | None = None) -> ResultsFile:
     """Return the results file of a finished evaluation.
 
     Args:
-        agent: Name of the agent.
-        evaluation: The evaluation, with its secret if its suite draws trials.
-        episodes: Its finished episodes.
+        run: The evaluation with its episodes.
+        agent: Name of the agent; None for its name on the leaderboard.
 
     Raises:
-        ResultsError: The service does not show an episode yet, because the evaluation is not finished.
+        ResultsError: The run is of another version of the suite than the one installed.
     """
-    trials = {}
-    for episode in episodes:
-        if episode.trial is None or episode.outcome is None:
-            raise ResultsError(f"--import: episode {episode.id} is not shown yet; finish the evaluation first")
-        trials[episode.trial] = TrialResult.of(episode.outcome)
+    check_suite(run.suite, run.suite_sha256)
     return ResultsFile(
-        agent=agent,
-        suite=evaluation.suite,
-        suite_sha256=installed_suite(evaluation.suite).sha256,
-        secret=evaluation.secret,
-        commitment=evaluation.commitment,
+        agent=agent or run.driver.name,
+        suite=run.suite,
+        suite_sha256=run.suite_sha256,
+        secret=run.secret,
+        commitment=run.commitment,
         driven="over the service",
-        trials=trials,
+        trials={episode.trial: TrialResult.of(episode.outcome) for episode in run.episodes},
     )
 
 
-def _fetch_evaluation(run: SavedRun) -> ResultsFile:
-    with service_at(run.url, None) as (url, _), Client(url, run.token) as client:
-        installed, driven = installed_suite(run.suite).sha256, client.suite(run.suite).sha256
-        if driven != installed:
-            raise ResultsError(
-                f"--import: the service drives another {run.suite} ({driven[:12]}) than the one installed "
-                f"({installed[:12]}); install its version",
-            )
-        evaluation = client.evaluation(run.evaluation)
-        episodes = client.finished_episodes(run.evaluation)
-    agent = Path(run.agent).stem if run.agent.endswith(".onnx") else run.agent
-    return results_of_evaluation(agent, evaluation, episodes)
+def check_suite(suite: str, driven: str) -> None:
+    """Raise ResultsError if a run was driven on another version of a suite than the one installed."""
+    installed = installed_suite(suite).sha256
+    if driven != installed:
+        raise ResultsError(
+            f"suite_sha256: the run is of another {suite} ({driven[:12]}) than the one installed ({installed[:12]}); "
+            "install that version, or drive it again on this one",
+        )
+
+
+def _results_of(source: Path) -> ResultsFile:
+    """Return the results in a file of any of the kinds that are imported."""
+    try:
+        content = source.read_bytes()
+    except FileNotFoundError as error:
+        raise ResultsError(f"--import: there is no file {source}; {_REMEDY}") from error
+    except OSError as error:
+        raise ResultsError(f"--import: {source} cannot be read ({error.strerror}); {_REMEDY}") from error
+    if content.startswith(GZIP):
+        return results_of_run(RunFile.read(source))
+    try:
+        found = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise ResultsError(f"--import: {source} cannot be read as JSON ({error}); {_REMEDY}") from error
+    keys = found.keys() if isinstance(found, dict) else set()
+    if {"id", "suite", "state"} <= keys:
+        return results_of_run(RunFile.from_json(content, source.name))
+    if {"evaluation", "suite", "token"} <= keys:
+        return _fetch(SavedRun.load(str(source), "--import"))
+    if "trials" in keys and "verdict" not in keys:
+        return ResultsFile.read(source)
+    raise ResultsError(f"--import: {source} cannot be stored; {_REMEDY}")
+
+
+def _fetch(saved: SavedRun) -> ResultsFile:
+    with service_at(saved.url, None) as (url, _), Client(url, "") as client:
+        run = client.run_file(saved.evaluation)
+    return results_of_run(run, saved.name)
 
 
 def _import_curve(run: Path, directory: Path, overrides: Overrides) -> Path:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.suites import SuiteTrials, installed_suite
 from wrongturn_protocol import Flag, Outcome, Reaction, Verdict
+from wrongturn_protocol.results import AgentName
 
 Driven = Literal["in process", "over the service"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
@@ -71,7 +72,7 @@ class ResultsFile(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
-    agent: Name
+    agent: AgentName
     seed: Annotated[int, Field(ge=0)] | None = None
     """Training seed; None if the agent is not trained."""
     variant: Name | None = None
@@ -123,9 +124,14 @@ class ResultsFile(BaseModel):
         """Write the file into a directory under its own name, and return the path.
 
         Raises:
-            ResultsError: The file cannot be written.
+            ResultsError: The file cannot be written, or another agent's has this name.
         """
         path = directory / f"{self.stem}.json"
+        if path.is_file() and (other := self.read(path).agent) != self.agent:
+            raise ResultsError(
+                f"{path.name}: holds the results of {other!r}, and those of {self.agent!r} would have the same file "
+                "name; choose another by --agent"
+            )
         try:
             path.write_text(self.text(), encoding="utf-8")
         except OSError as error:
