@@ -1,12 +1,13 @@
 """Drive given trials with trained agents, many at once, in this process."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 from torch import Tensor
 
 from wrongturn_protocol import Outcome, Track, Trial
@@ -27,6 +28,20 @@ class DrivingModel(Protocol):
         """Return steer, throttle and brake, (b, 3)."""
 
 
+@runtime_checkable
+class RememberingModel(Protocol):
+    """A network that drives and remembers things within a drive."""
+
+    def begin(self, count: int) -> Tensor:
+        """Return the memory of cars that begin their drives, (count, ...)."""
+
+    def drive_on(self, observation: Mapping[str, Tensor], memory: Tensor) -> tuple[Tensor, Tensor]:
+        """Return steer, throttle and brake, (b, 3), and the new memory."""
+
+
+AnyModel = DrivingModel | RememberingModel
+
+
 class DrivenTrial(NamedTuple):
     """A trial and how it ended."""
 
@@ -38,7 +53,7 @@ class DrivenTrial(NamedTuple):
 
 
 def drive_trials(
-    models: Sequence[DrivingModel],
+    models: Sequence[AnyModel],
     trials: Sequence[Trial],
     *,
     track: Track | str,
@@ -55,7 +70,7 @@ def drive_trials(
     Several models together take little longer than one, because the longest drive decides how long it takes.
 
     Args:
-        models: networks that drive with their mean actions, in float32.
+        models: networks that drive with their mean actions, in float32. One that remembers gets its memory back.
         trials: trials in any towns. Those with other road users drive beside the batch's own traffic, not SUMO's.
         track: track whose observations the models get.
         device: device of the models.
@@ -93,7 +108,7 @@ def drive_trials(
 class _Assignment(NamedTuple):
     """A trial and the model that drives it."""
 
-    model: DrivingModel
+    model: AnyModel
     trial: Trial
 
 
@@ -114,11 +129,12 @@ def _in_town(
     driving: list[int | None] = [waiting.pop(0) for _ in range(count)]
     current = [assigned[i] for i in driving if i is not None]
     rewards, stood = np.zeros(count), np.zeros(count, np.int64)
+    memories = _Memories(dict.fromkeys(one.model for one in assigned), count)
     observation, _ = envs.reset(seed=0, options={"trial": [one.trial for one in current]})
     try:
         while any(number is not None for number in driving):
             models = [None if number is None else assigned[number].model for number in driving]
-            actions = _actions(models, observation, device)
+            actions = _actions(models, observation, memories, device)
             observation, earned, terminated, truncated, infos = envs.step(actions)
             ended = terminated | truncated
             rewards += earned
@@ -144,13 +160,34 @@ def _in_town(
             if restarted.any() and any(number is not None for number in driving):
                 trials = [one.trial for one in current]
                 observation, _ = envs.reset(options={"trial": trials, "reset_mask": restarted})
+                memories.begin(np.flatnonzero(restarted))
     finally:
         envs.close()
 
 
+class _Memories:
+    """What each model that remembers keeps of each car, whoever drives it."""
+
+    def __init__(self, models: Iterable[AnyModel], count: int) -> None:
+        self._kept = {model: model.begin(count) for model in models if isinstance(model, RememberingModel)}
+
+    def begin(self, cars: NDArray[np.int64]) -> None:
+        """Let cars forget their last drive."""
+        for model, kept in self._kept.items():
+            kept[torch.as_tensor(cars, device=kept.device)] = model.begin(len(cars))
+
+    def drive(self, model: AnyModel, observation: Mapping[str, Tensor], cars: Tensor) -> Tensor:
+        """Return the actions of some cars, and remember what the model wants to remember."""
+        if not isinstance(model, RememberingModel):
+            return model.drive(observation)
+        kept = self._kept[model]
+        action, kept[cars] = model.drive_on(observation, kept[cars])
+        return action
+
+
 @torch.inference_mode()
 def _actions(
-    models: list[DrivingModel | None], observation: dict[str, Any], device: torch.device
+    models: list[AnyModel | None], observation: dict[str, Any], memories: _Memories, device: torch.device
 ) -> np.ndarray[Any, Any]:
     """Return each car's action from its own model; a car without a model brakes."""
     tensors = {name: torch.as_tensor(array, device=device) for name, array in observation.items()}
@@ -159,13 +196,13 @@ def _actions(
         if model is None:
             continue
         rows = [i for i, other in enumerate(models) if other is model]
-        own = tensors
+        own, chosen = tensors, torch.as_tensor(rows, device=device)
         if len(rows) < len(models):
             # Few sizes only, because cuDNN selects its algorithms again for each size.
             more = -len(rows) % _ROWS if device.type == "cuda" else 0
             chosen = torch.as_tensor(rows + rows[:1] * more, device=device)
             own = {name: tensor[chosen] for name, tensor in tensors.items()}
-        actions[rows] = model.drive(own)[: len(rows)].float().cpu().numpy()
+        actions[rows] = memories.drive(model, own, chosen)[: len(rows)].float().cpu().numpy()
     return actions
 
 

@@ -21,6 +21,23 @@ class Constant:
         return self.controls.expand(len(observation["speed"]), 3)
 
 
+class Counting:
+    """Remembers how many decisions its drive has had, and drives the faster the more there were."""
+
+    def __init__(self):
+        self.counts = []
+
+    def begin(self, count):
+        return torch.zeros(count, 1)
+
+    def drive_on(self, observation, memory):
+        self.counts.append(memory.max().item())
+        memory = memory + 1
+        return torch.cat(
+            [torch.zeros_like(memory), (0.005 * memory).clamp(max=1.0), torch.zeros_like(memory)], 1
+        ), memory
+
+
 def short_journeys():
     return [draw_journey(load_town(town), Task.STRAIGHT, seed) for town in ("Town02", "Town01") for seed in (1, 2, 3)]
 
@@ -37,6 +54,15 @@ def test_how_many_are_driven_side_by_side_changes_nothing():
     trials = list(load_suite("smoke@2").episodes)
     one, many = (drive_trials([Constant(0.05, 0.5, 0.0)], trials, track="state", batch=batch) for batch in (1, 5))
     assert one == many
+
+
+def test_a_model_that_remembers_begins_anew_in_each_drive():
+    trials = list(load_suite("smoke@2").episodes)
+    (alone,) = drive_trials([Counting()], trials, track="state", batch=1)
+    remembering, other = Counting(), Constant(0.05, 0.5, 0.0)
+    beside, _ = drive_trials([remembering, other], trials, track="state", batch=3)
+    assert beside == alone
+    assert max(remembering.counts) < 600
 
 
 def test_standing_cars_are_given_up():
