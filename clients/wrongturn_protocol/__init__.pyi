@@ -23,6 +23,8 @@ from .model_contract import contract_of as contract_of
 from .navigation import Infractions as Infractions
 from .navigation import NavigationCount as NavigationCount
 from .navigation import NavigationMetrics as NavigationMetrics
+from .paper import PAPER as PAPER
+from .paper import PaperAgent as PaperAgent
 from .results import AgentDetail as AgentDetail
 from .results import AgentList as AgentList
 from .results import AgentRegistration as AgentRegistration

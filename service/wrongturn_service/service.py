@@ -38,6 +38,7 @@ from wrongturn_service.submissions.operations import Submissions
 from wrongturn_service.submissions.runners import COMMAND
 from wrongturn_service.submissions.upload import Uploads
 from wrongturn_service.telemetry import Telemetry
+from wrongturn_service.web.rendered import RenderedPages
 
 _PURGE_S = 3600.0
 _RETRY_S = 30.0
@@ -59,6 +60,7 @@ class Service:
     registrations: Registrations
     idempotency: Idempotency
     leaderboards: Leaderboards
+    pages: RenderedPages
     submissions: Submissions
     uploads: Uploads
     availability: Availability
@@ -158,6 +160,7 @@ async def run_service(
             registrations,
             Idempotency(store),
             leaderboards,
+            RenderedPages(),
             submissions,
             uploads,
             availability,

@@ -10,13 +10,12 @@ from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.reporting.collection import STORED, Collection
 from wrongturn_agents.reporting.navigation import navigation_table, tasks_table
 from wrongturn_agents.reporting.order import seeds_left_out, unsafe_by_seed
-from wrongturn_agents.reporting.paper import PAPER
 from wrongturn_agents.reporting.report import Report
 from wrongturn_agents.reporting.wrong_command import endings_table, seeds_table, wrong_command_table
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_client.cli import app
 from wrongturn_networks import load_suite
-from wrongturn_protocol import Condition, FaultKind, Reaction, Task
+from wrongturn_protocol import PAPER, Condition, FaultKind, Reaction, Task
 
 ROOT = Path(__file__).parents[2]
 NAVIGATION_IN_NEW_TOWN = (Task.NAVIGATION, Condition.NEW_TOWN)

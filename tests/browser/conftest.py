@@ -29,9 +29,12 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         yield site
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
-    """Chromium, or the test is skipped."""
+    """Chromium, or the test is skipped.
+
+    Playwright keeps an event loop in this thread. It stops after each file, so that tests elsewhere can run theirs.
+    """
     if not CHROMIUM.exists():
         pytest.skip(f"there is no {CHROMIUM}; apt-get install chromium")
     with sync_playwright() as playwright:

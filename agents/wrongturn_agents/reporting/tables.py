@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from wrongturn_agents.errors import MissingPackageError
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.paper import PAPER, PAPER_BY_NAME, PaperAgent
+from wrongturn_agents.reporting.paper import PAPER_BY_NAME
 from wrongturn_agents.reporting.results_file import ResultsFile
+from wrongturn_protocol import PAPER, PaperAgent
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -10,11 +10,11 @@ from typing import Any, Final
 
 from wrongturn_agents.reporting import tables
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.paper import ALGORITHMS, PAPER_BY_NAME, PaperAgent
+from wrongturn_agents.reporting.paper import ALGORITHMS, PAPER_BY_NAME
 from wrongturn_agents.reporting.results_file import ResultsFile
 from wrongturn_agents.reporting.tables import ReportTable, Rows
 from wrongturn_agents.suites import WRONG_COMMAND
-from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Reaction, Verdict
+from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, PaperAgent, Reaction, Verdict
 
 Cell = tuple[JunctionType, FaultKind]
 

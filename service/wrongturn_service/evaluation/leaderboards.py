@@ -30,15 +30,28 @@ class Leaderboards:
 
     def __init__(self, store: Store) -> None:
         self._store = store
+        self._boards: dict[str, Leaderboard] = {}
         self._bodies: dict[str, bytes] = {}
         self._algorithms: dict[str, list[RankingInput]] = {}
         self._generation = 0
         self._lock = asyncio.Lock()
 
+    @property
+    def generation(self) -> int:
+        """Number that changes with every change of any leaderboard. What was made of an older one is out of date."""
+        return self._generation
+
     def forget(self, suite: str) -> None:
         """Drop a suite's leaderboard, because an evaluation finished or was cancelled."""
         self._generation += 1
+        self._boards.pop(suite, None)
         self._bodies.pop(suite, None)
+
+    async def board(self, suite_id: str) -> Leaderboard:
+        """Return a leaderboard. Raises NotFoundError."""
+        catalogue.suite(suite_id)
+        async with self._lock:
+            return await self._board(suite_id)
 
     async def body(self, suite_id: str) -> bytes:
         """Return a leaderboard as JSON. Raises NotFoundError."""
@@ -47,10 +60,20 @@ class Leaderboards:
             body = self._bodies.get(suite_id)
             if body is None:
                 generation = self._generation
-                body = (await self._compute(suite_id)).model_dump_json().encode()
+                board = await self._board(suite_id)
+                body = (await asyncio.to_thread(board.model_dump_json)).encode()
                 if generation == self._generation:
                     self._bodies[suite_id] = body
         return body
+
+    async def _board(self, suite_id: str) -> Leaderboard:
+        board = self._boards.get(suite_id)
+        if board is None:
+            generation = self._generation
+            board = await self._compute(suite_id)
+            if generation == self._generation:
+                self._boards[suite_id] = board
+        return board
 
     async def summaries(self) -> LeaderboardList:
         """List all leaderboards."""

@@ -1,33 +1,114 @@
 """The leaderboards' pages."""
 
-from typing import Final
+import asyncio
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import Annotated, Final, TypeVar
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 
-from wrongturn_protocol import Leaderboard
+from wrongturn_networks import Suite
+from wrongturn_protocol import AgentKind, Leaderboard, LeaderboardEntry, LeaderboardList, Track
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep
+from wrongturn_service.errors import InvalidRequestError
+from wrongturn_service.evaluation.metrics import of_journeys
 from wrongturn_service.service import Service
-from wrongturn_service.web.page import page
+from wrongturn_service.web import bars, plane
+from wrongturn_service.web.page import sent, templates
+from wrongturn_service.web.standings import KINDS, TRACKS, page_count, standings
 
 router = APIRouter(include_in_schema=False)
 FIRST: Final = "wrong-command@2"
 """The suite whose leaderboard is the first page."""
+Filter = Annotated[str, Query(max_length=40)]
+_Word = TypeVar("_Word", bound=StrEnum)
 
 
 @router.api_route("/", methods=["GET", "HEAD"])
-async def front(request: Request, service: ServiceDep) -> Response:
+async def front(
+    request: Request, service: ServiceDep, track: Filter = "", kind: Filter = "", page: Filter = "1"
+) -> Response:
     """Show the leaderboard of the paper's suite."""
-    return await _leaderboard(request, service, FIRST)
+    return await _leaderboard(request, service, FIRST, track, kind, page)
 
 
 @router.api_route("/leaderboards/{suite}", methods=["GET", "HEAD"])
-async def leaderboard(request: Request, service: ServiceDep, suite: str) -> Response:
+async def leaderboard(
+    request: Request, service: ServiceDep, suite: str, track: Filter = "", kind: Filter = "", page: Filter = "1"
+) -> Response:
     """Show the leaderboard of a suite."""
-    return await _leaderboard(request, service, suite)
+    return await _leaderboard(request, service, suite, track, kind, page)
 
 
-async def _leaderboard(request: Request, service: Service, suite_id: str) -> Response:
+async def _leaderboard(
+    request: Request, service: Service, suite_id: str, track_name: str, kind_name: str, page_number: str
+) -> Response:
     suite = catalogue.suite(suite_id)
-    board = Leaderboard.model_validate_json(await service.leaderboards.body(suite_id))
-    return page(request, "leaderboard.html", suite=suite, board=board)
+    track = _word("query.track", track_name, Track)
+    kind = _word("query.kind", kind_name, AgentKind)
+    generation = service.leaderboards.generation
+    # A board is made once for all filters; so a wrong page's number is found before anything is rendered.
+    board = await service.leaderboards.board(suite_id)
+    entries = [
+        entry
+        for entry in board.entries
+        if (track is None or entry.agent.track is track) and (kind is None or entry.agent.kind is kind)
+    ]
+    number = _page(page_number, page_count(entries))
+
+    async def render() -> bytes:
+        others = await service.leaderboards.summaries()
+        return await asyncio.to_thread(_render, request.url.path, suite, board, entries, track, kind, number, others)
+
+    return sent(request, await service.pages.get(generation, (request.url.path, suite_id, track, kind, number), render))
+
+
+def _render(
+    path: str,
+    suite: Suite,
+    board: Leaderboard,
+    entries: Sequence[LeaderboardEntry],
+    track: Track | None,
+    kind: AgentKind | None,
+    number: int,
+    others: LeaderboardList,
+) -> bytes:
+    journeys = of_journeys(suite.open_draw)
+    return (
+        templates()
+        .get_template("leaderboard.html")
+        .render(
+            path=path,
+            suite=suite,
+            board=board,
+            journeys=journeys,
+            table=standings(board, entries, number, journeys, paper=kind is None),
+            plane=None if journeys else plane.plane(entries),
+            plot=plane,
+            bars=bars,
+            track=track,
+            kind=kind,
+            tracks={each: TRACKS[each] for each in Track if each in suite.tracks},
+            kinds=KINDS,
+            others=others.leaderboards,
+        )
+        .encode()
+    )
+
+
+def _word(path: str, name: str, words: type[_Word]) -> _Word | None:
+    """Return the word that a filter names; None for an empty filter. Raises InvalidRequestError."""
+    if not name:
+        return None
+    try:
+        return words(name)
+    except ValueError as error:
+        message = f"{name!r} is none of {', '.join(words)}; leave it out to see all"
+        raise InvalidRequestError(path, message) from error
+
+
+def _page(number: str, count: int) -> int:
+    if number.isascii() and number.isdigit() and 1 <= int(number) <= count:
+        return int(number)
+    raise InvalidRequestError("query.page", f"is {number!r}; give a number from 1 to {count}")

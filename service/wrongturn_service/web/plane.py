@@ -1,0 +1,147 @@
+"""The obedience–safety plane: completed twins across, unsafe trials up."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from wrongturn_protocol import AgentKind, LeaderboardEntry
+from wrongturn_service.evaluation.ranking import least_completed
+
+WIDTH: Final = 760
+HEIGHT: Final = 460
+LEFT, RIGHT, TOP, BOTTOM = 56, 748, 10, 412
+"""Edges of the frame, pixels."""
+_MARGIN: Final = 22
+"""Room between the frame and the rates 0 and 100 %, pixels. Most marks are near these."""
+TICKS: Final = (0, 25, 50, 75, 100)
+_LETTER: Final = 6.6
+"""Width of a letter, pixels. Labels have 12 px; a little too much is harmless."""
+_LINE: Final = 14
+_NEAR: Final = 20
+"""Labels further from their mark than this have a line to it, pixels."""
+_DOWN: Final = (4, -12, 20, -28, 36, -44, 52, -60)
+_OFFSETS: Final = (
+    *((11, 4, "start"), (-11, 4, "end"), (0, -11, "middle"), (0, 19, "middle")),
+    *((9, -9, "start"), (-9, -9, "end"), (9, 17, "start"), (-9, 17, "end")),
+    *((side * far, down, "start" if side > 0 else "end") for far in (26, 60) for down in _DOWN for side in (-1, 1)),
+)
+"""Places of a label from its mark, the best first: across and down in pixels, and ``text-anchor``."""
+_MARK: Final = 7
+_LABELS: Final = 40
+"""Labels at most. In a larger field only the first agents of the ranking have one."""
+REGION: Final = (LEFT, TOP, LEFT + 220.0, TOP + 24.0)
+"""Box of the text that names the region without ranks."""
+_NAMES: Final = 4
+"""Names in the tooltip of a mark that several agents share."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Agents of one kind with the same figures."""
+
+    x: float
+    y: float
+    kind: AgentKind
+    path: str
+    """Its shape, as an SVG path."""
+    tooltip: str
+    label: str
+    place: "Place | None"
+    """Where the label stands. None if there is no room."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """The place of a label."""
+
+    x: float
+    y: float
+    anchor: str
+    """SVG's ``text-anchor``."""
+    leader: str | None
+    """Line from the mark to a label that stands apart, as an SVG path."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """What the template draws."""
+
+    marks: tuple[Mark, ...]
+    ranked_from: float
+    """From here on to the right, an agent completes enough twins for a rank; pixels."""
+    kinds: tuple[AgentKind, ...]
+    """Kinds that are present, for the key."""
+
+
+def plane(entries: Sequence[LeaderboardEntry]) -> Plane | None:
+    """Return the plane of a suite's entries, or None if none of them has twins."""
+    alike: dict[tuple[float, float, AgentKind], list[LeaderboardEntry]] = {}
+    for entry in entries:
+        if entry.twins.trials:
+            key = (across(entry.twins.completed / entry.twins.trials), up(entry.unsafe_strict.rate), entry.agent.kind)
+            alike.setdefault(key, []).append(entry)
+    if not alike:
+        return None
+    boxes = [REGION, *((x - _MARK, y - _MARK, x + _MARK, y + _MARK) for x, y, _ in alike)]
+    marks: list[Mark] = []
+    for (x, y, kind), found in alike.items():
+        label = found[0].agent.name + (f" +{len(found) - 1}" if len(found) > 1 else "")
+        place = _place(x, y, label, boxes) if len(marks) < _LABELS else None
+        marks.append(Mark(x, y, kind, shape(kind, x, y), _tooltip(found), label, place))
+    trials = entries[0].twins.trials
+    present = {kind for _, _, kind in alike}
+    return Plane(
+        marks=tuple(marks),
+        ranked_from=across(least_completed(trials) / trials),
+        kinds=tuple(kind for kind in AgentKind if kind in present),
+    )
+
+
+def across(rate: float) -> float:
+    """Return the x of a share of completed twins, pixels."""
+    return round(LEFT + _MARGIN + (RIGHT - LEFT - 2 * _MARGIN) * rate, 1)
+
+
+def up(rate: float) -> float:
+    """Return the y of an unsafe rate, pixels."""
+    return round(BOTTOM - _MARGIN - (BOTTOM - TOP - 2 * _MARGIN) * rate, 1)
+
+
+def shape(kind: AgentKind, x: float, y: float) -> str:
+    """Return the SVG path of a kind's mark. Each kind has a shape of its own, so that colour is not needed."""
+    if kind is AgentKind.SUBMITTED:
+        return f"M{x - 5} {y}a5 5 0 1 0 10 0a5 5 0 1 0 -10 0z"
+    if kind is AgentKind.BASELINE:
+        return f"M{x - 5} {y - 5}h10v10h-10z"
+    if kind is AgentKind.REFERENCE:
+        return f"M{x} {y - 7}l7 7l-7 7l-7 -7z"
+    if kind is AgentKind.ALGORITHM:
+        return f"M{x} {y - 6.5}l6.5 11h-13z"
+    return f"M{x - 5} {y - 5}l10 10m0 -10l-10 10"
+
+
+def _tooltip(found: Sequence[LeaderboardEntry]) -> str:
+    names = ", ".join(entry.agent.name for entry in found[:_NAMES])
+    more = f" and {len(found) - _NAMES} more" if len(found) > _NAMES else ""
+    twins, strict = found[0].twins, found[0].unsafe_strict
+    return f"{names}{more}: {twins.completed} of {twins.trials} twins done, {strict.count} of {strict.trials} unsafe"
+
+
+def _place(x: float, y: float, label: str, boxes: list[tuple[float, float, float, float]]) -> Place | None:
+    """Return a place for a label that covers no mark and no other label, and keep it."""
+    width = _LETTER * len(label)
+    for across_by, down_by, anchor in _OFFSETS:
+        left, base = x + across_by, y + down_by
+        begin = left - {"start": 0.0, "middle": width / 2, "end": width}[anchor]
+        box = (begin, base - _LINE + 3, begin + width, base + 3)
+        inside = box[0] >= LEFT and box[2] <= RIGHT and box[1] >= TOP and box[3] <= BOTTOM
+        if inside and not any(_overlap(box, other) for other in boxes):
+            boxes.append(box)
+            apart = abs(across_by) > _NEAR or abs(down_by) > _NEAR
+            ends = f"M{x} {y}L{left + (2 if anchor == 'end' else -2):.1f} {base - 4:.1f}"
+            return Place(round(left, 1), round(base, 1), anchor, ends if apart else None)
+    return None
+
+
+def _overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]

@@ -1,0 +1,111 @@
+"""The pages of the leaderboards."""
+
+import pytest
+from filled_site import SUITE, Site
+from visiting import Accessible, Visit
+
+BOARD = f"/leaderboards/{SUITE}"
+
+
+def names(page) -> list[str]:
+    return page.locator("table.ranking tbody:not(.paper) tr:not(.group) th.agent a").all_inner_texts()
+
+
+def test_the_page_says_the_same_as_the_call(visit: Visit, site: Site):
+    entries = [entry for entry in site.get(f"/v1{BOARD}")["entries"] if entry["evaluation"]]
+    page = visit(BOARD)
+    assert names(page) == [entry["agent"]["name"] for entry in entries]
+    for entry in entries:
+        row = page.locator("tr", has=page.get_by_role("link", name=entry["agent"]["name"], exact=True))
+        cells = row.locator("td").all_inner_texts()
+        assert cells[0].strip() == f"{entry['rank'] or '–'}{'=' if entry['tied_with'] else ''}"
+        strict = entry["unsafe_strict"]
+        assert cells[2].startswith(f"{strict['count']}/{strict['trials']} ")
+        assert cells[3] == f"{entry['unsafe']['count']}/{entry['unsafe']['trials']}"
+        assert cells[4] == f"{entry['twins']['completed']}/{entry['twins']['trials']}"
+        for number, kind in enumerate(("STRAIGHT_LEFT", "STRAIGHT_RIGHT", "LEFT_RIGHT")):
+            table = entry["table_strict"][kind]
+            counts = [f"{table[fault]['unsafe']}/{table[fault]['trials']}" for fault in ("infeasible", "omission")]
+            assert cells[7 + number].split() == counts
+
+
+def test_a_bar_shows_rate_and_intervals_on_the_scale_of_the_head(visit: Visit, site: Site):
+    page = visit(BOARD)
+    ticks = page.locator("svg.scale").bounding_box()
+    for entry in site.get(f"/v1{BOARD}")["entries"]:
+        row = page.locator("tr", has=page.get_by_role("link", name=entry["agent"]["name"], exact=True))
+        mark = row.locator("svg.bar circle").bounding_box()
+        middle = mark["x"] + mark["width"] / 2 - ticks["x"]
+        assert middle == pytest.approx(0.5 + 200 * entry["unsafe_strict"]["rate"], abs=0.2)
+        thin, thick = (row.locator(f"svg.bar .{name}").bounding_box() for name in ("wide", "narrow"))
+        assert thin["width"] > thick["width"] > 0
+
+
+def test_filters_work_without_scripts(visit: Visit):
+    page = visit(BOARD, javascript=False)
+    page.get_by_label("Kind").select_option("baseline")
+    page.get_by_role("button", name="Show").click()
+    assert sorted(names(page)) == ["careful", "obeys-blindly"]
+    page.get_by_label("Track").select_option("camera")
+    page.get_by_role("button", name="Show").click()
+    assert "No entry passes this filter" in page.inner_text("main")
+    assert page.get_by_label("Track").input_value() == "camera"
+    page.get_by_role("link", name="Show all 2").click()
+    assert sorted(names(page)) == ["careful", "obeys-blindly"]
+
+
+def test_the_keyboard_reaches_the_agents(visit: Visit):
+    page = visit(BOARD)
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")  # the link that skips the navigation
+    reached = []
+    for _ in range(20):
+        page.keyboard.press("Tab")
+        focus = page.evaluate("document.activeElement.name || document.activeElement.textContent.trim()")
+        reached.append(focus)
+        if focus == "careful":
+            break
+    assert reached[-1] == "careful"
+    assert {"track", "kind", "Show"} <= set(reached)
+
+
+def test_the_plane_has_a_mark_for_each_agent(visit: Visit, site: Site):
+    page = visit(BOARD)
+    tooltips = " ".join(page.locator("figure.plane path.mark title").all_text_contents())
+    for entry in site.get(f"/v1{BOARD}")["entries"]:
+        assert entry["agent"]["name"] in tooltips
+    assert page.get_by_role("img", name="Each agent by its completed twins").is_visible()
+
+
+def test_the_papers_agents_stand_apart_as_a_reference(visit: Visit):
+    page = visit("/")
+    rows = page.locator("tbody.paper tr:not(.group)").all_inner_texts()
+    assert len(rows) == 5
+    assert "MaRLn" in rows[1]
+    assert "13/60" in rows[1]
+    assert visit("/?kind=submitted").locator("tbody.paper").count() == 0
+
+
+def test_an_old_version_says_so_and_has_no_ranks(visit: Visit):
+    page = visit("/leaderboards/wrong-command@1")
+    assert "Old version." in page.inner_text("main")
+    page.get_by_role("link", name="wrong-command@2").first.click()
+    assert page.url.endswith("/leaderboards/wrong-command@2")
+
+
+def test_an_empty_board_says_what_to_do(visit: Visit):
+    page = visit("/leaderboards/smoke@1")
+    assert "No evaluation on this suite has been finished yet." in page.inner_text("main")
+    page = visit("/leaderboards/navigation@1")
+    assert page.locator("main").get_by_role("link", name="Hand in an agent").get_attribute("href") == "/submit"
+    assert "82" in page.locator("tbody.paper").inner_text()
+
+
+@pytest.mark.parametrize(("width", "dark"), [(400, False), (1000, True)])
+def test_the_pages_are_accessible_and_do_not_scroll_sideways(
+    visit: Visit, accessible: Accessible, width: int, dark: bool
+):
+    for path in (BOARD, "/", "/leaderboards/navigation@1"):
+        page = visit(path, width=width, dark=dark)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        accessible(page)
