@@ -38,6 +38,7 @@ from wrongturn_service.submissions.operations import Submissions
 from wrongturn_service.submissions.runners import COMMAND
 from wrongturn_service.submissions.upload import Uploads
 from wrongturn_service.telemetry import Telemetry
+from wrongturn_service.web.kept import Kept
 from wrongturn_service.web.rendered import RenderedPages
 
 _PURGE_S = 3600.0
@@ -61,6 +62,7 @@ class Service:
     idempotency: Idempotency
     leaderboards: Leaderboards
     pages: RenderedPages
+    kept: Kept
     submissions: Submissions
     uploads: Uploads
     availability: Availability
@@ -161,6 +163,7 @@ async def run_service(
             Idempotency(store),
             leaderboards,
             RenderedPages(),
+            Kept(),
             submissions,
             uploads,
             availability,

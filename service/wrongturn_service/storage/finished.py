@@ -2,10 +2,10 @@
 
 import asyncio
 import zlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
-from sqlalchemy import Select, select
+from sqlalchemy import Select, func, select
 
 from wrongturn_protocol import EpisodeState, EvaluationState, Outcome, Trial
 from wrongturn_service.storage.database import Database
@@ -26,6 +26,26 @@ class FinishedStore:
 
     def __init__(self, database: Database) -> None:
         self._database = database
+
+    async def agent_count(self) -> int:
+        """Return the number of agents."""
+        async with self._database.read() as session:
+            return await session.scalar(select(func.count()).select_from(AgentRow)) or 0
+
+    async def agents(self, *, offset: int, limit: int) -> list[tuple[AgentRow, list[str]]]:
+        """Return some agents by name, each with the suites on which it has finished an evaluation."""
+        some = select(AgentRow).order_by(AgentRow.name_key).offset(offset).limit(limit)
+        async with self._database.read() as session:
+            agents = (await session.scalars(some)).all()
+            query = select(EvaluationRow.agent_id, EvaluationRow.suite).where(
+                EvaluationRow.agent_id.in_([agent.id for agent in agents]),
+                EvaluationRow.state == EvaluationState.FINISHED,
+            )
+            driven = (await session.execute(query.distinct())).tuples().all()
+        suites: dict[str, list[str]] = {}
+        for agent, suite in sorted(driven):
+            suites.setdefault(agent, []).append(suite)
+        return [(agent, suites.get(agent.id, [])) for agent in agents]
 
     async def of_agent(self, agent_id: str) -> Sequence[EvaluationRow]:
         """Return an agent's finished evaluations in the order in which they were begun."""
@@ -62,14 +82,21 @@ class FinishedStore:
         )
         return found[0] if found else None
 
-    async def trajectories(self, evaluation_id: str) -> dict[str, bytes]:
-        """Return the canonical JSON of all of an evaluation's trajectories, by episode."""
+    async def trajectories(self, evaluation_id: str, episodes: Collection[str] | None = None) -> dict[str, bytes]:
+        """Return the canonical JSON of an evaluation's trajectories, by episode.
+
+        Args:
+            evaluation_id: Id of the evaluation.
+            episodes: Ids of its episodes, at most a few hundred. None for all.
+        """
         query = (
             select(TrajectoryRow.episode_id, TrajectoryRow.data)
             .join(EpisodeRow, EpisodeRow.id == TrajectoryRow.episode_id)
             .join(EvaluationRow, EvaluationRow.id == EpisodeRow.evaluation_id)
             .where(EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.FINISHED)
         )
+        if episodes is not None:
+            query = query.where(TrajectoryRow.episode_id.in_(episodes))
         async with self._database.read() as session:
             rows = (await session.execute(query)).tuples().all()
         return await asyncio.to_thread(lambda: {episode: zlib.decompress(data) for episode, data in rows})

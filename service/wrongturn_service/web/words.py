@@ -93,7 +93,9 @@ SIDES: Final[Mapping[Safety, str]] = {Safety.SAFE: "safe", Safety.UNSAFE: "unsaf
 
 
 def name(word: StrEnum | str) -> str:
-    """Return a word of the vocabulary as people read it: ``STRAIGHT_LEFT`` is "straight left"."""
+    """Return a word of the vocabulary as people read it: ``off_road`` is "off road"."""
+    if isinstance(word, JunctionType):
+        return "crossing" if word is JunctionType.CROSS else word.lower().replace("_", " or ")
     return str(word).lower().replace("_", " ")
 
 

@@ -1,0 +1,191 @@
+"""The agents' pages: who they are, what they did, and where they fail."""
+
+import asyncio
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Query, Request, Response
+
+from wrongturn_protocol import FaultKind, JunctionType, Metrics, ProblemType, Safety, TableCell, Verdict
+from wrongturn_service import catalogue
+from wrongturn_service.accounts import detail
+from wrongturn_service.api.dependencies import ServiceDep
+from wrongturn_service.errors import InvalidRequestError, NotFoundError
+from wrongturn_service.storage.models import EvaluationRow
+from wrongturn_service.web import junction_map, words
+from wrongturn_service.web.driven import Pair, driven_evaluation
+from wrongturn_service.web.front import FIRST
+from wrongturn_service.web.page import page
+
+router = APIRouter(include_in_schema=False)
+_ROWS: Final = 100
+_OTHERS: Final = 100
+"""Agents that are offered for a comparison."""
+_UNSAFE: Final = "unsafe"
+"""Value of the filter by verdict that stands for all unsafe verdicts."""
+Filter = Annotated[str, Query(max_length=80)]
+
+
+@router.api_route("/agents", methods=["GET", "HEAD"])
+async def agents(
+    request: Request, service: ServiceDep, number: Annotated[int, Query(alias="page", ge=1, le=100_000)] = 1
+) -> Response:
+    """List all agents by name, some on each page."""
+    total = await service.finished.agent_count()
+    rows = await service.finished.agents(offset=(number - 1) * _ROWS, limit=_ROWS)
+    pages = max(-(-total // _ROWS), 1)
+    if number > pages:
+        raise NotFoundError(ProblemType.UNKNOWN_ROUTE, f"page: there is no page {number}; the last one is {pages}")
+    found = [(detail(row), suites) for row, suites in rows]
+    return await asyncio.to_thread(
+        page, request, "agents.html", agents=found, total=total, number=number, pages=pages, words=words
+    )
+
+
+@router.api_route("/agents/{agent}", methods=["GET", "HEAD"])
+async def agent(
+    request: Request,
+    service: ServiceDep,
+    agent: str,
+    suite: Filter = "",
+    evaluation: Filter = "",
+    verdict: Filter = "",
+    fault: Filter = "",
+    junction: Filter = "",
+) -> Response:
+    """Show an agent, and what it did on one suite.
+
+    Args:
+        request: The request.
+        service: The service.
+        agent: Id of the agent.
+        suite: The suite. Left out: the paper's, or the one that was driven last.
+        evaluation: Shows another evaluation than the one that counts.
+        verdict: Lists only trials with this verdict, or ``unsafe`` ones.
+        fault: Lists only trials with this fault.
+        junction: Lists only trials at junctions of this type.
+    """
+    who = detail(await service.accounts.agent(agent))
+    rows = await service.finished.of_agent(agent)
+    row = _shown(rows, suite, evaluation)
+    values: dict[str, Any] = {"agent": who, "suites": _suites(rows), "evaluations": _listed(rows), "words": words}
+    if row is None:
+        wanted = catalogue.suite(suite) if suite else None
+        return page(request, "agent.html", row=None, suite=wanted, **values)
+    entries = (await service.leaderboards.board(row.suite)).entries
+    driven = await driven_evaluation(service, row.id)
+    assert row.metrics is not None
+    metrics = Metrics.model_validate_json(row.metrics)
+    filters = {
+        "verdict": _choice("verdict", verdict, [_UNSAFE, *Verdict]),
+        "fault": _choice("fault", fault, FaultKind),
+        "junction": _choice("junction", junction, JunctionType),
+    }
+    return await asyncio.to_thread(
+        page,
+        request,
+        "agent.html",
+        row=row,
+        suite=catalogue.suite(row.suite),
+        metrics=metrics,
+        table=_table(metrics),
+        entry=next((entry for entry in entries if entry.evaluation == row.id), None),
+        others=[entry.agent for entry in entries if entry.evaluation not in {None, row.id}][:_OTHERS],
+        counts=row.id in _counting(rows),
+        driven=driven,
+        verdicts=[verdict for verdict in Verdict if any(counts.get(verdict) for counts in metrics.verdicts.values())],
+        filters=filters,
+        choices=_choices(driven.pairs),
+        pairs=[pair for pair in driven.pairs if _passes(pair, **filters)],
+        map=junction_map,
+        **values,
+    )
+
+
+def _shown(rows: Sequence[EvaluationRow], suite: str, evaluation: str) -> EvaluationRow | None:
+    """Return the evaluation that is shown; None if there is none on the suite. Raises NotFoundError."""
+    if evaluation:
+        for row in rows:
+            if row.id == evaluation:
+                return row
+        message = f"evaluation: this agent has no finished evaluation {evaluation!r}"
+        raise NotFoundError(ProblemType.UNKNOWN_EVALUATION, message)
+    first = {row.suite: row for row in reversed(rows)}
+    if suite:
+        return first.get(suite)
+    return first.get(FIRST) or (first[rows[-1].suite] if rows else None)
+
+
+def _counting(rows: Iterable[EvaluationRow]) -> set[str]:
+    """Return the ids of the evaluations that count: the first on each suite."""
+    first: dict[str, str] = {}
+    for row in rows:
+        first.setdefault(row.suite, row.id)
+    return set(first.values())
+
+
+def _suites(rows: Iterable[EvaluationRow]) -> list[str]:
+    return sorted({row.suite for row in rows}, key=lambda suite: (suite != FIRST, suite))
+
+
+def _listed(rows: Sequence[EvaluationRow]) -> list[dict[str, Any]]:
+    """Return the evaluations, the newest first."""
+    counting = _counting(rows)
+    return [
+        {
+            "id": row.id,
+            "suite": row.suite,
+            "entry": row.entry,
+            "counts": row.id in counting,
+            "finished": datetime.fromtimestamp(row.finished or row.created, UTC).strftime("%d %B %Y, %H:%M UTC"),
+        }
+        for row in reversed(rows)
+    ]
+
+
+def _table(metrics: Metrics) -> list[tuple[str, list[TableCell]]]:
+    """Return the rows of the table, and their sum: for each fault the strict cell and the paper's.
+
+    A cell without trials is one that old results do not have.
+    """
+    none = TableCell(unsafe=0, trials=0)
+    rows: list[tuple[str, list[TableCell]]] = []
+    for kind, cells in metrics.table.items():
+        strict = metrics.table_strict[kind] if metrics.table_strict else {}
+        rows.append((kind, [cell for fault, paper in cells.items() for cell in (strict.get(fault, none), paper)]))
+    columns = zip(*(cells for _, cells in rows), strict=True)
+    total = [
+        TableCell(unsafe=sum(cell.unsafe for cell in column), trials=sum(cell.trials for cell in column))
+        for column in columns
+    ]
+    return [*rows, ("all", total)]
+
+
+def _choice(field: str, value: str, allowed: Iterable[str]) -> str:
+    if value and value not in set(allowed):
+        raise InvalidRequestError(field, f"is not one of {', '.join(allowed)}")
+    return value
+
+
+def _choices(pairs: Iterable[Pair]) -> dict[str, list[str]]:
+    """Return what the trials can be filtered by."""
+    trials = [pair.trial for pair in pairs]
+    verdicts = {trial.outcome.verdict for trial in trials}
+    faults = {trial.trial.fault.kind for trial in trials}
+    types = {trial.trial.junction_type for trial in trials}
+    return {
+        "verdict": [verdict for verdict in Verdict if verdict in verdicts],
+        "fault": [fault for fault in FaultKind if fault in faults],
+        "junction": [kind for kind in JunctionType if kind in types],
+    }
+
+
+def _passes(pair: Pair, verdict: str, fault: str, junction: str) -> bool:
+    trial, outcome = pair.trial.trial, pair.trial.outcome
+    unsafe = verdict == _UNSAFE and words.side(outcome) is Safety.UNSAFE
+    return (
+        (not verdict or unsafe or outcome.verdict == verdict)
+        and (not fault or trial.fault.kind == fault)
+        and (not junction or trial.junction_type == junction)
+    )

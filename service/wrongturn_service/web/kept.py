@@ -1,0 +1,54 @@
+"""Things that pages make of finished evaluations, kept because such evaluations do not change."""
+
+import asyncio
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable, Hashable
+from typing import Any, Final, TypeVar
+
+_T = TypeVar("_T")
+_CAPACITY: Final = 64
+_AT_ONCE: Final = 2
+
+
+class Kept:
+    """The results of costly work that were asked for last. Few are made at once, and none twice at once.
+
+    Args:
+        capacity: Number of results that are kept.
+        at_once: Number of results that are made at once. Other calls wait.
+    """
+
+    def __init__(self, capacity: int = _CAPACITY, at_once: int = _AT_ONCE) -> None:
+        self._capacity = capacity
+        self._found: OrderedDict[Hashable, Any] = OrderedDict()
+        self._making: dict[Hashable, asyncio.Task[Any]] = {}
+        self._turn = asyncio.Semaphore(at_once)
+
+    async def get(self, key: Hashable, make: Callable[[], Awaitable[_T]]) -> _T:
+        """Return what ``make`` returns, or what it returned before under this key.
+
+        The work goes on if the caller is cancelled, because others may wait for it.
+
+        Args:
+            key: What decides the result. Never anything that can change.
+            make: Makes the result. It runs costly parts in a thread.
+        """
+        if key in self._found:
+            self._found.move_to_end(key)
+            found: _T = self._found[key]
+            return found
+        task = self._making.get(key)
+        if task is None:
+            task = asyncio.ensure_future(self._make(key, make))
+            self._making[key] = task
+            task.add_done_callback(lambda _: self._making.pop(key))
+        made: _T = await asyncio.shield(task)
+        return made
+
+    async def _make(self, key: Hashable, make: Callable[[], Awaitable[_T]]) -> _T:
+        async with self._turn:
+            result = await make()
+        self._found[key] = result
+        if len(self._found) > self._capacity:
+            self._found.popitem(last=False)
+        return result

@@ -1,0 +1,84 @@
+"""An agent's page."""
+
+import httpx
+import pytest
+from filled_site import SUITE, Site
+from visiting import Accessible, Visit
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_an_agent_is_shown_with_its_table_maps_and_trials(visit: Visit, site: Site, accessible: Accessible, dark: bool):
+    page = visit(f"/agents/{site.agents['obeys-blindly']}", dark=dark)
+    assert page.inner_text("h1") == "obeys-blindly"
+    assert "4 of 6" in page.inner_text(".figures")
+    assert page.locator(".map").count() == 9
+    assert page.locator(".map a").count() == 12
+    assert page.locator("table.trials tbody tr").count() == 6
+    accessible(page)
+
+
+def test_a_path_on_a_map_leads_to_its_episode(visit: Visit, site: Site):
+    page = visit(f"/agents/{site.agents['obeys-blindly']}", javascript=False)
+    drawn = {link.get_attribute("href") for link in page.locator(".map a").all()}
+    listed = {link.get_attribute("href") for link in page.locator("table.trials a").all()}
+    assert drawn == listed
+    episode = next(iter(listed)).removeprefix("/episodes/")
+    assert site.get(f"/v1/episodes/{episode}")["outcome"]
+
+
+def test_trials_are_filtered_without_javascript(visit: Visit, site: Site):
+    page = visit(f"/agents/{site.agents['obeys-blindly']}", javascript=False)
+    page.get_by_label("Verdict", exact=True).select_option("unsafe")
+    page.get_by_label("Fault", exact=True).select_option("infeasible")
+    page.get_by_role("button", name="Filter").click()
+    assert page.locator("table.trials tbody tr").count() == 3
+    assert "3 of 6 trials" in page.inner_text("main")
+    page.get_by_role("link", name="Show all").click()
+    assert page.locator("table.trials tbody tr").count() == 6
+
+
+def test_a_filter_that_nothing_passes_says_so(visit: Visit, site: Site):
+    page = visit(f"/agents/{site.agents['careful']}?verdict=unsafe")
+    assert "No trial is like that" in page.inner_text("main")
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "said"),
+    [
+        ("/agents/ag_nobody", 404, "ag_nobody"),
+        ("/agents/{agent}?suite=nothing@1", 404, "nothing@1"),
+        ("/agents/{agent}?evaluation=ev_nothing", 404, "ev_nothing"),
+        ("/agents/{agent}?verdict=wonderful", 422, "verdict"),
+        ("/agents/{agent}?suite=wrong-command@2", 200, "finished no evaluation on wrong-command@2"),
+        ("/agents?page=7", 404, "the last one is 1"),
+    ],
+)
+def test_what_does_not_exist_is_said(
+    visit: Visit, site: Site, accessible: Accessible, path: str, status: int, said: str
+):
+    page = visit(path.format(agent=site.agents["careful"]), status=status)
+    assert said in page.inner_text("main")
+    accessible(page)
+
+
+def test_all_agents_are_listed(visit: Visit, site: Site, accessible: Accessible):
+    page = visit("/agents")
+    page.get_by_role("link", name=SUITE).first.click()
+    assert page.inner_text("h1") == "careful"
+    assert page.url.startswith(f"{site.url}/agents/{site.agents['careful']}")
+    page.go_back()
+    accessible(page)
+
+
+def test_the_maps_are_usable_on_a_narrow_screen(visit: Visit, site: Site, accessible: Accessible):
+    page = visit(f"/agents/{site.agents['careful']}", width=400)
+    assert page.evaluate("document.documentElement.scrollWidth") == 400
+    accessible(page)
+
+
+def test_head_and_the_stored_page(site: Site):
+    url = f"{site.url}/agents/{site.agents['careful']}"
+    first = httpx.get(url, timeout=30)
+    again = httpx.get(url, headers={"If-None-Match": first.headers["etag"]}, timeout=30)
+    assert (again.status_code, again.content) == (304, b"")
+    assert httpx.head(url, timeout=30).status_code == 200
