@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from wrongturn_client.plugins import PluginGroup
+from wrongturn_client.replay_cli import replay
 from wrongturn_client.submit_cli import submissions, submit
 
 app = typer.Typer(
@@ -107,6 +108,7 @@ def leaderboard(
 
 app.command()(submit)
 app.command()(submissions)
+app.command()(replay)
 
 
 @app.command()

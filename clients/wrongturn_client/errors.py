@@ -14,6 +14,7 @@
     ├── InvalidActionError           a Gymnasium environment got an invalid action (also a ValueError)
     ├── ModelFileError               a model's file cannot be read, or is none
     ├── ServiceFullError             the service has fewer free simulators than environments were asked for
+    ├── ReplayError                  there is nothing to replay: no such file or episode in it, or nothing that draws
     ├── PluginError                  a command, list or check of another package cannot be loaded
     └── ApiError                     the service refused the call (RFC 9457)
         ├── AuthenticationError      no token, another's token, registration closed
@@ -95,6 +96,10 @@ class ModelFileError(WrongturnError):
 
 class ServiceFullError(WrongturnError):
     """The service has fewer free simulators than environments were asked for."""
+
+
+class ReplayError(WrongturnError):
+    """There is nothing to replay, or nothing here that draws it. The message says what to do."""
 
 
 class PluginError(WrongturnError):

@@ -97,4 +97,5 @@ from .vocabulary import SubmissionState as SubmissionState
 from .vocabulary import Task as Task
 from .vocabulary import Track as Track
 from .vocabulary import Verdict as Verdict
+from .vocabulary import View as View
 from .vocabulary import Weather as Weather

@@ -105,6 +105,16 @@ class Track(StrEnum):
     STATE = "state"
 
 
+class View(StrEnum):
+    """What a picture or a film of an episode shows."""
+
+    TOP = "top"
+    """The town from above."""
+    CAMERA = "camera"
+    """What the car's camera sees."""
+    BOTH = "both"
+
+
 class Weather(StrEnum):
     """CARLA's weather presets used here; the comments give the numbers in CoRL 2017."""
 

@@ -19,7 +19,9 @@ from .faults import available_faults as available_faults
 from .fleet.traffic import FleetTraffic as FleetTraffic
 from .fleet.vector_env import WrongturnVectorEnv as WrongturnVectorEnv
 from .gym_env import WrongturnSimEnv as WrongturnSimEnv
+from .replay import Replay as Replay
 from .simulator import Simulator as Simulator
+from .trajectory import Appearance as Appearance
 from .trajectory import Row as Row
 from .trajectory import Trajectory as Trajectory
 from .verdict import JourneyGeometry as JourneyGeometry

@@ -148,7 +148,7 @@ class Episode:
         self._fault = make_fault(trial)
         self._judge = judge_of(self.geometry, trial, strict=self.strict)
         self._actions: list[bytes] = []
-        self.trajectory = Trajectory(trial, self.town.sha256)
+        self.trajectory = Trajectory(trial, self.town.sha256, appearances=self._simulation.appearances())
         self.steps = self._sub_steps = 0
         # On a journey: the edges that others expect the car to take, from the one that it is on.
         self._expected = self._traffic.ego if self._traffic is not None and trial.journey is not None else ()
@@ -157,6 +157,8 @@ class Episode:
         users = self._simulation.road_users()
         row = Row(0.0, *self._state, int(self._command), int(self._guidance.command), 0.0, 0.0, 0.0, users)
         self.trajectory.append(row)
+        if self._traffic is not None:
+            self.trajectory.road_user_numbers.append(self._simulation.numbers())
         self.outcome = self._judge.observe(row)
         return self._observe()
 
@@ -227,6 +229,8 @@ class Episode:
             t = self._sub_steps / _PER_SECOND
             row = _row(Row, (t, *state, command, route_command, steer, throttle, brake, simulation.road_users()))
             rows.append(row)
+            if self._traffic is not None:
+                self.trajectory.road_user_numbers.append(simulation.numbers())
             self.outcome = self._judge.observe(row)
             if self.outcome is not None:
                 break

@@ -1,15 +1,24 @@
 """A stored episode, seen again without driving it."""
 
-from typing import TYPE_CHECKING, Self
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Self
 
 from wrongturn_networks import load_town
-from wrongturn_protocol import Outcome
+from wrongturn_protocol import Outcome, View
 from wrongturn_sim.ego import SUB_STEPS
 from wrongturn_sim.trajectory import Row, Trajectory
+from wrongturn_sim.view.errors import ViewError
 
 if TYPE_CHECKING:
-    from wrongturn_sim.camera import Camera
+    from wrongturn_sim.camera import Camera, Renderer
     from wrongturn_sim.camera.renderer import Image
+    from wrongturn_sim.view.views import Moment, Views
+
+SIZE: Final = 720
+"""Side of the view from above, pixels."""
+PICTURE_SIZE: Final = 1000
+"""Side of the picture of a whole episode, pixels."""
 
 
 class Replay:
@@ -23,9 +32,11 @@ class Replay:
 
     Raises:
         UnknownTownError: The town is not installed here.
+        TrajectoryError: The trajectory has no rows.
     """
 
     def __init__(self, trajectory: Trajectory, outcome: Outcome | None = None) -> None:
+        trajectory.check_rows()
         self.trajectory = trajectory
         self.outcome = outcome
         self.town = load_town(trajectory.trial.town)
@@ -35,24 +46,106 @@ class Replay:
         """Return the replay of a trajectory's canonical JSON. Raises TrajectoryError."""
         return cls(Trajectory.from_json(trajectory), outcome)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a picture cannot show as it was; empty if nothing is wrong."""
+        notes = []
+        if self.trajectory.looks_guessed:
+            notes.append("heights and colours of other road users are guesses: the trajectory is of an older version")
+        if self.trajectory.town_sha256 != self.town.sha256:
+            notes.append(f"{self.town.name} here is another version than the one driven in; places may be off")
+        return tuple(notes)
+
     def __len__(self) -> int:
         """Return the number of decisions, with the reset."""
         return 1 - (1 - len(self.trajectory.rows)) // SUB_STEPS
 
     def row(self, decision: int) -> Row:
         """Return the car's state at a decision. Raises IndexError."""
+        return self.trajectory.rows[self._index(decision)]
+
+    def _index(self, decision: int) -> int:
         if not 0 <= decision < len(self):
             raise IndexError(f"decision: {decision} is not one of 0 to {len(self) - 1}")
         # The last step ends early if its first sub-step brings the verdict.
-        return self.trajectory.rows[min(decision * SUB_STEPS, len(self.trajectory.rows) - 1)]
+        return min(decision * SUB_STEPS, len(self.trajectory.rows) - 1)
 
     def camera(self, decision: int, camera: "Camera | None" = None) -> "tuple[Image, Image]":
         """Return what the camera saw at a decision: rgb (height, width, 3) and segmentation (height, width), uint8.
 
         With the benchmark's camera, which is the default, these are the bytes that the agent got.
         """
+        return self._seen(decision, self._renderer(camera))
+
+    def top(self, decision: int, size: int = SIZE) -> "Image":
+        """Return the view from above at a decision, RGB uint8 (1.12 size, size, 3). Raises ViewError."""
+        return self._views(size).draw(View.TOP, self._moment(decision, None))
+
+    def both(self, decision: int, size: int = SIZE) -> "Image":
+        """Return the view from above beside the camera's, RGB uint8 (size, 1.8 size, 3). Raises ViewError."""
+        return self._views(size).draw(View.BOTH, self._moment(decision, self._renderer(None)))
+
+    def picture(self, size: int = PICTURE_SIZE) -> "Image":
+        """Return the whole episode from above, RGB uint8 (size, size, 3).
+
+        It shows the car's way and footprints, coloured by speed, the commands where they began, and the verdict.
+
+        Raises:
+            ViewError: The size is too small or too large.
+        """
+        from wrongturn_sim.view.picture import draw_picture  # noqa: PLC0415 - as below
+
+        return draw_picture(self.town, self.trajectory, self.outcome, size)
+
+    def frames(self, view: View | str, size: int = SIZE) -> "Iterator[Image]":
+        """Yield a picture for each decision. Raises ViewError."""
+        if view not in set(View):
+            raise ViewError(f"view: {view!r} is not known; take {', '.join(View)}")
+        view = View(view)
+        views, renderer = self._views(size), None if view is View.TOP else self._renderer(None)
+        return (views.draw(view, self._moment(decision, renderer)) for decision in range(len(self)))
+
+    def video(self, file: str | Path, view: View | str = View.BOTH, size: int = SIZE) -> int:
+        """Write a film of ten frames a second, one for each decision, and return their number.
+
+        Args:
+            file: A file whose name ends in ``.mp4`` or ``.webp``.
+            view: ``top``, ``camera`` or ``both``.
+            size: Side of the view from above, or width of the camera's, pixels.
+
+        Raises:
+            FilmError: The file's name ends otherwise, or it cannot be written.
+            ViewError: The view is unknown, or the size is too small or too large.
+        """
+        from wrongturn_sim.view.film import check_film, write_film  # noqa: PLC0415 - as below
+
+        check_film(Path(file))
+        return write_film(Path(file), self.frames(view, size))
+
+    def _views(self, size: int) -> "Views":
+        from wrongturn_sim.view.views import Views  # noqa: PLC0415 - OpenCV is slow, and only pictures need it
+
+        return Views(self.town, self.trajectory.trial, self.trajectory.rows, size, still=True)
+
+    def _moment(self, decision: int, renderer: "Renderer | None") -> "Moment":
+        from wrongturn_sim.view.views import Moment  # noqa: PLC0415 - as above
+
+        index, rows = self._index(decision), self.trajectory.rows
+        told = rows[min(index + 1, len(rows) - 1)]
+        return Moment(
+            index,
+            told.command,
+            told.route_command,
+            None if renderer is None else self._seen(decision, renderer)[0],
+            self.outcome if index == len(rows) - 1 else None,
+        )
+
+    def _renderer(self, camera: "Camera | None") -> "Renderer":
         from wrongturn_sim.camera import Renderer, World  # noqa: PLC0415 - slow, and only pictures need it
 
-        row, trial = self.row(decision), self.trajectory.trial
-        renderer = Renderer(World.of(self.town), camera, trial.weather, trial.seed)
-        return renderer.render(row.x, row.y, row.yaw, decision)
+        trial = self.trajectory.trial
+        return Renderer(World.of(self.town), camera, trial.weather, trial.seed)
+
+    def _seen(self, decision: int, renderer: "Renderer") -> "tuple[Image, Image]":
+        row = self.row(decision)
+        return renderer.render(row.x, row.y, row.yaw, decision, self.trajectory.others(self._index(decision)))

@@ -17,7 +17,7 @@ from wrongturn_sim.ego import SUB_STEP, VEHICLE
 from wrongturn_sim.errors import SimulatorFailedError, SimulatorInUseError, SimulatorUnavailableError
 from wrongturn_sim.traffic.crowd import OTHERS, Crowd
 from wrongturn_sim.traffic.plan import TrafficPlan
-from wrongturn_sim.trajectory import RoadUser
+from wrongturn_sim.trajectory import Appearance, RoadUser
 
 EGO: Final = "ego"
 EGO_TYPE: Final = "wrongturn-ego"
@@ -149,6 +149,14 @@ class Simulation:
         """
         return _NOBODY
 
+    def numbers(self) -> tuple[int, ...]:
+        """Return the numbers of :meth:`road_users`, in the same order."""
+        return ()
+
+    def appearances(self) -> tuple[Appearance, ...]:
+        """Return the looks of all road users, by their numbers."""
+        return ()
+
 
 class _TrafficSimulation(Simulation):
     """A simulation with other road users."""
@@ -179,6 +187,12 @@ class _TrafficSimulation(Simulation):
 
     def others(self) -> NDArray[np.float64]:
         return self._crowd.others()
+
+    def numbers(self) -> tuple[int, ...]:
+        return self._crowd.numbers()
+
+    def appearances(self) -> tuple[Appearance, ...]:
+        return self._crowd.appearances()
 
 
 class Simulator:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_sim.traffic.plan import TrafficPlan, Trip
-from wrongturn_sim.trajectory import RoadUser
+from wrongturn_sim.trajectory import Appearance, RoadUser
 
 VISIBLE_RANGE: Final = 80.0
 """Road users within this distance are visible, metres between the bodies' centres."""
@@ -26,15 +26,13 @@ _NEAR: Final = (VISIBLE_RANGE + 5.0) ** 2
 _SQUARE: Final = VISIBLE_RANGE**2
 
 
-class _Appearance(NamedTuple):
+class _Body(NamedTuple):
     """What stays the same about a road user."""
 
     number: int
     length: float
     width: float
-    height: float
-    kind: int
-    colour: int
+    appearance: Appearance
 
 
 class Crowd:
@@ -45,14 +43,14 @@ class Crowd:
         plan: the road users to insert.
     """
 
-    __slots__ = ("_appearances", "_later", "_plan", "_seen", "_sumo")
+    __slots__ = ("_bodies", "_later", "_plan", "_seen", "_sumo")
 
     def __init__(self, sumo: ModuleType, plan: TrafficPlan) -> None:
         self._sumo = sumo
         self._plan = plan
-        self._appearances: dict[str, _Appearance] = {}
+        self._bodies: dict[str, _Body] = {}
         self._later: dict[str, list[Trip]] = {}
-        self._seen: list[tuple[float, int, RoadUser, _Appearance]] = []
+        self._seen: list[tuple[float, int, RoadUser, Appearance]] = []
 
     def enter(self) -> None:
         """Insert all road users; they appear with SUMO's next steps."""
@@ -65,15 +63,15 @@ class Crowd:
             sumo.vehicletype.setHeight(kind, body.height)
         for k, car in enumerate(plan.cars):
             name, body = f"v{k}", car.body
-            self._appearances[name] = _Appearance(k, body.length, body.width, body.height, VEHICLE_KIND, car.colour)
+            looks = Appearance(body.height, VEHICLE_KIND, car.colour)
+            self._bodies[name] = _Body(k, body.length, body.width, looks)
             self._later[name] = list(car.trips[::-1])
             self._depart(name)
         for k, person in enumerate(plan.pedestrians):
             name = f"p{k}"
             number = len(plan.cars) + k
-            self._appearances[name] = _Appearance(
-                number, PEDESTRIAN_SIZE, PEDESTRIAN_SIZE, person.height, PEDESTRIAN_KIND, person.colour
-            )
+            looks = Appearance(person.height, PEDESTRIAN_KIND, person.colour)
+            self._bodies[name] = _Body(number, PEDESTRIAN_SIZE, PEDESTRIAN_SIZE, looks)
             first, last = (sumo.lane.getLength(f"{person.edges[i]}_0") for i in (0, -1))
             sumo.person.add(name, person.edges[0], person.at * first)
             goal = min(max(person.until * last, _END), last - _END)
@@ -89,7 +87,7 @@ class Crowd:
         sumo.route.add(route, trip.edges)
         lane = trip.lane.removeprefix(f"{trip.edges[0]}_")
         at = trip.at * sumo.lane.getLength(trip.lane)
-        kind = _type(self._plan.cars[self._appearances[name].number].body.name)
+        kind = _type(self._plan.cars[self._bodies[name].number].body.name)
         sumo.vehicle.add(name, route, kind, depart="now", departLane=lane, departPos=repr(at), departSpeed="max")
 
     def update(self, x: float, y: float) -> None:
@@ -104,14 +102,14 @@ class Crowd:
             for name in domain.getIDList():
                 px, py = position(name)
                 dx, dy = px - x, py - y
-                if dx * dx + dy * dy > _NEAR or (appearance := self._appearances.get(name)) is None:
+                if dx * dx + dy * dy > _NEAR or (body := self._bodies.get(name)) is None:
                     continue
                 # SUMO's angle runs clockwise from north; a car's position is the front bumper's centre.
                 # Rounding towards 0 keeps the yaw within pi.
                 yaw = int(remainder(_QUARTER - domain.getAngle(name) * _RADIANS, _TURN) * 1e4) / 1e4
-                if appearance.kind == VEHICLE_KIND:
-                    px -= appearance.length / 2 * math.cos(yaw)
-                    py -= appearance.length / 2 * math.sin(yaw)
+                if body.appearance.kind == VEHICLE_KIND:
+                    px -= body.length / 2 * math.cos(yaw)
+                    py -= body.length / 2 * math.sin(yaw)
                 # Millimetres keep the record short; round() would take half of the time of this function.
                 px, py = floor(px * 1e3 + 0.5) / 1e3, floor(py * 1e3 + 0.5) / 1e3
                 dx, dy = px - x, py - y
@@ -121,11 +119,11 @@ class Crowd:
                         px,
                         py,
                         yaw,
-                        appearance.length,
-                        appearance.width,
+                        body.length,
+                        body.width,
                         floor(domain.getSpeed(name) * 1e3 + 0.5) / 1e3,
                     )
-                    seen.append((square, appearance.number, user, appearance))
+                    seen.append((square, body.number, user, body.appearance))
         seen.sort()
 
     def road_users(self) -> tuple[RoadUser, ...]:
@@ -136,13 +134,21 @@ class Crowd:
         """Return the same as (n, 8): x, y, yaw, length, width, height, kind, colour."""
         rows = np.empty((len(self._seen), OTHERS))
         for row, (_, _, user, appearance) in zip(rows, self._seen, strict=True):
-            row[:] = *user[:5], appearance.height, appearance.kind, appearance.colour
+            row[:] = *user[:5], *appearance
         return rows
+
+    def numbers(self) -> tuple[int, ...]:
+        """Return the numbers of the visible road users, in the same order."""
+        return tuple(number for _, number, _, _ in self._seen)
+
+    def appearances(self) -> tuple[Appearance, ...]:
+        """Return the looks of all road users, by their numbers."""
+        return tuple(body.appearance for body in self._bodies.values())
 
     def waiting(self) -> int:
         """Return the number of road users that SUMO has not inserted yet."""
         here: int = self._sumo.vehicle.getIDCount() + self._sumo.person.getIDCount() - 1
-        return len(self._appearances) - here
+        return len(self._bodies) - here
 
 
 def _type(body: str) -> str:

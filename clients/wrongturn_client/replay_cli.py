@@ -1,0 +1,66 @@
+"""``wrongturn replay``. The drawing belongs to another part, which names it by an entry point."""
+
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from wrongturn_client.errors import ReplayError
+from wrongturn_protocol.vocabulary import View
+
+REPLAYS: Final = "wrongturn.replays"
+"""Group of the entry point that draws."""
+
+
+def replay(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="EPISODE|FILE",
+            help="Id of an episode of a service, the file of 'run --json', or a file with a trajectory.",
+        ),
+    ],
+    *,
+    view: Annotated[View, typer.Option(help="What the film shows. Example: --view top")] = View.BOTH,
+    video: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Film to write: .mp4 or .webp. Example: --video film.mp4")
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Picture of the whole episode from above to write: .png."),
+    ] = None,
+    episode: Annotated[
+        str | None, typer.Option(metavar="ID", help="Episode of the file of 'run --json', by its id or its trial's.")
+    ] = None,
+    size: Annotated[
+        int | None, typer.Option(help="Side of the view from above, pixels: 160 to 2160. Example: --size 360")
+    ] = None,
+    url: Annotated[
+        str | None,
+        typer.Option(
+            "--url",
+            envvar="WRONGTURN_URL",
+            metavar="URL",
+            help="URL of the service. Example: --url http://127.0.0.1:8000",
+        ),
+    ] = None,
+) -> None:
+    """Make a film or a picture of an episode that was driven; nothing is driven again.
+
+    Example: wrongturn replay run.json --episode Town01.J3-S.infeasible.s17 --video film.mp4
+
+    WRONGTURN_TOKEN: the token of the agent, for a practice episode. Others are public once their evaluation is
+    finished.
+    """
+    from wrongturn_client.plugins import entry_points, load  # noqa: PLC0415
+    from wrongturn_client.replayed import replayed_from  # noqa: PLC0415
+
+    if video is None and picture is None:
+        raise ReplayError("replay: nothing to make; give --video FILE.mp4, --picture FILE.png, or both")
+    points = list(entry_points(REPLAYS).values())
+    if not points:
+        raise ReplayError("replay: nothing here draws; wrongturn-service does: pip install wrongturn-service")
+    show = load(points[0])
+    found = replayed_from(source, episode, url)
+    for line in show(found.trajectory, found.outcome, view=view, video=video, picture=picture, size=size):
+        typer.echo(line)

@@ -1,0 +1,1 @@
+"""Pictures of an episode for people: the town from above, the car's way, and what the car was told."""

@@ -1,0 +1,98 @@
+"""Write films: H.264 in MP4, which browsers and presentations play, and animated WebP, which documents embed."""
+
+from collections.abc import Iterable
+from contextlib import suppress
+from itertools import chain, repeat
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import av
+import av.error
+
+from wrongturn_sim.view.errors import FilmError
+from wrongturn_sim.view.window import Image
+
+FRAMES_A_SECOND: Final = 10
+"""A frame for each decision."""
+LAST: Final = 12
+"""Frames for which a film stays at its end."""
+_BT709: Final = 1
+"""The number of the colours of HD video. Players guess the colours of a film that does not say."""
+
+
+class _Format(NamedTuple):
+    codec: str
+    options: dict[str, str]
+    container: dict[str, str]
+
+
+_FORMATS: Final = {
+    # One thread, because several may give other bytes.
+    ".mp4": _Format("libx264", {"crf": "20", "threads": "1"}, {"movflags": "+faststart"}),
+    ".webp": _Format("libwebp_anim", {"quality": "70", "threads": "1"}, {"loop": "0"}),
+}
+
+
+def check_film(file: Path) -> None:
+    """Check a film's name, before any picture is drawn.
+
+    Raises:
+        FilmError: The name does not end in ``.mp4`` or ``.webp``.
+    """
+    if file.suffix not in _FORMATS:
+        raise FilmError(f"video: {file.name!r} is not a film; give a name that ends in .mp4 or .webp")
+
+
+def write_film(file: Path, frames: Iterable[Image]) -> int:
+    """Write a film and return its number of frames. The last picture stays for a while.
+
+    The same pictures give the same bytes with the same version of PyAV.
+
+    Args:
+        file: the file; its suffix, ``.mp4`` or ``.webp``, chooses the format.
+        frames: pictures of one size with even sides, RGB uint8 (height, width, 3), one at least.
+
+    Raises:
+        FilmError: The file's name ends otherwise, or it cannot be written.
+    """
+    check_film(file)
+    part = file.with_name(f".part-{file.name}")
+    try:
+        count = _encode(part, frames, _FORMATS[file.suffix])
+        part.replace(file)
+    except (OSError, av.error.FFmpegError) as error:
+        raise FilmError(
+            f"video: {file} cannot be written ({error.strerror}); name a file in a folder that you may write to"
+        ) from error
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+    return count
+
+
+def _encode(file: Path, frames: Iterable[Image], form: _Format) -> int:
+    coming = iter(frames)
+    first = last = next(coming)
+    count = 0
+    with av.open(str(file), "w", options=form.container) as container:
+        stream: Any = container.add_stream(form.codec, rate=FRAMES_A_SECOND)
+        stream.height, stream.width = first.shape[:2]
+        stream.pix_fmt = "yuv420p"
+        stream.options = form.options
+        context = stream.codec_context
+        context.colorspace = context.color_primaries = context.color_trc = context.color_range = _BT709
+
+        def put(picture: Image) -> None:
+            nonlocal count
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
+            frame.pts = count
+            container.mux(stream.encode(frame))
+            count += 1
+
+        for last in chain([first], coming):
+            put(last)
+        for again in repeat(last, LAST):
+            put(again)
+        container.mux(stream.encode(None))
+    return count

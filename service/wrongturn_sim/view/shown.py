@@ -1,0 +1,61 @@
+"""What ``wrongturn replay`` makes of a trajectory: a film, a picture, or both."""
+
+from pathlib import Path
+
+import cv2
+
+from wrongturn_protocol import Outcome, View
+from wrongturn_sim.replay import PICTURE_SIZE, SIZE, Replay
+from wrongturn_sim.view.errors import ViewError
+from wrongturn_sim.view.film import check_film
+
+
+def show(
+    trajectory: bytes,
+    outcome: Outcome | None,
+    *,
+    view: View = View.BOTH,
+    video: Path | None = None,
+    picture: Path | None = None,
+    size: int | None = None,
+) -> tuple[str, ...]:
+    """Draw an episode into files, and return lines that say what was made.
+
+    Args:
+        trajectory: The trajectory's canonical JSON.
+        outcome: The outcome, if it is known.
+        view: What the film shows.
+        video: File of the film, ``.mp4`` or ``.webp``; None for no film.
+        picture: File of the picture, ``.png``; None for no picture.
+        size: Side of the view from above, pixels; the default is 720 for films and 1000 for pictures.
+
+    Raises:
+        TrajectoryError: The bytes are not a trajectory.
+        UnknownTownError: The town is not installed here.
+        ViewError: A file cannot be written or its name ends wrongly, or the size is too small or too large.
+    """
+    if video is not None:
+        check_film(video)
+    if picture is not None and picture.suffix != ".png":
+        raise ViewError(f"picture: {picture.name!r} is not a picture; give a name that ends in .png")
+    replay = Replay.from_json(trajectory, outcome)
+    said = list(replay.notes)
+    name = replay.trajectory.trial.id
+    ending = "" if outcome is None else f", {outcome.verdict}"
+    if picture is not None:
+        _write(picture, replay, size or PICTURE_SIZE)
+        said.append(f"{picture}: {name}{ending}, from above")
+    if video is not None:
+        frames = replay.video(video, view, size or SIZE)
+        said.append(f"{video}: {name}{ending}, {frames} frames, {frames / 10:.1f} s")
+    return tuple(said)
+
+
+def _write(file: Path, replay: Replay, size: int) -> None:
+    packed = cv2.imencode(".png", replay.picture(size)[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
+    try:
+        file.write_bytes(packed.tobytes())
+    except OSError as error:
+        raise ViewError(
+            f"picture: {file} cannot be written ({error.strerror}); name a file in a folder that you may write to"
+        ) from error

@@ -1,0 +1,70 @@
+"""The part of a town that a picture shows."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_sim.view.colours import Colour
+
+Image = NDArray[np.uint8]
+"""RGB, uint8 (height, width, 3)."""
+Points = NDArray[np.float64]
+"""Places in the town's frame, metres, (n, 2)."""
+
+_SHIFT: Final = 4
+"""Binary places of a pixel's fraction, for smooth edges and motion."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A square of a town, north up.
+
+    Args:
+        x: the middle's place, metres.
+        y: the middle's place, metres.
+        extent: the side, metres.
+        size: the side, pixels.
+    """
+
+    x: float
+    y: float
+    extent: float
+    size: int
+
+    @cached_property
+    def scale(self) -> float:
+        """Pixels of a metre."""
+        return self.size / self.extent
+
+    def pixels(self, points: Points) -> Points:
+        """Return places (n, 2) as pixels from the left and from above."""
+        away = (np.asarray(points, np.float64) - (self.x, self.y)) * (self.scale, -self.scale)
+        return away + (self.size - 1) / 2
+
+    def fill(self, image: Image, rings: list[Points], colour: Colour) -> None:
+        """Fill the area between rings; a ring within another one is a hole."""
+        cv2.fillPoly(image, [self._fixed(ring) for ring in rings], colour, cv2.LINE_AA, _SHIFT)
+
+    def line(self, image: Image, points: Points, colour: Colour, width: float, *, closed: bool = False) -> None:
+        """Draw a line through places; the width is in pixels."""
+        thickness = max(1, round(width))
+        cv2.polylines(image, [self._fixed(points)], closed, colour, thickness, cv2.LINE_AA, _SHIFT)
+
+    def _fixed(self, points: Points) -> NDArray[np.int32]:
+        # Far beyond the picture nothing is seen, and larger numbers would overflow.
+        limited = np.clip(self.pixels(points), -1e6, 1e6)
+        return np.round(limited * (1 << _SHIFT)).astype(np.int32)
+
+
+def box(x: float, y: float, yaw: float, length: float, width: float) -> Points:
+    """Return the corners (4, 2) of a body: front left, front right, rear right, rear left."""
+    forward = np.array([math.cos(yaw), math.sin(yaw)]) * length / 2
+    left = np.array([-math.sin(yaw), math.cos(yaw)]) * width / 2
+    middle = np.array([x, y])
+    front, rear = middle + forward, middle - forward
+    return np.stack([front + left, front - left, rear - left, rear + left])
