@@ -36,6 +36,8 @@ class Field:
     shape: tuple[int, ...]
     low: float
     high: float
+    meaning: str
+    """One sentence for the documentation."""
     image: bool = False
     """Whether it is a picture; pictures are base64 in JSON."""
 
@@ -56,20 +58,36 @@ class Field:
 
 
 _ALWAYS: Final = (
-    Field("speed", np.float32, (1,), 0.0, 22.0),
-    Field("steering", np.float32, (1,), -1.0, 1.0),
-    Field("command", np.int64, (1,), -1, 4),
+    Field("speed", np.float32, (1,), 0.0, 22.0, "Speed, m/s."),
+    Field("steering", np.float32, (1,), -1.0, 1.0, "Steering as last applied: -1 is full left, 1 full right."),
+    Field("command", np.int64, (1,), -1, 4, "-1 VOID, 1 LEFT, 2 RIGHT, 3 STRAIGHT, 4 LANE_FOLLOW."),
 )
-_RGB: Final = Field("rgb", np.uint8, (*IMAGE_SHAPE, 3), 0, 255, image=True)
-_SEGMENTATION: Final = Field("segmentation", np.uint8, IMAGE_SHAPE, 0, 10, image=True)
+_RGB: Final = Field("rgb", np.uint8, (*IMAGE_SHAPE, 3), 0, 255, "The camera's picture, row by row.", image=True)
+_SEGMENTATION: Final = Field(
+    "segmentation", np.uint8, IMAGE_SHAPE, 0, 10, "Class of each of the picture's pixels.", image=True
+)
 _PRIVILEGED: Final = (
-    Field("pose", np.float64, (3,), -np.inf, np.inf),
-    Field("lane", np.float32, (PATH_POINTS, 2), -np.inf, np.inf),
-    Field("stop_line", np.float32, (1,), -1.0, 60.0),
-    Field("exits", np.float32, (3, PATH_POINTS, 2), -np.inf, np.inf),
-    Field("exits_mask", np.int8, (3,), 0, 1),
-    Field("road_users", np.float32, (ROAD_USERS, 6), -np.inf, np.inf),
-    Field("road_users_count", np.int64, (1,), 0, ROAD_USERS),
+    Field("pose", np.float64, (3,), -np.inf, np.inf, "x, y (m) and yaw (rad) in the town's frame."),
+    Field("lane", np.float32, (PATH_POINTS, 2), -np.inf, np.inf, "Centre line of the lane ahead, points 1 m apart."),
+    Field("stop_line", np.float32, (1,), -1.0, 60.0, "Distance to the stop line, m; -1 where none lies within 60 m."),
+    Field(
+        "exits",
+        np.float32,
+        (3, PATH_POINTS, 2),
+        -np.inf,
+        np.inf,
+        "Permitted paths from the stop line on, points 1 m apart: LEFT, RIGHT, STRAIGHT.",
+    ),
+    Field("exits_mask", np.int8, (3,), 0, 1, "1 where that exit exists and is shown, else 0 and the path is zeros."),
+    Field(
+        "road_users",
+        np.float32,
+        (ROAD_USERS, 6),
+        -np.inf,
+        np.inf,
+        "The nearest others: x, y, yaw, length, width, speed; zeros past the count.",
+    ),
+    Field("road_users_count", np.int64, (1,), 0, ROAD_USERS, "Number of rows of road_users that hold somebody."),
 )
 FIELDS: Final[Mapping[Track, tuple[Field, ...]]] = {
     Track.STATE: _ALWAYS,
@@ -93,6 +111,51 @@ def observation_space(track: Track, image_shape: tuple[int, int] = IMAGE_SHAPE) 
         return spaces.Box(field.low, field.high, shape, field.numpy_dtype.type)
 
     return spaces.Dict({field.name: box(field) for field in FIELDS[track]})
+
+
+def json_schema(track: Track) -> dict[str, Any]:
+    """Return the JSON Schema of a track's observations in JSON, as :func:`encode` makes them.
+
+    Each property also has the array's type and shape as ``x-dtype`` and ``x-shape``.
+    """
+    return {
+        "title": f"Observation of the {track} track",
+        "type": "object",
+        "properties": {field.name: _property(field) for field in FIELDS[track]},
+        "required": [field.name for field in FIELDS[track]],
+        "additionalProperties": False,
+    }
+
+
+def _property(field: Field) -> dict[str, Any]:
+    about = {"description": field.meaning, "x-dtype": field.dtype_name, "x-shape": list(field.shape)}
+    if field.image:
+        characters = 4 * -(-math.prod(field.shape) * field.numpy_dtype.itemsize // 3)
+        properties = {
+            "shape": {"const": list(field.shape)},
+            "dtype": {"const": field.dtype_name},
+            "data": {
+                "type": "string",
+                "contentEncoding": "base64",
+                "minLength": characters,
+                "maxLength": characters,
+                "description": f"The values, each from {field.low} to {field.high}.",
+            },
+        }
+        return {
+            "type": "object",
+            "properties": properties,
+            "required": list(properties),
+            "additionalProperties": False,
+            **about,
+        }
+    whole = np.issubdtype(field.numpy_dtype, np.integer)
+    schema: dict[str, Any] = {"type": "integer" if whole else "number"}
+    if math.isfinite(field.low):
+        schema |= {"minimum": field.low, "maximum": field.high}
+    for length in () if field.scalar else reversed(field.shape):
+        schema = {"type": "array", "items": schema, "minItems": length, "maxItems": length}
+    return schema | about
 
 
 def action_space() -> spaces.Box:

@@ -19,7 +19,7 @@ from visiting import Accessible, Visit
 CHROMIUM = Path("/usr/bin/chromium")
 _OPTIONS = ("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking")
 _EXPECTED = "Failed to load resource: the server responded with a status of "
-"""Chromium logs it for a page that is an error page."""
+"""Chromium logs it for a page that is an error page, and for a call that is refused."""
 
 
 @pytest.fixture(scope="session")
@@ -53,7 +53,13 @@ def visit(chromium: Browser, site: Site) -> Iterator[Visit]:
     contexts = []
 
     def open_page(
-        path: str, *, width: int = 1000, dark: bool = False, javascript: bool = True, status: int = 200
+        path: str,
+        *,
+        width: int = 1000,
+        dark: bool = False,
+        javascript: bool = True,
+        status: int = 200,
+        refusals: bool = False,
     ) -> Page:
         context = chromium.new_context(
             base_url=site.url,
@@ -64,7 +70,7 @@ def visit(chromium: Browser, site: Site) -> Iterator[Visit]:
         )
         contexts.append(context)
         page = context.new_page()
-        page.on("console", lambda said: _note(wrong, status, said.type, said.text))
+        page.on("console", lambda said: _note(wrong, refusals or status != 200, said.type, said.text))
         page.on("pageerror", lambda error: wrong.append(f"{path}: {error}"))
         page.on("requestfailed", lambda request: wrong.append(f"{request.url}: {request.failure}"))
         page.on("request", lambda request: _check_origin(wrong, site.url, request.url))
@@ -79,8 +85,8 @@ def visit(chromium: Browser, site: Site) -> Iterator[Visit]:
     assert not wrong
 
 
-def _note(wrong: list[str], status: int, kind: str, text: str) -> None:
-    if kind in {"error", "warning"} and not (status != 200 and text.startswith(_EXPECTED)):
+def _note(wrong: list[str], refusals: bool, kind: str, text: str) -> None:
+    if kind in {"error", "warning"} and not (refusals and text.startswith(_EXPECTED)):
         wrong.append(f"console: {text}")
 
 

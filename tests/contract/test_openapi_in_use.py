@@ -80,12 +80,13 @@ def schema_of(served: ServedApp) -> Any:
                 if parameter["name"] in parameters:
                     parameter["example"] = parameters[parameter["name"]]
     bodies = {
-        "/v1/evaluations": {"suite": "navigation@1"},
-        "/v1/episodes": practice,
-        "/v1/episodes/{episode}/step": step,
+        ("/v1/evaluations", "post"): {"suite": "navigation@1"},
+        ("/v1/evaluations/{evaluation}/results", "put"): {"episodes": []},
+        ("/v1/episodes", "post"): practice,
+        ("/v1/episodes/{episode}/step", "post"): step,
     }
-    for path, body in bodies.items():
-        document["paths"][path]["post"]["requestBody"]["content"]["application/json"]["example"] = body
+    for (path, method), body in bodies.items():
+        document["paths"][path][method]["requestBody"]["content"]["application/json"]["example"] = body
     form = document["paths"]["/v1/submissions"]["post"]["requestBody"]["content"]["multipart/form-data"]
     form["example"] = {"model": "a model", "suite": "wrong-command@2"}
     config = schemathesis.Config.from_dict(

@@ -24,6 +24,8 @@ from wrongturn_protocol import (
     StepRequest,
 )
 from wrongturn_service.api.dependencies import Body, Token, accepted, request_key
+from wrongturn_service.api.examples import add_examples
+from wrongturn_service.api.typed_observations import add_observations
 
 _MAKING: Final = threading.Lock()
 _REFERENCE = "#/components/schemas/{model}"
@@ -54,6 +56,18 @@ _MEANING = {
     503: "Not now; come back after Retry-After",
     507: "The disk of the service is full",
 }
+_NAMES = {
+    "agent": "Id of an agent, see GET /v1/agents.",
+    "episode": "Id of an episode.",
+    "evaluation": "Id of an evaluation.",
+    "kind": "What follows /problems/ in a problem's type.",
+    "owner": "Id of an owner, see GET /v1/owners.",
+    "state": "Only episodes in this state.",
+    "submission": "Id of a submission.",
+    "suite": "Id of a suite, see GET /v1/suites.",
+    "town": "Name of a town, see GET /v1/towns.",
+}
+"""What a parameter is, by its name."""
 _BINARY: Final[dict[str, Any]] = {"schema": {"type": "string", "format": "binary"}}
 _MADE = {
     "/v1/agents": "agent",
@@ -154,8 +168,20 @@ def _built(app: FastAPI) -> dict[str, Any]:
             refused = operation["responses"].get("422", {}).get("content", {})
             if "application/json" in refused:
                 del operation["responses"]["422"]
+            for parameter in operation.get("parameters", []):
+                parameter.setdefault("description", _NAMES.get(parameter["name"], ""))
+            for reply in operation["responses"].values():
+                _drop_json(reply.get("content", {}))
+    add_observations(schemas)
+    add_examples(found["paths"])
     _link(found["paths"])
     return found
+
+
+def _drop_json(content: dict[str, Any]) -> None:
+    """Drop the JSON that FastAPI adds to a reply of another media type."""
+    if len(content) > 1 and content.get("application/json") == {"schema": {}}:
+        del content["application/json"]
 
 
 def _link(paths: dict[str, Any]) -> None:

@@ -1,0 +1,185 @@
+"""The page that documents every call, made from the OpenAPI document.
+
+It is our own. Swagger UI, RapiDoc and Scalar fail axe-core (contrast, landmarks, names of buttons), are blank without
+JavaScript, and weigh 0.9 to 3.6 MB.
+"""
+
+import asyncio
+import json
+import re
+import shlex
+from dataclasses import dataclass
+from typing import Any, Final
+
+from fastapi import APIRouter, FastAPI, Request, Response
+from markupsafe import Markup, escape
+
+from wrongturn_protocol import Track
+from wrongturn_service.api.documents import document
+from wrongturn_service.api.typed_observations import COMPONENTS
+from wrongturn_service.web.page import page, templates
+
+router = APIRouter(include_in_schema=False)
+GROUPS: Final = {
+    "owners": "Owners answer for agents.",
+    "agents": "Register the agent that you drive. Its token opens the calls below.",
+    "evaluations": "An evaluation is one agent on one suite. What is begun counts.",
+    "episodes": "Steps, practice, and finished episodes.",
+    "submissions": "Hand a model in, and the service drives it.",
+    "leaderboards": "Rankings, for everybody.",
+    "suites": "What is driven.",
+    "towns": "Where it is driven.",
+    "health": "For operators.",
+    "problems": "What errors mean.",
+}
+"""What each tag's calls are for, in the order of the page."""
+_CODE: Final = re.compile(r":\w+:`~?(?:[\w.]*\.)?(\w+)`|``(.+?)``|`(.+?)`")
+
+
+@dataclass(frozen=True)
+class Call:
+    """One operation of the document."""
+
+    id: str
+    method: str
+    path: str
+    operation: dict[str, Any]
+    status: str
+    """Status of a good reply."""
+    needs_token: bool
+    """Whether it always needs a token."""
+    curl: str
+    """The example's request as a command."""
+
+    @property
+    def lead(self) -> str:
+        """First sentence of the description."""
+        return re.split(r"(?<=\.)\s", str(self.operation["description"]), maxsplit=1)[0]
+
+    @property
+    def media(self) -> str | None:
+        """Media type of the body that the form sends."""
+        return _media(self.operation.get("requestBody", {}))
+
+    @property
+    def body(self) -> dict[str, Any]:
+        """Schema and example of the body; empty without one."""
+        return _content(self.operation.get("requestBody", {}))
+
+    @property
+    def reply(self) -> dict[str, Any]:
+        """Schema and example of a good reply; empty without one."""
+        return _content(self.operation["responses"][self.status])
+
+    @property
+    def refusals(self) -> dict[str, str]:
+        """Meaning of each refusal, by status."""
+        replies = self.operation["responses"].items()
+        return {status: reply["description"] for status, reply in replies if status >= "400"}
+
+
+@router.api_route("/docs", methods=["GET", "HEAD"])
+async def docs(request: Request) -> Response:
+    """Show the documentation of every call."""
+    calls = await asyncio.to_thread(_calls, request.app)
+    return page(request, "rest.html", calls=calls, url=str(request.base_url).rstrip("/"))
+
+
+def _calls(app: FastAPI) -> Markup:
+    """Return the part of the page that is the same for every address. Use a thread."""
+    state = app.state
+    if getattr(state, "documented_calls", None) is None:
+        found = document(app)
+        text = (
+            templates()
+            .get_template("rest_calls.html")
+            .render(
+                groups=_groups(found["paths"]),
+                meanings=GROUPS,
+                schemas=found["components"]["schemas"],
+                tracks={track: found["components"]["schemas"][COMPONENTS[track]] for track in Track},
+                pretty=_pretty,
+                prose=_prose,
+            )
+        )
+        state.documented_calls = Markup(text)  # noqa: S704 -- rendered with autoescape
+    calls: Markup = state.documented_calls
+    return calls
+
+
+def _groups(paths: dict[str, Any]) -> dict[str, list[Call]]:
+    """Return the calls by tag, in the order of GROUPS."""
+    found: dict[str, list[Call]] = {tag: [] for tag in GROUPS}
+    for path, operations in paths.items():
+        for method, operation in operations.items():
+            found.setdefault(operation["tags"][0], []).append(_call(method.upper(), path, operation))
+    for calls in found.values():
+        calls.sort(key=lambda call: (call.path.count("/"), call.path, call.method != "POST"))
+    return {tag: calls for tag, calls in found.items() if calls}
+
+
+def _call(method: str, path: str, operation: dict[str, Any]) -> Call:
+    security = operation.get("security", [])
+    return Call(
+        id=re.sub(r"\W+", "-", f"{method} {path}").strip("-").lower(),
+        method=method,
+        path=path,
+        operation=operation,
+        status=next(status for status in operation["responses"] if status < "300"),
+        needs_token=bool(security) and {} not in security,
+        curl=_curl(method, path, operation),
+    )
+
+
+def _curl(method: str, path: str, operation: dict[str, Any]) -> str:
+    query = []
+    for parameter in operation.get("parameters", []):
+        if "example" not in parameter:
+            continue
+        if parameter["in"] == "path":
+            path = path.replace(f"{{{parameter['name']}}}", str(parameter["example"]))
+        elif parameter["in"] == "query":
+            query.append(f"{parameter['name']}={str(parameter['example']).replace(' ', '+')}")
+    url = f"$WRONGTURN_URL{path}" + (f"?{'&'.join(query)}" if query else "")
+    lines = [f'curl -X {method} "{url}"' if method != "GET" else f'curl "{url}"']
+    if operation.get("security"):
+        lines.append('-H "Authorization: Bearer $WRONGTURN_TOKEN"')
+    body = operation.get("requestBody", {})
+    example: Any = _content(body).get("example")
+    if _media(body) == "multipart/form-data":
+        lines += [
+            f"-F {name}={'@my_agent.onnx' if name == 'model' else shlex.quote(example[name])}" for name in example
+        ]
+    elif example is not None:
+        lines += ['-H "Content-Type: application/json"', f"-d {shlex.quote(json.dumps(example))}"]
+    return " \\\n  ".join(lines)
+
+
+def _media(part: dict[str, Any]) -> str | None:
+    """Return the media type of a body or reply that people read."""
+    return next((media for media in part.get("content", {}) if media != "application/msgpack"), None)
+
+
+def _content(part: dict[str, Any]) -> dict[str, Any]:
+    media = _media(part)
+    content: dict[str, Any] = {} if media is None else part["content"][media]
+    return content
+
+
+def _pretty(value: Any) -> str:
+    """Return a value as JSON whose lists of numbers stand in one line each."""
+    if isinstance(value, str):
+        return value
+    text = json.dumps(value, indent=2)
+    return re.sub(
+        r"\[[^\[\]{}]*\]", lambda found: re.sub(r"\s+", " ", found.group()).replace("[ ", "[").replace(" ]", "]"), text
+    )
+
+
+def _prose(text: str) -> Markup:
+    """Return a docstring as paragraphs."""
+    paragraphs = [
+        _CODE.sub(lambda found: f"<code>{next(filter(None, found.groups()))}</code>", str(escape(paragraph)))
+        for paragraph in text.strip().split("\n\n")
+    ]
+    return Markup("".join(f"<p>{paragraph}</p>" for paragraph in paragraphs))  # noqa: S704 -- escaped above
