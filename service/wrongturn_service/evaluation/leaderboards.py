@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from functools import lru_cache
 
 from wrongturn_networks import Suite, load_suite, suite_ids
 from wrongturn_protocol import (
@@ -167,9 +168,15 @@ def _row(evaluation: EvaluationRow, agent: AgentRow, cancelled: int = 0) -> Rank
         agent=detail(agent),
         evaluation=evaluation.id,
         entry=Entry(evaluation.entry),
-        metrics=Metrics.model_validate_json(evaluation.metrics),
+        metrics=_metrics(evaluation.metrics),
         cancelled=cancelled,
     )
+
+
+@lru_cache(maxsize=4096)
+def _metrics(stored: str) -> Metrics:
+    """Return an evaluation's metrics. They never change, but a leaderboard is computed again for each newcomer."""
+    return Metrics.model_validate_json(stored)
 
 
 def _unknown(kind: ProblemType, field: str, message: str) -> NotFoundError:

@@ -1,8 +1,10 @@
 """Rankings of agents on a suite. ``docs/ranking.md`` explains the rule."""
 
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Final
 
 from wrongturn_protocol import (
@@ -131,12 +133,13 @@ def rank(rows: Sequence[RankingInput], successor: str | None = None) -> list[Lea
     reasons = [why_not(row, successor) for row in rows]
     field = [row for row, reason in zip(rows, reasons, strict=True) if reason is None]
     ranks = _ranks(field)
+    ties = _ties(field, ranks)
     agents = Counter(row.owner for row in rows if row.seeds is None)
     entries = [
         LeaderboardEntry(
-            **_with_interval(row.metrics).model_dump(),
+            **dict(_with_interval(row.metrics)),
             rank=ranks.get(row.agent.id),
-            tied_with=_tied(row, field, ranks),
+            tied_with=ties.get(row.agent.id, ()),
             eligible=reason is None,
             why_not=reason,
             agent=row.agent,
@@ -158,12 +161,15 @@ def _ranks(field: Sequence[RankingInput]) -> dict[str, int]:
     for row in field:
         key = row.agent.track, row.owner
         best[key] = min(best.get(key, 1.0), interval(row.metrics)[1])
+    highs: dict[Track, list[float]] = {}
+    for (track, _), high in sorted(best.items(), key=itemgetter(1)):
+        highs.setdefault(track, []).append(high)
     ranks = {}
     for row in field:
         low, _ = interval(row.metrics)
-        ranks[row.agent.id] = 1 + sum(
-            high < low for (track, owner), high in best.items() if track is row.agent.track and owner != row.owner
-        )
+        track = row.agent.track
+        better = bisect_left(highs[track], low)
+        ranks[row.agent.id] = 1 + better - (best[track, row.owner] < low)
     return ranks
 
 
@@ -176,18 +182,16 @@ def _with_interval(metrics: Metrics) -> Metrics:
     return metrics.model_copy(update={"unsafe_strict": strict.model_copy(update={"ci83": ci83})})
 
 
-def _tied(row: RankingInput, field: Sequence[RankingInput], ranks: Mapping[str, int]) -> tuple[str, ...]:
-    if row.agent.id not in ranks:
-        return ()
-    return tuple(
-        sorted(
-            other.agent.name
-            for other in field
-            if other.agent.id != row.agent.id
-            and other.agent.track is row.agent.track
-            and ranks[other.agent.id] == ranks[row.agent.id]
-        )
-    )
+def _ties(field: Sequence[RankingInput], ranks: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
+    """Return the names of the agents that share an agent's rank and track, by agent id."""
+    alike: dict[tuple[Track, int], list[AgentDetail]] = {}
+    for row in sorted(field, key=lambda row: row.agent.name):
+        alike.setdefault((row.agent.track, ranks[row.agent.id]), []).append(row.agent)
+    return {
+        agent.id: tuple(other.name for other in agents if other.id != agent.id)
+        for agents in alike.values()
+        for agent in agents
+    }
 
 
 def _place(entry: LeaderboardEntry) -> tuple[int, int, int, int, int, str]:
