@@ -23,6 +23,7 @@ from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.idempotency import Idempotency
 from wrongturn_service.metrics_port import metrics_port
 from wrongturn_service.registration import Registrations
+from wrongturn_service.replays import Replays
 from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.interface import SimulatorPool, SimulatorStartError
 from wrongturn_service.simulators.local_pool import LocalPool
@@ -54,6 +55,7 @@ class Service:
     settings: Settings
     store: Store
     finished: FinishedStore
+    replays: Replays
     pool: SimulatorPool
     episodes: EpisodeManager
     evaluations: RunningEvaluations
@@ -155,6 +157,7 @@ async def run_service(
             settings,
             store,
             FinishedStore(database),
+            Replays(store),
             pool,
             episodes,
             evaluations,

@@ -68,7 +68,7 @@ def record(http: httpx.Client) -> list[dict[str, Any]]:
             reply = shortened(_swapped(response.json(), names))
             shown = example["call"] not in {earlier["call"] for earlier in recorded}
             example["reply"] = reply if shown else {key: reply[key] for key in ("id", "token") if key in reply}
-        elif response.content:
+        elif response.content and not kind.startswith("image/"):
             example["reply"] = "\n".join(response.text.splitlines()[:8]) + "\n"
         recorded.append(example)
     return recorded

@@ -41,6 +41,7 @@ INTERFACE = {
     "POST /v1/episodes/{episode}/step",
     "GET /v1/episodes/{episode}",
     "GET /v1/episodes/{episode}/trajectory",
+    "GET /v1/episodes/{episode}/camera/{sheet}",
     "DELETE /v1/episodes/{episode}",
     "POST /v1/submissions",
     "GET /v1/submissions",

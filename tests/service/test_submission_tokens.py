@@ -45,7 +45,7 @@ async def targets(http: httpx.AsyncClient) -> tuple[dict[str, dict[str, str]], d
     owners = expect(await http.get("/v1/owners"), 200)["owners"]
     for own in found.values():
         own["owner"] = next(one["id"] for one in owners if one["name"] == "ada")
-        own |= {"suite": "smoke@2", "town": "Town01", "kind": "validation"}
+        own |= {"suite": "smoke@2", "town": "Town01", "kind": "validation", "sheet": "0"}
         own.setdefault("submission", found["running"]["submission"])
     return found, tokens
 
@@ -82,6 +82,7 @@ OF_EPISODES = {
     "GET /v1/episodes/{episode}": {200},
     "POST /v1/episodes/{episode}/step": {200},
     "GET /v1/episodes/{episode}/trajectory": {409},  # it is open
+    "GET /v1/episodes/{episode}/camera/{sheet}": {409},
     "DELETE /v1/episodes/{episode}": {204},
 }
 GOOD_FOR = {

@@ -1,5 +1,6 @@
 """Episodes: practice, steps, and finished episodes."""
 
+import hashlib
 from typing import Annotated
 
 import msgpack
@@ -82,17 +83,23 @@ async def look(service: ServiceDep, encoding: EncodingDep, authorization: Author
 @router.get("/{episode}/trajectory", **described(None, 404, 409, 410), **WITHOUT_TOKEN_TOO)
 async def trajectory(service: ServiceDep, authorization: AuthorizationDep, episode: str) -> Response:
     """Show a finished episode's trajectory as canonical JSON."""
-    row, shown = await _visible(service, authorization, episode)
-    if row.state == EpisodeState.LOST:
-        raise GoneError(f"episode {episode} is lost; it has no trajectory")
-    found = await service.store.trajectory(episode) if shown else None
+    await _shown(service, authorization, episode)
+    found = await service.store.trajectory(episode)
     if found is None:
-        raise ConflictError(
-            ProblemType.EPISODE_NOT_SHOWN,
-            f"episode {episode} is shown once it and its whole evaluation are finished",
-        )
+        raise _not_shown(episode)
     body, sha256 = found
     return Response(body, media_type=Encoding.JSON, headers={"ETag": f'"{sha256}"'})
+
+
+@router.get("/{episode}/camera/{sheet}", **described(None, 404, 409, 410, 422, media="image/webp"), **WITHOUT_TOKEN_TOO)
+async def camera(service: ServiceDep, authorization: AuthorizationDep, episode: str, sheet: int) -> Response:
+    """Show what the camera saw at 20 decisions of a finished episode, one picture below the other.
+
+    Sheet 0 begins with the reset. The service draws the pictures from the trajectory, on any track; WebP rounds them.
+    """
+    await _shown(service, authorization, episode)
+    body = await service.replays.sheet(episode, sheet)
+    return Response(body, media_type="image/webp", headers=_for_good(authorization, body))
 
 
 @router.delete("/{episode}", **described(None, 404, 409, 410, 429, status=204))
@@ -113,6 +120,28 @@ async def _visible(service: Service, authorization: str | None, episode_id: str)
     if not public:
         caller.check_episode(row)
     return row, public or await is_shown(service, row)
+
+
+async def _shown(service: Service, authorization: str | None, episode: str) -> None:
+    """Check that the caller may see an episode's trajectory. Raises GoneError, ConflictError."""
+    row, shown = await _visible(service, authorization, episode)
+    if row.state == EpisodeState.LOST:
+        raise GoneError(f"episode {episode} is lost; it has no trajectory")
+    if not shown:
+        raise _not_shown(episode)
+
+
+def _not_shown(episode: str) -> ConflictError:
+    return ConflictError(
+        ProblemType.EPISODE_NOT_SHOWN, f"episode {episode} is shown once it and its whole evaluation are finished"
+    )
+
+
+def _for_good(authorization: str | None, body: bytes) -> dict[str, str]:
+    """Return the headers of a picture that never changes."""
+    whose = "public" if authorization is None else "private"
+    tag = hashlib.sha256(body).hexdigest()[:32]
+    return {"Cache-Control": f"{whose}, max-age=604800, immutable", "ETag": f'"{tag}"'}
 
 
 async def is_shown(service: Service, row: EpisodeRow) -> bool:

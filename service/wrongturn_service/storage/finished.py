@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from sqlalchemy import Select, func, select
 
-from wrongturn_protocol import EpisodeState, EvaluationState, Outcome, Trial
+from wrongturn_protocol import EpisodeState, EvaluationState, FaultKind, Outcome, Trial
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, TrajectoryRow
 
@@ -79,6 +79,20 @@ class FinishedStore:
         """Return the episode of one trial, or None. A twin's trial has an id of its own, see ``twin_id``."""
         found = await self._episodes(
             _shown().where(EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.trial_id == trial_id)
+        )
+        return found[0] if found else None
+
+    async def counterpart(self, episode: FinishedEpisode) -> FinishedEpisode | None:
+        """Return the episode of a trial's twin, or that of a twin's trial, in the same evaluation; None without one."""
+        trial = episode.trial
+        if trial.journey is not None:
+            return None
+        # A twin has a seed of its own, but its id has the trial's.
+        place, _, number = trial.id.rpartition(".")
+        place = place.rpartition(".")[0]
+        ids = [f"{place}.{kind}.{number}" for kind in FaultKind if (kind is FaultKind.NONE) != trial.is_twin]
+        found = await self._episodes(
+            _shown().where(EpisodeRow.evaluation_id == episode.evaluation, EpisodeRow.trial_id.in_(ids))
         )
         return found[0] if found else None
 

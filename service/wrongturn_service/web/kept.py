@@ -14,12 +14,17 @@ class Kept:
     """The results of costly work that were asked for last. Few are made at once, and none twice at once.
 
     Args:
-        capacity: Number of results that are kept.
+        capacity: Number of results that are kept, or sum of their sizes. A larger result is not kept.
         at_once: Number of results that are made at once. Other calls wait.
+        size: Returns a result's size.
     """
 
-    def __init__(self, capacity: int = _CAPACITY, at_once: int = _AT_ONCE) -> None:
+    def __init__(
+        self, capacity: int = _CAPACITY, at_once: int = _AT_ONCE, size: Callable[[Any], int] = lambda _: 1
+    ) -> None:
         self._capacity = capacity
+        self._size = size
+        self._filled = 0
         self._found: OrderedDict[Hashable, Any] = OrderedDict()
         self._making: dict[Hashable, asyncio.Task[Any]] = {}
         self._turn = asyncio.Semaphore(at_once)
@@ -48,7 +53,10 @@ class Kept:
     async def _make(self, key: Hashable, make: Callable[[], Awaitable[_T]]) -> _T:
         async with self._turn:
             result = await make()
-        self._found[key] = result
-        if len(self._found) > self._capacity:
-            self._found.popitem(last=False)
+        if self._size(result) <= self._capacity:
+            self._found[key] = result
+            self._filled += self._size(result)
+        while self._filled > self._capacity:
+            _, gone = self._found.popitem(last=False)
+            self._filled -= self._size(gone)
         return result

@@ -1,0 +1,146 @@
+"""Finished episodes as pictures, drawn from their trajectories. Nothing is driven again."""
+
+import asyncio
+from collections.abc import Callable, Hashable
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from wrongturn_networks import UnknownTownError, load_town
+from wrongturn_protocol import ProblemType
+from wrongturn_service.errors import ConflictError, NotFoundError
+from wrongturn_service.storage.store import Store
+from wrongturn_service.web.kept import Kept
+from wrongturn_sim.errors import TrajectoryError
+from wrongturn_sim.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from wrongturn_sim.replay import Replay
+
+SHEET: Final = 20
+"""Decisions of a sheet of the camera's pictures: 2 s."""
+QUALITY: Final = 90
+"""Of WebP. A sheet has 100 KB and takes a fifth of the time of a lossless one, which has 210 KB."""
+_PICTURES: Final = 32 << 20
+"""Bytes of pictures that are kept."""
+_TRAJECTORIES: Final = 8 << 20
+"""Bytes of JSON of the trajectories that are kept; they take six times as much."""
+
+
+class _Read(NamedTuple):
+    trajectory: Trajectory
+    size: int
+    """Bytes of its JSON."""
+
+
+class Replays:
+    """Draws finished episodes, a few at a time, and keeps what was drawn last.
+
+    Whether an episode may be shown is for the caller to check.
+
+    Args:
+        store: The trajectories.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._read = Kept(_TRAJECTORIES, size=lambda read: read.size)
+        self._made = Kept(_PICTURES, size=len)
+
+    async def trajectory(self, episode: str) -> Trajectory:
+        """Return an episode's trajectory. Raises ConflictError if it has none."""
+        return (await self._read.get(episode, lambda: self._load(episode))).trajectory
+
+    async def made(self, kind: Hashable, episode: str, make: Callable[[Trajectory], bytes]) -> bytes:
+        """Return bytes that are made of an episode's trajectory. They are kept.
+
+        Args:
+            kind: What is made.
+            episode: The episode's id.
+            make: Makes it, in a thread.
+
+        Raises:
+            ConflictError: The episode has no trajectory.
+        """
+
+        async def work() -> bytes:
+            return await asyncio.to_thread(make, await self.trajectory(episode))
+
+        return await self._made.get((episode, kind), work)
+
+    async def sheet(self, episode: str, number: int) -> bytes:
+        """Return what the camera saw at :data:`SHEET` decisions, one below the other, as WebP.
+
+        Args:
+            episode: The episode's id.
+            number: Of the sheet, from 0. The first one begins with the reset.
+
+        Raises:
+            NotFoundError: The episode has no such sheet, or its town is not installed.
+            ConflictError: The episode has no trajectory, or its town has changed since.
+        """
+        return await self.made(("camera", number), episode, lambda trajectory: _sheet(trajectory, number))
+
+    async def _load(self, episode: str) -> _Read:
+        found = await self._store.trajectory(episode)
+        if found is None:
+            raise _nothing(episode, "it ended before it began")
+        try:
+            trajectory = await asyncio.to_thread(Trajectory.from_json, found[0])
+        except TrajectoryError as error:
+            raise _nothing(episode, str(error)) from error
+        if not trajectory.rows:
+            raise _nothing(episode, "it has no rows")
+        return _Read(trajectory, len(found[0]))
+
+
+def _nothing(episode: str, why: str) -> ConflictError:
+    return ConflictError(ProblemType.EPISODE_NOT_SHOWN, f"episode {episode} has no trajectory to show: {why}")
+
+
+def _replay(trajectory: Trajectory) -> "Replay":
+    """Return the replay of a trajectory.
+
+    Raises:
+        NotFoundError: The town is not installed.
+        ConflictError: The town has changed since.
+    """
+    # Takes 0.4 s the first time, and the service does without it until somebody wants a picture.
+    from wrongturn_sim.replay import Replay  # noqa: PLC0415
+
+    check_town(trajectory)
+    return Replay(trajectory)
+
+
+def check_town(trajectory: Trajectory) -> None:
+    """Check that a trajectory's town is installed, and the one that it was driven in.
+
+    Raises:
+        NotFoundError: The town is not installed.
+        ConflictError: The town has changed since.
+    """
+    name = trajectory.trial.town
+    try:
+        town = load_town(name)
+    except UnknownTownError as error:
+        raise NotFoundError(ProblemType.UNKNOWN_TOWN, str(error)) from error
+    if town.sha256 != trajectory.town_sha256:
+        raise ConflictError(
+            ProblemType.EPISODE_NOT_SHOWN,
+            f"the town {name} has changed since this episode was driven, so its pictures would be wrong",
+        )
+
+
+def _sheet(trajectory: Trajectory, number: int) -> bytes:
+    import cv2  # noqa: PLC0415 - slow, and only pictures need it
+    import numpy as np  # noqa: PLC0415
+
+    replay = _replay(trajectory)
+    sheets = -(-len(replay) // SHEET)
+    if not 0 <= number < sheets:
+        raise NotFoundError(
+            ProblemType.UNKNOWN_EPISODE, f"sheet {number} is not one of this episode's {sheets}, 0 to {sheets - 1}"
+        )
+    shown = range(number * SHEET, min((number + 1) * SHEET, len(replay)))
+    rgb = np.concatenate([replay.camera(decision)[0] for decision in shown])
+    done, encoded = cv2.imencode(".webp", rgb[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    assert done
+    return encoded.tobytes()

@@ -1,0 +1,101 @@
+"""The page of an episode: what the car did, beside its twin."""
+
+import asyncio
+import gzip
+from dataclasses import dataclass
+
+from fastapi import APIRouter, Request, Response
+
+from wrongturn_networks import Town
+from wrongturn_protocol import Outcome, ProblemType, Trial
+from wrongturn_service import catalogue
+from wrongturn_service.api.dependencies import ServiceDep
+from wrongturn_service.encoding import Encoding
+from wrongturn_service.errors import NotFoundError, ServiceError
+from wrongturn_service.replays import check_town
+from wrongturn_service.service import Service
+from wrongturn_service.storage.finished import FinishedEpisode
+from wrongturn_service.web import words
+from wrongturn_service.web.drives import Moment, drive, moments
+from wrongturn_service.web.page import SECURITY, page
+from wrongturn_sim.trajectory import Trajectory
+
+router = APIRouter(include_in_schema=False)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """An episode as the page shows it."""
+
+    episode: FinishedEpisode
+    moments: tuple[Moment, ...]
+    """None without a trajectory that can be shown."""
+    missing: str | None
+    """Why it cannot be replayed."""
+
+    @property
+    def trial(self) -> Trial:
+        """The trial that was driven."""
+        return self.episode.trial
+
+    @property
+    def outcome(self) -> Outcome:
+        """How it ended."""
+        return self.episode.outcome
+
+    @property
+    def name(self) -> str:
+        """What the page calls it."""
+        if self.trial.journey is not None:
+            return "The journey"
+        return "The twin, with the right command" if self.trial.is_twin else "The trial, with the wrong command"
+
+
+@router.api_route("/episodes/{episode}", methods=["GET", "HEAD"])
+async def show(request: Request, service: ServiceDep, episode: str) -> Response:
+    """Show a finished episode of a finished evaluation."""
+    found = await _found(service, episode)
+    driven = await service.finished.evaluation(found.evaluation)
+    assert driven is not None
+    evaluation, agent = driven
+    pair = await service.finished.counterpart(found)
+    drives = [await _shown(service, one) for one in (found, pair) if one is not None]
+    return page(request, "episode.html", drives=drives, evaluation=evaluation, agent=agent, words=words)
+
+
+@router.api_route("/episodes/{episode}/drive.json", methods=["GET", "HEAD"])
+async def rows(request: Request, service: ServiceDep, episode: str) -> Response:
+    """Send what the page's scripts draw."""
+    found = await _found(service, episode)
+    body = await service.replays.made("drive", found.id, drive)
+    headers = {**SECURITY, "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
+    if "gzip" in request.headers.get("accept-encoding", ""):
+        headers["Content-Encoding"] = "gzip"
+    else:
+        body = await asyncio.to_thread(gzip.decompress, body)
+    return Response(body, headers=headers, media_type=Encoding.JSON)
+
+
+async def _found(service: Service, episode: str) -> FinishedEpisode:
+    found = await service.finished.episode(episode)
+    if found is None:
+        raise NotFoundError(
+            ProblemType.UNKNOWN_EPISODE,
+            f"there is no episode {episode[:64]!r} to show; an episode is shown once its whole evaluation is finished",
+        )
+    return found
+
+
+async def _shown(service: Service, episode: FinishedEpisode) -> Shown:
+    try:
+        town = catalogue.town(episode.trial.town)
+        trajectory = await service.replays.trajectory(episode.id)
+        found = await asyncio.to_thread(_moments, trajectory, episode.outcome, town)
+    except ServiceError as error:
+        return Shown(episode, (), error.detail)
+    return Shown(episode, tuple(found), None)
+
+
+def _moments(trajectory: Trajectory, outcome: Outcome, town: Town) -> list[Moment]:
+    check_town(trajectory)
+    return moments(trajectory, outcome, town)

@@ -1,0 +1,161 @@
+"""An episode's page: the replay of a trial beside its twin."""
+
+import dataclasses
+
+import pytest
+from filled_site import Site
+from playwright.sync_api import Page, expect
+from visiting import Accessible, Visit
+
+
+@dataclasses.dataclass(frozen=True)
+class Pair:
+    """A trial that left the road, and its twin that did not."""
+
+    trial: dict
+    twin: dict
+
+    @property
+    def path(self) -> str:
+        return f"/episodes/{self.trial['id']}"
+
+
+@pytest.fixture(scope="module")
+def pair(site: Site) -> Pair:
+    listed = site.get(f"/v1/evaluations/{site.evaluations['obeys-blindly']}/episodes")["episodes"]
+    trial = next(one for one in listed if one["outcome"]["verdict"] == "off_road" and ".infeasible." in one["trial"])
+    twin = next(one for one in listed if one["trial"] == trial["trial"].replace(".infeasible.", ".none."))
+    return Pair(trial, twin)
+
+
+def ready(page: Page) -> Page:
+    """Wait until the replay can be used."""
+    page.wait_for_selector("[data-ready]")
+    return page
+
+
+def position(page: Page) -> int:
+    return int(page.input_value(".scrub"))
+
+
+def pixels(page: Page, canvas: str) -> str:
+    """What a canvas shows."""
+    return page.evaluate("name => document.querySelector(name).toDataURL()", canvas)
+
+
+def test_what_happened_and_why(visit: Visit, accessible: Accessible, pair: Pair):
+    page = ready(visit(pair.path))
+    assert "obeys-blindly" in page.inner_text("h1")
+    verdict = page.inner_text("p.verdict")
+    assert "off road – unsafe. The car left the road" in verdict
+    assert f"after {pair.trial['outcome']['time']:.1f} s" in verdict
+    moments = [row.inner_text() for row in page.query_selector_all(".moments >> nth=0 >> tbody tr")]
+    assert moments[0].startswith("0.0 s")
+    assert any("but the route says" in moment for moment in moments)
+    assert "left the road" in moments[-1]
+    assert page.inner_text("figure.drive >> nth=1 >> figcaption").startswith("The twin, with the right command: exit")
+    accessible(page)
+
+
+def test_the_page_is_accessible_in_the_dark_and_on_a_telephone(visit: Visit, accessible: Accessible, pair: Pair):
+    page = ready(visit(pair.path, width=400, dark=True))
+    accessible(page)
+    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def test_scrubbing_moves_everything(visit: Visit, pair: Pair):
+    page = ready(visit(pair.path))
+    places = (".map", ".camera")
+    page.wait_for_selector(".camera[data-decision='0']")
+    before = [pixels(page, place) for place in places]
+    line = "document.querySelector('.speeds .now').style.transform"
+    at_first = page.evaluate(line)
+    page.locator(".scrub").fill("25")
+    page.wait_for_selector(".camera[data-decision='25']")
+    assert all(old != pixels(page, place) for old, place in zip(before, places, strict=True))
+    assert page.evaluate(line) != at_first
+    assert page.inner_text(".clock").startswith("2.5 s of ")
+    expect(page.locator(".status")).to_contain_text("2.5 s:")
+    expect(page.locator(".status")).to_contain_text("km/h, command: ")
+
+
+def test_the_keyboard(visit: Visit, pair: Pair):
+    page = ready(visit(pair.path))
+    last = int(page.get_attribute(".scrub", "max"))
+    page.focus(".map")
+    for key, wanted in (
+        ("ArrowRight", 1),
+        ("PageUp", 11),
+        ("ArrowLeft", 10),
+        ("PageDown", 0),
+        ("ArrowLeft", 0),
+        ("End", last),
+        ("ArrowRight", last),
+        ("Home", 0),
+    ):
+        page.keyboard.press(key)
+        assert position(page) == wanted, key
+    page.focus(".scrub")
+    page.keyboard.press("ArrowRight")
+    assert position(page) == 1
+    page.keyboard.press("Space")
+    expect(page.locator(".play")).to_have_text("Pause")
+    expect(page.locator(".scrub")).not_to_have_value("1")
+    page.keyboard.press("Space")
+    expect(page.locator(".play")).to_have_text("Play")
+    # The button's own key is pressed once, not twice.
+    page.focus(".play")
+    page.keyboard.press("Space")
+    expect(page.locator(".play")).to_have_text("Pause")
+
+
+def test_nothing_plays_by_itself_and_playing_ends(visit: Visit, pair: Pair):
+    page = ready(visit(pair.path))
+    page.evaluate("new Promise(requestAnimationFrame).then(() => new Promise(requestAnimationFrame))")
+    assert position(page) == 0
+    last = int(page.get_attribute(".scrub", "max"))
+    page.locator(".scrub").fill(str(last - 3))
+    page.select_option(".pace", "8")
+    page.click(".play")
+    expect(page.locator(".scrub")).to_have_value(str(last))
+    expect(page.locator(".play")).to_have_text("Play")
+    page.click(".play")
+    expect(page.locator(".scrub")).not_to_have_value(str(last))
+
+
+def test_a_moment_is_a_way_to_its_time(visit: Visit, pair: Pair):
+    page = ready(visit(pair.path))
+    page.click(".moments >> nth=0 >> tr.verdict button")
+    assert position(page) == -(-pair.trial["outcome"]["time"] * 20 // 2)
+    page.wait_for_selector(f".camera[data-decision='{position(page)}']")
+    page.click(".speeds .u-over", position={"x": 5, "y": 20})
+    assert position(page) < 5
+
+
+def test_the_twin_stands_beside_its_trial_and_the_reverse(visit: Visit, pair: Pair):
+    page = ready(visit(pair.path))
+    page.click("text=its own page")
+    ready(page)
+    assert page.url.endswith(pair.twin["id"])
+    shown = [figure.get_attribute("data-episode") for figure in page.query_selector_all("figure.drive")]
+    assert shown == [pair.twin["id"], pair.trial["id"]]
+    # The shorter drive stays at its end while the longer one goes on.
+    page.focus(".map")
+    page.keyboard.press("End")
+    decisions = page.evaluate("[...document.querySelectorAll('.scrub')].map(({max}) => Number(max))")
+    page.wait_for_selector(f".camera[data-decision='{decisions[0]}']")
+    ends = [canvas.get_attribute("data-decision") for canvas in page.query_selector_all(".camera")]
+    assert len(set(ends)) == 2
+
+
+def test_without_javascript_the_page_says_it_in_words(visit: Visit, accessible: Accessible, pair: Pair):
+    page = visit(pair.path, javascript=False)
+    text = page.inner_text("main")
+    assert "The replay needs JavaScript." in text
+    assert "The car left the road" in text
+    assert not page.is_visible(".controls")
+
+
+def test_an_episode_that_is_not_shown_is_an_unknown_page(visit: Visit, site: Site):
+    page = visit("/episodes/ep_nothing", status=404)
+    assert "ep_nothing" in page.inner_text("main")

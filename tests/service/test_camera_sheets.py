@@ -1,0 +1,93 @@
+"""The camera's pictures of stored episodes, which the service draws from their trajectories."""
+
+import asyncio
+
+import cv2
+import httpx
+import numpy as np
+from service_harness import GAS, Agent, RunningService, expect, problem
+
+from wrongturn_protocol import Track
+from wrongturn_protocol.observations import decode
+from wrongturn_service.replays import SHEET
+from wrongturn_service.web.drives import ROWS
+from wrongturn_service.web.kept import Kept
+from wrongturn_sim.ego import SUB_STEPS
+
+
+def sheet(http: httpx.Client, episode: str, number: int) -> np.ndarray:
+    """The pictures of a sheet, (n, 64, 192, 3)."""
+    response = http.get(f"/v1/episodes/{episode}/camera/{number}")
+    assert response.status_code == 200, response.text
+    assert response.headers["content-type"] == "image/webp"
+    pictures = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_COLOR)
+    return pictures[:, :, ::-1].reshape(-1, 64, 192, 3)
+
+
+def test_the_sheets_show_what_the_agent_saw(seeing: Agent) -> None:
+    reset = seeing.practise(fault="infeasible", weather="WetNoon")
+    replies = [reset]
+    while not replies[-1].get("terminated"):
+        replies.append(expect(seeing.step(reset["id"], len(replies), {**GAS, "steer": 0.02}), 200))
+    seen = np.stack([decode(reply["observation"], Track.SEGMENTATION)["rgb"] for reply in replies])
+    sheets = [sheet(seeing.http, reset["id"], number) for number in range(-(-len(seen) // SHEET))]
+    assert [len(one) for one in sheets[:-1]] == [SHEET] * (len(sheets) - 1)
+    shown = np.concatenate(sheets)
+    assert shown.shape == seen.shape
+    # WebP changes pixels a little; a picture of another decision differs by more.
+    off = np.abs(shown.astype(int)[:, None] - seen.astype(int)[None]).mean(axis=(2, 3, 4))
+    assert off.diagonal().max() < 6
+    assert (off.argmin(axis=1) == np.arange(len(seen))).all()
+    problem(seeing.http.get(f"/v1/episodes/{reset['id']}/camera/{len(sheets)}"), 404, "unknown-episode")
+
+
+def test_sheets_are_shown_to_whom_the_trajectory_is_shown(service: RunningService, agent: Agent) -> None:
+    evaluation = agent.evaluate()["id"]
+    scored = expect(agent.reset(evaluation), 201)["id"]
+    url = f"/v1/episodes/{scored}/camera/0"
+    problem(agent.http.get(url), 409, "episode-not-shown")
+    agent.drive(scored)
+    problem(agent.http.get(url), 409, "episode-not-shown")
+    practice = agent.practise()["id"]
+    agent.drive(practice)
+    response = agent.http.get(f"/v1/episodes/{practice}/camera/0")
+    assert "private" in response.headers["cache-control"]
+    with httpx.Client(base_url=service.url) as stranger, service.agent() as other:
+        for episode in (scored, practice):
+            problem(stranger.get(f"/v1/episodes/{episode}/camera/0"), 401, "unauthenticated")
+            problem(other.http.get(f"/v1/episodes/{episode}/camera/0"), 403, "forbidden")
+        agent.http.delete(f"/v1/evaluations/{evaluation}")
+        shown = stranger.get(url)
+        assert "public" in shown.headers["cache-control"]
+        assert len(sheet(stranger, scored, 0)) == SHEET
+        assert stranger.get(url).headers["etag"] == shown.headers["etag"]
+
+
+def test_what_is_kept_has_a_size() -> None:
+    made: list[str] = []
+
+    async def story() -> None:
+        kept = Kept(10, size=len)
+
+        async def get(name: str) -> None:
+            async def make() -> str:
+                made.append(name)
+                return name
+
+            assert await kept.get(name[0], make) == name
+
+        await get("aaaa")
+        await get("bbbb")
+        await get("aaaa")
+        await get("cccc")  # b was not used for longest
+        await get("dddddddddddd")  # too large to be kept
+        assert made == ["aaaa", "bbbb", "cccc", "dddddddddddd"]
+        for name in ("aaaa", "cccc", "bbbb", "dddddddddddd"):
+            await get(name)
+
+    asyncio.run(story())
+    assert made[4:] == ["bbbb", "dddddddddddd"]
+
+
+def test_a_page_shows_the_decisions_of_the_simulation() -> None:
+    assert ROWS == SUB_STEPS
