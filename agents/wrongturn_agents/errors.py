@@ -12,7 +12,7 @@
     ├── RunError                 a run cannot begin: its name is taken, its track is not in the suite, ...
     ├── RunFileError             the file of a saved run is missing, or cannot be read or written
     └── ResultsError             stored results, or a request about them, are not valid
-        ├── MissingPackageError  a package of the extra ``training`` is not installed
+        ├── MissingPackageError  a package of the extra ``figures`` or ``training`` is not installed
         └── OutdatedPageError    a page or picture does not show the stored results
 """
 
@@ -58,7 +58,7 @@ class ResultsError(AgentsError):
 
 
 class MissingPackageError(ResultsError):
-    """A package of the extra ``training`` is not installed."""
+    """A package of the extra ``figures`` or ``training`` is not installed."""
 
 
 class OutdatedPageError(ResultsError):

@@ -157,7 +157,7 @@ def test_navigation_counts_arrivals_by_condition(tmp_path):
             r"image.*suite_sha256: the results are of another wrong-command@2 \(000000000000\)",
         ),
         ({"suite": "no-such@1"}, "no-such@1"),
-        ({"agent": "ppo image"}, "agent: "),
+        ({"agent": "ppo/image"}, "agent: "),
         ({"seed": -1}, "seed: "),
         ({"driven": "by hand"}, "driven: "),
         ({"secret": None}, "image.*secret: is missing"),

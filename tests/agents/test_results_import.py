@@ -7,13 +7,15 @@ from typer.testing import CliRunner
 
 import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
 from wrongturn_agents.errors import ResultsError
+from wrongturn_agents.reporting import figures
 from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.importing import Overrides, import_results, results_of_run
+from wrongturn_agents.reporting.junction_frame import Frame, rings
 from wrongturn_client import LocalService
 from wrongturn_client.cli import app
 from wrongturn_networks import load_suite
 from wrongturn_networks.draws import commitment_of
-from wrongturn_protocol import DrivenEpisode, JourneyOutcome, Outcome, RunFormatError, Verdict
+from wrongturn_protocol import DrivenEpisode, JourneyOutcome, Outcome, Verdict
 
 
 def episode(trial: str, **outcome: object) -> DrivenEpisode:
@@ -102,7 +104,7 @@ def test_episodes_of_an_evaluation_become_results():
 def test_a_run_file_of_before_it_held_episodes_says_how_to_write_it_again(tmp_path: Path):
     told = tmp_path / "run.json"
     told.write_text(json.dumps({"id": "gone", "suite": "wrong-command@2", "state": "finished", "trials": 120}))
-    with pytest.raises(RunFormatError, match=r"run\.json: .*'wrongturn run --resume ID --json FILE'"):
+    with pytest.raises(ResultsError, match=r"run\.json: .*'wrongturn run --resume ID --json FILE'"):
         import_results(told, tmp_path, Overrides())
 
 
@@ -124,6 +126,15 @@ def test_a_run_over_a_service_is_kept_trial_by_trial(tmp_path: Path, monkeypatch
         # The file of the run itself, which knows the agent's token, will do as well.
         (run,) = (tmp_path / "runs").glob("*.json")
         text = import_results(run, tmp_path, Overrides()).read_text()
+        fetched = figures.fetch(service.url, "by hand", "smoke@2")
+        assert figures.csv_text([fetched]) == figures.csv_text([figures.read(told)])
+        assert fetched.run is not None
+        assert figures.fetch(service.url, fetched.run.id).agent == "by hand"
+        with pytest.raises(ResultsError, match=r"nobody: .* no agent of this name .* on smoke@2, .*: by hand"):
+            figures.fetch(service.url, "nobody", "smoke@2")
+        here, there = figures.installed_town("Town01"), figures.town_of(service.url)("Town01")
+        assert rings(here.road) == rings(there.road)
+        assert [Frame.of(one) for one in here.approaches] == [Frame.of(one) for one in there.approaches]
     # The service is gone: the run file holds everything.
     kept = import_results(told, tmp_path, Overrides())
     assert kept.read_text() == text

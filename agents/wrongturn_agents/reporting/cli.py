@@ -11,19 +11,29 @@ from rich.text import Text
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.reporting.collection import STORED
 from wrongturn_agents.reporting.curves import PICTURE, check_picture, draw
+from wrongturn_agents.reporting.figures_cli import Format, Wanted, Width, make
 from wrongturn_agents.reporting.importing import Overrides, import_results
 from wrongturn_agents.reporting.making_studies import make_draws, make_judgings
 from wrongturn_agents.reporting.order import order_in_words
 from wrongturn_agents.reporting.report import Report, check_page, find_pages, write_page
+from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_client.tables import console
 
 
 def results(
+    runs: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[RUN]...",
+            help="For --figures, --latex and --csv: files of 'wrongturn run --json', or names of agents with results, "
+            "stored or on a service (--url). NAME=RUN shows it under another name. By default all shipped agents.",
+        ),
+    ] = None,
+    *,
     directory: Annotated[
         Path | None,
         typer.Option(metavar="DIRECTORY", help="Directory of the results; by default the package's own."),
     ] = None,
-    *,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON, and nothing else.")] = False,
     write: Annotated[
         list[Path] | None,
@@ -75,12 +85,50 @@ def results(
         int | None,
         typer.Option(help="Training steps of the import. Example: 2000000", min=0),
     ] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(
+            "--figures",
+            metavar="FOLDER",
+            help="Draw unsafe rates, pairs of trial and twin, and the trajectories of run files. Example: --figures "
+            "paper/figures run.json.gz",
+        ),
+    ] = None,
+    latex: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the paper's table of the runs for LaTeX (booktabs); - prints it."),
+    ] = None,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", metavar="FILE", help="Write a row for each trial and twin; - prints them.")
+    ] = None,
+    width: Annotated[
+        Width, typer.Option(help="Width of the figures: one column of a paper, or the page.")
+    ] = Width.COLUMN,
+    formats: Annotated[
+        list[Format] | None, typer.Option("--format", help="Format of the figures; give it again for another.")
+    ] = None,
+    paper: Annotated[bool, typer.Option("--paper", help="Put the paper's agents first in the LaTeX table.")] = False,
+    url: Annotated[
+        str | None,
+        typer.Option(metavar="URL", help="Service with the agents and towns. Example: --url http://127.0.0.1:8000"),
+    ] = None,
+    suite: Annotated[str, typer.Option(help="Suite of the agents that are no files.")] = WRONG_COMMAND,
 ) -> None:
     """Show the tables of results: ours beside the paper's, with their spread over training seeds.
 
     Example: wrongturn results --check
+
+    For a paper: wrongturn results --figures figures --latex table.tex --csv trials.csv run.json.gz
     """
     directory = STORED if directory is None else directory
+    if figures is not None or latex is not None or csv is not None:
+        if any((as_json, write, check, curves, sources, sensitivity, draws is not None)):
+            raise ResultsError("--figures, --latex, --csv: they are of runs; run the command once more for the rest")
+        kinds = formats or [Format.PDF, Format.PNG]
+        make(Wanted(runs or [], directory, url, suite, figures, latex, csv, width, kinds, paper))
+        return
+    if runs:
+        raise ResultsError(f"RUN: {runs[0]}: say what to make of it by --figures, --latex or --csv")
     studied = sensitivity or draws is not None
     if not sources and any(value is not None for value in (None if studied else agent, seed, variant, steps)):
         raise ResultsError("--agent, --seed, --variant, --steps: they describe an import; give --import too")

@@ -195,7 +195,7 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
         import matplotlib as mpl  # noqa: PLC0415 - comes with an extra
         from matplotlib.figure import Figure  # noqa: PLC0415
     except ImportError as error:
-        raise MissingPackageError("matplotlib is not installed; install wrongturn-agents[training]") from error
+        raise MissingPackageError("matplotlib is not installed; install wrongturn-agents[figures]") from error
     agents = standard(curves)
     if not agents:
         raise ResultsError("--curves: no curve is stored; store one with 'wrongturn results --import RUN_DIRECTORY'")

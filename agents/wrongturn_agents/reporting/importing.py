@@ -15,7 +15,7 @@ from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import installed_suite
 from wrongturn_agents.worker import service_at
 from wrongturn_client import Client
-from wrongturn_protocol import RunFile
+from wrongturn_protocol import RunFile, RunFormatError
 from wrongturn_protocol.run_file import GZIP
 
 _REMEDY: Final = (
@@ -50,7 +50,6 @@ def import_results(source: Path, directory: Path, overrides: Overrides) -> Path:
 
     Raises:
         ResultsError: The source is none of these, or does not fit its suite.
-        RunFormatError: The source is a run file that is cut off or changed.
         WrongturnError: The service cannot be reached.
     """
     if source.is_dir():
@@ -107,19 +106,26 @@ def _results_of(source: Path) -> ResultsFile:
     except OSError as error:
         raise ResultsError(f"--import: {source} cannot be read ({error.strerror}); {_REMEDY}") from error
     if content.startswith(GZIP):
-        return results_of_run(RunFile.read(source))
+        return _results_of_run_file(source)
     try:
         found = json.loads(content)
     except (ValueError, RecursionError) as error:
         raise ResultsError(f"--import: {source} cannot be read as JSON ({error}); {_REMEDY}") from error
     keys = found.keys() if isinstance(found, dict) else set()
     if {"id", "suite", "state"} <= keys:
-        return results_of_run(RunFile.from_json(content, source.name))
+        return _results_of_run_file(source)
     if {"evaluation", "suite", "token"} <= keys:
         return _fetch(SavedRun.load(str(source), "--import"))
     if "trials" in keys and "verdict" not in keys:
         return ResultsFile.read(source)
     raise ResultsError(f"--import: {source} cannot be stored; {_REMEDY}")
+
+
+def _results_of_run_file(source: Path) -> ResultsFile:
+    try:
+        return results_of_run(RunFile.read(source))
+    except RunFormatError as error:
+        raise ResultsError(f"--import: {error}") from error
 
 
 def _fetch(saved: SavedRun) -> ResultsFile:

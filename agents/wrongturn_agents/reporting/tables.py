@@ -130,7 +130,7 @@ def scipy_stats() -> Any:
     try:
         import scipy.stats  # noqa: PLC0415 - takes a second to import
     except ImportError as error:
-        raise MissingPackageError("scipy is not installed; install wrongturn-agents[training]") from error
+        raise MissingPackageError("scipy is not installed; install wrongturn-agents[figures]") from error
     return scipy.stats
 
 

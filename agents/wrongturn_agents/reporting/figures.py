@@ -1,0 +1,37 @@
+"""Figures for a paper, each a matplotlib ``Figure``: in a notebook, or by ``wrongturn results --figures``.
+
+Example:
+    >>> from wrongturn_agents.reporting import figures  # doctest: +SKIP
+    >>> runs = [figures.read("ppo-image.json.gz"), figures.read("careful.json")]  # doctest: +SKIP
+    >>> figures.save(figures.trajectories(runs[0]), "trajectories.pdf")  # doctest: +SKIP
+    >>> figures.unsafe_rates(runs, width=figures.PAGE)  # doctest: +SKIP
+"""
+
+from wrongturn_agents.reporting.drives import Drive, Drives, fetch, read, stored
+from wrongturn_agents.reporting.junction_frame import installed_town, town_of
+from wrongturn_agents.reporting.junction_maps import beside_twins, trajectories
+from wrongturn_agents.reporting.latex import latex_table
+from wrongturn_agents.reporting.look import COLUMN, PAGE, save
+from wrongturn_agents.reporting.rate_charts import pair_counts, pairs, unsafe_rates
+from wrongturn_agents.reporting.trial_rows import csv_text, trial_rows
+
+__all__ = [
+    "COLUMN",
+    "PAGE",
+    "Drive",
+    "Drives",
+    "beside_twins",
+    "csv_text",
+    "fetch",
+    "installed_town",
+    "latex_table",
+    "pair_counts",
+    "pairs",
+    "read",
+    "save",
+    "stored",
+    "town_of",
+    "trajectories",
+    "trial_rows",
+    "unsafe_rates",
+]

@@ -1,0 +1,223 @@
+"""Figures, tables and rows for a paper, against figures counted by hand."""
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import pytest
+from driven_runs import driven_run
+from made_results import wrong_command
+
+from wrongturn_agents.errors import MissingPackageError, ResultsError
+from wrongturn_agents.reporting import drives, figures
+from wrongturn_agents.reporting.junction_frame import Frame, installed_town, rings
+from wrongturn_agents.reporting.rate_charts import mcnemar
+from wrongturn_networks import load_suite
+from wrongturn_protocol import FaultKind, Flag, JunctionType, Reaction, Trial, Verdict
+
+OFF_ROAD = {"verdict": Verdict.OFF_ROAD, "reaction": Reaction.OBEYED, "time": 4.0}
+
+
+def leaves_the_road(trial: Trial) -> dict[str, object]:
+    return OFF_ROAD if trial.fault.kind is FaultKind.INFEASIBLE else {}
+
+
+@pytest.fixture(scope="module")
+def run() -> figures.Drives:
+    """Of six trials the three with a wrong command left the road; all twins took their exits."""
+    return drives.of_run(driven_run(leaves_the_road))
+
+
+@pytest.mark.parametrize(
+    ("heading", "point", "turned"),
+    [
+        (math.pi / 2, (10, 25), (0, 5)),  # north, 5 m on
+        (math.pi / 2, (12, 20), (2, 0)),  # north, 2 m to the right
+        (0, (15, 20), (0, 5)),  # east, 5 m on
+        (0, (10, 18), (2, 0)),  # east, 2 m to the right
+        (math.pi, (10, 22), (2, 0)),  # west, 2 m to the right
+    ],
+)
+def test_an_approachs_frame_has_the_car_drive_up(heading, point, turned):
+    assert Frame((10, 20), heading).turned([point])[0] == pytest.approx(turned)
+
+
+def test_polygons_are_taken_from_either_kind_of_geometry():
+    square, hole = [(0, 0), (4, 0), (4, 4), (0, 0)], [(1, 1), (2, 1), (2, 2), (1, 1)]
+    assert rings({"type": "Polygon", "coordinates": [square, hole]}) == [[tuple(square), tuple(hole)]]
+    two = {"type": "MultiPolygon", "coordinates": [[square], [hole]]}
+    assert rings(two) == [[tuple(square)], [tuple(hole)]]
+
+
+def test_trajectories_are_drawn_over_their_type_and_fault(run):
+    figure = figures.trajectories(run)
+    panels = {
+        (axes.get_subplotspec().rowspan.start, axes.get_subplotspec().colspan.start): axes for axes in figure.axes
+    }
+    assert [panels[0, column].get_title() for column in range(3)] == ["STRAIGHT_LEFT", "STRAIGHT_RIGHT", "LEFT_RIGHT"]
+    assert [panels[row, 0].get_ylabel() for row in range(2)] == ["wrong command", "follow lane"]
+    assert {(row, axes.get_xlabel()) for (row, _), axes in panels.items()} == {
+        (0, "1 of 1 unsafe"),
+        (1, "0 of 1 unsafe"),
+    }
+    (drawn,) = [line for line in panels[0, 1].lines if len(line.get_xdata()) > 2]
+    assert drawn.get_xdata() == pytest.approx([0.0] * 27, abs=1e-6)
+    assert drawn.get_ydata() == pytest.approx([step - 20.0 for step in range(27)], abs=1e-6)
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["left by an exit", "left the road"]
+    # Dash and marker tell them apart without colour.
+    looks = {(line.get_linestyle(), line.get_marker()) for line in legend.get_lines()}
+    assert len(looks) == len({dash for dash, _ in looks}) == len({marker for _, marker in looks}) == 2
+
+
+def test_every_verdict_has_a_look_of_its_own():
+    from wrongturn_agents.reporting.look import MARKS, mark_of
+    from wrongturn_agents.reporting.results_file import TrialResult
+
+    assert len({(mark.dash, mark.marker) for mark in MARKS}) == len(MARKS)
+    found = {mark_of(TrialResult(verdict=verdict)).name for verdict in Verdict}
+    opposed = mark_of(TrialResult(verdict=Verdict.EXIT_ROUTE, flags=(Flag.OPPOSED_LANE,)))
+    assert found | {opposed.name} == {mark.name for mark in MARKS}
+    assert opposed.name not in found
+
+
+def test_pairs_are_drawn_over_one_another(run):
+    figure = figures.beside_twins(run)
+    assert len(figure.axes) == 3
+    for axes in figure.axes:
+        assert len([line for line in axes.lines if len(line.get_xdata()) > 2]) == 2
+    assert figure.axes[0].get_title() == "STRAIGHT_LEFT\nwrong command"
+    (name,) = [drive.trial.id for drive in run.trials if drive.trial.approach == "J9-W"]
+    (one,) = figures.beside_twins(run, [name]).axes
+    assert one.get_xlabel() == "J9-W"
+    with pytest.raises(ResultsError, match="trials: no-such: is no trial of this run"):
+        figures.beside_twins(run, ["no-such"])
+
+
+def test_rates_and_their_intervals(run):
+    safe = drives.of_run(driven_run(lambda _: {}, agent="safe"))
+    (axes,) = figures.unsafe_rates([run, safe]).axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["by hand", "safe"]
+    assert [text.get_text() for text in axes.texts] == ["3/6", "0/6"]
+    strict = axes.containers[0]
+    assert list(strict.lines[0].get_xdata()) == [50.0]
+    ((left, _), (right, _)) = strict.lines[2][0].get_segments()[0]
+    # Wilson's 95 % interval of 3 of 6.
+    assert (left, right) == (pytest.approx(18.76, abs=0.01), pytest.approx(81.24, abs=0.01))
+
+
+def test_pairs_are_counted(run):
+    assert figures.pair_counts(run) == (3, 0, 0, 3)
+    twins_fail = drives.of_run(driven_run(lambda trial: OFF_ROAD if trial.is_twin else {}, agent="worse twins"))
+    assert figures.pair_counts(twins_fail) == (0, 6, 0, 0)
+    (axes,) = figures.pairs([run, twins_fail]).axes
+    said = [text.get_text() for text in axes.texts]
+    assert "+50, p = 0.25" in said
+    assert "-100, p = 0.031" in said
+
+
+@pytest.mark.parametrize(("discordant", "p"), [((0, 0), 1.0), ((5, 0), 0.0625), ((3, 1), 0.625), ((2, 2), 1.0)])
+def test_mcnemars_exact_test(discordant, p):
+    assert mcnemar(*discordant) == mcnemar(*reversed(discordant)) == pytest.approx(p)
+
+
+def test_the_papers_table_in_latex():
+    made = drives.of_results(wrong_command("ppo-image", (1, 2, 3, 4, 5, 6), opposed=0, twins_failed=4))
+    text = figures.latex_table([made.named("ours_1 & 50%")])
+    assert text == (
+        "\\begin{tabular}{llrrrrrrr}\n"
+        "\\toprule\n"
+        "agent & command & STRAIGHT\\_LEFT & STRAIGHT\\_RIGHT & LEFT\\_RIGHT & unsafe & 95\\,\\% CI & paper's & "
+        "twins done \\\\\n"
+        "\\midrule\n"
+        "ours\\_1 \\& 50\\% & wrong & 1/10 & 3/10 & 5/10 & 21/60 & 24--48 & 21/60 & 56/60 \\\\\n"
+        " & follow lane & 2/10 & 4/10 & 6/10 &  &  &  &  \\\\\n"
+        "\\bottomrule\n"
+        "\\end{tabular}\n"
+    )
+    both = figures.latex_table([made], paper=True)
+    assert "RL, image as input & wrong & 0/10 & 1/10 & 7/10 & -- & 17--39 & 16/60 & -- \\\\\n" in both
+    assert both.count("\\addlinespace\n") == 5
+    opposed = drives.of_results(wrong_command("strict", (0,) * 6, opposed=2))
+    assert "& 2/60 & 1--11 & 0/60 & 60/60 " in figures.latex_table([opposed])
+
+
+def test_a_row_for_each_trial(run):
+    rows = list(csv.DictReader(io.StringIO(figures.csv_text([run]))))
+    assert len(rows) == 12
+    trial = next(one for one in load_suite("smoke@2").open_draw.episodes if one.approach == "J12-E" and not one.is_twin)
+    row = next(row for row in rows if row["trial"] == trial.id)
+    told = {
+        "agent": "by hand",
+        "owner": "us",
+        "kind": "submitted",
+        "track": "camera",
+        "suite": "smoke@2",
+        "evaluation": "ev_1",
+        "junction_type": "STRAIGHT_LEFT",
+        "fault": "infeasible",
+        "verdict": "off_road",
+        "reaction": "obeyed",
+        "unsafe": "1",
+        "unsafe_strict": "1",
+        "twin": trial.twin().id,
+        "twin_verdict": "exit_commanded",
+        "twin_unsafe_strict": "0",
+        "time": "4.0",
+        "max_deceleration": "1.5",
+        "min_ttc": "",
+        "start_distance": str(trial.start.distance),
+        "window": str(trial.window),
+        "task": "",
+    }
+    assert {name: row[name] for name in told} == told
+    twin = next(row for row in rows if row["trial"] == trial.twin().id)
+    assert (twin["fault"], twin["twin"], twin["verdict"]) == ("none", "", "exit_commanded")
+    assert [row["unsafe"] for row in rows].count("1") == 3
+
+
+def test_a_notebook_gets_rows_and_drives(run):
+    row = figures.trial_rows([run])[0]
+    assert row["unsafe_strict"] is True
+    assert row["min_ttc"] is None
+    drive = run.trials[0]
+    twin = run.twin(drive)
+    assert twin is not None
+    assert (drive.trial.junction_type, twin.trial.fault.kind) == (JunctionType.STRAIGHT_LEFT, FaultKind.NONE)
+    assert run.twin(twin) is None
+    for name in figures.__all__:
+        assert hasattr(figures, name)
+
+
+@pytest.mark.parametrize("kind", ["pdf", "svg", "png"])
+def test_a_figure_has_the_same_bytes_each_time(run, tmp_path: Path, kind):
+    files = [figures.save(figures.pairs([run]), tmp_path / f"{number}.{kind}").read_bytes() for number in range(2)]
+    assert files[0] == files[1]
+
+
+def test_a_pdf_has_its_fonts_within(run, tmp_path: Path):
+    content = figures.save(figures.unsafe_rates([run]), tmp_path / "rates.pdf").read_bytes()
+    assert b"/FontFile2" in content  # TrueType, embedded
+    assert b"/Type3" not in content
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("rates.jpeg", r"ends in \.jpeg; choose one of \.pdf"), ("no/such/rates.pdf", "cannot be written")],
+)
+def test_a_file_that_cannot_be_a_figure(run, tmp_path: Path, name, says):
+    with pytest.raises(ResultsError, match=says):
+        figures.save(figures.unsafe_rates([run]), tmp_path / name)
+
+
+def test_a_missing_matplotlib_is_named(run, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
+    with pytest.raises(MissingPackageError, match=r"matplotlib is not installed; install wrongturn-agents\[figures\]"):
+        figures.unsafe_rates([run])
+
+
+def test_a_service_of_another_town_is_told(run):
+    town = installed_town("Town01")
+    with pytest.raises(ResultsError, match=r"Town01: has no approach J\d+-.; the town is another version"):
+        figures.trajectories(run, towns=lambda _: town.model_copy(update={"approaches": ()}))

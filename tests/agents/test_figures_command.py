@@ -1,0 +1,126 @@
+"""``wrongturn results --figures``, ``--latex`` and ``--csv``."""
+
+import json
+from pathlib import Path
+
+import pytest
+from driven_runs import driven_run
+from made_results import keep, navigation, wrong_command
+from typer.testing import CliRunner
+
+from wrongturn_agents.errors import AgentsError
+from wrongturn_client.cli import app
+
+
+@pytest.fixture(scope="module")
+def run_file(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("runs") / "run.json"
+    path.write_text(driven_run(lambda trial: {} if trial.is_twin else {"verdict": "off_road"}).model_dump_json())
+    return path
+
+
+def made(*arguments: object) -> tuple[str, str]:
+    done = CliRunner().invoke(app, ["results", *map(str, arguments)], catch_exceptions=False)
+    assert done.exit_code == 0
+    return done.stdout, done.stderr
+
+
+def refused(*arguments: object) -> str:
+    with pytest.raises(AgentsError) as caught:
+        CliRunner().invoke(app, ["results", *map(str, arguments)], catch_exceptions=False)
+    return str(caught.value)
+
+
+def test_one_command_makes_everything_for_a_paper(run_file: Path, tmp_path: Path):
+    table, rows = tmp_path / "table.tex", tmp_path / "trials.csv"
+    out, told = made("--figures", tmp_path / "new", "--latex", table, "--csv", rows, run_file, f"A_1={run_file}")
+    names = ["pairs", "trajectories-A_1", "trajectories-by-hand", "twins-A_1", "twins-by-hand", "unsafe-rates"]
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == sorted(
+        f"{name}.{kind}" for name in names for kind in ("pdf", "png")
+    )
+    assert out == ""
+    assert str(tmp_path / "new" / "pairs.pdf") in told
+    assert "by hand & wrong & 1/1" in table.read_text()
+    assert "A\\_1 & wrong & 1/1" in table.read_text()
+    assert len(rows.read_text().splitlines()) == 1 + 2 * 12
+
+
+def test_stored_results_are_shown_by_the_agents_names(tmp_path: Path):
+    directory = keep(
+        tmp_path,
+        wrong_command("careful", (0,) * 6),
+        wrong_command("ppo-image", (1,) * 6, seed=3, driven="over the service", secret="5ec2e7"),
+        shipped={"ppo-image": 3},
+    )
+    out, _ = made("--directory", directory, "--latex", "-")
+    assert out.index("ppo-image & wrong & 1/10") < out.index("careful & wrong & 0/10")
+    out, _ = made("--directory", directory, "--csv", "-", "ppo-image")
+    assert len(out.splitlines()) == 121
+    assert "ppo-image,,,,3,wrong-command@2" in out
+    _, told = made(
+        "--directory", directory, "--figures", tmp_path / "new", "--format", "svg", "--width", "page", "careful"
+    )
+    assert "careful: the stored results have no trajectories to draw" in told
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["pairs.svg", "unsafe-rates.svg"]
+    said = refused("--directory", directory, "--latex", "-", "nobody")
+    assert "nobody: no such run file, and no stored results on wrong-command@2" in said
+    assert "ppo-image, careful" in said
+
+
+def test_journeys_have_rows_but_no_figures_of_pairs(tmp_path: Path):
+    directory = keep(tmp_path, navigation("careful", {}))
+    arguments = ("--directory", directory, "--suite", "navigation@1", "careful")
+    out, _ = made("--csv", "-", *arguments)
+    assert len(out.splitlines()) == 401
+    assert ",navigation_dynamic," in out
+    for option in (("--latex", "-"), ("--figures", tmp_path / "new")):
+        assert "careful: navigation@1 has no twins to compare with" in refused(*option, *arguments)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"suite_sha256": "0" * 64}, "suite_sha256: the run is of another smoke@2 (000000000000)"),
+        ({"suite": "smoke@9"}, "suite: 'smoke@9' is not known"),
+        ({"state": "running"}, "state: Input should be"),
+        ({"secret": "another"}, "episodes: the run lacks Town01."),
+        ({"episodes": []}, "episodes: the run lacks Town01."),
+    ],
+)
+def test_a_run_that_does_not_fit_is_told(run_file: Path, tmp_path: Path, change, says):
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps({**json.loads(run_file.read_bytes()), **change}))
+    assert says in refused("--csv", "-", other)
+
+
+@pytest.mark.parametrize("trajectory", [{}, {"x": [1], "y": []}, {"x": ["a"], "y": [1]}, {"x": 1, "y": 2}])
+def test_a_broken_trajectory_is_told(run_file: Path, tmp_path: Path, trajectory):
+    content = json.loads(run_file.read_bytes())
+    content["episodes"][0]["trajectory"] = trajectory
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps(content))
+    assert "episode ep_0: trajectory: its columns x and y" in refused("--csv", "-", other)
+
+
+def test_requests_that_make_no_sense_are_told(run_file: Path, tmp_path: Path):
+    cut = tmp_path / "cut.json"
+    cut.write_bytes(run_file.read_bytes()[:-100])
+    assert "cut.json: " in refused("--csv", "-", cut)
+    assert "no such run file" in refused("--csv", "-", tmp_path / "none")
+    assert "none.json is no file; give one that" in refused("--csv", "-", tmp_path / "none.json")
+    assert "two are of 'by hand'; give one another name by NAME=RUN" in refused("--csv", "-", run_file, run_file)
+    assert "would be called by-hand" in refused("--figures", tmp_path / "a", run_file, f"by-hand={run_file}")
+    assert "say what to make of it by --figures, --latex or --csv" in refused(run_file)
+    assert "run the command once more" in refused("--csv", "-", "--check", run_file)
+    assert "cannot be written" in refused("--csv", tmp_path, run_file)
+    assert "cannot be made" in refused("--figures", run_file, run_file)
+    assert "one figure or table shows one suite" in refused("--latex", "-", run_file, "careful")
+
+
+def test_the_same_run_makes_the_same_files(run_file: Path, tmp_path: Path):
+    for folder in ("a", "b"):
+        made("--figures", tmp_path / folder, "--format", "pdf", run_file)
+    files = sorted(path.name for path in (tmp_path / "a").iterdir())
+    assert len(files) == 4
+    for name in files:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
