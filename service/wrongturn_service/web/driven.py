@@ -74,8 +74,8 @@ def arranged(episodes: Sequence[FinishedEpisode], paths: Mapping[str, Points]) -
     trials = [episode for episode in episodes if episode.trial.journey is None and not episode.trial.is_twin]
     journeys = [episode for episode in episodes if episode.trial.journey is not None]
     return DrivenEvaluation(
-        pairs=tuple(Pair(trial, by_trial.get(twin_id(trial.trial))) for trial in sorted(trials, key=_place)),
-        journeys=tuple(sorted(journeys, key=_errand)),
+        pairs=tuple(Pair(trial, by_trial.get(twin_id(trial.trial))) for trial in sorted(trials, key=place)),
+        journeys=tuple(sorted(journeys, key=errand)),
         maps=_maps([episode for episode in episodes if episode.trial.journey is None], paths),
     )
 
@@ -119,7 +119,8 @@ def _thinned(points: Points) -> Points:
     return points if len(points) < 3 else np.concatenate((points[:-1:2], points[-1:]))
 
 
-def _place(episode: FinishedEpisode) -> tuple[int, int, str, int, str]:
+def place(episode: FinishedEpisode) -> tuple[int, int, str, int, str]:
+    """Return the order of a trial on a page: by junction type, fault, town, junction and id."""
     trial = episode.trial
     number = trial.approach.partition("-")[0].removeprefix("J")
     return (
@@ -131,7 +132,8 @@ def _place(episode: FinishedEpisode) -> tuple[int, int, str, int, str]:
     )
 
 
-def _errand(episode: FinishedEpisode) -> tuple[int, str, str, str]:
+def errand(episode: FinishedEpisode) -> tuple[int, str, str, str]:
+    """Return the order of a journey on a page: by task, town, weather and id."""
     trial = episode.trial
     assert trial.journey is not None
     return list(Task).index(trial.journey.task), trial.town, trial.weather, trial.id

@@ -130,16 +130,15 @@ def told(trial: Trial) -> str:
 
 def ended(outcome: Outcome) -> str:
     """Return how an episode ended, as one or more sentences."""
-    verdict, seconds = outcome.verdict, f"after {outcome.time:.1f} s"
+    verdict = outcome.verdict
+    sentences = [VERDICTS[verdict]]
     if outcome.exit is not None and verdict.exited:
-        sentence = f"The car {_TURNS[outcome.exit]}, {_AS[verdict]}, {seconds}."
-    elif verdict in {Verdict.ABORTED, Verdict.INVALID}:
-        sentence = VERDICTS[verdict]
-    else:
-        sentence = f"{VERDICTS[verdict].removesuffix('.')}, {seconds}."
-    if is_unsafe_strict(outcome) and not outcome.verdict.unsafe_strict:
-        return f"{sentence} On its way it drove on the oncoming lane."
-    return sentence
+        sentences = [f"The car {_TURNS[outcome.exit]}, {_AS[verdict]}."]
+    if is_unsafe_strict(outcome) and not verdict.unsafe_strict:
+        sentences.append("On its way it drove on the oncoming lane.")
+    if verdict not in {Verdict.ABORTED, Verdict.INVALID}:
+        sentences.append(f"Verdict after {outcome.time:.1f} s.")
+    return " ".join(sentences)
 
 
 def task(word: Task) -> str:

@@ -75,7 +75,7 @@ def test_every_end_is_told(verdict):
 
 def test_an_exit_is_told_by_its_direction():
     said = words.ended(_outcome(Verdict.EXIT_ROUTE, exit=Command.STRAIGHT))
-    assert said == "The car went straight on, as its route goes, after 6.2 s."
+    assert said == "The car went straight on, as its route goes. Verdict after 6.2 s."
 
 
 def test_the_side_is_that_of_the_strict_column():

@@ -1,0 +1,109 @@
+"""The page of two agents: stratum by stratum, map beside map, and trial beside trial."""
+
+import asyncio
+from collections.abc import Hashable, Iterable, Sequence
+from itertools import zip_longest
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Query, Request, Response
+
+from wrongturn_protocol import FaultKind, JunctionType
+from wrongturn_service import catalogue
+from wrongturn_service.api.dependencies import ServiceDep
+from wrongturn_service.errors import InvalidRequestError
+from wrongturn_service.storage.finished import FinishedEpisode
+from wrongturn_service.web import junction_map, words
+from wrongturn_service.web.driven import DrivenEvaluation, driven_evaluation, errand, place
+from wrongturn_service.web.junction_map import JunctionMap
+from wrongturn_service.web.page import page
+
+router = APIRouter(include_in_schema=False)
+_OFFERED: Final = 200
+"""Names that the form offers. Others can be typed."""
+_DIFFERENT: Final = "different"
+Beside = tuple[FinishedEpisode | None, FinishedEpisode | None]
+"""A trial of each agent; None where the other one has no such trial."""
+MapsBeside = tuple[JunctionType, FaultKind, JunctionMap | None, JunctionMap | None]
+
+
+@router.api_route("/leaderboards/{suite}/compare", methods=["GET", "HEAD"])
+async def compare(
+    request: Request,
+    service: ServiceDep,
+    suite: str,
+    a: Annotated[str, Query(max_length=80)] = "",
+    b: Annotated[str, Query(max_length=80)] = "",
+    only: Annotated[str, Query(max_length=80)] = "",
+) -> Response:
+    """Compare two agents on a suite.
+
+    Args:
+        request: The request.
+        service: The service.
+        suite: Id of the suite.
+        a: Id or name of an agent. Without it the page asks.
+        b: Id or name of another agent. Without it the page asks.
+        only: ``different`` lists only trials that were unsafe for one of them alone.
+    """
+    if only not in {"", _DIFFERENT}:
+        raise InvalidRequestError("only", f"is neither left out nor {_DIFFERENT!r}")
+    known = catalogue.suite(suite)
+    entries = [entry for entry in (await service.leaderboards.board(suite)).entries if entry.evaluation]
+    offered = [entry.agent.name for entry in entries[:_OFFERED]]
+    if not (a and b):
+        return page(request, "compare.html", suite=known, offered=offered, asked=(a, b), comparison=None)
+    key = ("comparison", service.leaderboards.generation, suite, a, b)
+    comparison = await service.kept.get(key, lambda: service.leaderboards.compare(suite, a, b))
+    evaluations = {entry.agent.id: entry.evaluation for entry in entries}
+    sides = [await driven_evaluation(service, str(evaluations[agent.id])) for agent in (comparison.a, comparison.b)]
+    rows = beside(*(_trials(side) for side in sides))
+    return await asyncio.to_thread(
+        page,
+        request,
+        "compare.html",
+        suite=known,
+        offered=offered,
+        asked=(comparison.a.name, comparison.b.name),
+        comparison=comparison,
+        trials=len(rows),
+        rows=[row for row in rows if only != _DIFFERENT or _differ(row)],
+        only=only,
+        maps=_maps_beside(*sides),
+        words=words,
+        map=junction_map,
+    )
+
+
+def beside(a: Iterable[FinishedEpisode], b: Iterable[FinishedEpisode]) -> list[Beside]:
+    """Return the trials of two agents, those of the same fault and approach beside each other.
+
+    Two draws seldom have the same trial, but most approaches are in both. Journeys are the same for all agents.
+    """
+    left, right = _by_place(a), _by_place(b)
+    return [pair for key in sorted({**left, **right}) for pair in zip_longest(left.get(key, ()), right.get(key, ()))]
+
+
+def _by_place(episodes: Iterable[FinishedEpisode]) -> dict[tuple[Hashable, ...], list[FinishedEpisode]]:
+    found: dict[tuple[Hashable, ...], list[FinishedEpisode]] = {}
+    for episode in episodes:
+        key = (*place(episode)[:-1], episode.trial.approach) if episode.trial.journey is None else errand(episode)
+        found.setdefault(key, []).append(episode)
+    return found
+
+
+def _trials(driven: DrivenEvaluation) -> Sequence[FinishedEpisode]:
+    return driven.journeys or [pair.trial for pair in driven.pairs]
+
+
+def _differ(row: Beside) -> bool:
+    a, b = row
+    return a is None or b is None or words.side(a.outcome) is not words.side(b.outcome)
+
+
+def _maps_beside(a: DrivenEvaluation, b: DrivenEvaluation) -> list[MapsBeside]:
+    """Return both agents' maps by junction type and fault, without those of the twins."""
+    left, right = (
+        {(of.junction_type, one.fault): one for of in side.maps for one in of.maps if one.fault is not FaultKind.NONE}
+        for side in (a, b)
+    )
+    return [(kind, fault, left.get((kind, fault)), right.get((kind, fault))) for kind, fault in {**left, **right}]
