@@ -27,8 +27,10 @@ from wrongturn_service.socket import session
 from wrongturn_service.submissions.runners import COMMAND
 from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.web import agents as agent_pages
-from wrongturn_service.web import compare, front, rest, static_files
+from wrongturn_service.web import compare, front, rest, static_files, submitting
 from wrongturn_service.web import episodes as episode_pages
+from wrongturn_service.web import suites as suite_pages
+from wrongturn_service.web import towns as town_pages
 
 DESCRIPTION = """How safely does a driving agent behave when its command is wrong?
 
@@ -77,7 +79,7 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
     parts = (episodes, health, suites, towns, agents, owners, evaluations, submissions, session, leaderboards, errors)
     for part in parts:
         app.include_router(part.router)
-    for pages in (front, agent_pages, compare, episode_pages, rest, static_files):
+    for pages in (front, agent_pages, compare, episode_pages, rest, suite_pages, town_pages, submitting, static_files):
         app.include_router(pages.router)
     # As one of FastAPI's routes, whose name the log and the figures have.
     app.add_api_route("/openapi.json", serve_document, methods=["GET", "HEAD"], include_in_schema=False)

@@ -134,3 +134,16 @@ def test_filters_that_cannot_be_name_what_can(tmp_path: Path):
             await page(http, f"{PAGE}?track=&kind=&page=1")
 
     play(story)
+
+
+def test_the_page_of_handing_in_says_what_this_service_takes(tmp_path: Path):
+    async def story() -> None:
+        async with application(tmp_path, FakePool(), submissions=0, registration="operator") as http:
+            text = await page(http, "/submit")
+            assert "turned submissions off" in text
+            assert "Only the operator registers owners here" in text
+            assert "/v1/submissions" not in text
+            reply = await http.get("/submit", headers={"Host": '"><script>alert(1)</script>'})
+            assert "<script" not in reply.text
+
+    play(story)

@@ -29,7 +29,7 @@ _OFFSETS: Final = (
 _MARK: Final = 7
 _LABELS: Final = 40
 """Labels at most. In a larger field only the first agents of the ranking have one."""
-REGION: Final = (LEFT, TOP, LEFT + 220.0, TOP + 24.0)
+REGION: Final = (LEFT, TOP + 24.0, LEFT + 220.0, TOP + 46.0)
 """Box of the text that names the region without ranks."""
 _NAMES: Final = 4
 """Names in the tooltip of a mark that several agents share."""
