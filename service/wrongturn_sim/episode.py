@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, SupportsFloat
 from pydantic import ValidationError
 
 from wrongturn_networks import load_town
-from wrongturn_protocol import Command, Outcome, Track, Trial
+from wrongturn_protocol import Command, Outcome, Track, Trial, View
 from wrongturn_protocol.observations import Observation
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, State, advance
 from wrongturn_sim.errors import (
@@ -28,11 +28,15 @@ from wrongturn_sim.trajectory import Row, Trajectory
 from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry, judge_of
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from wrongturn_sim.camera import Camera, Renderer
     from wrongturn_sim.camera.renderer import Image
 
 _row: Final = tuple.__new__  # makes a Row without parsing arguments, which takes longer than the car's dynamics
 _FLOAT32: Final = struct.Struct("<3f")
+VIEW_SIZE: Final = 480
+"""Side of the view from above of :meth:`Episode.view`, pixels."""
 _PER_SECOND: Final = round(1 / SUB_STEP)
 _RANGES: Final = {"steer": (-1.0, 1.0), "throttle": (0.0, 1.0), "brake": (0.0, 1.0)}
 
@@ -299,6 +303,42 @@ class Episode:
         if self._simulation is None:
             raise EpisodeNotStartedError("picture before the first reset; call reset")
         return self._seen_by(self._renderer_of(camera))[0]
+
+    def view(self, view: View | str = View.BOTH, size: int = VIEW_SIZE, camera: "Camera | None" = None) -> "Image":
+        """Return a picture of the moment for people, RGB uint8; its shape is that of :meth:`Replay.frames`.
+
+        The view from above follows the car. It shows the route and the other road users, which agents may not see.
+
+        Args:
+            view: ``top``, ``camera`` or ``both``.
+            size: Side of the view from above, pixels.
+            camera: The camera; the benchmark's by default.
+
+        Raises:
+            EpisodeNotStartedError: call ``reset`` first.
+            ViewError: The view is unknown, or the size is too small or too large.
+        """
+        from wrongturn_sim.view.views import Moment, Views, view_of  # noqa: PLC0415 - slow, and only pictures need it
+
+        if self._simulation is None:
+            raise EpisodeNotStartedError("view before the first reset; call reset")
+        rows, view = self.trajectory.rows, view_of(view)
+        seen = None if view is View.TOP else self._seen_by(self._renderer_of(camera))[0]
+        now = Moment(len(rows) - 1, self._command, self._guidance.command, seen, self.outcome)
+        return Views(self.town, self.trial, rows, size, still=False).draw(view, now)
+
+    def plot(self) -> "Figure":
+        """Return the drive so far as a matplotlib figure: the way from above, and speed and commands over time.
+
+        Raises:
+            EpisodeNotStartedError: call ``reset`` first.
+            DependencyMissingError: matplotlib is missing.
+        """
+        from wrongturn_sim.view.plot import plot_episode  # noqa: PLC0415 - as above
+
+        if self._simulation is None:
+            raise EpisodeNotStartedError("plot before the first reset; call reset")
+        return plot_episode(self.town, self.trajectory, self.outcome)
 
     def _renderer_of(self, camera: "Camera | None") -> "Renderer":
         from wrongturn_sim.camera import Renderer, World  # noqa: PLC0415 - slow, and only pictures need it

@@ -9,6 +9,7 @@
     ├── TrafficTooDenseError (ValueError)    the trial has more road users than its town has room for
     ├── InvalidTrialError (ValueError)       a field of the trial is invalid
     ├── TrialNotAloneError (ValueError)      the cars of one batch drive alone, in one town
+    ├── DependencyMissingError (ImportError) an optional package is missing
     ├── TrajectoryError (ValueError)         the bytes are not a trajectory
     └── SimulatorError
         ├── SimulatorUnavailableError        libsumo cannot be loaded
@@ -49,6 +50,10 @@ class TrialNotAloneError(SimError, ValueError):
 
 class TrajectoryError(SimError, ValueError):
     """The bytes are not a trajectory."""
+
+
+class DependencyMissingError(SimError, ImportError):
+    """An optional package is missing; the message names the command that installs it."""
 
 
 class SimulatorError(SimError):

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from wrongturn_protocol import Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
+from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, Screen, check_render_mode
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.errors import EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.simulator import Simulator
@@ -28,7 +29,8 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         town: town in which trials are drawn.
         track: decides what observations show.
         strict: for training: a journey ends when the car leaves its road or lane, or stands.
-        render_mode: ``rgb_array``, to get pictures from ``render`` on any track.
+        render_mode: ``rgb_array``, to get pictures from ``render``; ``human``, to watch them in a window, which needs
+            pygame (``pip install 'wrongturn-client[human]'``).
         camera: camera of observations and of ``render``; the benchmark's by default.
         options: ``approach``, ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
 
@@ -36,7 +38,7 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         ValueError: a name does not exist, or two options exclude each other.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": FRAMES_A_SECOND}  # noqa: RUF012
 
     def __init__(
         self,
@@ -50,11 +52,11 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     ) -> None:
         trials = TrialOptions.of(town, track, **options)
         self.track = trials.track
-        if render_mode not in {None, "rgb_array"}:
-            raise ValueError(f"render_mode: {render_mode!r} is not known; take rgb_array, or leave it None")
+        check_render_mode(render_mode)
         self._source = TrialSource(trials)
         self.strict = a_flag("strict", strict)
         self.render_mode = render_mode
+        self._screen = Screen() if render_mode == "human" else None
         self._camera = camera
         size = IMAGE_SHAPE if camera is None else (camera.height, camera.width)
         self.observation_space = observation_space(self.track, size)  # type: ignore[assignment]
@@ -75,7 +77,9 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         given = (options or {}).get("trial")
         trial = self._source.draw(self.np_random) if given is None else self._source.find(given)
         self.episode = Episode(trial, self.track, simulator=self._simulator, camera=self._camera, strict=self.strict)
-        return self.episode.reset(), {"trial": trial.id, "town": trial.town}
+        observation = self.episode.reset()
+        self._watch()
+        return observation, {"trial": trial.id, "town": trial.town}
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Drive for 0.1 s.
@@ -93,6 +97,7 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         except (TypeError, ValueError):
             raise InvalidActionError(f"action: {action!r} is not three numbers; give steer, throttle, brake") from None
         observation, reward, terminated, truncated = self.episode.step(steer, throttle, brake)
+        self._watch()
         info: dict[str, Any] = {}
         if self.episode.outcome is not None:
             info["verdict"] = str(self.episode.outcome.verdict)
@@ -101,13 +106,23 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return observation, reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return what the camera sees now, uint8 (height, width, 3); None if ``render_mode`` is None.
+        """Return the view from above beside the camera's, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.
+
+        It shows the route and the other road users, which agents may not see. For the camera alone, call
+        ``env.unwrapped.episode.picture()``.
 
         Raises:
             EpisodeNotStartedError: call ``reset`` first.
         """
-        if self.render_mode is None:
-            return None
         if self.episode is None:
             raise EpisodeNotStartedError("render before the first reset; call reset")
-        return self.episode.picture(self._camera)
+        return self.episode.view(camera=self._camera) if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Close the window, if one is open."""
+        if self._screen is not None:
+            self._screen.close()
+
+    def _watch(self) -> None:
+        if self._screen is not None and self.episode is not None:
+            self._screen.show(self.episode.view(camera=self._camera))

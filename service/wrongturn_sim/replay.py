@@ -8,9 +8,10 @@ from wrongturn_networks import load_town
 from wrongturn_protocol import Outcome, View
 from wrongturn_sim.ego import SUB_STEPS
 from wrongturn_sim.trajectory import Row, Trajectory
-from wrongturn_sim.view.errors import ViewError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from wrongturn_sim.camera import Camera, Renderer
     from wrongturn_sim.camera.renderer import Image
     from wrongturn_sim.view.views import Moment, Views
@@ -99,9 +100,9 @@ class Replay:
 
     def frames(self, view: View | str, size: int = SIZE) -> "Iterator[Image]":
         """Yield a picture for each decision. Raises ViewError."""
-        if view not in set(View):
-            raise ViewError(f"view: {view!r} is not known; take {', '.join(View)}")
-        view = View(view)
+        from wrongturn_sim.view.views import view_of  # noqa: PLC0415 - as below
+
+        view = view_of(view)
         views, renderer = self._views(size), None if view is View.TOP else self._renderer(None)
         return (views.draw(view, self._moment(decision, renderer)) for decision in range(len(self)))
 
@@ -121,6 +122,16 @@ class Replay:
 
         check_film(Path(file))
         return write_film(Path(file), self.frames(view, size))
+
+    def plot(self) -> "Figure":
+        """Return a matplotlib figure: the way from above, coloured by speed, beside speed and commands over time.
+
+        Raises:
+            DependencyMissingError: matplotlib is missing.
+        """
+        from wrongturn_sim.view.plot import plot_episode  # noqa: PLC0415 - an extra
+
+        return plot_episode(self.town, self.trajectory, self.outcome)
 
     def _views(self, size: int) -> "Views":
         from wrongturn_sim.view.views import Views  # noqa: PLC0415 - OpenCV is slow, and only pictures need it

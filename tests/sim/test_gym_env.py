@@ -1,14 +1,18 @@
+import sys
 import warnings
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import DependencyNotInstalled
 from gymnasium.utils.env_checker import check_env
 
 from wrongturn_networks import UnknownTrialError, load_suite, load_town
 from wrongturn_protocol import Command
-from wrongturn_sim import EpisodeNotStartedError, InvalidActionError
+from wrongturn_sim import EpisodeNotStartedError, InvalidActionError, WrongturnSimEnv
+from wrongturn_sim.errors import DependencyMissingError
 from wrongturn_sim.faults import FaultNotApplicableError
+from wrongturn_sim.view.colours import CAR
 
 ID = "wrongturn_sim:WrongturnSim-v0"
 COAST = np.array([0.0, 0.2, 0.0], np.float32)
@@ -141,3 +145,61 @@ def test_vector_environments_are_the_remedy_that_the_displaced_are_told_of():
         assert (seen["pose"] != first["pose"]).any()
     finally:
         envs.close()
+
+
+def test_a_rendered_picture_shows_the_view_from_above_beside_the_cameras():
+    env = gymnasium.make(ID, town="junctions", track="camera", render_mode="rgb_array")
+    assert env.metadata["render_fps"] == 10
+    seen, _ = env.reset(seed=1)
+    for _ in range(3):
+        seen, *_ = env.step(COAST)
+    image = env.render()
+    assert (image.dtype, image.shape) == (np.uint8, (480, 864, 3))
+    assert np.array_equal(image[:128:2, 480::2], seen["rgb"])
+    assert (image[230:250, 230:250] == CAR).all(-1).any(), "the view from above follows the car"
+    env.close()
+    assert gymnasium.make(ID, town="junctions").unwrapped.render_mode is None
+
+
+def test_human_mode_shows_each_picture_in_a_window(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        pygame = pytest.importorskip("pygame")
+    env = gymnasium.make(ID, town="junctions", render_mode="human")
+    env.reset(seed=1)
+    shown = [pygame.surfarray.array3d(pygame.display.get_surface())]
+    env.step(np.float32([0.0, 1.0, 0.0]))
+    env.step(np.float32([0.0, 1.0, 0.0]))
+    shown.append(pygame.surfarray.array3d(pygame.display.get_surface()))
+    assert shown[0].shape == (864, 480, 3)
+    assert not np.array_equal(*shown)
+    assert np.array_equal(shown[1].swapaxes(0, 1), env.unwrapped.episode.view())
+    assert env.render() is None
+    env.close()
+    env.close()
+    assert pygame.display.get_surface() is None
+
+
+def test_without_pygame_human_mode_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    with pytest.raises(DependencyNotInstalled, match=r"pip install 'wrongturn-client\[human\]'"):
+        WrongturnSimEnv("junctions", render_mode="human")
+
+
+def test_an_episode_is_plotted_in_a_notebook(monkeypatch):
+    env = WrongturnSimEnv("junctions")
+    env.reset(seed=1)
+    for _ in range(5):
+        env.step(COAST)
+    figure = env.episode.plot()
+    above, beside = figure.axes[:2]
+    assert above.get_title() == env.episode.trial.id
+    (way,) = above.collections
+    rows = env.episode.trajectory.rows
+    assert len(way.get_segments()) == len(rows) - 1
+    assert tuple(way.get_segments()[-1][-1]) == (rows[-1].x, rows[-1].y)
+    assert beside.lines[0].get_ydata().tolist() == [row.v for row in rows]
+    monkeypatch.setitem(sys.modules, "matplotlib.colors", None)
+    with pytest.raises(DependencyMissingError, match=r"pip install 'wrongturn-service\[plot\]'"):
+        env.episode.plot()

@@ -1,5 +1,6 @@
 """What happens in an episode, drawn over its town."""
 
+import math
 from typing import Final
 
 import cv2
@@ -36,15 +37,19 @@ def name_of(command: int) -> str:
     return "no command" if command == Command.VOID else Command(command).name.lower().replace("_", " ")
 
 
+def safety_of(outcome: Outcome) -> Safety:
+    """Return what an outcome's verdict counts as, in the strict column."""
+    return Safety.UNSAFE if outcome.verdict.unsafe_strict else outcome.verdict.safety
+
+
 def verdict_of(outcome: Outcome) -> tuple[str, Colour]:
     """Return a verdict as people say it, and its colour."""
-    safety = Safety.UNSAFE if outcome.verdict.unsafe_strict else outcome.verdict.safety
-    return outcome.verdict.replace("_", " "), colours.OF_SAFETY[safety]
+    return outcome.verdict.replace("_", " "), colours.OF_SAFETY[safety_of(outcome)]
 
 
 def fastest_of(rows: list[Row]) -> float:
     """Return the speed at the end of the colours' scale, m/s."""
-    return max(FASTEST, *(row.v for row in rows))
+    return max(FASTEST, float(math.ceil(max(row.v for row in rows))))
 
 
 def whole_window(town: Town, rows: list[Row], approach: str, size: int) -> Window:
@@ -121,12 +126,12 @@ def draw_car(image: Image, window: Window, row: Row) -> None:
 
 def draw_verdict(image: Image, window: Window, row: Row, outcome: Outcome) -> None:
     """Mark the place of the verdict: a cross for unsafe, a ring for safe, a square for neither; and name it."""
-    said, colour = verdict_of(outcome)
+    (said, colour), safety = verdict_of(outcome), safety_of(outcome)
     reach, thick = 22.0 / window.scale * window.size / 720, 4 * window.size / 720
-    if colour == colours.OF_SAFETY[Safety.UNSAFE]:
+    if safety is Safety.UNSAFE:
         for turn in (0.25, 0.75):
             window.line(image, box(row.x, row.y, np.pi * turn, 2 * reach, 0)[1:3], colour, thick)
-    elif colour == colours.OF_SAFETY[Safety.SAFE]:
+    elif safety is Safety.SAFE:
         window.line(image, _circle(row.x, row.y, reach), colour, thick, closed=True)
     else:
         window.line(image, box(row.x, row.y, 0.0, 2 * reach, 2 * reach), colour, thick, closed=True)

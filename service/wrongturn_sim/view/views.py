@@ -40,6 +40,17 @@ def checked_size(size: int) -> int:
     return size // 20 * 20
 
 
+def view_of(name: View | str) -> View:
+    """Return a view by its name.
+
+    Raises:
+        ViewError: There is none of that name.
+    """
+    if name not in set(View):
+        raise ViewError(f"view: {name!r} is not known; take {', '.join(View)}")
+    return View(name)
+
+
 @dataclass(frozen=True)
 class Moment:
     """One moment of an episode."""

@@ -1,1 +1,1 @@
-"""Trained agents as ONNX files: export, smaller weights, cards and films."""
+"""Trained agents as ONNX files: export, smaller weights and cards."""

@@ -1,0 +1,61 @@
+"""A window on the desktop for the environments' render mode ``human``."""
+
+from typing import Any, Final
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+
+RENDER_MODES: Final = ("human", "rgb_array")
+FRAMES_A_SECOND: Final = 10
+"""Pictures a second of an environment that is watched: a decision takes 0.1 s."""
+
+
+def check_render_mode(render_mode: str | None) -> None:
+    """Check an environment's render mode.
+
+    Raises:
+        ValueError: It is not known.
+    """
+    if render_mode is not None and render_mode not in RENDER_MODES:
+        raise ValueError(
+            f"render_mode: {render_mode!r} is not known; take {' or '.join(RENDER_MODES)}, or leave it None"
+        )
+
+
+class Screen:
+    """A window that shows pictures, ten a second. It opens with the first one.
+
+    Raises:
+        DependencyNotInstalled: pygame is missing.
+    """
+
+    def __init__(self) -> None:
+        try:
+            import pygame  # noqa: PLC0415 - an extra, which only this window needs
+        except ImportError as error:
+            raise DependencyNotInstalled(
+                "render_mode: human needs pygame, which is missing: pip install 'wrongturn-client[human]'"
+            ) from error
+        self._pygame = pygame
+        self._window: Any = None
+        self._clock: Any = None
+
+    def show(self, image: NDArray[np.uint8]) -> None:
+        """Show a picture, RGB uint8 (height, width, 3), and wait until a tenth of a second after the one before."""
+        pygame, size = self._pygame, (image.shape[1], image.shape[0])
+        if self._window is None:
+            pygame.init()
+            pygame.display.set_caption("Wrongturn")
+            self._window = pygame.display.set_mode(size)
+            self._clock = pygame.time.Clock()
+        self._window.blit(pygame.surfarray.make_surface(image.swapaxes(0, 1)), (0, 0))
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(FRAMES_A_SECOND)
+
+    def close(self) -> None:
+        """Close the window. Safe to call more than once."""
+        if self._window is not None:
+            self._pygame.display.quit()
+            self._window = None
