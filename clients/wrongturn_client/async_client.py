@@ -155,6 +155,7 @@ class AsyncClient(_Awaitable):
 
     leaderboards = _awaited(Client.leaderboards)
     leaderboard = _awaited(Client.leaderboard)
+    leaderboard_csv = _awaited(Client.leaderboard_csv)
     compare = _awaited(Client.compare)
 
     async def drive(self) -> AsyncDrive:

@@ -85,12 +85,19 @@ def leaderboard(
         ),
     ] = None,
     as_json: AsJson = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print only CSV, a row for each agent.")] = False,
 ) -> None:
     """Show a service's ranking on a suite, or compare two of its agents (--compare)."""
     from wrongturn_client.client import Client  # noqa: PLC0415
+    from wrongturn_client.errors import WrongturnError  # noqa: PLC0415
     from wrongturn_client.tables import comparison_table, console, leaderboard_table  # noqa: PLC0415
 
+    if as_csv and (as_json or compare is not None):
+        raise WrongturnError("--csv: it prints the whole ranking as CSV; leave out --json and --compare")
     with Client(url, patience=0) as client:
+        if as_csv:
+            typer.echo(client.leaderboard_csv(suite), nl=False)
+            return
         if compare is not None:
             comparison = client.compare(suite, *compare)
             if as_json:

@@ -23,6 +23,7 @@ from wrongturn_client.errors import (
     EvaluationOpenError,
     NotFoundError,
     NotOfferedError,
+    ProtocolError,
     WrongturnError,
 )
 from wrongturn_client.evaluation_driver import EvaluationDriver
@@ -30,7 +31,7 @@ from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy, PolicyMaker
 from wrongturn_client.recorder import EpisodeRecorder, installed_versions
 from wrongturn_client.run_files import run_lines, write_run
-from wrongturn_client.transport import JSON, MSGPACK, Transport, path_of
+from wrongturn_client.transport import CSV, JSON, MSGPACK, Transport, path_of
 from wrongturn_client.uploads import Upload
 from wrongturn_protocol import (
     AgentDetail,
@@ -485,6 +486,17 @@ class Client(EpisodeCalls):
     def leaderboard(self, suite: str) -> Leaderboard:
         """Return the ranking on a suite."""
         return self._get(Leaderboard, "leaderboards", suite)
+
+    def leaderboard_csv(self, suite: str) -> str:
+        """Return the ranking on a suite as CSV, a row for each agent.
+
+        Raises:
+            ProtocolError: The service is of a version without it.
+        """
+        reply = self._transport.call("GET", path_of("v1", "leaderboards", suite), media_type=CSV)
+        if reply.media_type != CSV:
+            raise ProtocolError(f"leaderboard: {self.url} has none as CSV; its operator can upgrade the service")
+        return reply.content.decode("utf-8")
 
     def compare(self, suite: str, a: str, b: str) -> Comparison:
         """Compare two agents' results on a suite, with an exact test.

@@ -26,6 +26,7 @@ from wrongturn_protocol import Problem
 
 JSON: Final = "application/json"
 MSGPACK: Final = "application/msgpack"
+CSV: Final = "text/csv"
 _SHORTEST_PAUSE: Final = 0.1
 """Seconds before the first repetition; the pause doubles each time."""
 _LONGEST_GROWN_PAUSE: Final = 5.0

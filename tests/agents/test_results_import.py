@@ -1,3 +1,5 @@
+import csv
+import io
 import json
 from pathlib import Path
 
@@ -132,6 +134,8 @@ def test_a_run_over_a_service_is_kept_trial_by_trial(tmp_path: Path, monkeypatch
         assert figures.fetch(service.url, fetched.run.id).agent == "by hand"
         with pytest.raises(ResultsError, match=r"nobody: .* no agent of this name .* on smoke@2, .*: by hand"):
             figures.fetch(service.url, "nobody", "smoke@2")
+        ranking = CliRunner().invoke(app, ["leaderboard", "smoke@2", "--url", service.url, "--csv"]).stdout
+        assert [row["agent"] for row in csv.DictReader(io.StringIO(ranking))] == ["by hand"]
         here, there = figures.installed_town("Town01"), figures.town_of(service.url)("Town01")
         assert rings(here.road) == rings(there.road)
         assert [Frame.of(one) for one in here.approaches] == [Frame.of(one) for one in there.approaches]

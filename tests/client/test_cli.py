@@ -242,6 +242,13 @@ def test_an_empty_leaderboard_names_the_suites_that_have_entries(served: FakeSer
     assert json.loads(runner.invoke(cli.app, ["leaderboard", "--json", "--url", "http://fake"]).stdout)["entries"] == []
 
 
+def test_a_leaderboard_as_csv_needs_a_service_that_has_it(served: FakeService) -> None:
+    result = runner.invoke(cli.app, ["leaderboard", "--csv", "--url", "http://fake"])
+    assert "http://fake has none as CSV" in str(result.exception)
+    result = runner.invoke(cli.app, ["leaderboard", "--csv", "--json", "--url", "http://fake"])
+    assert "--csv: it prints the whole ranking as CSV; leave out --json and --compare" in str(result.exception)
+
+
 def test_two_agents_are_compared(served: FakeService) -> None:
     words = ["leaderboard", "smoke@2", "--compare", "mine & yours", "id 2", "--url", "http://fake"]
     shown = runner.invoke(cli.app, words).stdout

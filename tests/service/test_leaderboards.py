@@ -1,6 +1,8 @@
 """Leaderboards and comparisons over HTTP, from evaluations whose verdicts the test chooses."""
 
 import asyncio
+import csv
+import io
 import json
 import sys
 import time
@@ -69,6 +71,47 @@ def test_agents_rank_by_counts_of_their_own_draws(tmp_path: Path) -> None:
             ]
             assert found.successor is None
             assert all(entry.unsafe_strict.ci83 is not None for entry in found.entries)
+
+    play(story)
+
+
+def test_a_leaderboard_comes_as_csv(tmp_path: Path) -> None:
+    async def story() -> None:
+        pool = FakePool()
+        async with application(tmp_path, pool) as http:
+            url = f"/v1/leaderboards/{SUITE}"
+            empty = await http.get(url, headers={"Accept": "text/csv"})
+            assert empty.text.startswith("rank,agent,owner,track,kind,")
+            assert len(empty.text.splitlines()) == 1
+            await evaluate(http, pool, await register(http, "bad"), Verdict.COLLISION)
+            await evaluate(http, pool, await register(http, "idle"), Verdict.NOT_ENGAGED)
+            answer = await http.get(url, headers={"Accept": "text/csv, */*;q=0.1"})
+            assert answer.headers["content-type"] == "text/csv; charset=utf-8"
+            assert answer.headers["vary"] == "Accept"
+            rows = {row["agent"]: row for row in csv.DictReader(io.StringIO(answer.text))}
+            (entry,) = [one for one in (await board(http)).entries if one.agent.name == "bad"]
+            told = {
+                "rank": "1",
+                "owner": "bad",
+                "track": "privileged",
+                "eligible": "1",
+                "why_not": "",
+                "trials": "6",
+                "unsafe_strict": "6",
+                "unsafe_strict_rate": "1.0",
+                "ci95_low": str(entry.unsafe_strict.ci95[0]),
+                "twins_completed": "6",
+                "unsafe_strict_LEFT_RIGHT_omission": "1",
+                "evaluation": entry.evaluation,
+            }
+            assert {name: rows["bad"][name] for name in told} == told
+            assert (rows["idle"]["rank"], rows["idle"]["eligible"]) == ("", "0")
+            assert "not_engaged" in rows["idle"]["why_not"]
+            assert not [name for name in rows["bad"] if name.startswith(("arrived_", "unsafe_strict_CROSS"))]
+            for accept in ("*/*", "application/json, text/csv", "text/csv;q=0.5, application/json", "text/csv;q=0"):
+                plain = await http.get(url, headers={"Accept": accept})
+                assert plain.headers["content-type"] == "application/json"
+            problem(await http.get("/v1/leaderboards/no@1", headers={"Accept": "text/csv"}), 404, "unknown-suite")
 
     play(story)
 

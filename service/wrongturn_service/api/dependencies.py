@@ -7,7 +7,7 @@ Declare them in the order in which they are to be checked: FastAPI resolves them
 import contextlib
 from collections.abc import AsyncIterator
 from functools import lru_cache
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any, Final, Generic, TypeVar
 
 import orjson
 from fastapi import Depends, Header, Request, Response, Security
@@ -151,6 +151,19 @@ def _negotiated(accept: str) -> Encoding | None:
         if encoding is not None and weight > 0 and (best is None or weight > best[0]):
             best = (weight, encoding)
     return None if best is None else best[1]
+
+
+CSV: Final = "text/csv"
+"""Media type of a leaderboard's rows."""
+
+
+def wants_csv(accept: str) -> bool:
+    """Return whether ``Accept`` asks for CSV rather than JSON."""
+    weights = {}
+    for item in accept.split(","):
+        media, *parameters = (part.strip().lower() for part in item.split(";"))
+        weights[media] = _weight(parameters)
+    return weights.get(CSV, 0.0) > weights.get(Encoding.JSON.value, 0.0)
 
 
 _ACCEPTED = {

@@ -1,13 +1,15 @@
 """Public rankings."""
 
+import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query, Request, Response
 
 from wrongturn_protocol import Comparison, Leaderboard, LeaderboardList
-from wrongturn_service.api.dependencies import ServiceDep, reply
+from wrongturn_service.api.dependencies import CSV, ServiceDep, reply, wants_csv
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.encoding import Encoding
+from wrongturn_service.evaluation.leaderboard_csv import leaderboard_csv
 
 router = APIRouter(prefix="/v1/leaderboards", tags=["leaderboards"], route_class=Route)
 
@@ -18,10 +20,21 @@ async def leaderboards(service: ServiceDep) -> Response:
     return reply(await service.leaderboards.summaries())
 
 
-@router.get("/{suite}", **described(Leaderboard, 404))
-async def leaderboard(service: ServiceDep, suite: str) -> Response:
-    """Show the ranking on a suite. The first evaluation that an agent finishes counts."""
-    return Response(await service.leaderboards.body(suite), media_type=Encoding.JSON)
+_SHOWN = described(Leaderboard, 404)
+_SHOWN["responses"][200]["content"] = {Encoding.JSON.value: {}, CSV: {"schema": {"type": "string"}}}
+
+
+@router.get("/{suite}", **_SHOWN)
+async def leaderboard(service: ServiceDep, request: Request, suite: str) -> Response:
+    """Show the ranking on a suite. The first evaluation that an agent finishes counts.
+
+    ``Accept: text/csv`` gets a row for each agent.
+    """
+    varies = {"Vary": "Accept"}
+    if wants_csv(request.headers.get("accept", "")):
+        rows = await asyncio.to_thread(leaderboard_csv, await service.leaderboards.board(suite))
+        return Response(rows, media_type=CSV, headers=varies)
+    return Response(await service.leaderboards.body(suite), media_type=Encoding.JSON, headers=varies)
 
 
 @router.get("/{suite}/compare", **described(Comparison, 404, 422))
