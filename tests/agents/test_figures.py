@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -221,3 +222,12 @@ def test_a_service_of_another_town_is_told(run):
     town = installed_town("Town01")
     with pytest.raises(ResultsError, match=r"Town01: has no approach J\d+-.; the town is another version"):
         figures.trajectories(run, towns=lambda _: town.model_copy(update={"approaches": ()}))
+
+
+def test_the_pages_example_runs(tmp_path: Path, monkeypatch, capsys):
+    page = Path(__file__).parents[2] / "docs" / "figures.md"
+    (example,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(example, {})
+    assert (tmp_path / "rates.pdf").read_bytes().startswith(b"%PDF")
+    assert "PPO, image & wrong &" in capsys.readouterr().out
