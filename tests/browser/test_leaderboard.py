@@ -109,3 +109,8 @@ def test_the_pages_are_accessible_and_do_not_scroll_sideways(
         page = visit(path, width=width, dark=dark)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         accessible(page)
+
+
+def test_shipped_agents_are_named_in_the_plane(visit: Visit):
+    labels = visit(BOARD).locator("figure.plane svg[role=img] text").all_text_contents()
+    assert {"careful", "obeys-blindly"} <= {label.split(" +")[0] for label in labels}

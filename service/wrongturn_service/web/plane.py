@@ -28,7 +28,7 @@ _OFFSETS: Final = (
 """Places of a label from its mark, the best first: across and down in pixels, and ``text-anchor``."""
 _MARK: Final = 7
 _LABELS: Final = 40
-"""Labels at most. In a larger field only the first agents of the ranking have one."""
+"""Labels at most."""
 REGION: Final = (LEFT, TOP + 24.0, LEFT + 220.0, TOP + 46.0)
 """Box of the text that names the region without ranks."""
 _NAMES: Final = 4
@@ -84,14 +84,17 @@ def plane(entries: Sequence[LeaderboardEntry]) -> Plane | None:
         return None
     boxes = [REGION, *((x - _MARK, y - _MARK, x + _MARK, y + _MARK) for x, y, _ in alike)]
     marks: list[Mark] = []
-    for (x, y, kind), found in alike.items():
+    # In a large field the shipped agents, which show what figures mean, get labels first and are drawn last.
+    order = sorted(alike, key=lambda key: key[2] is AgentKind.SUBMITTED)
+    for x, y, kind in order:
+        found = alike[x, y, kind]
         label = found[0].agent.name + (f" +{len(found) - 1}" if len(found) > 1 else "")
         place = _place(x, y, label, boxes) if len(marks) < _LABELS else None
         marks.append(Mark(x, y, kind, shape(kind, x, y), _tooltip(found), label, place))
     trials = entries[0].twins.trials
     present = {kind for _, _, kind in alike}
     return Plane(
-        marks=tuple(marks),
+        marks=tuple(reversed(marks)),
         ranked_from=across(least_completed(trials) / trials),
         kinds=tuple(kind for kind in AgentKind if kind in present),
     )
