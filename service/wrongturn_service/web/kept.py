@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable, Hashable
 from typing import Any, Final, TypeVar
 
 _T = TypeVar("_T")
-_CAPACITY: Final = 64
+_CAPACITY: Final = 32
 _AT_ONCE: Final = 2
 
 
