@@ -1,7 +1,7 @@
 """A service whose pages have something to show: two baselines, each with a finished evaluation."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +23,7 @@ class Site:
     agents: dict[str, str]
     """Ids of the agents, by name."""
     evaluations: dict[str, str]
-    """Ids of their evaluations on ``SUITE``."""
+    """Ids of their evaluations on the suite."""
 
     def get(self, path: str) -> dict:
         """Return the reply to a REST call."""
@@ -31,17 +31,20 @@ class Site:
 
 
 @contextlib.contextmanager
-def filled_site(folder: Path) -> Iterator[Site]:
+def filled_site(
+    folder: Path, names: Sequence[str] = ("careful", "obeys-blindly"), suite: str = SUITE
+) -> Iterator[Site]:
     """Run a service and drive its agents."""
     running = RunningService(folder / "wrongturn.db", operator_token=OPERATOR)
     assert running.ready, running.stderr
     agents, evaluations = {}, {}
-    for name in ("careful", "obeys-blindly"):
-        body = {"name": name, "track": "privileged", "kind": "baseline", "description": f"The baseline {name}."}
+    for name in names:
+        found = resolve(name)
+        body = {"name": name, "track": found.track, "kind": found.kind, "description": found.description}
         operator = {"Authorization": f"Bearer {OPERATOR}"}
         made = expect(httpx.post(f"{running.url}/v1/agents", json=body, headers=operator, timeout=30), 201)
         with Client(running.url, made["token"]) as client:
-            evaluations[name] = client.evaluate(resolve(name).make(), SUITE).id
+            evaluations[name] = client.evaluate(found.make(), suite).id
         agents[name] = made["id"]
     yield Site(running.url, agents, evaluations)
     assert running.stop() == 0, running.stderr
