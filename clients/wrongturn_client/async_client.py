@@ -145,6 +145,7 @@ class AsyncClient(_Awaitable):
     step = _awaited(Client.step)
     episode = _awaited(Client.episode)
     trajectory = _awaited(Client.trajectory)
+    view = _awaited(Client.view)
     abort_episode = _awaited(Client.abort_episode)
 
     submit = _awaited(Client.submit)

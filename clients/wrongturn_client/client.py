@@ -10,6 +10,8 @@ from urllib.parse import urlencode, urlsplit
 from urllib.request import getproxies, proxy_bypass
 
 import httpx
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from wrongturn_client import settings
@@ -68,6 +70,7 @@ from wrongturn_protocol import (
     TrialDetail,
     TrialList,
 )
+from wrongturn_protocol.pixmap import PIXMAP, from_pixmap
 from wrongturn_protocol.submissions import MODEL, NAME, SUITE
 
 M = TypeVar("M", bound=BaseModel)
@@ -394,6 +397,19 @@ class Client(EpisodeCalls):
     def trajectory(self, episode: str) -> bytes:
         """Return the bytes of a trajectory's canonical JSON, once it may be shown."""
         return self._transport.call("GET", path_of("v1", "episodes", episode, "trajectory")).content
+
+    def view(self, episode: str) -> NDArray[np.uint8]:
+        """Return a picture of a practice episode's moment, RGB uint8 (480, 864, 3): from above, and by its camera.
+
+        Raises:
+            AuthenticationError: The episode is not this agent's practice.
+            EpisodeLostError: The service was restarted meanwhile.
+        """
+        answer = self._transport.call("GET", path_of("v1", "episodes", episode, "view"), media_type=PIXMAP)
+        try:
+            return from_pixmap(answer.content)
+        except ValueError as error:
+            raise ProtocolError(f"the view of episode {episode} is {error}; is the service of this version?") from error
 
     def drive(self) -> Drive:
         """Open a WebSocket connection for driving: many episodes at a time, many steps in a message.

@@ -15,6 +15,7 @@ from wrongturn_client.errors import EpisodeFinishedError, EpisodeLostError, Inva
 from wrongturn_client.practice import Practice
 from wrongturn_protocol import Action, Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import Observation, action_space, observation_space
+from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, Screen, check_render_mode
 
 
 class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -29,7 +30,8 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         url: The service's URL; ``WRONGTURN_URL`` by default.
         token: An agent's token; ``WRONGTURN_TOKEN`` by default. Without one, an agent for practice is registered.
         patience: Seconds for which calls are repeated while the service is busy or does not answer.
-        render_mode: Always None; pictures are observations.
+        render_mode: ``rgb_array``, to get pictures from ``render``; ``human``, to watch them in a window, which needs
+            pygame (``pip install 'wrongturn-client[human]'``). The service draws them.
         transport: An httpx transport, for tests.
         town: The town to draw trials in; ``Town01`` by default.
         track: What the agent is shown.
@@ -39,7 +41,7 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         ValueError: A name does not exist, or options do not go together.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": FRAMES_A_SECOND}  # noqa: RUF012
 
     def __init__(
         self,
@@ -53,9 +55,9 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         track: Track | str = Track.STATE,
         **options: Unpack[TrialKeywords],
     ) -> None:
-        if render_mode is not None:
-            raise ValueError(f"render_mode: {render_mode!r} is not supported; leave it None, pictures are observations")
-        self.render_mode = None
+        check_render_mode(render_mode)
+        self.render_mode = render_mode
+        self._screen = Screen() if render_mode == "human" else None
         trials = TrialOptions.of(town, track, **options)
         self.track = trials.track
         self.observation_space = observation_space(self.track)  # type: ignore[assignment]
@@ -83,6 +85,7 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         (result,) = self._practice.exchange([call])
         reply = granted(result)
         self._episode, self._seq, self._ended, self._seen = reply["id"], 0, False, reply["observation"]
+        self._watch()
         return reply["observation"], {"trial": reply["trial"], "town": reply["town"]}
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -108,15 +111,35 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._seq, self._seen = reply["seq"], reply["observation"]
         terminated, truncated = reply["terminated"], reply["truncated"]
         self._ended = terminated or truncated
+        self._watch()
         verdict = reply.get("verdict")
         info: dict[str, Any] = {} if verdict is None else {"verdict": str(verdict)}
         return reply["observation"], reply.get("reward") or 0.0, terminated, truncated, info
 
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return the view from above beside the camera's, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.
+
+        It shows the route and the other road users, which agents may not see.
+
+        Raises:
+            ResetNeeded: No episode has begun.
+            WrongturnError: The service does not answer, or refuses.
+        """
+        if self._episode is None:
+            raise ResetNeeded("render before the first reset; call reset")
+        return self._practice.view(self._episode) if self.render_mode == "rgb_array" else None
+
     def close(self) -> None:
-        """End an open episode and close the connection."""
+        """End an open episode, and close the connection and the window."""
+        if self._screen is not None:
+            self._screen.close()
         self._abort()
         self._practice.close()
         self._episode = None
+
+    def _watch(self) -> None:
+        if self._screen is not None and self._episode is not None:
+            self._screen.show(self._practice.view(self._episode))
 
     def _abort(self) -> None:
         if self._episode is not None and not self._ended:

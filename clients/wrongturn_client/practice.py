@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import httpx
 import numpy as np
+from numpy.typing import NDArray
 
 from wrongturn_client import settings
 from wrongturn_client.client import Client
@@ -85,6 +86,10 @@ class Practice(Closing):
         if self._connection is None:
             self._connection = self._connected().connection(_THREADS)
         return [result for some in _messages(calls) for result in self._connection.exchange(some, patience)]
+
+    def view(self, episode: str) -> NDArray[np.uint8]:
+        """Return a picture of an episode's moment; raises as :meth:`Client.view`."""
+        return self._connected().view(episode)
 
     def abort(self, episodes: Sequence[str]) -> None:
         """End episodes, which otherwise keep their simulators until the service gives them up."""

@@ -5,7 +5,8 @@ from collections.abc import Callable, Hashable
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from wrongturn_networks import UnknownTownError, load_town
-from wrongturn_protocol import ProblemType
+from wrongturn_protocol import Outcome, ProblemType
+from wrongturn_protocol.pixmap import to_pixmap
 from wrongturn_service.errors import ConflictError, NotFoundError
 from wrongturn_service.storage.store import Store
 from wrongturn_service.web.kept import Kept
@@ -79,6 +80,19 @@ class Replays:
         """
         return await self.made(("camera", number), episode, lambda trajectory: _sheet(trajectory, number))
 
+    async def last_view(self, episode: str, outcome: Outcome | None) -> bytes:
+        """Return the view of an episode's last moment, as a pixmap.
+
+        Args:
+            episode: The episode's id.
+            outcome: Its outcome.
+
+        Raises:
+            NotFoundError: Its town is not installed.
+            ConflictError: The episode has no trajectory, or its town has changed since.
+        """
+        return await self.made("view", episode, lambda trajectory: to_pixmap(_replay(trajectory, outcome).last_view()))
+
     async def _load(self, episode: str) -> _Read:
         found = await self._store.trajectory(episode)
         if found is None:
@@ -96,7 +110,7 @@ def _nothing(episode: str, why: str) -> ConflictError:
     return ConflictError(ProblemType.EPISODE_NOT_SHOWN, f"episode {episode} has no trajectory to show: {why}")
 
 
-def _replay(trajectory: Trajectory) -> "Replay":
+def _replay(trajectory: Trajectory, outcome: Outcome | None = None) -> "Replay":
     """Return the replay of a trajectory.
 
     Raises:
@@ -107,7 +121,7 @@ def _replay(trajectory: Trajectory) -> "Replay":
     from wrongturn_sim.replay import Replay  # noqa: PLC0415
 
     check_town(trajectory)
-    return Replay(trajectory)
+    return Replay(trajectory, outcome)
 
 
 def check_town(trajectory: Trajectory) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
-from typing import Literal
+from typing import Literal, get_args
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
@@ -12,7 +12,7 @@ CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 _CHECK_BUCKETS = (0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 30.0, 60.0, 300.0)
 
-Call = Literal["reset", "step", "replay", "abort"]
+Call = Literal["reset", "step", "view", "replay", "abort"]
 """Kinds of calls to a simulator."""
 _simulated: ContextVar[tuple[str, float] | None] = ContextVar("simulated", default=None)
 """Kind of the current request's last call to a simulator, and the seconds of all its calls."""
@@ -44,10 +44,7 @@ class Telemetry:
             buckets=_BUCKETS,
             registry=registry,
         )
-        self._by_call = {
-            call: (self._simulation.labels(call), self._overhead.labels(call))
-            for call in ("reset", "step", "replay", "abort")
-        }
+        self._by_call = {call: (self._simulation.labels(call), self._overhead.labels(call)) for call in get_args(Call)}
         self.steps = Counter("wrongturn_steps", "Decisions that were simulated", registry=registry)
         self._ended = Counter(
             "wrongturn_episodes_ended", "Episodes with a verdict", ("scored", "verdict"), registry=registry

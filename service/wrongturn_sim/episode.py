@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
 _row: Final = tuple.__new__  # makes a Row without parsing arguments, which takes longer than the car's dynamics
 _FLOAT32: Final = struct.Struct("<3f")
-VIEW_SIZE: Final = 480
-"""Side of the view from above of :meth:`Episode.view`, pixels."""
 _PER_SECOND: Final = round(1 / SUB_STEP)
 _RANGES: Final = {"steer": (-1.0, 1.0), "throttle": (0.0, 1.0), "brake": (0.0, 1.0)}
 
@@ -304,28 +302,28 @@ class Episode:
             raise EpisodeNotStartedError("picture before the first reset; call reset")
         return self._seen_by(self._renderer_of(camera))[0]
 
-    def view(self, view: View | str = View.BOTH, size: int = VIEW_SIZE, camera: "Camera | None" = None) -> "Image":
+    def view(self, view: View | str = View.BOTH, size: int | None = None, camera: "Camera | None" = None) -> "Image":
         """Return a picture of the moment for people, RGB uint8; its shape is that of :meth:`Replay.frames`.
 
         The view from above follows the car. It shows the route and the other road users, which agents may not see.
 
         Args:
             view: ``top``, ``camera`` or ``both``.
-            size: Side of the view from above, pixels.
+            size: Side of the view from above, pixels; 480 by default.
             camera: The camera; the benchmark's by default.
 
         Raises:
             EpisodeNotStartedError: call ``reset`` first.
             ViewError: The view is unknown, or the size is too small or too large.
         """
-        from wrongturn_sim.view.views import Moment, Views, view_of  # noqa: PLC0415 - slow, and only pictures need it
+        from wrongturn_sim.view.views import VIEW_SIZE, Moment, Views, view_of  # noqa: PLC0415 - slow, and only pictures need it
 
         if self._simulation is None:
             raise EpisodeNotStartedError("view before the first reset; call reset")
         rows, view = self.trajectory.rows, view_of(view)
         seen = None if view is View.TOP else self._seen_by(self._renderer_of(camera))[0]
         now = Moment(len(rows) - 1, self._command, self._guidance.command, seen, self.outcome)
-        return Views(self.town, self.trial, rows, size, still=False).draw(view, now)
+        return Views(self.town, self.trial, rows, size or VIEW_SIZE, still=False).draw(view, now)
 
     def plot(self) -> "Figure":
         """Return the drive so far as a matplotlib figure: the way from above, and speed and commands over time.

@@ -86,6 +86,13 @@ class Replay:
         """Return the view from above beside the camera's, RGB uint8 (size, 1.8 size, 3). Raises ViewError."""
         return self._views(size).draw(View.BOTH, self._moment(decision, self._renderer(None)))
 
+    def last_view(self) -> "Image":
+        """Return the last picture that :meth:`Episode.view` gave, RGB uint8 (480, 864, 3)."""
+        from wrongturn_sim.view.views import VIEW_SIZE, Views  # noqa: PLC0415 - as above
+
+        views = Views(self.town, self.trajectory.trial, self.trajectory.rows, VIEW_SIZE, still=False)
+        return views.draw(View.BOTH, self._moment(len(self) - 1, self._renderer(None)))
+
     def picture(self, size: int = PICTURE_SIZE) -> "Image":
         """Return the whole episode from above, RGB uint8 (size, size, 3).
 

@@ -42,6 +42,7 @@ INTERFACE = {
     "GET /v1/episodes/{episode}",
     "GET /v1/episodes/{episode}/trajectory",
     "GET /v1/episodes/{episode}/camera/{sheet}",
+    "GET /v1/episodes/{episode}/view",
     "DELETE /v1/episodes/{episode}",
     "POST /v1/submissions",
     "GET /v1/submissions",

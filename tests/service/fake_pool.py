@@ -59,6 +59,11 @@ class FakeSimulator(Simulator):
         return self._frame(encoding)
 
     @override
+    async def view(self) -> bytes:
+        self._fail(self._pool.deaths_at_step)
+        return b"P6\n1 1\n255\n" + bytes([len(self.actions) // 12] * 3)
+
+    @override
     async def abort(self) -> EpisodeEnd:
         self._fail(self._pool.deaths_at_abort)
         return self._final(Verdict.ABORTED)

@@ -18,10 +18,20 @@ from wrongturn_protocol import (
     StepReply,
     StepRequest,
 )
+from wrongturn_protocol.pixmap import PIXMAP
 from wrongturn_service import catalogue
-from wrongturn_service.api.dependencies import AuthorizationDep, Body, DriverDep, EncodingDep, KeyDep, ServiceDep
+from wrongturn_service.api.dependencies import (
+    AuthorizationDep,
+    Body,
+    CallerDep,
+    DriverDep,
+    EncodingDep,
+    KeyDep,
+    ServiceDep,
+)
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.encoding import Encoding
+from wrongturn_service.episodes.refusals import check_view
 from wrongturn_service.errors import ConflictError, GoneError
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow
@@ -100,6 +110,24 @@ async def camera(service: ServiceDep, authorization: AuthorizationDep, episode: 
     await _shown(service, authorization, episode)
     body = await service.replays.sheet(episode, sheet)
     return Response(body, media_type="image/webp", headers=_for_good(authorization, body))
+
+
+@router.get("/{episode}/view", **described(None, 404, 409, 410, 429, media=PIXMAP))
+async def view(service: ServiceDep, caller: CallerDep, episode: str) -> Response:
+    """Show a practice episode's moment: the town from above beside the camera's picture, on any track.
+
+    The last moment stays after the end. Episodes of evaluations have no view, because it shows the route.
+    """
+    body = await service.episodes.view(caller, episode)
+    if body is None:
+        _, row = await service.episodes.look(caller, episode)
+        caller.check_episode(row)
+        check_view(episode, row.evaluation_id)
+        if row.state == EpisodeState.LOST:
+            raise GoneError(f"episode {episode} is lost; begin another one")
+        outcome = None if row.outcome is None else Outcome.model_validate_json(row.outcome)
+        body = await service.replays.last_view(episode, outcome)
+    return Response(body, media_type=PIXMAP)
 
 
 @router.delete("/{episode}", **described(None, 404, 409, 410, 429, status=204))

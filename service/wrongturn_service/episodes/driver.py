@@ -122,6 +122,20 @@ class EpisodeDriver:
                 self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
         return await self._in_another(episode, lambda found: self._timed("step", found.step(action, encoding)))
 
+    async def view(self, episode: OpenEpisode) -> bytes:
+        """Return a picture of the episode's moment, as a pixmap.
+
+        Raises:
+            UnavailableError, SimulatorsBusyError, SimulatorStartError, ReplayFailedError: As :meth:`step`.
+        """
+        simulator = episode.simulator
+        if simulator is not None:
+            try:
+                return await self._timed("view", simulator.view())
+            except SimulatorDiedError as error:
+                self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
+        return await self._in_another(episode, lambda found: self._timed("view", found.view()))
+
     async def abort(self, episode: OpenEpisode) -> EpisodeEnd:
         """End an episode as ``aborted``. If every simulator fails, the end has no trajectory.
 

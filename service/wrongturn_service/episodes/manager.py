@@ -122,6 +122,22 @@ class EpisodeManager:
             episode.lease.renew()
             return episode.last.render(encoding)
 
+    async def view(self, caller: Caller, episode_id: str) -> bytes | None:
+        """Return a picture of an open practice episode's moment, as a pixmap; None if no such episode is open.
+
+        Raises:
+            ForbiddenError: The episode belongs to another agent, or counts.
+            GoneError, UnavailableError.
+        """
+        episode = self._registry.get(episode_id)
+        if episode is None:
+            return None
+        refusals.check_holder(caller.holder, episode)
+        refusals.check_view(episode_id, episode.evaluation)
+        async with episode.lock:
+            episode.lease.renew()
+            return None if episode.closed or episode.end is not None else await self.steps.view(episode)
+
     async def look(self, caller: Caller, episode_id: str) -> tuple[OpenEpisode | None, EpisodeRow]:
         """Return an episode, None unless it is open, and its row.
 

@@ -45,6 +45,12 @@ def check_holder(holder: str, episode: OpenEpisode) -> None:
         raise ForbiddenError(f"episode {episode.id} belongs to another agent")
 
 
+def check_view(episode_id: str, evaluation: str | None) -> None:
+    """Raise ForbiddenError if an episode is of an evaluation: the view shows more than an agent's track does."""
+    if evaluation is not None:
+        raise ForbiddenError(f"episode {episode_id} counts, and its view shows what agents may not see; view practice")
+
+
 def check_same(episode_id: str, seq: int, action: Action, last: Action | None) -> None:
     """Raise ConflictError if a repeated step has another action than the first time."""
     if action != last:

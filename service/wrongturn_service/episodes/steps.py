@@ -80,13 +80,26 @@ class Steps:
         try:
             result = await self._driver.step(episode, action, encoding)
         except ReplayFailedError as error:
-            await self._endings.invalidate(episode)
-            raise GoneError(
-                f"episode {episode.id}: {error}; it is invalid and its trial runs again, so ask for the next",
-            ) from error
+            raise await self._invalid(episode, error) from error
         self._note(episode, action, result, encoding)
         if result.final is not None:
             await self._driver.detach(episode)
+
+    async def view(self, episode: OpenEpisode) -> bytes:
+        """Return a picture of an episode's moment, as a pixmap.
+
+        Raises:
+            UnavailableError, SimulatorsBusyError, SimulatorStartError: Send the call again.
+            GoneError: The infrastructure failed and the episode is lost.
+        """
+        try:
+            return await self._driver.view(episode)
+        except ReplayFailedError as error:
+            raise await self._invalid(episode, error) from error
+
+    async def _invalid(self, episode: OpenEpisode, error: ReplayFailedError) -> GoneError:
+        await self._endings.invalidate(episode)
+        return GoneError(f"episode {episode.id}: {error}; it is invalid and its trial runs again, so ask for the next")
 
     def begin(self, holder: str, episode_id: str, seq: int, action: Action, encoding: Encoding, done: Done) -> bool:
         """Begin the next step if only its simulator has to be waited for. Takes the lock.

@@ -194,6 +194,10 @@ class Simulator(ABC):
         raise NotImplementedError
 
     @abstractmethod
+    async def view(self) -> bytes:
+        """Return a picture of the moment for people, as a pixmap. Raises SimulatorDiedError."""
+
+    @abstractmethod
     async def abort(self) -> EpisodeEnd:
         """End the episode as ``aborted``. Raises SimulatorDiedError."""
 

@@ -186,6 +186,10 @@ class LocalSimulator(Simulator):
     async def abort(self) -> EpisodeEnd:
         return await self._finished(self._ask(["abort"], lambda reply: _episode_end(reply[1]), self._timeout_s))
 
+    @override
+    async def view(self) -> bytes:
+        return await self._finished(self._ask(["view"], lambda reply: bytes(reply[1]), self._timeout_s))
+
     async def prepare(self, town: str) -> None:
         """Load a town, so that its first reset is as quick as any other. Raises SimulatorDiedError."""
         await self._finished(self._ask(["prepare", town], lambda _: None, self._timeout_s))

@@ -7,6 +7,7 @@ stream, so no simulator outlives its service. The time limit is an alarm, which 
 Requests:
     | ``["reset", trial, track, actions, encoding, place]``
     | ``["step", steer, throttle, brake, encoding, place]``
+    | ``["view"]``
     | ``["abort"]``
     | ``["prepare", town]``
     | ``["lend", loan, place, episode, seq, practice]``, with a client's connection as a file descriptor
@@ -15,6 +16,7 @@ Requests:
 Replies:
     | ``[OK, observation, reward, terminated, truncated, end]`` to a reset or a step; ``end`` is None or
       ``[outcome, steps, trajectory, SHA-256 of it, SHA-256 of the actions]``
+    | ``[OK, pixmap]`` to a view
     | ``[OK, end]`` to an abort, ``[OK]`` to prepare
     | ``[OK, unread, last step]`` to lend, see :meth:`LentConnection.answer_steps`
     | ``[REFUSED, name, message]``
@@ -34,6 +36,7 @@ from typing import Any, Final
 
 from wrongturn_networks import Town, draw_journey, draw_trial, load_town
 from wrongturn_protocol import FaultKind, Outcome, Task, Track, Trial, observations
+from wrongturn_protocol.pixmap import to_pixmap
 from wrongturn_service.encoding import Encoding, encoded
 from wrongturn_service.simulators import frames
 from wrongturn_service.simulators.action_log import ACTION
@@ -65,6 +68,8 @@ class Server:
             self._drive_a_little(load_town(*arguments))
             return [frames.OK]
         episode = self._driven()
+        if operation == "view":
+            return [frames.OK, to_pixmap(episode.view())]
         return [frames.OK, _end(episode, episode.abort())]
 
     def lend(

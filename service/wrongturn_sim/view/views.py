@@ -17,6 +17,8 @@ from wrongturn_sim.view.ground import draw_ground
 from wrongturn_sim.view.lettering import Line, panel, write
 from wrongturn_sim.view.window import Image, Window
 
+VIEW_SIZE: Final = 480
+"""Side of the view from above while an episode is driven, pixels."""
 LEAST_SIZE: Final = 160
 MOST_SIZE: Final = 2160
 _REMEMBERED: Final = round(60.0 / SUB_STEP)
