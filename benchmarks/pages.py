@@ -26,8 +26,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/service"))
+
 import httpx
 import structlog
+from fake_pool import FakePool
 from page_filling import Filled, fill
 from page_plans import outline, plan, recorded, scanned
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
@@ -128,7 +131,6 @@ async def measure(
 @contextlib.contextmanager
 def database() -> Iterator[str]:
     """Run a server, and give the URL of an empty database."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tests/service"))
     from postgres_server import running_server  # noqa: PLC0415 -- only where no database is named
 
     with running_server() as server:
@@ -141,7 +143,8 @@ async def run(url: str, suite: str, agents: int) -> list[dict[str, Any]]:
     filled = await fill(url, suite, agents)
     print(f"{agents} agents, {filled.episodes} episodes in {time.perf_counter() - begun:.0f} s", flush=True)
     with tempfile.TemporaryDirectory() as home:
-        app = create_app(Settings(database=url, home=Path(home), simulators=1, spare_simulators=0, submissions=0))
+        # Nothing is driven, so there are no simulators.
+        app = create_app(Settings(database=url, home=Path(home), submissions=0), pool=FakePool())
         observer = create_async_engine(url)
         async with app.router.lifespan_context(app):
             transport = httpx.ASGITransport(app)

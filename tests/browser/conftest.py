@@ -14,10 +14,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
 sys.path.insert(0, str(Path(__file__).parent))
 
 from filled_site import Site, filled_site
-from visiting import Accessible, Visit
+from visiting import CHROMIUM, OPTIONS, Accessible, Visit
 
-CHROMIUM = Path("/usr/bin/chromium")
-_OPTIONS = ("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking")
 _EXPECTED = "Failed to load resource: the server responded with a status of "
 """Chromium logs it for a page that is an error page, and for a call that is refused."""
 
@@ -38,7 +36,7 @@ def chromium() -> Iterator[Browser]:
     if not CHROMIUM.exists():
         pytest.skip(f"there is no {CHROMIUM}; apt-get install chromium")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(_OPTIONS))
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(OPTIONS))
         yield browser
         browser.close()
 

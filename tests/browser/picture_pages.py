@@ -18,8 +18,8 @@ from playwright.sync_api import Browser, sync_playwright
 sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
 
 from all_pages import page_paths
-from conftest import _OPTIONS, CHROMIUM
 from filled_site import filled_site
+from visiting import CHROMIUM, OPTIONS
 
 FOLDER: Final = Path(__file__).parents[2] / "docs/pictures/pages"
 SIZE: Final = {"width": 1000, "height": 1000}
@@ -54,7 +54,7 @@ def main() -> None:
         filled_site(Path(folder), names, options.suite) as site,
         sync_playwright() as playwright,
     ):
-        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(_OPTIONS))
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(OPTIONS))
         for name, path in page_paths(site, options.suite).items():
             picture(browser, site.url, path, FOLDER / f"{name}.webp")
         browser.close()

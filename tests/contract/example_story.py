@@ -28,6 +28,8 @@ def play(http: httpx.Client) -> Iterator[tuple[dict[str, Any], httpx.Response]]:
         parameters = _swapped(example.get("parameters", {}), live)
         query = {name: value for name, value in parameters.items() if f"{{{name}}}" not in path}
         headers = {"Authorization": f"Bearer {live[example['token']]}"} if "token" in example else {}
+        if "accept" in example:
+            headers["Accept"] = example["accept"]
         body: dict[str, Any] = {"json": _swapped(example["request"], live)} if "request" in example else {}
         if "form" in example:
             body = {"data": example["form"], "files": {"model": b"no model"}}

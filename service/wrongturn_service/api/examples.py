@@ -18,7 +18,7 @@ def load() -> list[dict[str, Any]]:
     """Return all examples.
 
     Each has ``call`` and ``status``, and what applies of ``token``, ``parameters`` (of path and query), ``request``
-    (JSON), ``form`` (multipart fields) and ``reply``.
+    (JSON), ``form`` (multipart fields), ``accept`` (another media type than the first one) and ``reply``.
     """
     found: list[dict[str, Any]] = json.loads(FILE.read_text())
     return found
@@ -26,7 +26,7 @@ def load() -> list[dict[str, Any]]:
 
 def shown() -> dict[str, dict[str, Any]]:
     """Return the example that is shown for each call, by method and path."""
-    return {example["call"]: example for example in reversed(load())}
+    return {example["call"]: example for example in reversed(load()) if "accept" not in example}
 
 
 def add_examples(paths: dict[str, Any]) -> None:
@@ -44,3 +44,8 @@ def add_examples(paths: dict[str, Any]) -> None:
             content = operation["responses"][str(example["status"])]["content"]
             media = next(media for media in content if media != "application/msgpack")
             content[media]["example"] = example["reply"]
+    for example in load():
+        if "accept" in example:
+            method, path = example["call"].split()
+            replies = paths[path][method.lower()]["responses"]
+            replies[str(example["status"])]["content"][example["accept"]]["example"] = example["reply"]
