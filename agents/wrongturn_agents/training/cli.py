@@ -12,7 +12,7 @@ from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.errors import TrainingError
 
 _Threads = Annotated[int | None, typer.Option(min=1, help="Threads of simulation and torch; all cores by default.")]
-_ALGORITHM = "Algorithm: ppo-segmentation, ppo-image, ppo-auxiliary, doubting or doubting-segmentation."
+_ALGORITHM = "Algorithm: ppo-segmentation, ppo-image, ppo-auxiliary, lbc, doubting or doubting-segmentation."
 _Device = Annotated[str, typer.Option(help="Device: cpu, cuda or auto.")]
 
 
@@ -22,7 +22,8 @@ def train(
         int | None, typer.Option(help="Seed of weights, drives and actions; 1 by default.", show_default=False)
     ] = None,
     steps: Annotated[
-        int | None, typer.Option(min=1, help="Environment steps; pictures of doubting. Example: 2000000")
+        int | None,
+        typer.Option(min=1, help="Environment steps; samples of lbc, pictures of doubting. Example: 2000000"),
     ] = None,
     minutes: Annotated[float | None, typer.Option(help="Wall clock for everything, in minutes. Example: 60")] = None,
     device: _Device = "auto",
@@ -39,10 +40,14 @@ def train(
     _require_extra()
     from wrongturn_agents.training.display import Display  # noqa: PLC0415
     from wrongturn_agents.training.doubting.config import ALGORITHMS as DOUBTING  # noqa: PLC0415
+    from wrongturn_agents.training.lbc.config import ALGORITHM as LBC  # noqa: PLC0415
     from wrongturn_agents.training.train import train as run  # noqa: PLC0415
 
     options = [*(option or []), *([] if num_envs is None else [f"num_envs={num_envs}"])]
     folder = directory or Path("runs") / f"{algorithm}-{1 if seed is None else seed}"
+    if algorithm == LBC:
+        _train_lbc(folder, seed, steps, minutes, device, threads, resume, options)
+        return
     if algorithm in DOUBTING:
         _refuse(algorithm, resume=resume, num_envs=num_envs)
         _train_doubting(algorithm, folder, seed, steps, minutes, device, threads, option or [])
@@ -103,9 +108,40 @@ def _train_doubting(
     typer.echo(f"The best is {best}.")
 
 
+def _train_lbc(
+    folder: Path,
+    seed: int | None,
+    samples: int | None,
+    minutes: float | None,
+    device: str,
+    threads: int | None,
+    resume: bool,
+    options: list[str],
+) -> None:
+    from wrongturn_agents.training.display import Display  # noqa: PLC0415
+    from wrongturn_agents.training.lbc.run import train as run  # noqa: PLC0415
+
+    with Display("lbc") as display:
+        best = run(
+            directory=folder,
+            seed=seed,
+            samples=samples,
+            minutes=minutes,
+            device=device,
+            threads=threads,
+            resume=resume,
+            options=options,
+            on_row=display.samples,
+        )
+    typer.echo(f"The agent is {best}; the privileged one lies beside it.")
+
+
 def score(
     checkpoint: Annotated[
-        str, typer.Argument(help="A run's best.pt or last.pt, a .onnx file, or an agent's name. Example: ppo-image")
+        str,
+        typer.Argument(
+            help="A run's best.pt, last.pt or privileged.pt, a .onnx file, or an agent's name. Example: ppo-image"
+        ),
     ],
     suite: Annotated[str, typer.Option(help="Id of the suite.")] = WRONG_COMMAND,
     json: Annotated[Path | None, typer.Option(help="File to write the results to. Example: results.json")] = None,

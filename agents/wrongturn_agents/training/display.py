@@ -61,6 +61,16 @@ class Display:
         """Show how far a training of ``doubting`` is, with its losses."""
         self._tell(f"{number:,} pictures, losses {exits:.3f} (exits) and {distance:.3f} (distance)", None, keep=False)
 
+    def samples(self, half: str, row: dict[str, Any]) -> None:
+        """Show a row of a training of ``lbc``, whose halves are ``lbc-privileged`` and ``lbc``."""
+        text = f"{half}: {row['minutes']:.1f} min, {row['step']:,} samples, {row['steps_per_second']:,.0f}/s"
+        text += f", loss {row['loss']:.3f}"
+        if (held_out := row.get("success_heldout")) is not None:
+            text += f", held-out journeys {held_out:.0%}"
+        if (beside := row.get("traffic_success_heldout")) is not None:
+            text += f", with traffic {beside:.0%}"
+        self._tell(text, row["done"], keep=held_out is not None)
+
     def _tell(self, text: str, done: float | None, *, keep: bool) -> None:
         if self._bar is not None:
             self._bar.update(self._task, description=f"{self._title}: {text}", completed=done)

@@ -39,7 +39,7 @@ export = typer.Typer(
 
 @export.command(_CHECKPOINT)
 def export_checkpoint(
-    checkpoint: Annotated[Path, typer.Argument(help="A run's best.pt or last.pt.", show_default=False)],
+    checkpoint: Annotated[Path, typer.Argument(help="A run's best.pt, last.pt or privileged.pt.", show_default=False)],
     file: Annotated[Path, typer.Argument(metavar="FILE.onnx", help="File to write.", show_default=False)],
     *,
     precision: Annotated[
@@ -61,11 +61,17 @@ def export_checkpoint(
         from wrongturn_agents.training.doubting.exporting import export_doubting  # noqa: PLC0415
         from wrongturn_agents.training.doubting.run import is_doubting  # noqa: PLC0415
         from wrongturn_agents.training.export import export as exporting  # noqa: PLC0415
+        from wrongturn_agents.training.lbc.checkpoints import is_lbc  # noqa: PLC0415
+        from wrongturn_agents.training.lbc.exporting import export_lbc  # noqa: PLC0415
         from wrongturn_agents.training.recording import record_observations  # noqa: PLC0415
     except ImportError as error:
         raise TrainingError(_missing(error)) from error
     if is_doubting(checkpoint):
         export_doubting(checkpoint, file, precision, name=name)
+        typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")
+        return
+    if is_lbc(checkpoint):
+        export_lbc(checkpoint, file, precision, name=name)
         typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")
         return
     model_of(load_checkpoint(checkpoint))  # reports a damaged checkpoint before minutes go into observations

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from wrongturn_agents.training.drive import DrivenTrial, DrivingModel, drive_trials
+from wrongturn_agents.training.drive import AnyModel, DrivenTrial, drive_trials
 from wrongturn_networks import draw_journey, load_town
 from wrongturn_protocol import TRAINING_WEATHERS, Journey, Task, Traffic, Trial, Verdict
 
@@ -40,6 +40,11 @@ def shortest(journeys: list[Trial], count: int) -> list[Trial]:
     return [journeys[i] for i in sorted(i for _, i in limits[:count])]
 
 
+def longest(journeys: Sequence[Trial]) -> float:
+    """Return the longest time limit of some journeys, seconds."""
+    return max((one.journey.time_limit for one in journeys if one.journey), default=1.0)
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """Result of an agent on held-out journeys."""
@@ -65,7 +70,7 @@ class Evaluation:
     @classmethod
     def each(
         cls,
-        models: Sequence[DrivingModel],
+        models: Sequence[AnyModel],
         trials: list[Trial],
         *,
         stop: Callable[[], bool] = lambda: False,

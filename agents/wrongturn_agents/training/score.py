@@ -13,11 +13,10 @@ import torch
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.reporting.collection import STORED, Collection
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
-from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
-from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.drive import drive_trials
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.in_process import drive_in_process
+from wrongturn_agents.training.loading import load
 from wrongturn_networks import Suite, load_suite
 from wrongturn_protocol import Traffic, Trial
 
@@ -39,7 +38,7 @@ def score(
     own simple traffic: an estimate of what they would give in SUMO.
 
     Args:
-        checkpoint: a run's ``best.pt`` or ``last.pt``.
+        checkpoint: a run's ``best.pt``, ``last.pt`` or ``privileged.pt``.
         suite: id of the suite. Example: ``wrong-command@2``. Of a suite that draws its trials, the
             open draw is driven.
         device: ``cpu``, ``cuda`` or ``auto``.
@@ -59,32 +58,31 @@ def score(
             raise TrainingError(f"{name}: is {value}; give 1 or more")
     if device not in {"auto", "cpu", "cuda"}:
         raise TrainingError(f"device: is {device!r}; give auto, cpu or cuda")
-    found = load_checkpoint(checkpoint)
-    config = config_of(found["algorithm"], found["config"])
     place = torch.device("cuda" if device != "cpu" and torch.cuda.is_available() else "cpu")
     if device == "cuda" and place.type != "cuda":
         raise TrainingError("device: torch finds no CUDA device here; give cpu, or install torch for CUDA")
+    loaded = load(checkpoint, place)
     chosen = load_suite(suite)
     trials = _trials_of(chosen, traffic=traffic)
     # Everything in float32, as in the exported file.
     with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
         (driven,) = drive_trials(
-            [model_of(found, place)],
+            [loaded.model],
             trials,
-            track="segmentation" if config.track == "segmentation" and "rgb" not in config.keys else "camera",
+            track=loaded.track,
             device=place,
             threads=threads or len(os.sched_getaffinity(0)),
             batch=batch,
         )
     return ResultsFile(
-        agent=config.algorithm,
-        seed=found["seed"],
-        variant=config.variant,
+        agent=loaded.algorithm,
+        seed=loaded.seed,
+        variant=loaded.variant,
         suite=chosen.id,
         suite_sha256=chosen.sha256,
         secret=chosen.open_draw.secret,
         driven="in process",
-        steps=found["steps"],
+        steps=loaded.steps,
         device=torch.cuda.get_device_name() if place.type == "cuda" else "cpu",
         trials={trial.id: TrialResult.of(outcome) for trial, outcome, _ in driven if outcome is not None},
     ).model_dump(mode="json")

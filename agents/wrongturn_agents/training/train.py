@@ -19,7 +19,7 @@ from wrongturn_agents.training.checkpoint import load_checkpoint, read, write
 from wrongturn_agents.training.config import ImageConfig, PPOConfig, SegmentationConfig, config_of
 from wrongturn_agents.training.environments import environments, rendered_on
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, shortest, with_traffic
+from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, longest, shortest, with_traffic
 from wrongturn_agents.training.memory import memory_named
 from wrongturn_agents.training.ppo import WrongturnPPO
 from wrongturn_agents.training.pretrain import pretrain
@@ -28,7 +28,6 @@ from wrongturn_agents.training.run_callback import Row, RunCallback
 from wrongturn_agents.training.run_directory import STATE, Begun, held
 from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
-from wrongturn_protocol import Trial
 
 _SEEDS = 2**32
 _THREADS = 1024
@@ -164,7 +163,7 @@ def _train(
         evaluate=evaluate,
         candidates=_candidates(agent, folder / "best.pt" if state else None),
         brief=len(brief),
-        longer=_longest(journeys) / _longest(brief),
+        longer=longest(journeys) / longest(brief),
         rows=ProgressFile(folder / "progress.csv", resumed_at=begun_at if state else None),
         on_row=on_row,
         evaluated_at=state["evaluated_at"] if state else 0,
@@ -277,10 +276,6 @@ def _candidates(agent: ActorCritic, best: Path | None) -> Candidates:
         evaluation = Evaluation(**told["evaluation"]) if told["evaluation"] else None
         found.best = Candidate(kept, told["steps"], evaluation=evaluation)
     return found
-
-
-def _longest(journeys: Sequence[Trial]) -> float:
-    return max((one.journey.time_limit for one in journeys if one.journey), default=1.0)
 
 
 def _state(folder: Path) -> dict[str, Any]:

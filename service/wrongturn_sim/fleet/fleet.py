@@ -202,6 +202,19 @@ class Fleet:
         waits: NDArray[np.bool_] = self._egos.others.permitted < WAITING
         return waits
 
+    @property
+    def permitted(self) -> NDArray[np.float64]:
+        """View of the speeds that other road users permit, (n,), m/s; inf where nobody is in the way."""
+        return self._egos.others.permitted
+
+    @property
+    def turns(self) -> NDArray[np.int64]:
+        """Direction of each ego's route at the junction ahead or around it, (n,), also before its window; 0: none."""
+        legs, gates = self._egos.progress[:, guide.P_LEG], self._egos.progress[:, guide.P_GATE]
+        column = guide.L_GATE + guide.GATE_INTS * np.maximum(gates, 0) + guide.G_DIRECTION
+        turns: NDArray[np.int64] = np.where(gates >= 0, self._roads.ints[legs, column], 0)
+        return turns
+
     def others(self, chosen: NDArray[np.integer[Any]]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the road users that some egos see, for pictures.
 

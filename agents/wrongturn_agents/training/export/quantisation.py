@@ -91,10 +91,9 @@ def quantise(model: onnx.ModelProto, observations: Mapping[str, NDArray[Any]]) -
 
 
 def _is_wide(node: onnx.NodeProto, graph: onnx.GraphProto) -> bool:
-    if node.op_type == "Conv":
-        return True
+    least = {"Conv": _WORTH, "Gemm": _WIDE, "MatMul": _WIDE}.get(node.op_type)
     weights = {tensor.name: np.prod(tensor.dims) for tensor in graph.initializer}
-    return node.op_type in {"Gemm", "MatMul"} and any(weights.get(name, 0) > _WIDE for name in node.input)
+    return least is not None and any(weights.get(name, 0) > least for name in node.input)
 
 
 @contextmanager

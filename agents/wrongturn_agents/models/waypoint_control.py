@@ -1,0 +1,72 @@
+"""From waypoints to controls: the controllers of "Learning by Cheating" (CoRL 2019), for our car."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import torch
+from torch import Tensor, nn
+
+from wrongturn_agents.baselines import Car
+from wrongturn_agents.models.waypoints import APART, COUNT
+
+MEMORY: Final = 2
+"""Numbers that the controllers remember: the mean errors of steering and of speed. They begin with zeros."""
+CAR: Final = Car()
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Settings of the controllers. As in the authors' program, there are no derivative parts."""
+
+    steer: tuple[float, float] = (0.9, 0.1)
+    """Proportional and integral gain of the steering."""
+    speed: tuple[float, float] = (0.8, 0.2)
+    """Proportional and integral gain of the speed: acceleration in m/s² for an error of 1 m/s."""
+    aim: int = 2
+    """The car steers for this waypoint; 1 is the nearest."""
+    lasting: float = 2.0
+    """Time over which errors are averaged for the integral parts, seconds."""
+    standing: float = 0.4
+    """Below this speed the car should stand, m/s: it brakes fully."""
+
+
+class WaypointControl(nn.Module):
+    """Follows waypoints: a controller for the steering and one for the speed.
+
+    Args:
+        gains: settings.
+    """
+
+    def __init__(self, gains: Gains | None = None) -> None:
+        super().__init__()
+        self.gains = gains or Gains()
+
+    def forward(self, waypoints: Tensor, speed: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
+        """Return steer, throttle and brake (B, 3), and the new memory (B, MEMORY).
+
+        Args:
+            waypoints: (B, 5, 2): forward and left of the body's centre, metres.
+            speed: (B, 1), m/s.
+            memory: (B, MEMORY), as it was returned for the decision before.
+        """
+        gains = self.gains
+        errors = torch.stack([steering_to(waypoints[:, gains.aim - 1]), mean_speed(waypoints) - speed[:, 0]], 1)
+        means = memory + (errors - memory) * (0.1 / gains.lasting)
+        steer = gains.steer[0] * errors[:, 0] + gains.steer[1] * means[:, 0]
+        pull = gains.speed[0] * errors[:, 1] + gains.speed[1] * means[:, 1]
+        pull = torch.where(mean_speed(waypoints) < gains.standing, torch.full_like(pull, -CAR.braking), pull)
+        action = [steer.clamp(-1.0, 1.0), (pull / CAR.acceleration).clamp(0.0, 1.0), (-pull / CAR.braking).clamp(0, 1)]
+        return torch.stack(action, 1), means
+
+
+def mean_speed(waypoints: Tensor) -> Tensor:
+    """Return the mean speed along waypoints (B, 5, 2) from the car's place on, (B,), m/s."""
+    steps = torch.cat([waypoints[:, :1], waypoints[:, 1:] - waypoints[:, :-1]], 1)
+    return steps.square().sum(2).sqrt().sum(1) / (COUNT * APART)
+
+
+def steering_to(place: Tensor) -> Tensor:
+    """Return the steering (B,) whose arc leads the rear axle through places (B, 2); negative to the left."""
+    ahead, left = place[:, 0] + CAR.wheelbase / 2.0, place[:, 1]
+    curvature = 2.0 * left / (ahead.square() + left.square()).clamp_min(1.0)
+    return -torch.atan(CAR.wheelbase * curvature) / CAR.max_wheel_angle

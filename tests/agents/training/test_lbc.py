@@ -1,0 +1,201 @@
+"""Trainings of seconds: they beat a random policy, resume, and drive alike as a file."""
+
+import csv
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from wrongturn_agents import resolve
+from wrongturn_agents.models.waypoint_control import MEMORY
+from wrongturn_agents.models.waypoints import to_picture
+from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.lbc.cars import Cars
+from wrongturn_agents.training.lbc.checkpoints import BEST, PRIVILEGED_FILE, is_lbc, load_agent
+from wrongturn_agents.training.lbc.config import LBCConfig
+from wrongturn_agents.training.lbc.exporting import export_lbc
+from wrongturn_agents.training.lbc.learning import Samples
+from wrongturn_agents.training.lbc.run import train
+from wrongturn_agents.training.lbc.sensorimotor import Teacher, picture_loss, round_of
+from wrongturn_agents.training.recording import record_observations
+
+SMALL = (
+    *("width=8", "num_envs=16", "begin=256", "buffer=4096", "batch_size=32", "traffic=0", "warm_up=10"),
+    *("average=0.9", "learning_rate=2e-3", "rounds=2", "journeys=1", "brief_journeys=1", "evaluations=1"),
+    *("patience=3", "augment=false", "privileged_samples=1280", "uses=8", "time_limit=15"),
+)
+SAMPLES = 1280
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("lbc")
+    train(directory=folder, seed=1, samples=SAMPLES, device="cpu", threads=1, options=SMALL)
+    return folder
+
+
+def metres(act, seed=10**6):
+    """Return how far 16 cars get in 8 s without failing, on average."""
+    cars = Cars(
+        16, LBCConfig().with_options((*SMALL, "time_limit=9")), seed=seed, pictures=True, device=torch.device("cpu")
+    )
+    alive, driven, memory = np.ones(16, bool), np.zeros(16), torch.zeros(16, MEMORY)
+    for _ in range(80):
+        seen = cars.observe()
+        driven += 0.1 * seen["speed"][:, 0].numpy() * alive
+        action, memory = act(seen, memory)
+        alive[cars.step(action)] = False
+    cars.close()
+    return driven.mean()
+
+
+@pytest.mark.slow
+def test_a_short_training_beats_a_random_policy(run):
+    random = torch.Generator().manual_seed(1)
+    low = torch.tensor([-1.0, 0.0, 0.0])
+
+    def by_chance(_, memory):
+        return low + (1.0 - low) * torch.rand(16, 3, generator=random), memory
+
+    chance = metres(by_chance)
+    found = {}
+    for file in (PRIVILEGED_FILE, BEST):
+        agent, _ = load_agent(run / file)
+        with torch.inference_mode():
+            found[file] = metres(agent.drive_on)
+
+    assert found[PRIVILEGED_FILE] > 2.0 * chance
+    assert found[BEST] > 1.5 * chance
+
+
+@pytest.mark.slow
+def test_both_halves_leave_curves_and_checkpoints(run):
+    for file, half in (("privileged.csv", "lbc-privileged"), ("progress.csv", "lbc")):
+        with (run / file).open(newline="") as opened:
+            rows = list(csv.DictReader(opened))
+        assert float(rows[-1]["loss"]) < 0.7 * float(rows[0]["loss"])
+        assert rows[-1]["success_heldout"] != ""
+        _, told = load_agent(run / {"lbc": BEST, "lbc-privileged": PRIVILEGED_FILE}[half])
+        assert (told["algorithm"], told["seed"]) == (half, 1)
+        assert told["evaluation"]["journeys"] == 1
+    assert told["steps"] == SAMPLES
+
+
+@pytest.mark.slow
+def test_a_run_resumes_where_it_stopped_and_refuses_what_does_not_fit(run, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    more = SAMPLES + 64
+    train(directory=folder, samples=more, device="cpu", threads=1, resume=True)
+    with (folder / "progress.csv").open(newline="") as opened:
+        steps = [int(row["step"]) for row in csv.DictReader(opened)]
+    assert steps == sorted(steps)
+    assert steps[-1] == more
+    assert load_agent(folder / BEST)[1]["steps"] == more
+    for arguments, said in (
+        ({"resume": True, "seed": 2}, "has seed 1"),
+        ({"resume": True, "options": ["width=16"]}, "own options"),
+        ({}, "resume it"),
+    ):
+        with pytest.raises(TrainingError, match=said):
+            train(directory=folder, samples=1, device="cpu", **arguments)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", [BEST, PRIVILEGED_FILE])
+def test_the_file_drives_as_the_checkpoint_does(run, file, tmp_path):
+    exported = tmp_path / "agent.onnx"
+    export_lbc(run / file, exported, "fp16")
+    source = resolve(str(exported))
+    agent, _ = load_agent(run / file)
+    driver = source.make()
+    assert (source.track, driver.memoryless) == ("privileged" if file == PRIVILEGED_FILE else "camera", False)
+    seen = record_observations(source.track, 6, seed=3)
+    driver.reset(None)
+    memory = torch.zeros(1, MEMORY)
+    for i in range(6):
+        action = driver.act({key: array[i] for key, array in seen.items()})
+        with torch.inference_mode():
+            wanted, memory = agent.drive_on({key: torch.from_numpy(seen[key][i : i + 1]) for key in agent.keys}, memory)
+        assert [action.steer, action.throttle, action.brake] == pytest.approx(wanted[0].tolist(), abs=5e-3)
+
+
+def test_the_newest_samples_are_kept():
+    samples = Samples(5)
+    for begin in range(0, 9, 3):
+        samples.add({"number": torch.arange(begin, begin + 3)})
+    assert (len(samples), samples.added) == (5, 9)
+    assert set(samples.draw(200)["number"].tolist()) == {4, 5, 6, 7, 8}
+
+
+def test_rounds_begin_after_the_first_samples():
+    config = LBCConfig(rounds=4, offline=0.2)
+    assert [round_of(share, config) for share in (0.0, 0.19, 0.2, 0.39, 0.41, 0.99, 1.0)] == [0, 0, 1, 1, 2, 4, 4]
+    assert round_of(0.9, LBCConfig(rounds=0)) == 0
+
+
+def test_only_commands_with_weight_count():
+    found, wanted = torch.zeros(2, 4, 5, 2), torch.zeros(2, 4, 5, 2)
+    wanted[0, 0, :, 0] = 0.5  # 48 pixels to the side
+    wanted[1, 2] = 1.0
+    weights = torch.tensor([[1.0, 0, 0, 0], [0, 1.0, 0, 0]])
+    assert picture_loss(found, wanted, weights).item() == pytest.approx(48.0 / 2 / 2)
+
+
+class Told(torch.nn.Module):
+    """Tells other waypoints for each command."""
+
+    def forward(self, observation):
+        places = torch.arange(1.0, 5.0).view(1, 4, 1, 1) * torch.tensor([2.0, 0.1])
+        return places.expand(len(observation["speed"]), -1, 5, -1)
+
+
+def test_a_teacher_tells_all_commands_or_the_experts_for_one():
+    cars = Cars(8, LBCConfig(traffic=0.0), seed=1, pictures=False, device=torch.device("cpu"))
+    seen = cars.observe()
+    waypoints, points, weights = Teacher(Told(), white_box=True).teach(cars, seen)
+    assert weights.tolist() == [[1.0] * 4] * 8
+    assert torch.allclose(points, to_picture(Told()(seen)))
+    assert torch.allclose(waypoints[:, 0, 0], 2.0 * seen["command"][:, 0])
+    waypoints, points, weights = Teacher(Told(), white_box=False).teach(cars, seen)
+    assert weights.argmax(1).tolist() == (seen["command"][:, 0] - 1).tolist()
+    assert weights.sum(1).tolist() == [1.0] * 8
+    assert torch.allclose(points, to_picture(waypoints)[:, None].expand(-1, 4, -1, -1))
+    cars.close()
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("width=0", "option width: is 0"),
+        ("guided=1.5", "option guided: is 1.5"),
+        ("near_junctions=0.9", "more than all drives"),
+        ("window_nearest=30", "the least and the greatest distance"),
+        ("begin=1000000", "more than the buffer"),
+        ("privileged_share=1", "between 0 and 1"),
+        ("white_box=maybe", "give true or false"),
+        ("speed=3", "give name=value with one of"),
+        ("batch_size=1", "2 or more"),
+    ],
+)
+def test_wrong_options_are_named(option, said, tmp_path):
+    with pytest.raises(TrainingError, match=said):
+        train(directory=tmp_path / "run", samples=1, device="cpu", options=[option])
+    assert not (tmp_path / "run").exists()
+
+
+def test_ablations_have_names():
+    assert LBCConfig().variant is None
+    assert LBCConfig(rounds=0).variant == "without-dagger"
+    assert LBCConfig(rounds=0, white_box=False).variant == "without-white-box-and-dagger"
+
+
+def test_other_files_are_refused(tmp_path):
+    torch.save({"algorithm": "lbc"}, tmp_path / "part.pt")
+    (tmp_path / "text.pt").write_text("no checkpoint")
+    for name in ("part.pt", "text.pt", "missing.pt"):
+        with pytest.raises(TrainingError, match=name):
+            load_agent(tmp_path / name)
+    assert not is_lbc(tmp_path / "text.pt")
