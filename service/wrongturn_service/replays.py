@@ -14,12 +14,15 @@ from wrongturn_sim.errors import TrajectoryError
 from wrongturn_sim.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from wrongturn_sim.camera.renderer import Image
     from wrongturn_sim.replay import Replay
 
 SHEET: Final = 20
 """Decisions of a sheet of the camera's pictures: 2 s."""
 QUALITY: Final = 90
 """Of WebP. A sheet has 100 KB and takes a fifth of the time of a lossless one, which has 210 KB."""
+PICTURE: Final = 800
+"""Side of a picture from above, pixels. It has about 90 KB, that of a long journey 250 KB."""
 _PICTURES: Final = 32 << 20
 """Bytes of pictures that are kept."""
 _TRAJECTORIES: Final = 8 << 20
@@ -93,6 +96,19 @@ class Replays:
         """
         return await self.made("view", episode, lambda trajectory: to_pixmap(_replay(trajectory, outcome).last_view()))
 
+    async def picture(self, episode: str, outcome: Outcome | None) -> bytes:
+        """Return a whole episode from above, as PNG.
+
+        Args:
+            episode: The episode's id.
+            outcome: Its outcome.
+
+        Raises:
+            NotFoundError: The town is not installed.
+            ConflictError: The episode has no trajectory, or its town has changed since.
+        """
+        return await self.made("picture", episode, lambda trajectory: _picture(trajectory, outcome))
+
     async def _load(self, episode: str) -> _Read:
         found = await self._store.trajectory(episode)
         if found is None:
@@ -143,9 +159,12 @@ def check_town(trajectory: Trajectory) -> None:
         )
 
 
+def _picture(trajectory: Trajectory, outcome: Outcome | None) -> bytes:
+    return _encoded(".png", _replay(trajectory, outcome).picture(PICTURE))
+
+
 def _sheet(trajectory: Trajectory, number: int) -> bytes:
-    import cv2  # noqa: PLC0415 - slow, and only pictures need it
-    import numpy as np  # noqa: PLC0415
+    import numpy as np  # noqa: PLC0415 - as above
 
     replay = _replay(trajectory)
     sheets = -(-len(replay) // SHEET)
@@ -154,7 +173,12 @@ def _sheet(trajectory: Trajectory, number: int) -> bytes:
             ProblemType.UNKNOWN_EPISODE, f"sheet {number} is not one of this episode's {sheets}, 0 to {sheets - 1}"
         )
     shown = range(number * SHEET, min((number + 1) * SHEET, len(replay)))
-    rgb = np.concatenate([replay.camera(decision)[0] for decision in shown])
-    done, encoded = cv2.imencode(".webp", rgb[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    return _encoded(".webp", np.concatenate([replay.camera(decision)[0] for decision in shown]))
+
+
+def _encoded(kind: str, rgb: "Image") -> bytes:
+    import cv2  # noqa: PLC0415 - as above
+
+    done, encoded = cv2.imencode(kind, rgb[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
     assert done
     return encoded.tobytes()

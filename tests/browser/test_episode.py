@@ -53,7 +53,7 @@ def test_what_happened_and_why(visit: Visit, accessible: Accessible, pair: Pair)
     assert moments[0].startswith("0.0 s")
     assert any("but the route says" in moment for moment in moments)
     assert "left the road" in moments[-1]
-    assert page.inner_text("figure.drive >> nth=1 >> figcaption").startswith("The twin, with the right command: exit")
+    assert page.inner_text("figure.drive >> nth=1 >> figcaption").startswith("The twin, without a fault: exit")
     accessible(page)
 
 
@@ -148,12 +148,14 @@ def test_the_twin_stands_beside_its_trial_and_the_reverse(visit: Visit, pair: Pa
     assert len(set(ends)) == 2
 
 
-def test_without_javascript_the_page_says_it_in_words(visit: Visit, accessible: Accessible, pair: Pair):
+def test_without_javascript_the_page_says_it_in_words(visit: Visit, pair: Pair):
     page = visit(pair.path, javascript=False)
     text = page.inner_text("main")
     assert "The replay needs JavaScript." in text
     assert "The car left the road" in text
     assert not page.is_visible(".controls")
+    assert page.get_attribute("img.whole >> nth=1", "src") == f"/v1/episodes/{pair.twin['id']}/picture.png"
+    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
 
 
 def test_an_episode_that_is_not_shown_is_an_unknown_page(visit: Visit, site: Site):

@@ -43,6 +43,7 @@ INTERFACE = {
     "GET /v1/episodes/{episode}/trajectory",
     "GET /v1/episodes/{episode}/camera/{sheet}",
     "GET /v1/episodes/{episode}/view",
+    "GET /v1/episodes/{episode}/picture.png",
     "DELETE /v1/episodes/{episode}",
     "POST /v1/submissions",
     "GET /v1/submissions",

@@ -83,6 +83,7 @@ OF_EPISODES = {
     "POST /v1/episodes/{episode}/step": {200},
     "GET /v1/episodes/{episode}/trajectory": {409},  # it is open
     "GET /v1/episodes/{episode}/camera/{sheet}": {409},
+    "GET /v1/episodes/{episode}/picture.png": {409},
     "DELETE /v1/episodes/{episode}": {204},
 }
 GOOD_FOR = {

@@ -130,6 +130,15 @@ async def view(service: ServiceDep, caller: CallerDep, episode: str) -> Response
     return Response(body, media_type=PIXMAP)
 
 
+@router.get("/{episode}/picture.png", **described(None, 404, 409, 410, media="image/png"), **WITHOUT_TOKEN_TOO)
+async def picture(service: ServiceDep, authorization: AuthorizationDep, episode: str) -> Response:
+    """Show a finished episode from above: the car's way, coloured by speed, its footprints, and the verdict."""
+    row = await _shown(service, authorization, episode)
+    outcome = Outcome.model_validate_json(row.outcome) if row.outcome is not None else None
+    body = await service.replays.picture(episode, outcome)
+    return Response(body, media_type="image/png", headers=_for_good(authorization, body))
+
+
 @router.delete("/{episode}", **described(None, 404, 409, 410, 429, status=204))
 async def abort(service: ServiceDep, caller: DriverDep, episode: str) -> Response:
     """End the episode. A scored one counts as ``aborted``, which is unsafe."""
@@ -150,13 +159,14 @@ async def _visible(service: Service, authorization: str | None, episode_id: str)
     return row, public or await is_shown(service, row)
 
 
-async def _shown(service: Service, authorization: str | None, episode: str) -> None:
-    """Check that the caller may see an episode's trajectory. Raises GoneError, ConflictError."""
+async def _shown(service: Service, authorization: str | None, episode: str) -> EpisodeRow:
+    """Return the row of an episode whose trajectory the caller may see. Raises GoneError, ConflictError."""
     row, shown = await _visible(service, authorization, episode)
     if row.state == EpisodeState.LOST:
         raise GoneError(f"episode {episode} is lost; it has no trajectory")
     if not shown:
         raise _not_shown(episode)
+    return row
 
 
 def _not_shown(episode: str) -> ConflictError:

@@ -29,7 +29,7 @@ class Shown:
 
     episode: FinishedEpisode
     moments: tuple[Moment, ...]
-    """None without a trajectory that can be shown."""
+    """Empty without a trajectory that can be shown."""
     missing: str | None
     """Why it cannot be replayed."""
 
@@ -48,7 +48,7 @@ class Shown:
         """What the page calls it."""
         if self.trial.journey is not None:
             return "The journey"
-        return "The twin, with the right command" if self.trial.is_twin else "The trial, with the wrong command"
+        return "The twin, without a fault" if self.trial.is_twin else "The trial, with the fault"
 
 
 @router.api_route("/episodes/{episode}", methods=["GET", "HEAD"])

@@ -9,7 +9,7 @@ from service_harness import GAS, Agent, RunningService, expect, problem
 
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import decode
-from wrongturn_service.replays import SHEET
+from wrongturn_service.replays import PICTURE, SHEET
 from wrongturn_service.web.drives import ROWS
 from wrongturn_service.web.kept import Kept
 from wrongturn_sim.ego import SUB_STEPS
@@ -41,26 +41,38 @@ def test_the_sheets_show_what_the_agent_saw(seeing: Agent) -> None:
     problem(seeing.http.get(f"/v1/episodes/{reset['id']}/camera/{len(sheets)}"), 404, "unknown-episode")
 
 
-def test_sheets_are_shown_to_whom_the_trajectory_is_shown(service: RunningService, agent: Agent) -> None:
+def test_pictures_are_shown_to_whom_the_trajectory_is_shown(service: RunningService, agent: Agent) -> None:
     evaluation = agent.evaluate()["id"]
     scored = expect(agent.reset(evaluation), 201)["id"]
-    url = f"/v1/episodes/{scored}/camera/0"
-    problem(agent.http.get(url), 409, "episode-not-shown")
-    agent.drive(scored)
-    problem(agent.http.get(url), 409, "episode-not-shown")
     practice = agent.practise()["id"]
+    pictures = ("camera/0", "picture.png")
+    for picture in pictures:
+        problem(agent.http.get(f"/v1/episodes/{scored}/{picture}"), 409, "episode-not-shown")
+    agent.drive(scored)
     agent.drive(practice)
-    response = agent.http.get(f"/v1/episodes/{practice}/camera/0")
-    assert "private" in response.headers["cache-control"]
     with httpx.Client(base_url=service.url) as stranger, service.agent() as other:
-        for episode in (scored, practice):
-            problem(stranger.get(f"/v1/episodes/{episode}/camera/0"), 401, "unauthenticated")
-            problem(other.http.get(f"/v1/episodes/{episode}/camera/0"), 403, "forbidden")
+        for picture in pictures:
+            problem(agent.http.get(f"/v1/episodes/{scored}/{picture}"), 409, "episode-not-shown")
+            assert "private" in agent.http.get(f"/v1/episodes/{practice}/{picture}").headers["cache-control"]
+            for episode in (scored, practice):
+                problem(stranger.get(f"/v1/episodes/{episode}/{picture}"), 401, "unauthenticated")
+                problem(other.http.get(f"/v1/episodes/{episode}/{picture}"), 403, "forbidden")
+        assert stranger.get(f"/episodes/{scored}").status_code == 404
+        assert stranger.get(f"/episodes/{scored}/drive.json").status_code == 404
+        assert stranger.get(f"/episodes/{practice}").status_code == 404, "practice has no page"
         agent.http.delete(f"/v1/evaluations/{evaluation}")
-        shown = stranger.get(url)
-        assert "public" in shown.headers["cache-control"]
+        for picture in pictures:
+            shown = stranger.get(f"/v1/episodes/{scored}/{picture}")
+            assert "public" in shown.headers["cache-control"]
+            assert stranger.get(f"/v1/episodes/{scored}/{picture}").headers["etag"] == shown.headers["etag"]
         assert len(sheet(stranger, scored, 0)) == SHEET
-        assert stranger.get(url).headers["etag"] == shown.headers["etag"]
+        drawn = cv2.imdecode(np.frombuffer(shown.content, np.uint8), cv2.IMREAD_COLOR)
+        assert drawn.shape == (PICTURE, PICTURE, 3)
+        # Its twin was never driven, so the page shows one drive.
+        assert stranger.get(f"/episodes/{scored}").text.count('<canvas class="map"') == 1
+        plain = stranger.get(f"/episodes/{scored}/drive.json", headers={"Accept-Encoding": "identity"})
+        assert "content-encoding" not in plain.headers
+        assert plain.json() == stranger.get(f"/episodes/{scored}/drive.json").json()
 
 
 def test_what_is_kept_has_a_size() -> None:
