@@ -155,10 +155,12 @@ class TestFilm:
 
     def test_on_a_long_way_the_window_follows_the_car(self, left):
         rows = left.trajectory.rows
-        long = [row._replace(x=row.x + 0.5 * k) for k, row in enumerate(rows * 6)]
+        long = [row._replace(x=row.x + 2.0 * k) for k, row in enumerate(rows * 6)]
         replay = Replay(Trajectory(left.trajectory.trial, left.trajectory.town_sha256, long))
         middle = replay.top(len(replay) // 2, 200)[:200]
         assert (middle[80:120, 80:120] == colours.CAR).all(-1).any()
+        end = replay.top(len(replay) - 1, 200)[:200]  # beyond the town's last road
+        assert (end[80:120, 80:120] == colours.CAR).all(-1).any()
 
 
 class TestShown:

@@ -51,7 +51,7 @@ def _area(image: Image, window: Window, area: BaseGeometry, colour: Colour) -> N
 
 def _rings(area: BaseGeometry) -> list[Points]:
     """Return the outlines and the holes of an area's polygons."""
-    polygons = [part for part in get_parts(area) if part.geom_type == "Polygon"]
+    polygons = [part for part in get_parts(area) if part.geom_type == "Polygon" and not part.is_empty]
     return [np.array(ring.coords) for polygon in polygons for ring in (polygon.exterior, *polygon.interiors)]
 
 
