@@ -1,8 +1,8 @@
 """Make the documentation's pictures of pages, ``docs/pictures/pages/*.webp``.
 
-``python tests/browser/picture_pages.py [--agents ppo-image,careful] [--suite wrong-command@2]``
+``python tests/browser/picture_pages.py [--agents obeys-blindly,careful] [--suite smoke@2]``
 
-A service of its own runs the agents first, which takes some minutes. The first agent is the one that is shown.
+A service of its own runs the agents first. The first one is shown.
 """
 
 import argparse
@@ -44,8 +44,8 @@ def picture(browser: Browser, url: str, path: str, file: Path) -> None:
 def main() -> None:
     """Run the agents, and write the pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--agents", default="ppo-image,careful")
-    parser.add_argument("--suite", default="wrong-command@2")
+    parser.add_argument("--agents", default="obeys-blindly,careful")
+    parser.add_argument("--suite", default="smoke@2")
     options = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
     names = tuple(options.agents.split(","))
