@@ -52,7 +52,11 @@ class Augmentation(nn.Module):
             rgb: Pictures (B, 64, 192, 3) uint8.
             generator: Source of the random numbers, on the pictures' device; None for torch's own.
         """
-        return self.changed(rgb, torch.rand(len(rgb), _DRAWS, device=rgb.device, generator=generator))
+        return self.changed(rgb, self.draw(len(rgb), rgb.device, generator))
+
+    def draw(self, count: int, device: torch.device, generator: torch.Generator | None = None) -> Tensor:
+        """Return the random numbers that change pictures, (count, 13) in [0, 1)."""
+        return torch.rand(count, _DRAWS, device=device, generator=generator)
 
     def changed(self, rgb: Tensor, draws: Tensor) -> Tensor:
         """Return pictures changed by given random numbers (B, 13) in [0, 1)."""

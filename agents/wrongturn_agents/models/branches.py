@@ -91,10 +91,15 @@ class _BranchedLinear(nn.Module):
         return torch.baddbmm(self.bias, features, self.weight)
 
 
-def _commanded(outputs: Tensor, command: Tensor) -> Tensor:
-    """Select the commanded branch's (B, N) of (4, B, N)."""
-    command = command.reshape(1, -1, 1)
+def branch_of(command: Tensor) -> Tensor:
+    """Return each command's place in :data:`COMMANDS` (B,); VOID, and any number that is no command, has the last."""
+    command = command.reshape(-1)
     follow = int(Command.LANE_FOLLOW)
     known = (command >= int(Command.LEFT)) & (command <= follow)
-    branch = torch.where(known, command, follow) - int(Command.LEFT)
+    return torch.where(known, command, follow) - int(Command.LEFT)
+
+
+def _commanded(outputs: Tensor, command: Tensor) -> Tensor:
+    """Select the commanded branch's (B, N) of (4, B, N)."""
+    branch = branch_of(command).view(1, -1, 1)
     return outputs.gather(0, branch.expand(-1, -1, outputs.shape[-1])).squeeze(0)

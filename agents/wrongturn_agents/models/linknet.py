@@ -19,9 +19,10 @@ class LinkNetDecoder(nn.Module):
 
     Args:
         widths: channels of the encoder's four stages.
+        classes: number of classes.
     """
 
-    def __init__(self, widths: Sequence[int] = WIDTHS) -> None:
+    def __init__(self, widths: Sequence[int] = WIDTHS, classes: int = CLASSES) -> None:
         super().__init__()
         first, second, third, fourth = widths
         self.blocks = nn.ModuleList(
@@ -30,11 +31,11 @@ class LinkNetDecoder(nn.Module):
         self.full = nn.Sequential(
             *_normalised(nn.ConvTranspose2d(first, 32, 3, stride=2, padding=1, output_padding=1, bias=False), 32),
             *_normalised(nn.Conv2d(32, 32, 3, padding=1, bias=False), 32),
-            nn.ConvTranspose2d(32, CLASSES, 2, stride=2),
+            nn.ConvTranspose2d(32, classes, 2, stride=2),
         )
 
     def forward(self, deep: Tensor, links: Sequence[Tensor] = ()) -> Tensor:
-        """Decode (B, 512, 2, 6) to logits (B, 11, 64, 192).
+        """Decode (B, 512, 2, 6) to logits (B, ``classes``, 64, 192).
 
         Args:
             deep: output of the last stage.

@@ -1,4 +1,4 @@
-"""ResNet-34, built from a configuration, never downloaded.
+"""ResNet-34 and ResNet-18, built from a configuration, never downloaded.
 
 He et al., "Deep residual learning for image recognition" (2016).
 """
@@ -17,7 +17,7 @@ WIDTHS: Final = (64, 128, 256, 512)
 """
 
 
-class ResNet34(nn.Module):
+class ResNet(nn.Module):
     """The stem and the four stages, kept apart so that a stage can be doubled.
 
     Batch normalisation uses its running statistics even in training, so that PPO improves exactly the policy that
@@ -26,31 +26,38 @@ class ResNet34(nn.Module):
     Args:
         widths: channels after each stage.
         depths: blocks in each stage.
+        channels: channels of the picture.
 
     Attributes:
-        stem: (B, 3, 64, 192) to (B, 64, 16, 48).
+        stem: (B, ``channels``, 64, 192) to (B, 64, 16, 48).
         stages: four; see :data:`WIDTHS`.
 
     Raises:
         ModuleNotFoundError: transformers is not installed.
     """
 
-    def __init__(self, widths: Sequence[int] = WIDTHS, depths: Sequence[int] = (3, 4, 6, 3)) -> None:
+    def __init__(self, widths: Sequence[int], depths: Sequence[int], channels: int) -> None:
         super().__init__()
         try:
             # Imported here, because it takes seconds and the segmentation agent does not need it.
             from transformers import ResNetConfig, ResNetModel  # noqa: PLC0415
         except ImportError as error:
             remedy = f"{python()} -m pip install 'wrongturn-agents[training]'"
-            raise ModuleNotFoundError(f"ResNet-34 is made by transformers; install it with: {remedy}") from error
+            raise ModuleNotFoundError(f"ResNets are made by transformers; install it with: {remedy}") from error
         whole = ResNetModel(
-            ResNetConfig(embedding_size=widths[0], hidden_sizes=list(widths), depths=list(depths), layer_type="basic")
+            ResNetConfig(
+                num_channels=channels,
+                embedding_size=widths[0],
+                hidden_sizes=list(widths),
+                depths=list(depths),
+                layer_type="basic",
+            )
         )
         self.stem: nn.Module = whole.embedder
         self.stages = nn.ModuleList(whole.encoder.stages)
         self.eval()
 
-    def train(self, mode: bool = True) -> "ResNet34":  # noqa: ARG002 - torch's signature
+    def train(self, mode: bool = True) -> "ResNet":  # noqa: ARG002 - torch's signature
         """Stay in evaluation mode. Only batch normalisation would behave differently."""
         super().train(False)
         return self
@@ -63,9 +70,29 @@ class ResNet34(nn.Module):
         return stem, first, second, self.stages[2](second)
 
     def forward(self, picture: Tensor) -> Tensor:
-        """Encode pictures (B, 3, 64, 192) as (B, 512, 2, 6)."""
+        """Encode pictures (B, ``channels``, 64, 192) as (B, 512, 2, 6)."""
         encoded: Tensor = self.stages[3](self.shared(picture)[3])
         return encoded
+
+
+class ResNet34(ResNet):
+    """A ResNet with 34 layers for one picture."""
+
+    def __init__(self, widths: Sequence[int] = WIDTHS, depths: Sequence[int] = (3, 4, 6, 3)) -> None:
+        super().__init__(widths, depths, 3)
+
+
+class ResNet18(ResNet):
+    """A ResNet with 18 layers for several pictures, one behind the other.
+
+    Args:
+        pictures: number of pictures.
+        widths: channels after each stage.
+        depths: blocks in each stage.
+    """
+
+    def __init__(self, pictures: int, widths: Sequence[int] = WIDTHS, depths: Sequence[int] = (2, 2, 2, 2)) -> None:
+        super().__init__(widths, depths, 3 * pictures)
 
 
 @contextmanager

@@ -11,7 +11,8 @@ import torch
 from torch import nn
 
 from wrongturn_agents.models import ActorCritic, build
-from wrongturn_agents.training.config import PPOConfig, config_of
+from wrongturn_agents.training.config import config_of
+from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.errors import TrainingError
 
 _FIELDS: Final[dict[str, type]] = {
@@ -29,7 +30,7 @@ UNDRIVEN: Final = ("encoder.decoder.", "encoder.segmenting.")
 
 
 def save_checkpoint(
-    path: Path, model: nn.Module, config: PPOConfig, *, seed: int, steps: int, evaluation: dict[str, float]
+    path: Path, model: nn.Module, config: DrivesConfig, *, seed: int, steps: int, evaluation: dict[str, float]
 ) -> None:
     """Write an agent: its weights, its configuration and its held-out evaluation."""
     write(

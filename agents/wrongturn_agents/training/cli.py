@@ -12,7 +12,7 @@ from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.errors import TrainingError
 
 _Threads = Annotated[int | None, typer.Option(min=1, help="Threads of simulation and torch; all cores by default.")]
-_ALGORITHM = "Algorithm: ppo-segmentation, ppo-image, ppo-auxiliary, lbc, doubting or doubting-segmentation."
+_ALGORITHM = "Algorithm: ppo-segmentation, ppo-image, ppo-auxiliary, lbc, marln, doubting or doubting-segmentation."
 _Device = Annotated[str, typer.Option(help="Device: cpu, cuda or auto.")]
 
 

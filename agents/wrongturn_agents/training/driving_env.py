@@ -6,6 +6,7 @@ from typing import Any, Final
 import numpy as np
 import torch
 from gymnasium import spaces
+from numpy.typing import NDArray
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor
 
@@ -13,6 +14,7 @@ from wrongturn_agents.training.action import ACTION_SPACE, controls
 from wrongturn_agents.training.rollout import Observations
 from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_agents.training.vec_env import WrongturnVecEnv
+from wrongturn_sim import WrongturnVectorEnv
 
 COLLISION: Final = "collision"
 """Verdict of a drive that hit something."""
@@ -118,6 +120,12 @@ class DrivingVecEnv(WrongturnVecEnv):
         self._returns[ended] = 0.0
         self._lengths[ended] = 0
         return tensors, scaled, ended, infos
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """Where each car is, (n, 3): x and y of the body's centre in metres, and yaw in radians."""
+        assert isinstance(self.envs, WrongturnVectorEnv)
+        return self.envs.poses
 
     def _waits(self) -> Any:
         """Return whether others block each car's way, (n,)."""

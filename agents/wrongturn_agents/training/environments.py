@@ -7,6 +7,7 @@ import torch
 
 from wrongturn_agents.models import ActorCritic
 from wrongturn_agents.training.config import PPOConfig
+from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.driving_env import DrivingVecEnv
 from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
@@ -28,31 +29,7 @@ def environments(config: PPOConfig, agent: ActorCritic, stopwatch: Stopwatch, *,
         threads: threads that share the simulation.
     """
     device = agent.log_std.device
-    driving = DrivingVecEnv(
-        config.num_envs,
-        keys=config.keys,
-        device=device,
-        reward_divisor=config.reward_divisor,
-        failure_penalty=config.failure_penalty,
-        collision_penalty=config.collision_penalty,
-        standing_penalty=config.standing_penalty,
-        standing_cost=config.standing_cost,
-        stopwatch=stopwatch,
-        town="Town01",
-        track=config.track,
-        task="cruise",
-        strict=True,
-        record=False,
-        weather=TRAINING_WEATHERS,
-        journeys={
-            **{name: getattr(config, name) for name in _JOURNEYS},
-            "window": (config.window_nearest, config.window_farthest),
-            **_company(config),
-        },
-        threads=threads,
-        **_traffic(config),
-        **rendered_on(device),
-    )
+    driving = driving_envs(config, device, stopwatch, threads=threads)
     return SeenVecEnv(
         driving,
         disturb=agent.disturb if config.disturbed else None,
@@ -62,7 +39,49 @@ def environments(config: PPOConfig, agent: ActorCritic, stopwatch: Stopwatch, *,
     )
 
 
-def _company(config: PPOConfig) -> dict[str, Any]:
+def driving_envs(
+    config: DrivesConfig, device: torch.device, stopwatch: Stopwatch, *, threads: int, **options: Any
+) -> DrivingVecEnv:
+    """Make cars that cruise about Town01 in the training weathers, with correct commands.
+
+    Args:
+        config: number of cars, their starts, traffic and rewards.
+        device: device of the pictures.
+        stopwatch: counts the environments and the pictures.
+        threads: threads that share the simulation.
+        options: other options of the vectorised environment.
+    """
+    given: dict[str, Any] = {
+        "keys": config.keys,
+        "reward_divisor": config.reward_divisor,
+        "failure_penalty": config.failure_penalty,
+        "collision_penalty": config.collision_penalty,
+        "standing_penalty": config.standing_penalty,
+        "standing_cost": config.standing_cost,
+        "track": config.track,
+        "journeys": {
+            **{name: getattr(config, name) for name in _JOURNEYS},
+            "window": (config.window_nearest, config.window_farthest),
+            **_company(config),
+        },
+        **_traffic(config),
+        **rendered_on(device),
+    }
+    return DrivingVecEnv(
+        config.num_envs,
+        device=device,
+        stopwatch=stopwatch,
+        town="Town01",
+        task="cruise",
+        strict=True,
+        record=False,
+        weather=TRAINING_WEATHERS,
+        threads=threads,
+        **{**given, **options},
+    )
+
+
+def _company(config: DrivesConfig) -> dict[str, Any]:
     """Return which of the cruises have how many other road users."""
     if not config.traffic:
         return {}
@@ -70,7 +89,7 @@ def _company(config: PPOConfig) -> dict[str, Any]:
     return {"alone": 1.0 - config.traffic, "least_traffic": least}
 
 
-def _traffic(config: PPOConfig) -> dict[str, Any]:
+def _traffic(config: DrivesConfig) -> dict[str, Any]:
     """Return the vectorised environment's options for other road users."""
     if not config.traffic:
         return {}

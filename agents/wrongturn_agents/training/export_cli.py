@@ -63,6 +63,9 @@ def export_checkpoint(
         from wrongturn_agents.training.export import export as exporting  # noqa: PLC0415
         from wrongturn_agents.training.lbc.checkpoints import is_lbc  # noqa: PLC0415
         from wrongturn_agents.training.lbc.exporting import export_lbc  # noqa: PLC0415
+        from wrongturn_agents.training.marln.config import MarlnConfig  # noqa: PLC0415
+        from wrongturn_agents.training.marln.exporting import export_marln  # noqa: PLC0415
+        from wrongturn_agents.training.marln.network import marln_of  # noqa: PLC0415
         from wrongturn_agents.training.recording import record_observations  # noqa: PLC0415
     except ImportError as error:
         raise TrainingError(_missing(error)) from error
@@ -74,9 +77,12 @@ def export_checkpoint(
         export_lbc(checkpoint, file, precision, name=name)
         typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")
         return
-    model_of(load_checkpoint(checkpoint))  # reports a damaged checkpoint before minutes go into observations
-    compared = record_observations("segmentation", _COMPARED, seed=1) if compare else None
-    found = exporting.export(checkpoint, file, precision, name=name, compared=compared)
+    told = load_checkpoint(checkpoint)
+    remembers = told["algorithm"] == MarlnConfig.algorithm
+    (marln_of if remembers else model_of)(told)  # reports a damaged checkpoint before minutes go into observations
+    compared = record_observations("camera" if remembers else "segmentation", _COMPARED, seed=1) if compare else None
+    write = export_marln if remembers else exporting.export
+    found = write(checkpoint, file, precision, name=name, compared=compared)
     typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")
     if found is not None:
         for control, mean, greatest in zip(("steer", "throttle", "brake"), found.mean, found.greatest, strict=True):

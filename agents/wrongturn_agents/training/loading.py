@@ -10,6 +10,8 @@ from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.drive import AnyModel
 from wrongturn_agents.training.lbc.checkpoints import is_lbc, load_agent
 from wrongturn_agents.training.lbc.config import PRIVILEGED, LBCConfig
+from wrongturn_agents.training.marln.config import MarlnConfig
+from wrongturn_agents.training.marln.network import marln_of
 from wrongturn_protocol import Track
 
 
@@ -43,4 +45,5 @@ def load(checkpoint: Path | str, device: torch.device | str = "cpu") -> Loaded:
     config = config_of(found["algorithm"], found["config"])
     segmented = config.track == "segmentation" and "rgb" not in config.keys
     track = Track.SEGMENTATION if segmented else Track.CAMERA
-    return Loaded(model_of(found, device), track, found["algorithm"], found["seed"], config.variant, found["steps"])
+    model = marln_of(found, device) if isinstance(config, MarlnConfig) else model_of(found, device)
+    return Loaded(model, track, found["algorithm"], found["seed"], config.variant, found["steps"])

@@ -7,8 +7,11 @@ from typing import Final
 
 import torch
 
+from wrongturn_agents.models.marln import FRAMES
 from wrongturn_agents.training.config import PPOConfig
+from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.marln.config import MarlnConfig
 
 _PIXELS: Final = 64 * 192
 _BYTES: Final = {"rgb": 3 * _PIXELS, "segmentation": _PIXELS}
@@ -17,15 +20,13 @@ _REMEDY: Final = "give a smaller --num-envs, or fewer n_steps or frames of a min
 
 
 @contextmanager
-def memory_named(config: PPOConfig) -> Iterator[None]:
+def memory_named(config: DrivesConfig) -> Iterator[None]:
     """Report a lack of memory in words, before the system ends the process.
 
     Raises:
-        TrainingError: the pictures of one rollout exceed this machine's memory, or an allocation failed.
+        TrainingError: what a run keeps exceeds this machine's memory, or an allocation failed.
     """
-    kept = _FEATURES if config.frozen else sum(_BYTES.get(key, 0) for key in config.keys)
-    # Each car has a current picture of each kind, besides what the rollout keeps.
-    wanted = config.num_envs * (config.n_steps * kept + sum(_BYTES.values()))
+    wanted = _wanted(config)
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if wanted > there:
         raise TrainingError(
@@ -40,3 +41,13 @@ def memory_named(config: PPOConfig) -> Iterator[None]:
         if "allocate memory" not in str(error):  # wording of torch's allocator on the CPU
             raise
         raise TrainingError(f"option num_envs: there is not memory enough; {_REMEDY}") from error
+
+
+def _wanted(config: DrivesConfig) -> int:
+    """Return the bytes of what a run keeps, about."""
+    pictures = sum(_BYTES.values())  # each car has a current picture of each kind
+    if isinstance(config, MarlnConfig):
+        return config.replay_size * _FEATURES + config.num_envs * FRAMES * pictures
+    assert isinstance(config, PPOConfig)
+    kept = _FEATURES if config.frozen else sum(_BYTES.get(key, 0) for key in config.keys)
+    return config.num_envs * (config.n_steps * kept + pictures)

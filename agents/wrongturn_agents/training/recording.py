@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from wrongturn_protocol import TRAINING_WEATHERS, Track
 from wrongturn_sim import WrongturnVectorEnv
 
-_EGOS: Final = 20
+EGOS: Final = 20
+"""Cars that are recorded side by side: an observation's car drove the one this many places before, too."""
 _APART: Final = 4
 """Decisions between two recorded observations of a car."""
 
@@ -36,7 +37,7 @@ def record_observations(track: Track | str, number: int, *, seed: int = 0, town:
         raise ValueError(f"number: is {number}; record 1 observation or more")
     random = np.random.default_rng(seed)
     envs = WrongturnVectorEnv(
-        _EGOS,
+        EGOS,
         town,
         track,
         task="cruise",
@@ -48,12 +49,12 @@ def record_observations(track: Track | str, number: int, *, seed: int = 0, town:
     kept: list[dict[str, NDArray[Any]]] = []
     try:
         observation, _ = envs.reset(seed=seed)
-        speeds = random.uniform(2.0, 9.0, _EGOS)
-        steer = np.zeros(_EGOS)
-        while len(kept) * _EGOS < number:
+        speeds = random.uniform(2.0, 9.0, EGOS)
+        steer = np.zeros(EGOS)
+        while len(kept) * EGOS < number:
             kept.append({key: np.array(array) for key, array in observation.items()})
             for _ in range(_APART):
-                steer = np.clip(0.8 * steer + random.normal(0.0, 0.08, _EGOS), -1.0, 1.0)
+                steer = np.clip(0.8 * steer + random.normal(0.0, 0.08, EGOS), -1.0, 1.0)
                 pedal = np.clip((speeds - np.asarray(observation["speed"])[:, 0]) * 0.3, -1.0, 1.0)
                 actions = np.stack([steer, np.maximum(pedal, 0.0), np.maximum(-pedal, 0.0)], 1).astype(np.float32)
                 observation, *_ = envs.step(actions)

@@ -13,7 +13,8 @@ from typing import Any
 import torch
 
 from wrongturn_agents.training.checkpoint import versions
-from wrongturn_agents.training.config import PPOConfig, config_of
+from wrongturn_agents.training.config import config_of
+from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.errors import TrainingError
 
 CONFIG = "config.json"
@@ -26,7 +27,7 @@ _ENCODER = "encoder.pt"
 class Begun:
     """Configuration, seed and limits of a run."""
 
-    config: PPOConfig
+    config: DrivesConfig
     seed: int
     steps: int | None
     minutes: float | None

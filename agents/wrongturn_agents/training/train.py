@@ -17,9 +17,13 @@ from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.candidates import Candidate, Candidates
 from wrongturn_agents.training.checkpoint import load_checkpoint, read, write
 from wrongturn_agents.training.config import ImageConfig, PPOConfig, SegmentationConfig, config_of
+from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.environments import environments, rendered_on
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, longest, shortest, with_traffic
+from wrongturn_agents.training.marln.config import MarlnConfig
+from wrongturn_agents.training.marln.run import load_encoder, read_state
+from wrongturn_agents.training.marln.run import run as run_marln
 from wrongturn_agents.training.memory import memory_named
 from wrongturn_agents.training.ppo import WrongturnPPO
 from wrongturn_agents.training.pretrain import pretrain
@@ -59,7 +63,7 @@ def train(
     random state, schedule and steps. Its cars start new drives, with seeds drawn from the run's seed and steps.
 
     Args:
-        algorithm: ``ppo-segmentation``, ``ppo-image`` or ``ppo-auxiliary``.
+        algorithm: ``ppo-segmentation``, ``ppo-image``, ``ppo-auxiliary`` or ``marln``.
         directory: directory of the run; made if it is missing.
         seed: seed of weights, drives and actions; 1 by default. A resumed run keeps its own.
         steps: environment steps; the configuration's if neither steps nor minutes are given.
@@ -93,10 +97,54 @@ def train(
     encoder = None
     if isinstance(begun.config, ImageConfig) and begun.config.encoder and not resume:
         encoder = _encoder_of(Path(begun.config.encoder))
+    if isinstance(begun.config, MarlnConfig) and begun.config.encoder and not resume:
+        encoder = load_encoder(Path(begun.config.encoder))
     with memory_named(begun.config), held(folder, resume=resume):
+        if isinstance(begun.config, MarlnConfig):
+            return _train_marln(begun, folder, place, resume, encoder, threads, on_row, on_pretraining)
         state = _state(folder) if resume else None
         begun.write(folder, place)
         return _train(begun, folder, place, state, encoder, threads, on_row, on_pretraining)
+
+
+def _train_marln(
+    begun: Begun,
+    folder: Path,
+    place: torch.device,
+    resume: bool,
+    encoder: dict[str, torch.Tensor] | None,
+    threads: int | None,
+    on_row: Callable[[Row], None],
+    on_pretraining: Callable[[int, float], None],
+) -> Path:
+    assert isinstance(begun.config, MarlnConfig)
+    state = read_state(folder) if resume else None
+    begun.write(folder, place)
+    cores = _prepared(place, threads)
+    return run_marln(
+        begun.config,
+        folder,
+        seed=begun.seed,
+        budget=Budget(begun.steps, begun.minutes, used=state["seconds"] if state else 0.0),
+        device=place,
+        threads=cores,
+        stream=_stream(begun.seed, state["steps"] if state else 0),
+        state=state,
+        encoder=encoder,
+        on_row=on_row,
+        on_pretraining=on_pretraining,
+    )
+
+
+def _prepared(place: torch.device, threads: int | None) -> int:
+    """Prepare torch for a device, and return the number of threads."""
+    cores = threads or len(os.sched_getaffinity(0))
+    if place.type == "cpu":
+        torch.set_num_threads(cores)
+    else:
+        torch.backends.cudnn.benchmark = True  # pays off with few shapes
+        torch.set_float32_matmul_precision("high")
+    return cores
 
 
 def _train(
@@ -110,13 +158,9 @@ def _train(
     on_pretraining: Callable[[int, float], None],
 ) -> Path:
     config, seed = begun.config, begun.seed
+    assert isinstance(config, PPOConfig)
     budget = Budget(begun.steps, begun.minutes, used=state["seconds"] if state else 0.0)
-    cores = threads or len(os.sched_getaffinity(0))
-    if place.type == "cpu":
-        torch.set_num_threads(cores)
-    else:
-        torch.backends.cudnn.benchmark = True  # pays off with few shapes
-        torch.set_float32_matmul_precision("high")
+    cores = _prepared(place, threads)
     agent = _agent(config, seed).to(place)
     if encoder is not None:
         _take(encoder, agent, config)
@@ -291,7 +335,7 @@ def _state(folder: Path) -> dict[str, Any]:
 
 def _going_on(
     begun: Begun,
-    config: PPOConfig,
+    config: DrivesConfig,
     seed: int | None,
     steps: int | None,
     minutes: float | None,

@@ -205,6 +205,11 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         return self._fleet.steps
 
     @property
+    def poses(self) -> NDArray[np.float64]:
+        """Where each car is, (n, 3): x and y of the body's centre in metres, and yaw in radians."""
+        return self._fleet.poses
+
+    @property
     def waits(self) -> NDArray[np.bool_]:
         """Whether other road users oblige each car to stand or to creep, (n,)."""
         return self._fleet.waits

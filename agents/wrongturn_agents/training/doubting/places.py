@@ -44,7 +44,7 @@ class Places(NamedTuple):
     """(n,): 1 where the exits ahead are to be told: before the stop line, and not too far from it."""
 
 
-class _Points(NamedTuple):
+class Points(NamedTuple):
     """Points along a town's lanes and paths."""
 
     poses: Numbers
@@ -62,7 +62,7 @@ def draw_places(town: Town, random: np.random.Generator, count: int) -> Places:
         random: generator of everything that is drawn.
         count: number of places.
     """
-    points = _points(town)
+    points = points_of(town)
     names = [name for name, rows in points.groups.items() if len(rows)]
     shares = np.array([SHARES[name] for name in names])
     kinds = random.choice(len(names), count, p=shares / shares.sum())
@@ -102,7 +102,8 @@ def truth_of(observation: dict[str, NDArray[Any]]) -> Places:
 
 
 @lru_cache(maxsize=128)
-def _points(town: Town) -> _Points:
+def points_of(town: Town) -> Points:
+    """Return points along all lanes of a town, and along the paths through its junctions."""
     roads = roads_of(town)
     poses: list[Numbers] = []
     distances: list[Numbers] = []
@@ -138,7 +139,7 @@ def _points(town: Town) -> _Points:
             groups["inside"].append(put(line, along, s))
             distances.append(np.zeros(len(s)))
             exits.append(np.tile(mask, (len(s), 1)))
-    return _Points(
+    return Points(
         np.concatenate(poses),
         np.concatenate(distances),
         np.concatenate(exits),

@@ -26,7 +26,7 @@ from wrongturn_protocol.model_contract import ACTION
 LICENCE: Final = "Apache-2.0"
 CALIBRATION: Final = 200
 """Number of observations that determine int8's ranges."""
-_CALIBRATION_SEED: Final = 20_001
+CALIBRATION_SEED: Final = 20_001
 _BATCH: Final = 50
 _MEASURED: Final = ("speed", "steering", "command")
 
@@ -103,7 +103,7 @@ def export(
     graph = _graph(model_of(told), keys)
     if precision is Precision.INT8:
         recorded = observations or record_observations(
-            SHIPPED_AGENTS[algorithm].track, CALIBRATION, seed=_CALIBRATION_SEED
+            SHIPPED_AGENTS[algorithm].track, CALIBRATION, seed=CALIBRATION_SEED
         )
         graph = quantise(graph, {key: np.asarray(recorded[key]) for key in keys})
     if precision is not Precision.FP32:

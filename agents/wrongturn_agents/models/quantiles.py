@@ -1,0 +1,81 @@
+"""Quantiles of the values of actions (Dabney et al., "Implicit quantile networks", 2018), dueling, per command."""
+
+import math
+from typing import Final
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from wrongturn_agents.models.branches import branch_of
+from wrongturn_agents.models.noisy import NoisyBranches, draw_noise
+
+_COSINES: Final = 64
+"""Cosines that a quantile's share is told by; n of the paper's equation 4."""
+
+
+class QuantileHeads(nn.Module):
+    """From features and shares of the return's distribution to the quantile of each action, with a head per command.
+
+    Args:
+        features: width of the input.
+        actions: number of actions.
+        hidden: units of each stream's hidden layer.
+        deviation: first deviation of the noise.
+    """
+
+    cosines: Tensor
+
+    def __init__(self, features: int, actions: int, *, hidden: int = 256, deviation: float = 0.1) -> None:
+        super().__init__()
+        self.embedding = nn.Linear(_COSINES, features)
+        self.hidden = NoisyBranches(features, 2 * hidden, deviation)
+        self.value = NoisyBranches(hidden, 1, deviation)
+        self.advantage = NoisyBranches(hidden, actions, deviation)
+        self.register_buffer("cosines", math.pi * torch.arange(_COSINES, dtype=torch.float32), persistent=False)
+
+    @property
+    def noise_width(self) -> int:
+        """Random numbers that a row needs."""
+        return sum(layer.noise_width for layer in (self.hidden, self.value, self.advantage))
+
+    def draw_noise(self, rows: int, generator: torch.Generator | None = None) -> Tensor:
+        """Return noise for a batch, (rows, ``noise_width``)."""
+        return draw_noise(rows, self.noise_width, self.cosines.device, generator)
+
+    def forward(self, features: Tensor, command: Tensor, shares: Tensor, noise: Tensor | None = None) -> Tensor:
+        """Return the quantiles (B, N, actions) of the commanded heads.
+
+        Args:
+            features: (B, features).
+            command: (B, 1) or (B,) int64.
+            shares: (B, N) or (1, N) in [0, 1]: which quantiles.
+            noise: (B, ``noise_width``); None drives by the mean weights.
+        """
+        branch = branch_of(command)
+        of_hidden = of_value = of_advantage = None
+        if noise is not None:
+            widths = [layer.noise_width for layer in (self.hidden, self.value, self.advantage)]
+            of_hidden, of_value, of_advantage = torch.split(noise, widths, 1)
+        told = self.embedding((shares.unsqueeze(-1) * self.cosines).cos()).relu()
+        hidden = self.hidden(features.unsqueeze(1) * told, branch, of_hidden).relu()
+        of_state, of_action = hidden.chunk(2, -1)
+        value = self.value(of_state, branch, of_value)
+        advantage = self.advantage(of_action, branch, of_advantage)
+        quantiles: Tensor = value + advantage - advantage.mean(-1, keepdim=True)
+        return quantiles
+
+
+def quantile_huber(found: Tensor, wanted: Tensor, shares: Tensor, kappa: float = 1.0) -> Tensor:
+    """Return each row's quantile regression loss (B,): summed over its quantiles, averaged over the targets.
+
+    Args:
+        found: (B, N) quantiles of the action that was taken.
+        wanted: (B, M) samples of the target.
+        shares: (B, N) in [0, 1] that ``found`` is of.
+        kappa: errors up to this count by their square.
+    """
+    error = wanted.unsqueeze(1) - found.unsqueeze(2)
+    size = functional.huber_loss(error, torch.zeros_like(error), reduction="none", delta=kappa) / kappa
+    weight = (shares.unsqueeze(2) - (error.detach() < 0.0).to(error.dtype)).abs()
+    return (weight * size).mean(2).sum(1)

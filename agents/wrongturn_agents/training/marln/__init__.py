@@ -1,0 +1,1 @@
+"""Training of MaRLn: affordances first, then Rainbow-IQN on the frozen encoder."""
