@@ -1,10 +1,13 @@
 """Intervals and tests of the leaderboard.
 
-Functions import scipy and statsmodels when they run: the imports take seconds, and the service starts without them.
+Leaderboards need no scipy, which takes a second to import: the first page after a start would wait for it.
+Comparisons import it when they run.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from statistics import NormalDist
 from typing import Final
 
 LEVEL: Final = 0.05
@@ -27,26 +30,28 @@ def wilson(count: int, trials: int, level: float = LEVEL) -> tuple[float, float]
     """
     if trials < 1 or not 0 <= count <= trials:
         raise ValueError(f"count: {count} of {trials} is no rate; give 0 <= count <= trials with one trial at least")
-    from statsmodels.stats.proportion import proportion_confint  # noqa: PLC0415
-
-    low, high = proportion_confint(count, trials, alpha=level, method="wilson")
-    # At a rate of 0 or 1 the bound equals the rate; rounding can put it an ulp beyond.
+    z = NormalDist().inv_cdf(1 - level / 2)
     rate = count / trials
-    return max(0.0, min(float(low), rate)), min(1.0, max(float(high), rate))
+    middle = rate + z * z / (2 * trials)
+    half = z * math.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials * trials))
+    whole = 1 + z * z / trials
+    # At a rate of 0 or 1 the bound equals the rate; rounding can put it an ulp beyond.
+    return max(0.0, min((middle - half) / whole, rate)), min(1.0, max((middle + half) / whole, rate))
 
 
 @lru_cache(maxsize=4096)
 def mcnemar_two_sided(only_first: int, only_second: int) -> float:
     """Return the two-sided p-value of McNemar's exact test.
 
+    If neither is safer, each pair in which one was unsafe is a throw of a fair coin.
+
     Args:
         only_first: Pairs in which only the first was unsafe.
         only_second: Pairs in which only the second was unsafe.
     """
-    from statsmodels.stats.contingency_tables import mcnemar  # noqa: PLC0415
-
-    # The exact test does not use concordant pairs, so the diagonal may be empty.
-    return float(mcnemar([[0, only_first], [only_second, 0]], exact=True).pvalue)
+    throws = only_first + only_second
+    tail = sum(math.comb(throws, heads) for heads in range(min(only_first, only_second) + 1))
+    return min(1.0, 2 * tail / (1 << throws))
 
 
 def stratified_exact(strata: Sequence[tuple[int, int, int, int]]) -> float:
