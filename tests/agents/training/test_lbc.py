@@ -178,6 +178,7 @@ def test_a_teacher_tells_all_commands_or_the_experts_for_one():
         ("white_box=maybe", "give true or false"),
         ("speed=3", "give name=value with one of"),
         ("batch_size=1", "2 or more"),
+        ("buffer=1000000000", "GiB of pictures"),
     ],
 )
 def test_wrong_options_are_named(option, said, tmp_path):

@@ -29,6 +29,7 @@ from wrongturn_protocol import Track
 _ROWS: Final = 100
 """Rows of a half."""
 _SEEDS: Final = 2**31
+_PICTURE: Final = 64 * 192 * 3
 _MARGIN: Final = 1.3
 _MOST_RESERVED: Final = 0.2
 """Greatest share of the minutes that is kept for the last evaluation. How long it takes is told from those before."""
@@ -120,6 +121,7 @@ def train(
     if not 0 <= run.seed < _SEEDS:
         raise TrainingError(f"seed: is {run.seed}; give a whole number from 0 to {_SEEDS - 1}")
     Budget(run.samples, run.minutes)  # reports wrong limits before a directory is made
+    _check_memory(run.config, place)
     with held(directory, resume=resume):
         state = _state(directory) if resume else None
         run.write(directory)
@@ -284,6 +286,23 @@ class _Training:
 
     def _on_device(self, agent: Any) -> Any:
         return agent.to(self.device, memory_format=torch.channels_last)
+
+
+def _check_memory(config: LBCConfig, device: torch.device) -> None:
+    """Check that the kept samples' pictures fit into the memory.
+
+    Raises:
+        TrainingError: they do not.
+    """
+    wanted = config.buffer * _PICTURE
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if device.type == "cuda":
+        there = torch.cuda.mem_get_info()[0]
+    if wanted > there:
+        raise TrainingError(
+            f"option buffer: {config.buffer} samples need {wanted / 2**30:,.1f} GiB of pictures, and there are "
+            f"{there / 2**30:,.1f}; give fewer"
+        )
 
 
 def _stream(seed: int, half: int, seen: int) -> int:
