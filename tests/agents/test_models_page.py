@@ -38,26 +38,35 @@ def drive(file: Path, steps: int = 5) -> list[tuple[float, float, float]]:
     return [(action.steer, action.throttle, action.brake) for action in actions]
 
 
-def made_by(program: str, folder: Path) -> Path:
-    """Run a program of the page, and return the model that it wrote."""
-    (folder / program).write_text(PROGRAMS[program], "utf-8")
-    done = subprocess.run([sys.executable, program], cwd=folder, capture_output=True, text=True, check=False)
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Run the page's programs, one after the other in one process, and return the folder of their models."""
+    folder = tmp_path_factory.mktemp("programs")
+    for name, text in PROGRAMS.items():
+        (folder / name).write_text(text, "utf-8")
+    each = f"import runpy\nfor name in {list(PROGRAMS)}: runpy.run_path(name, run_name='__main__')"
+    done = subprocess.run([sys.executable, "-c", each], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert [path.name for path in folder.iterdir() if path.suffix not in {".py", ".onnx"}] == []
-    return folder / program.replace(".py", ".onnx")
+    return folder
 
 
 @pytest.mark.slow
-def test_plain_torch_makes_a_model_in_fifteen_lines(tmp_path):
+def test_the_programs_write_their_models_and_nothing_else(folder):
+    models = {name.replace(".py", ".onnx") for name in PROGRAMS}
+    assert {path.name for path in folder.iterdir()} == {*PROGRAMS, *models}
+
+
+@pytest.mark.slow
+def test_plain_torch_makes_a_model_in_fifteen_lines(folder):
     assert len([line for line in PROGRAMS["my_driver.py"].splitlines() if line.strip()]) <= 15
-    actions = drive(made_by("my_driver.py", tmp_path))
+    actions = drive(folder / "my_driver.onnx")
     assert len(set(actions)) == 1
     assert actions[0] != (0.0, 0.0, 0.0)
 
 
 @pytest.mark.slow
-def test_a_recurrent_model_remembers(tmp_path):
-    file = made_by("my_rememberer.py", tmp_path)
+def test_a_recurrent_model_remembers(folder):
+    file = folder / "my_rememberer.onnx"
     first = drive(file)
     assert len(set(first)) == len(first)
     assert drive(file) == first

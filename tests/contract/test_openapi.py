@@ -188,6 +188,7 @@ def real(service: RunningService, agent: Agent, request: pytest.FixtureRequest) 
     }
 
 
+@pytest.mark.parametrize("requests", [8, pytest.param(40, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("name", sorted(INTERFACE))
 def test_no_request_breaks_the_service(
     service: RunningService,
@@ -196,6 +197,7 @@ def test_no_request_breaks_the_service(
     real: dict[str, str],
     checks: list[Any],
     name: str,
+    requests: int,
 ) -> None:
     import schemathesis
     from schemathesis import GenerationMode
@@ -203,7 +205,13 @@ def test_no_request_breaks_the_service(
     method, _, path = name.partition(" ")
     operation = schemathesis.openapi.from_dict(document)[path][method]
 
-    @settings(max_examples=20, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+    @settings(
+        max_examples=requests,
+        deadline=None,
+        derandomize=True,
+        database=None,
+        suppress_health_check=list(HealthCheck),
+    )
     @given(
         case=operation.as_strategy(generation_mode=GenerationMode.NEGATIVE) | operation.as_strategy(),
         there=st.booleans(),

@@ -174,12 +174,20 @@ def _check(ended: Ended, track: Track) -> int:
     return whole
 
 
-@pytest.mark.parametrize("track", [Track.STATE, Track.CAMERA])
-def test_a_process_may_die_at_any_line(track: Track) -> None:
+@pytest.mark.parametrize(
+    ("track", "every"),
+    [
+        (Track.STATE, 2),
+        (Track.CAMERA, 3),
+        pytest.param(Track.STATE, 1, marks=pytest.mark.soak),
+        pytest.param(Track.CAMERA, 1, marks=pytest.mark.soak),
+    ],
+)
+def test_a_process_may_die_at_any_line(track: Track, every: int) -> None:
     lines = 0
     while (ended := lent(track, lines)).handed_back is None:
         _check(ended, track)
-        lines += 1
+        lines += every
     assert lines > 30
     assert _check(ended, track) == STEPS
     assert ended.handed_back == [b"", None]

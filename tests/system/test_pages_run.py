@@ -101,8 +101,12 @@ def test_the_readmes_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
 @pytest.mark.system
 @pytest.mark.timeout(1200)
 @pytest.mark.usefixtures("bubblewrap")
-def test_the_tutorials_agent_learns_to_drive(tmp_path: Path) -> None:
+@pytest.mark.parametrize("steps", ["8_192", pytest.param("80_000", marks=pytest.mark.soak)])
+def test_the_tutorials_agent_comes_to_the_leaderboard(tmp_path: Path, steps: str) -> None:
+    """The few steps of CI go the whole way; only those that the page shows suffice to drive."""
     text = TUTORIAL.split("\n## 2. ")[1]
+    assert text.count("model.learn(80_000)") == 1
+    text = text.replace("80_000", steps)
     assert [command.split()[:2] for command in commands(text)] == [
         ["python", "train.py"],
         ["wrongturn", "export"],
@@ -118,5 +122,6 @@ def test_the_tutorials_agent_learns_to_drive(tmp_path: Path) -> None:
         "privileged",
     )
     assert entry["unsafe"]["trials"] == 6
-    # A network that has not learned completes none of the six.
-    assert entry["twins"]["completed"] >= 1
+    if steps == "80_000":
+        # A network that has not learned completes none of the six.
+        assert entry["twins"]["completed"] >= 1

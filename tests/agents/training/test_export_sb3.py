@@ -36,6 +36,7 @@ from wrongturn_protocol import Track  # noqa: E402
 from wrongturn_protocol.observations import action_space, observation_space  # noqa: E402
 from wrongturn_sandbox.checking import check  # noqa: E402
 
+CONTROLS, ACCELERATE = action_space(), ACTION_SPACE
 OFF_POLICY = {"buffer_size": 50, "device": "cpu", "seed": 1}
 
 
@@ -64,9 +65,20 @@ def assert_alike(model, file: Path, track: Track) -> None:
     assert np.ptp([made_controls for _, made_controls in found], axis=0).max() > 0.01
 
 
-@pytest.mark.parametrize("actions", [action_space(), ACTION_SPACE], ids=["controls", "accelerate"])
 @pytest.mark.parametrize(
-    "algorithm", [PPO, pytest.param(A2C, marks=pytest.mark.soak), SAC, TD3, pytest.param(DDPG, marks=pytest.mark.soak)]
+    ("algorithm", "actions"),
+    [
+        (PPO, CONTROLS),
+        (PPO, ACCELERATE),
+        pytest.param(A2C, CONTROLS, marks=pytest.mark.soak),
+        pytest.param(A2C, ACCELERATE, marks=pytest.mark.soak),
+        (SAC, CONTROLS),
+        pytest.param(SAC, ACCELERATE, marks=pytest.mark.soak),
+        pytest.param(TD3, CONTROLS, marks=pytest.mark.soak),
+        (TD3, ACCELERATE),
+        pytest.param(DDPG, CONTROLS, marks=pytest.mark.soak),
+        pytest.param(DDPG, ACCELERATE, marks=pytest.mark.soak),
+    ],
 )
 def test_each_algorithm_drives_as_its_policy(tmp_path, algorithm, actions):
     options = {"device": "cpu", "seed": 1} if algorithm in {PPO, A2C} else OFF_POLICY
@@ -79,7 +91,13 @@ def test_each_algorithm_drives_as_its_policy(tmp_path, algorithm, actions):
     assert_alike(model, tmp_path / "agent.onnx", Track.STATE)
 
 
-@pytest.mark.parametrize("options", [{"use_sde": True}, {"use_sde": True, "policy_kwargs": {"squash_output": True}}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param({"use_sde": True}, marks=pytest.mark.soak),
+        {"use_sde": True, "policy_kwargs": {"squash_output": True}},
+    ],
+)
 def test_state_dependent_exploration(tmp_path, options):
     model = ppo(RandomTown(), **options)
     export_sb3(saved(model, tmp_path / "agent.zip"), tmp_path / "agent.onnx")
@@ -87,7 +105,12 @@ def test_state_dependent_exploration(tmp_path, options):
 
 
 @pytest.mark.parametrize(
-    "track", [Track.CAMERA, pytest.param(Track.SEGMENTATION, marks=pytest.mark.soak), Track.PRIVILEGED]
+    "track",
+    [
+        pytest.param(Track.CAMERA, marks=pytest.mark.soak),
+        pytest.param(Track.SEGMENTATION, marks=pytest.mark.soak),
+        Track.PRIVILEGED,
+    ],
 )
 def test_each_track_is_known_by_its_space(tmp_path, track):
     model = ppo(RandomTown(track, action_space()))

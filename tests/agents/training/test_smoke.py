@@ -74,7 +74,14 @@ def mean_reward(algorithm, act, episodes=32):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algorithm", MORE)
+@pytest.mark.parametrize(
+    "algorithm",
+    [
+        pytest.param("ppo-segmentation", marks=pytest.mark.soak),
+        pytest.param("ppo-image", marks=pytest.mark.soak),
+        "ppo-auxiliary",
+    ],
+)
 def test_a_short_training_beats_a_random_policy(algorithm, tmp_path, small_networks):  # noqa: F811
     random = np.random.default_rng(1)
     by_chance = mean_reward(algorithm, lambda _: random.uniform(-1.0, 1.0, (CARS, 2)))

@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 import torch
+from small_networks import small_networks  # noqa: F401 - a fixture
 from small_run import SMALL
 
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of, read
@@ -109,6 +110,7 @@ def test_what_cannot_be_is_refused(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("small_networks")
 def test_an_encoder_is_pretrained_once_and_taken_by_others(tmp_path):
     options = [*FAST, "pretraining_frames=16", "pretraining_batch=4", "pretraining_passes=1"]
     first, second = tmp_path / "first", tmp_path / "second"
