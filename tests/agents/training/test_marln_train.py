@@ -2,6 +2,7 @@ import csv
 import json
 
 import numpy as np
+import onnx
 import pytest
 import torch
 from small_marln import OPTIONS, small_marln  # noqa: F401 - a fixture
@@ -11,6 +12,7 @@ from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.training.checkpoint import load_checkpoint
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.export.quantisation import quantise
 from wrongturn_agents.training.marln.exporting import KEYS, export_marln
 from wrongturn_agents.training.marln.learning import Learner
 from wrongturn_agents.training.marln.network import marln_of
@@ -155,3 +157,25 @@ def test_a_run_of_ppo_is_not_marlns(tmp_path):
     told = {"algorithm": "ppo-image", "config": config_of("ppo-image").as_dict(), "state_dict": {}}
     with pytest.raises(TrainingError, match="not of marln"):
         marln_of(told)
+
+
+def test_heads_side_by_side_stay_as_they_are_in_8_bits():
+    """onnxruntime has no product of several matrices in 8 bits: a file with one could not run."""
+    weights = np.zeros((4, 600, 500), np.float32)
+    graph = onnx.helper.make_graph(
+        [onnx.helper.make_node("MatMul", ["seen", "heads"], ["told"], name="heads")],
+        "side by side",
+        [onnx.helper.make_tensor_value_info("seen", onnx.TensorProto.FLOAT, ("n", 1, 600))],
+        [onnx.helper.make_tensor_value_info("told", onnx.TensorProto.FLOAT, (4, 1, 500))],
+        [onnx.numpy_helper.from_array(weights, "heads")],
+    )
+    conv = onnx.helper.make_node("Conv", ["picture", "filters"], ["found"], name="convolution")
+    graph.node.append(conv)
+    graph.input.append(onnx.helper.make_tensor_value_info("picture", onnx.TensorProto.FLOAT, (1, 16, 4, 4)))
+    graph.output.append(onnx.helper.make_tensor_value_info("found", onnx.TensorProto.FLOAT, (1, 16, 2, 2)))
+    graph.initializer.append(onnx.numpy_helper.from_array(np.ones((16, 16, 3, 3), np.float32), "filters"))
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 18)], ir_version=8)
+    small = quantise(model, {"seen": np.ones((1, 1, 600), np.float32), "picture": np.ones((1, 16, 4, 4), np.float32)})
+    kinds = {tensor.name: tensor.data_type for tensor in small.graph.initializer}
+    assert kinds["heads"] == onnx.TensorProto.FLOAT
+    assert "filters" not in kinds

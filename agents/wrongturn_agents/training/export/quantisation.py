@@ -18,6 +18,8 @@ _WORTH: Final = 1_000
 """Tensors with fewer numbers stay as they are."""
 _WIDE: Final = 1_000_000
 """A linear layer with more weights than this is quantised too: the one between a picture and the heads."""
+_STACKED: Final = 3
+"""Axes of several matrices side by side."""
 
 
 def halve(model: onnx.ModelProto) -> None:
@@ -92,7 +94,8 @@ def quantise(model: onnx.ModelProto, observations: Mapping[str, NDArray[Any]]) -
 
 def _is_wide(node: onnx.NodeProto, graph: onnx.GraphProto) -> bool:
     least = {"Conv": _WORTH, "Gemm": _WIDE, "MatMul": _WIDE}.get(node.op_type)
-    weights = {tensor.name: np.prod(tensor.dims) for tensor in graph.initializer}
+    # onnxruntime cannot multiply by several matrices side by side in 8 bits, as the heads of the commands are.
+    weights = {tensor.name: np.prod(tensor.dims) for tensor in graph.initializer if len(tensor.dims) != _STACKED}
     return least is not None and any(weights.get(name, 0) > least for name in node.input)
 
 
