@@ -42,6 +42,12 @@ def test_every_query_has_an_index(postgres: PostgresServer, tmp_path: Path) -> N
                 for path in paths(filled, episode):
                     response = await http.get(path)
                     assert response.status_code == 200, f"{path}: {response.text[:300]}"
+            with recorded(engine) as again:
+                a, b = filled.agents[:2]
+                await http.get(f"/v1/leaderboards/smoke@2/compare?a={a}&b={b}")
+            assert again
+            assert not [query.about for query in again if "evaluations.suite =" in query.about], "reads all agents"
+            assert (await http.get(f"/v1/leaderboards/smoke@2/compare?a=%00&b={b}")).status_code == 404
             about = {query.about: query for query in queries}
             assert any("FROM episodes" in line for line in about)
             assert any("FROM trajectories" in line for line in about)

@@ -1,7 +1,6 @@
 """Leaderboards. Each is computed again after an evaluation of its suite has finished."""
 
 import asyncio
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
 
@@ -11,6 +10,7 @@ from wrongturn_protocol import (
     Entry,
     FieldError,
     Leaderboard,
+    LeaderboardEntry,
     LeaderboardList,
     LeaderboardSummary,
     Metrics,
@@ -21,7 +21,7 @@ from wrongturn_service.accounts import detail
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
 from wrongturn_service.evaluation.algorithms import algorithm_rows
 from wrongturn_service.evaluation.comparison import Side, compare
-from wrongturn_service.evaluation.ranking import RankingInput, rank, why_not
+from wrongturn_service.evaluation.ranking import RankingInput, rank
 from wrongturn_service.storage.models import AgentRow, EvaluationRow
 from wrongturn_service.storage.store import Store
 
@@ -103,36 +103,34 @@ class Leaderboards:
             InvalidRequestError: Both are the same agent.
         """
         suite = catalogue.suite(suite_id)
-        found = [pair for pair in await self._store.first_finished(suite_id) if pair[0].suite_sha256 == suite.sha256]
-        first = await self._entrant(suite_id, "query.a", a, found)
-        second = await self._entrant(suite_id, "query.b", b, found)
-        if first[1].id == second[1].id:
-            message = f"is {second[1].name!r}, the same agent as a; name two different agents"
+        board = await self.board(suite_id)
+        first = await self._entrant(board, "query.a", a)
+        second = await self._entrant(board, "query.b", b)
+        if first.agent.id == second.agent.id:
+            message = f"is {second.agent.name!r}, the same agent as a; name two different agents"
             raise InvalidRequestError("query.b", message)
-        sides = [await self._side(suite, *pair) for pair in (first, second)]
+        sides = [await self._side(suite, entry) for entry in (first, second)]
         return await asyncio.to_thread(compare, *sides)
 
-    async def _entrant(
-        self, suite_id: str, field: str, wanted: str, found: Sequence[tuple[EvaluationRow, AgentRow]]
-    ) -> tuple[EvaluationRow, AgentRow]:
-        entries = {agent.id: (evaluation, agent) for evaluation, agent in found}
-        # An id before a name, because a name may look like another agent's id.
-        known = sorted(await self._store.agents(), key=lambda agent: agent.id != wanted)
-        for agent in known:
-            if wanted == agent.id or wanted.lower() == agent.name_key:
-                if agent.id in entries:
-                    return entries[agent.id]
-                message = f"{agent.name!r} has no entry on {suite_id}; it has one after its first evaluation"
-                raise _unknown(ProblemType.UNKNOWN_EVALUATION, field, message)
-        message = f"there is no agent {wanted[:64]!r}; give an id or a name of GET /v1/agents"
-        raise _unknown(ProblemType.UNKNOWN_AGENT, field, message)
+    async def _entrant(self, board: Leaderboard, field: str, wanted: str) -> LeaderboardEntry:
+        agent = await self._store.agent_called(wanted)
+        if agent is None:
+            message = f"there is no agent {wanted[:64]!r}; give an id or a name of GET /v1/agents"
+            raise _unknown(ProblemType.UNKNOWN_AGENT, field, message)
+        for entry in board.entries:
+            if entry.agent.id == agent.id:
+                return entry
+        message = f"{agent.name!r} has no entry on {board.suite}; it has one after its first evaluation"
+        raise _unknown(ProblemType.UNKNOWN_EVALUATION, field, message)
 
-    async def _side(self, suite: Suite, evaluation: EvaluationRow, agent: AgentRow) -> Side:
+    async def _side(self, suite: Suite, entry: LeaderboardEntry) -> Side:
+        evaluation = await self._store.evaluation(str(entry.evaluation))
+        assert evaluation is not None
         return Side(
-            agent=detail(agent),
+            agent=entry.agent,
             draw=await asyncio.to_thread(suite.draw, evaluation.secret),
             outcomes=await self._store.outcomes(evaluation.id),
-            why_not=why_not(_row(evaluation, agent), suite.successor),
+            why_not=entry.why_not,
         )
 
     async def _compute(self, suite_id: str) -> Leaderboard:

@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from sqlalchemy import delete, func, inspect, select, update
+from sqlalchemy import delete, func, inspect, or_, select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncSession
 
@@ -141,6 +141,16 @@ class Store:
         """Return an agent, or None."""
         async with self._database.read() as session:
             return await session.get(AgentRow, agent_id)
+
+    async def agent_called(self, wanted: str) -> AgentRow | None:
+        """Return the agent that has this id, or else this name in upper or lower case; None without either."""
+        if "\0" in wanted:  # which PostgreSQL refuses
+            return None
+        async with self._database.read() as session:
+            query = select(AgentRow).where(or_(AgentRow.id == wanted, AgentRow.name_key == wanted.lower()))
+            found = (await session.scalars(query)).all()
+        # A name may look like another agent's id.
+        return max(found, key=lambda agent: agent.id == wanted, default=None)
 
     async def agent_by_token(self, token_sha256: str) -> AgentRow | None:
         """Return the agent with this token, or None."""
