@@ -4,14 +4,16 @@ import asyncio
 from collections.abc import Callable, Hashable
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from wrongturn_networks import UnknownTownError, load_town
-from wrongturn_protocol import Outcome, ProblemType
+import structlog
+
+from wrongturn_networks import UnknownTownError, draw_trial, load_town
+from wrongturn_protocol import Command, FaultKind, Outcome, ProblemType
 from wrongturn_protocol.pixmap import to_pixmap
 from wrongturn_service.errors import ConflictError, NotFoundError
 from wrongturn_service.storage.store import Store
 from wrongturn_service.web.kept import Kept
 from wrongturn_sim.errors import TrajectoryError
-from wrongturn_sim.trajectory import Trajectory
+from wrongturn_sim.trajectory import Row, Trajectory
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera.renderer import Image
@@ -48,6 +50,14 @@ class Replays:
         self._store = store
         self._read = Kept(_TRAJECTORIES, size=lambda read: read.size)
         self._made = Kept(_PICTURES, size=len)
+        self._warm = Kept(1)
+
+    async def warm_up(self) -> None:
+        """Draw a little, once, so that no reader waits for what is compiled or loaded late.
+
+        Every picture waits for it. It does not raise: what is wrong with it, the pictures' errors will say.
+        """
+        await self._warm.get("pictures", _drawn_a_little)
 
     async def trajectory(self, episode: str) -> Trajectory:
         """Return an episode's trajectory. Raises ConflictError if it has none."""
@@ -70,6 +80,10 @@ class Replays:
 
         return await self._made.get((episode, kind), work)
 
+    async def _drawn(self, kind: Hashable, episode: str, draw: Callable[[Trajectory], bytes]) -> bytes:
+        await self.warm_up()
+        return await self.made(kind, episode, draw)
+
     async def sheet(self, episode: str, number: int) -> bytes:
         """Return what the camera saw at :data:`SHEET` decisions, one below the other, as WebP.
 
@@ -81,7 +95,7 @@ class Replays:
             NotFoundError: The episode has no such sheet, or its town is not installed.
             ConflictError: The episode has no trajectory, or its town has changed since.
         """
-        return await self.made(("camera", number), episode, lambda trajectory: _sheet(trajectory, number))
+        return await self._drawn(("camera", number), episode, lambda trajectory: _sheet(trajectory, number))
 
     async def last_view(self, episode: str, outcome: Outcome | None) -> bytes:
         """Return the view of an episode's last moment, as a pixmap.
@@ -94,7 +108,7 @@ class Replays:
             NotFoundError: Its town is not installed.
             ConflictError: The episode has no trajectory, or its town has changed since.
         """
-        return await self.made("view", episode, lambda trajectory: to_pixmap(_replay(trajectory, outcome).last_view()))
+        return await self._drawn("view", episode, lambda trajectory: _view(trajectory, outcome))
 
     async def picture(self, episode: str, outcome: Outcome | None) -> bytes:
         """Return a whole episode from above, as PNG.
@@ -107,7 +121,7 @@ class Replays:
             NotFoundError: The town is not installed.
             ConflictError: The episode has no trajectory, or its town has changed since.
         """
-        return await self.made("picture", episode, lambda trajectory: _picture(trajectory, outcome))
+        return await self._drawn("picture", episode, lambda trajectory: _picture(trajectory, outcome))
 
     async def _load(self, episode: str) -> _Read:
         found = await self._store.trajectory(episode)
@@ -133,7 +147,7 @@ def _replay(trajectory: Trajectory, outcome: Outcome | None = None) -> "Replay":
         NotFoundError: The town is not installed.
         ConflictError: The town has changed since.
     """
-    # Takes 0.4 s the first time, and the service does without it until somebody wants a picture.
+    # A compiler and OpenCV: the service is ready without them, and loads them in the warm-up.
     from wrongturn_sim.replay import Replay  # noqa: PLC0415
 
     check_town(trajectory)
@@ -159,11 +173,16 @@ def check_town(trajectory: Trajectory) -> None:
         )
 
 
+def _view(trajectory: Trajectory, outcome: Outcome | None) -> bytes:
+    return to_pixmap(_replay(trajectory, outcome).last_view())
+
+
 def _picture(trajectory: Trajectory, outcome: Outcome | None) -> bytes:
     return _encoded(".png", _replay(trajectory, outcome).picture(PICTURE))
 
 
 def _sheet(trajectory: Trajectory, number: int) -> bytes:
+    import cv2  # noqa: PLC0415 - as above
     import numpy as np  # noqa: PLC0415 - as above
 
     replay = _replay(trajectory)
@@ -173,12 +192,31 @@ def _sheet(trajectory: Trajectory, number: int) -> bytes:
             ProblemType.UNKNOWN_EPISODE, f"sheet {number} is not one of this episode's {sheets}, 0 to {sheets - 1}"
         )
     shown = range(number * SHEET, min((number + 1) * SHEET, len(replay)))
-    return _encoded(".webp", np.concatenate([replay.camera(decision)[0] for decision in shown]))
+    rgb = np.concatenate([replay.camera(decision)[0] for decision in shown])
+    return _encoded(".webp", rgb, cv2.IMWRITE_WEBP_QUALITY, QUALITY)
 
 
-def _encoded(kind: str, rgb: "Image") -> bytes:
+async def _drawn_a_little() -> None:
+    try:
+        await asyncio.to_thread(_draw_a_little)
+    except Exception:
+        structlog.get_logger("replays").exception("warm-up failed")
+
+
+def _draw_a_little() -> None:
+    """Draw one moment of a car that stands, in every way."""
+    town = load_town("junctions")
+    trial = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
+    car = Row(*(0.0,) * 6, Command.STRAIGHT, Command.STRAIGHT, *(0.0,) * 3)
+    moment = Trajectory(trial, town.sha256, [car])
+    _sheet(moment, 0)
+    _picture(moment, None)
+    _view(moment, None)
+
+
+def _encoded(kind: str, rgb: "Image", *parameters: int) -> bytes:
     import cv2  # noqa: PLC0415 - as above
 
-    done, encoded = cv2.imencode(kind, rgb[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    done, encoded = cv2.imencode(kind, rgb[:, :, ::-1], parameters)
     assert done
     return encoded.tobytes()

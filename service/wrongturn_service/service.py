@@ -149,7 +149,9 @@ async def run_service(
         registrations = Registrations(store, settings, accounts)
         await registrations.prepare()
         chores = _housekeeping(settings, store, evaluations, episodes, submissions, pool, memory)
-        for work in (episodes.watch_leases(), chores):
+        replays = Replays(store)
+        # The simulators have compiled the kernels by now, so the warm-up finds them in the cache.
+        for work in (episodes.watch_leases(), chores, replays.warm_up()):
             task = asyncio.create_task(work)
             stack.push_async_callback(_cancel, task)
         log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
@@ -157,7 +159,7 @@ async def run_service(
             settings,
             store,
             FinishedStore(database),
-            Replays(store),
+            replays,
             pool,
             episodes,
             evaluations,

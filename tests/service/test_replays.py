@@ -1,18 +1,49 @@
 """The camera's pictures of stored episodes, which the service draws from their trajectories."""
 
 import asyncio
+import subprocess
+import sys
+import threading
+from pathlib import Path
 
 import cv2
 import httpx
 import numpy as np
+import pytest
+from app_harness import application, play
+from fake_pool import FakePool
 from service_harness import GAS, Agent, RunningService, expect, problem
+from stored_drive import StoredDrive
 
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import decode
-from wrongturn_service.replays import PICTURE, SHEET
+from wrongturn_service import replays as replays_module
+from wrongturn_service.replays import PICTURE, SHEET, Replays
 from wrongturn_service.web.drives import ROWS
 from wrongturn_service.web.kept import Kept
 from wrongturn_sim.ego import SUB_STEPS
+
+FOLDER = Path(__file__).parent
+WARMED = """
+import asyncio, gc, sys
+from wrongturn_service.replays import Replays
+from stored_drive import StoredDrive
+def compiled():
+    if "numba" not in sys.modules:
+        return 0
+    from numba.core.dispatcher import Dispatcher
+    return sum(len(one.signatures) for one in gc.get_objects() if isinstance(one, Dispatcher))
+async def main():
+    replays = Replays(StoredDrive())
+    print(compiled())
+    await replays.warm_up()
+    print(compiled())
+    await replays.sheet("ep_1", 0)
+    await replays.picture("ep_1", None)
+    await replays.last_view("ep_1", None)
+    print(compiled())
+asyncio.run(main())
+"""
 
 
 def sheet(http: httpx.Client, episode: str, number: int) -> np.ndarray:
@@ -99,6 +130,50 @@ def test_what_is_kept_has_a_size() -> None:
 
     asyncio.run(story())
     assert made[4:] == ["bbbb", "dddddddddddd"]
+
+
+def test_pictures_wait_for_the_warm_up_and_other_things_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+    drawn: list[str] = []
+
+    def draw_a_little() -> None:
+        drawn.append("a little")
+        begun.set()
+        assert go_on.wait(60)
+        raise RuntimeError("the pictures will say what is wrong")
+
+    async def story() -> None:
+        replays = Replays(StoredDrive())
+        background = asyncio.create_task(replays.warm_up())
+        await asyncio.to_thread(begun.wait, 60)
+        sheets = [asyncio.create_task(replays.sheet(name, 0)) for name in ("ep_1", "ep_2", "ep_3")]
+        assert await replays.made("rows", "ep_1", lambda trajectory: bytes(len(trajectory.rows))) == bytes(3)
+        assert not any(task.done() for task in (background, *sheets))
+        go_on.set()
+        assert len(set(await asyncio.gather(*sheets))) == 1
+        await background
+
+    monkeypatch.setattr(replays_module, "_draw_a_little", draw_a_little)
+    asyncio.run(story())
+    assert drawn == ["a little"]
+
+
+def test_a_service_warms_up_before_anybody_asks_for_a_picture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    begun = threading.Event()
+    monkeypatch.setattr(replays_module, "_draw_a_little", begun.set)
+
+    async def story() -> None:
+        async with application(tmp_path, FakePool()):
+            assert await asyncio.to_thread(begun.wait, 60)
+
+    play(story)
+
+
+def test_after_the_warm_up_a_picture_compiles_nothing() -> None:
+    ran = subprocess.run([sys.executable, "-c", WARMED], capture_output=True, text=True, check=True, cwd=FOLDER)
+    before, warm, after = map(int, ran.stdout.split())
+    assert before == 0 < warm == after
+    assert "WARN" not in ran.stderr, "of OpenCV"
 
 
 def test_a_page_shows_the_decisions_of_the_simulation() -> None:
