@@ -148,6 +148,22 @@ def test_the_twin_stands_beside_its_trial_and_the_reverse(visit: Visit, pair: Pa
     assert len(set(ends)) == 2
 
 
+def test_a_picture_of_the_camera_that_does_not_come_is_said(visit: Visit, accessible: Accessible, pair: Pair):
+    page = ready(visit(pair.path))
+    page.wait_for_selector(".camera[data-decision='0']")
+    page.context.route("**/camera/0", lambda route: route.fulfill(status=200, body="no picture"))
+    page.reload()
+    ready(page)
+    expect(page.locator(".unseen").first).to_contain_text("could not be loaded. Load the page again.")
+    accessible(page)
+    page.locator(".scrub").fill("25")
+    page.wait_for_selector(".camera[data-decision='25']")
+    assert page.inner_text(".unseen") == ""
+    page.locator(".scrub").fill("0")
+    expect(page.locator(".unseen").first).to_contain_text("could not be loaded")
+    assert page.locator(".camera").first.get_attribute("data-decision") is None
+
+
 def test_without_javascript_the_page_says_it_in_words(visit: Visit, pair: Pair):
     page = visit(pair.path, javascript=False)
     text = page.inner_text("main")

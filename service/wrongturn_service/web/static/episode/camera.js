@@ -11,9 +11,10 @@ export class CameraView {
    * @param {HTMLCanvasElement} canvas
    * @param {string} episode its id
    * @param {number} count number of decisions
+   * @param {HTMLElement} unseen says so if a picture could not be loaded
    */
-  constructor(canvas, episode, count) {
-    Object.assign(this, { canvas, episode, last: sheetOf(count - 1).sheet });
+  constructor(canvas, episode, count, unseen) {
+    Object.assign(this, { canvas, episode, last: sheetOf(count - 1).sheet, unseen });
     this.context = canvas.getContext("2d");
     this.sheets = new Map();
     this.decision = -1;
@@ -31,6 +32,13 @@ export class CameraView {
   draw() {
     const { sheet, row } = sheetOf(this.decision);
     const image = this.load(sheet);
+    const broken = image.complete && !image.naturalWidth;
+    const text = broken ? "The camera’s picture could not be loaded. Load the page again." : "";
+    if (this.unseen.textContent !== text) this.unseen.textContent = text;
+    if (broken) {
+      this.context.clearRect(0, 0, WIDTH, HEIGHT);
+      delete this.canvas.dataset.decision;
+    }
     if (!image.complete || !image.naturalWidth) return;
     this.context.drawImage(image, 0, row * HEIGHT, WIDTH, HEIGHT, 0, 0, WIDTH, HEIGHT);
     this.canvas.dataset.decision = this.decision;
@@ -41,7 +49,7 @@ export class CameraView {
     this.sheets.delete(sheet); // and put it last
     if (!image) {
       image = new Image();
-      image.onload = () => sheetOf(this.decision).sheet === sheet && this.draw();
+      image.onload = image.onerror = () => sheetOf(this.decision).sheet === sheet && this.draw();
       image.src = `/v1/episodes/${this.episode}/camera/${sheet}`;
     }
     this.sheets.set(sheet, image);

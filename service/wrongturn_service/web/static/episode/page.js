@@ -52,7 +52,10 @@ function start(detail, drives) {
   section.hidden = false;
 
   const maps = drives.map((drive, i) => new DriveMap(figures[i].querySelector(".map"), town, drive, sides[i]));
-  const cameras = drives.map((drive, i) => new CameraView(figures[i].querySelector(".camera"), figures[i].dataset.episode, drive.t.length));
+  const cameras = drives.map((drive, i) => {
+    const [canvas, unseen] = [".camera", ".unseen"].map((name) => figures[i].querySelector(name));
+    return new CameraView(canvas, figures[i].dataset.episode, drive.t.length, unseen);
+  });
   const readouts = figures.map((figure) => [...figure.querySelectorAll("[data-value]")]);
   const [clock, status, follow] = ["clock", "status", "follow"].map((name) => section.querySelector(`.${name}`));
   let moments = [];
