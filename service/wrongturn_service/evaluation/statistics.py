@@ -1,13 +1,10 @@
 """Intervals and tests of the leaderboard.
 
-Leaderboards need no scipy, which takes a second to import: the first page after a start would wait for it.
-Comparisons import it when they run.
+Functions import scipy when they run: the import takes a second, and the service starts without it.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from statistics import NormalDist
 from typing import Final
 
 LEVEL: Final = 0.05
@@ -30,28 +27,28 @@ def wilson(count: int, trials: int, level: float = LEVEL) -> tuple[float, float]
     """
     if trials < 1 or not 0 <= count <= trials:
         raise ValueError(f"count: {count} of {trials} is no rate; give 0 <= count <= trials with one trial at least")
-    z = NormalDist().inv_cdf(1 - level / 2)
-    rate = count / trials
-    middle = rate + z * z / (2 * trials)
-    half = z * math.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials * trials))
-    whole = 1 + z * z / trials
+    from scipy.stats import binomtest  # noqa: PLC0415
+
+    low, high = binomtest(count, trials).proportion_ci(1 - level, method="wilson")
     # At a rate of 0 or 1 the bound equals the rate; rounding can put it an ulp beyond.
-    return max(0.0, min((middle - half) / whole, rate)), min(1.0, max((middle + half) / whole, rate))
+    rate = count / trials
+    return max(0.0, min(float(low), rate)), min(1.0, max(float(high), rate))
 
 
 @lru_cache(maxsize=4096)
 def mcnemar_two_sided(only_first: int, only_second: int) -> float:
     """Return the two-sided p-value of McNemar's exact test.
 
-    If neither is safer, each pair in which one was unsafe is a throw of a fair coin.
+    If neither is safer, each pair in which one was unsafe is a throw of a fair coin: a binomial test.
 
     Args:
         only_first: Pairs in which only the first was unsafe.
         only_second: Pairs in which only the second was unsafe.
     """
-    throws = only_first + only_second
-    tail = sum(math.comb(throws, heads) for heads in range(min(only_first, only_second) + 1))
-    return min(1.0, 2 * tail / (1 << throws))
+    from scipy.stats import binomtest  # noqa: PLC0415
+
+    differing = only_first + only_second
+    return float(binomtest(only_first, differing).pvalue) if differing else 1.0
 
 
 def stratified_exact(strata: Sequence[tuple[int, int, int, int]]) -> float:

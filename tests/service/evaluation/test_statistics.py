@@ -11,8 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wrongturn_service.evaluation.statistics import (
-    LEVEL,
-    RANK_LEVEL,
     cluster_bootstrap,
     mcnemar_two_sided,
     stratified_exact,
@@ -51,14 +49,6 @@ def test_wilson_is_its_formula_and_holds_the_rate(pair: tuple[int, int]) -> None
     assert 0 <= low <= count / trials <= high <= 1
     assert low < high
     assert (low, high) == pytest.approx(wilson_by_hand(count, trials), abs=1e-12)
-
-
-@given(counts, st.sampled_from((LEVEL, RANK_LEVEL)))
-@settings(max_examples=50, deadline=None)
-def test_wilson_is_what_scipy_gives(pair: tuple[int, int], level: float) -> None:
-    from scipy.stats import binomtest
-
-    assert wilson(*pair, level) == pytest.approx(binomtest(*pair).proportion_ci(1 - level, "wilson"), abs=1e-12)
 
 
 @pytest.mark.parametrize(("count", "trials"), [(0, 0), (-1, 60), (61, 60)])
@@ -173,16 +163,7 @@ def test_bootstrap_refuses_nothing() -> None:
         cluster_bootstrap({})
 
 
-def test_metrics_and_ranks_do_not_wait_for_scipy() -> None:
-    code = """
-import sys
-from wrongturn_networks import load_suite
-from wrongturn_protocol import Outcome, Verdict
-from wrongturn_service.evaluation.metrics import compute
-draw = load_suite("smoke@2").open_draw
-safe = Outcome(verdict=Verdict.EXIT_ROUTE, time=0.0, max_deceleration=0.0)
-metrics = compute(draw, {trial.id: safe for trial in draw.episodes})
-print(metrics.unsafe.ci95[0], "scipy" in sys.modules)
-"""
+def test_importing_it_does_not_wait_for_scipy() -> None:
+    code = "import sys, wrongturn_service.evaluation; print('scipy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["0.0", "False"]
+    assert done.stdout.strip() == "False"
