@@ -55,7 +55,8 @@ class Replays:
     async def warm_up(self) -> None:
         """Draw a little, once, so that no reader waits for what is compiled or loaded late.
 
-        Every picture waits for it. It does not raise: what is wrong with it, the pictures' errors will say.
+        Every picture waits for it, and begins it if nobody has. It does not raise: what is wrong, the pictures' errors
+        will say.
         """
         await self._warm.get("pictures", _drawn_a_little)
 

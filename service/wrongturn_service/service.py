@@ -5,6 +5,7 @@ import contextlib
 import time
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 
 import structlog
 from prometheus_client import Gauge
@@ -46,6 +47,8 @@ _PURGE_S = 3600.0
 _RETRY_S = 30.0
 _HOUR_S = 3600.0
 _DAY_S = 86400.0
+_WARM_UP_AFTER_S = 10.0
+"""Seconds after the start, in which the first agents come."""
 
 
 @dataclass(frozen=True)
@@ -150,8 +153,7 @@ async def run_service(
         await registrations.prepare()
         chores = _housekeeping(settings, store, evaluations, episodes, submissions, pool, memory)
         replays = Replays(store)
-        # The simulators have compiled the kernels by now, so the warm-up finds them in the cache.
-        for work in (episodes.watch_leases(), chores, replays.warm_up()):
+        for work in (episodes.watch_leases(), chores, _warm_up(replays)):
             task = asyncio.create_task(work)
             stack.push_async_callback(_cancel, task)
         log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
@@ -207,6 +209,16 @@ async def _start_pool(pool: SimulatorPool, stack: contextlib.AsyncExitStack) -> 
         await pool.start()
     except SimulatorStartError as error:
         raise StartupError(str(error)) from error
+
+
+async def _warm_up(replays: Replays) -> None:
+    """Load what comparisons and pictures need, unless a request has done so before.
+
+    The simulators have compiled the kernels by then, so they are in the cache.
+    """
+    await asyncio.sleep(_WARM_UP_AFTER_S)
+    await asyncio.to_thread(import_module, "scipy.stats")
+    await replays.warm_up()
 
 
 async def _housekeeping(

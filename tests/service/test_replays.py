@@ -18,6 +18,7 @@ from stored_drive import StoredDrive
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import decode
 from wrongturn_service import replays as replays_module
+from wrongturn_service import service as service_module
 from wrongturn_service.replays import PICTURE, SHEET, Replays
 from wrongturn_service.web.drives import ROWS
 from wrongturn_service.web.kept import Kept
@@ -158,15 +159,32 @@ def test_pictures_wait_for_the_warm_up_and_other_things_do_not(monkeypatch: pyte
     assert drawn == ["a little"]
 
 
-def test_a_service_warms_up_before_anybody_asks_for_a_picture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    begun = threading.Event()
-    monkeypatch.setattr(replays_module, "_draw_a_little", begun.set)
+def test_a_service_warms_up_without_a_request(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    drawn, imported = threading.Event(), []
+    monkeypatch.setattr(service_module, "_WARM_UP_AFTER_S", 0.0)
+    monkeypatch.setattr(service_module, "import_module", imported.append)
+    monkeypatch.setattr(replays_module, "_draw_a_little", drawn.set)
 
     async def story() -> None:
         async with application(tmp_path, FakePool()):
-            assert await asyncio.to_thread(begun.wait, 60)
+            assert await asyncio.to_thread(drawn.wait, 60)
 
     play(story)
+    assert imported == ["scipy.stats"]
+
+
+def test_the_first_picture_warms_up_if_nobody_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[str] = []
+    monkeypatch.setattr(replays_module, "_draw_a_little", lambda: drawn.append("a little"))
+
+    async def story() -> None:
+        replays = Replays(StoredDrive())
+        await replays.sheet("ep_1", 0)
+        await replays.picture("ep_1", None)
+        await replays.warm_up()
+
+    asyncio.run(story())
+    assert drawn == ["a little"]
 
 
 def test_after_the_warm_up_a_picture_compiles_nothing() -> None:
