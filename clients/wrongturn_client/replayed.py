@@ -54,7 +54,7 @@ def _from_file(file: Path, episode: str | None) -> Replayed:
     content = _read(file)
     try:
         message = json.loads(content)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ReplayError(f"{file}: is not JSON ({error}); {_REMEDY}") from error
     if isinstance(message, dict) and "episodes" in message:
         found = _chosen(file, RunFile.from_json(content, str(file)), episode)

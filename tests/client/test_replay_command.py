@@ -131,7 +131,7 @@ def test_what_is_missing_or_broken_is_named(run, tmp_path, monkeypatch):
     assert "ended without a trajectory" in refused(file, *picture, "--episode", "e2")
     assert "there is no such file" in refused(tmp_path / "none.json", *picture)
     assert "leave it out" in refused("e1", *picture, "--episode", "e1")
-    for content, said in (("{}", "is neither"), ("[]", "is neither"), ("{", "not JSON")):
+    for content, said in (("{}", "is neither"), ("[]", "is neither"), ("{", "not JSON"), ("[" * 200_000, "not JSON")):
         file.write_text(content)
         assert said in refused(file, *picture)
     file.write_text(json.dumps({**run, "trials": "many"}))

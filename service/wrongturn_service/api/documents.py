@@ -81,7 +81,11 @@ _MADE = {
 
 
 def described(
-    message: type[BaseModel] | None, *problems: int, status: int = 200, media: str = "application/json"
+    message: type[BaseModel] | None,
+    *problems: int,
+    status: int = 200,
+    media: str = "application/json",
+    tagged: bool = False,
 ) -> dict[str, Any]:
     """Return the keyword arguments of a route that document its replies.
 
@@ -92,6 +96,7 @@ def described(
         problems: Statuses of the route's own problems.
         status: Status of a good reply.
         media: Media type of a reply that is no message.
+        tagged: Whether the reply has an ETag, so that a caller that has it already gets 304.
     """
     good: dict[str, Any] = {"description": "As asked"}
     if message is not None:
@@ -99,6 +104,8 @@ def described(
     elif status != 204:
         good["content"] = {media: {}}
     responses = {status: good, **{code: _problem(code) for code in (*problems, 503)}}
+    if tagged:
+        responses[304] = {"description": "If-None-Match names the reply's ETag"}
     return {"status_code": status, "response_model": None, "responses": responses}
 
 

@@ -1,6 +1,5 @@
 """Episodes: practice, steps, and finished episodes."""
 
-import hashlib
 from typing import Annotated
 
 import msgpack
@@ -19,7 +18,7 @@ from wrongturn_protocol import (
     StepRequest,
 )
 from wrongturn_protocol.pixmap import PIXMAP
-from wrongturn_service import catalogue
+from wrongturn_service import catalogue, unchanged
 from wrongturn_service.api.dependencies import (
     AuthorizationDep,
     Body,
@@ -90,26 +89,32 @@ async def look(service: ServiceDep, encoding: EncodingDep, authorization: Author
     return Response(body, media_type=encoding)
 
 
-@router.get("/{episode}/trajectory", **described(None, 404, 409, 410), **WITHOUT_TOKEN_TOO)
-async def trajectory(service: ServiceDep, authorization: AuthorizationDep, episode: str) -> Response:
+@router.get("/{episode}/trajectory", **described(None, 404, 409, 410, tagged=True), **WITHOUT_TOKEN_TOO)
+async def trajectory(request: Request, service: ServiceDep, authorization: AuthorizationDep, episode: str) -> Response:
     """Show a finished episode's trajectory as canonical JSON."""
     await _shown(service, authorization, episode)
     found = await service.store.trajectory(episode)
     if found is None:
         raise _not_shown(episode)
     body, sha256 = found
-    return Response(body, media_type=Encoding.JSON, headers={"ETag": f'"{sha256}"'})
+    return unchanged.reply(request, body, Encoding.JSON, {}, tag=f'"{sha256}"')
 
 
-@router.get("/{episode}/camera/{sheet}", **described(None, 404, 409, 410, 422, media="image/webp"), **WITHOUT_TOKEN_TOO)
-async def camera(service: ServiceDep, authorization: AuthorizationDep, episode: str, sheet: int) -> Response:
+@router.get(
+    "/{episode}/camera/{sheet}",
+    **described(None, 404, 409, 410, 422, media="image/webp", tagged=True),
+    **WITHOUT_TOKEN_TOO,
+)
+async def camera(
+    request: Request, service: ServiceDep, authorization: AuthorizationDep, episode: str, sheet: int
+) -> Response:
     """Show what the camera saw at 20 decisions of a finished episode, one picture below the other.
 
     Sheet 0 begins with the reset. The service draws the pictures from the trajectory, on any track; WebP rounds them.
     """
     await _shown(service, authorization, episode)
     body = await service.replays.sheet(episode, sheet)
-    return Response(body, media_type="image/webp", headers=_for_good(authorization, body))
+    return unchanged.reply(request, body, "image/webp", _for_good(authorization))
 
 
 @router.get("/{episode}/view", **described(None, 404, 409, 410, 429, media=PIXMAP))
@@ -130,13 +135,15 @@ async def view(service: ServiceDep, caller: CallerDep, episode: str) -> Response
     return Response(body, media_type=PIXMAP)
 
 
-@router.get("/{episode}/picture.png", **described(None, 404, 409, 410, media="image/png"), **WITHOUT_TOKEN_TOO)
-async def picture(service: ServiceDep, authorization: AuthorizationDep, episode: str) -> Response:
+@router.get(
+    "/{episode}/picture.png", **described(None, 404, 409, 410, media="image/png", tagged=True), **WITHOUT_TOKEN_TOO
+)
+async def picture(request: Request, service: ServiceDep, authorization: AuthorizationDep, episode: str) -> Response:
     """Show a finished episode from above: the car's way, coloured by speed, its footprints, and the verdict."""
     row = await _shown(service, authorization, episode)
     outcome = Outcome.model_validate_json(row.outcome) if row.outcome is not None else None
     body = await service.replays.picture(episode, outcome)
-    return Response(body, media_type="image/png", headers=_for_good(authorization, body))
+    return unchanged.reply(request, body, "image/png", _for_good(authorization))
 
 
 @router.delete("/{episode}", **described(None, 404, 409, 410, 429, status=204))
@@ -175,11 +182,10 @@ def _not_shown(episode: str) -> ConflictError:
     )
 
 
-def _for_good(authorization: str | None, body: bytes) -> dict[str, str]:
+def _for_good(authorization: str | None) -> dict[str, str]:
     """Return the headers of a picture that never changes."""
     whose = "public" if authorization is None else "private"
-    tag = hashlib.sha256(body).hexdigest()[:32]
-    return {"Cache-Control": f"{whose}, max-age=604800, immutable", "ETag": f'"{tag}"'}
+    return {"Cache-Control": f"{whose}, max-age=604800, immutable"}
 
 
 async def is_shown(service: Service, row: EpisodeRow) -> bool:

@@ -14,7 +14,7 @@ from wrongturn_service.api.dependencies import StoredReplyError, reply, stored_r
 from wrongturn_service.api.documents import described, methods_at
 from wrongturn_service.errors import InvalidRequestError, ServiceError, UnavailableError, title
 from wrongturn_service.simulators.interface import EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError
-from wrongturn_service.web.errors import error_page, wants_page
+from wrongturn_service.web.errors import error_page, page_without_slash, wants_page
 
 MEDIA_TYPE = "application/problem+json"
 _log = structlog.get_logger("errors")
@@ -168,6 +168,8 @@ def _http_error(error: HTTPException) -> ServiceError:
 
 
 async def _handle(request: Request, error: Exception) -> Response:
+    if isinstance(error, HTTPException) and error.status_code == 404 and (way := page_without_slash(request)):
+        return way
     found = as_service_error(error)
     if found.kind is ProblemType.METHOD_NOT_ALLOWED:
         # Starlette names only the methods of the path's first route.

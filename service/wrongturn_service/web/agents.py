@@ -16,7 +16,7 @@ from wrongturn_service.storage.models import EvaluationRow
 from wrongturn_service.web import junction_map, words
 from wrongturn_service.web.driven import Pair, driven_evaluation
 from wrongturn_service.web.front import FIRST
-from wrongturn_service.web.page import page
+from wrongturn_service.web.page import numbered_page, page
 
 router = APIRouter(include_in_schema=False)
 _ROWS: Final = 100
@@ -29,14 +29,13 @@ Filter = Annotated[str, Query(max_length=80)]
 
 @router.api_route("/agents", methods=["GET", "HEAD"])
 async def agents(
-    request: Request, service: ServiceDep, number: Annotated[int, Query(alias="page", ge=1, le=100_000)] = 1
+    request: Request, service: ServiceDep, wanted: Annotated[str, Query(alias="page", max_length=40)] = "1"
 ) -> Response:
     """List all agents by name, some on each page."""
     total = await service.finished.agent_count()
-    rows = await service.finished.agents(offset=(number - 1) * _ROWS, limit=_ROWS)
     pages = max(-(-total // _ROWS), 1)
-    if number > pages:
-        raise NotFoundError(ProblemType.UNKNOWN_ROUTE, f"page: there is no page {number}; the last one is {pages}")
+    number = numbered_page(wanted, pages)
+    rows = await service.finished.agents(offset=(number - 1) * _ROWS, limit=_ROWS)
     found = [(detail(row), suites) for row, suites in rows]
     return await asyncio.to_thread(
         page, request, "agents.html", agents=found, total=total, number=number, pages=pages, words=words

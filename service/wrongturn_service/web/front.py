@@ -15,7 +15,7 @@ from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.evaluation.metrics import of_journeys
 from wrongturn_service.service import Service
 from wrongturn_service.web import bars, plane
-from wrongturn_service.web.page import sent, templates
+from wrongturn_service.web.page import numbered_page, sent, templates
 from wrongturn_service.web.standings import KINDS, TRACKS, page_count, standings
 
 router = APIRouter(include_in_schema=False)
@@ -55,7 +55,7 @@ async def _leaderboard(
         for entry in board.entries
         if (track is None or entry.agent.track is track) and (kind is None or entry.agent.kind is kind)
     ]
-    number = _page(page_number, page_count(entries))
+    number = numbered_page(page_number, page_count(entries))
 
     async def render() -> bytes:
         others = await service.leaderboards.summaries()
@@ -106,9 +106,3 @@ def _word(path: str, name: str, words: type[_Word]) -> _Word | None:
     except ValueError as error:
         message = f"{name!r} is none of {', '.join(words)}; leave it out to see all"
         raise InvalidRequestError(path, message) from error
-
-
-def _page(number: str, count: int) -> int:
-    if number.isascii() and number.isdigit() and 1 <= int(number) <= count:
-        return int(number)
-    raise InvalidRequestError("query.page", f"is {number!r}; give a number from 1 to {count}")

@@ -1,11 +1,13 @@
 """Pages: Jinja templates, sent with a strict Content-Security-Policy."""
 
-import hashlib
 from functools import cache
 from typing import Any, Final
 
 from fastapi import Request, Response
 from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from wrongturn_service import unchanged
+from wrongturn_service.errors import InvalidRequestError
 
 SECURITY: Final = {
     "Content-Security-Policy": (
@@ -45,9 +47,19 @@ def page(request: Request, template: str, *, status: int = 200, **values: Any) -
     return sent(request, templates().get_template(template).render(path=path, **values).encode(), status)
 
 
+def numbered_page(number: str, count: int) -> int:
+    """Return the page of a list that an address names. Raises InvalidRequestError.
+
+    Args:
+        number: What the address says.
+        count: Number of pages.
+    """
+    if number.isascii() and number.isdigit() and 1 <= int(number) <= count:
+        return int(number)
+    raise InvalidRequestError("query.page", f"is {number!r}; give a number from 1 to {count}")
+
+
 def sent(request: Request, body: bytes, status: int = 200) -> Response:
     """Return the response with a page that is rendered already, see :func:`page`."""
-    headers = {**SECURITY, "Cache-Control": "no-cache", "ETag": f'"{hashlib.sha256(body).hexdigest()[:32]}"'}
-    if status == 200 and request.headers.get("if-none-match") == headers["ETag"]:
-        return Response(status_code=304, headers=headers)
-    return Response(body, status, headers, "text/html; charset=utf-8")
+    headers = {**SECURITY, "Cache-Control": "no-cache"}
+    return unchanged.reply(request, body, "text/html; charset=utf-8", headers, status=status)

@@ -1,6 +1,5 @@
 """The pages' scripts, styles and pictures."""
 
-import hashlib
 import mimetypes
 from functools import cache
 from importlib.resources import files
@@ -10,6 +9,7 @@ from typing import Final
 from fastapi import APIRouter, Request, Response
 
 from wrongturn_protocol import ProblemType
+from wrongturn_service import unchanged
 from wrongturn_service.errors import ServiceError
 from wrongturn_service.web.page import SECURITY
 
@@ -24,10 +24,7 @@ async def static(request: Request, file: str) -> Response:
     if found is None:
         raise ServiceError(ProblemType.UNKNOWN_ROUTE, f"there is no file {file[:64]!r}", status=404)
     body, kind, tag = found
-    headers = {**SECURITY, "Cache-Control": "no-cache", "ETag": tag}
-    if request.headers.get("if-none-match") == tag:
-        return Response(status_code=304, headers=headers)
-    return Response(body, headers=headers, media_type=kind)
+    return unchanged.reply(request, body, kind, {**SECURITY, "Cache-Control": "no-cache"}, tag=tag)
 
 
 @cache
@@ -44,5 +41,5 @@ def _files() -> dict[str, tuple[bytes, str, str]]:
             body = item.read_bytes()
             suffix = name[name.rfind(".") :]
             kind = _TYPES.get(suffix) or mimetypes.guess_type(name)[0] or "text/plain"
-            found[name] = (body, kind, f'"{hashlib.sha256(body).hexdigest()[:32]}"')
+            found[name] = (body, kind, unchanged.tag_of(body))
     return found
