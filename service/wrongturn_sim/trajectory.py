@@ -110,7 +110,7 @@ class Trajectory:
         """
         try:
             message = json.loads(data)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise TrajectoryError(
                 f"trajectory: not JSON ({error}); give the bytes of an episode's trajectory"
             ) from None

@@ -65,7 +65,7 @@ def test_a_slash_at_the_end_leads_to_the_page(tmp_path: Path):
                 reply = await http.get(f"{path}/?page=1&a=%26")
                 assert (reply.status_code, reply.headers["Location"]) == (
                     308,
-                    f"{path.replace('@', '%40')}?page=1&a=%26",
+                    f"{path}?page=1&a=%26",
                 )
                 assert (await http.get(reply.headers["Location"])).status_code in {200, 422}
             assert (await http.head("/agents//")).headers["Location"] == "/agents"
