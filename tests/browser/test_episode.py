@@ -82,6 +82,12 @@ def test_scrubbing_moves_everything(visit: Visit, pair: Pair):
 def test_the_keyboard(visit: Visit, pair: Pair):
     page = ready(visit(pair.path))
     last = int(page.get_attribute(".scrub", "max"))
+    # Nothing has the focus: these keys play all the same, and the others scroll.
+    page.keyboard.press("ArrowRight")
+    assert position(page) == 1
+    page.keyboard.press("End")
+    assert position(page) == 1
+    page.keyboard.press("ArrowLeft")
     page.focus(".map")
     for key, wanted in (
         ("ArrowRight", 1),

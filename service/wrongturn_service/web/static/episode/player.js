@@ -2,11 +2,12 @@
 import { STEP, within } from "./timeline.js";
 
 const KEYS = new Map([["ArrowLeft", -1], ["ArrowRight", 1], ["PageUp", 10], ["PageDown", -10]]);
+const ANYWHERE = new Set([" ", "ArrowLeft", "ArrowRight"]);
 
 /** The clock of a replay. Nothing plays before somebody asks for it. */
 export class Player {
   /**
-   * @param {HTMLElement} section holds the controls, and gets the keys
+   * @param {HTMLElement} section holds the controls; with the focus in it, all keys are its own
    * @param {number} count number of decisions
    * @param {(position: number, playing: boolean) => void} show called whenever the position changes
    */
@@ -18,6 +19,10 @@ export class Player {
     this.play.addEventListener("click", () => this.toggle());
     this.scrub.addEventListener("input", () => this.seek(Number(this.scrub.value)));
     section.addEventListener("keydown", (event) => this.pressed(event));
+    document.addEventListener("keydown", (event) => {
+      // Without a focus these keys mean the player too. The others scroll the page.
+      if (event.target.matches("body, main") && ANYWHERE.has(event.key)) this.pressed(event);
+    });
   }
 
   /** Go to a position and stay there. */
