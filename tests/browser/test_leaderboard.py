@@ -29,6 +29,67 @@ def test_the_page_says_the_same_as_the_call(visit: Visit, site: Site):
             assert cells[7 + number].split() == counts
 
 
+def test_faults_and_junction_types_have_the_words_of_the_other_pages(visit: Visit):
+    page = visit(BOARD)
+    heads = page.locator("table.ranking thead th.part").all_inner_texts()
+    assert heads == ["straight or left", "straight or right", "left or right"]
+    lines = page.locator("table.ranking td.lines").all_inner_texts()
+    assert {tuple(line.split()) for line in lines} == {("infeasible", "omission")}
+    text = page.inner_text("p.meanings")
+    assert "Infeasible: The command names the one direction in which the junction has no exit." in text
+    assert "Omission: No turn is announced" in text
+
+
+def test_the_first_line_says_how_many_agents_are_ranked(visit: Visit, site: Site):
+    ranked = [entry for entry in site.get(f"/v1{BOARD}")["entries"] if entry["rank"] is not None]
+    line = visit(BOARD).inner_text("p.first")
+    for track in {entry["agent"]["track"] for entry in ranked}:
+        count = sum(entry["agent"]["track"] == track for entry in ranked)
+        first = next(entry["agent"]["name"] for entry in ranked if entry["agent"]["track"] == track)
+        assert f"in the {track} track: {first}" in line
+        assert ("the only ranked agent" if count == 1 else f"of {count} ranked agents") in line
+
+
+def test_the_board_leads_to_the_comparison(visit: Visit):
+    page = visit(BOARD)
+    page.get_by_role("link", name="Compare two agents").click()
+    assert page.url.endswith(f"{BOARD}/compare")
+
+
+def test_rows_over_seeds_stand_apart_from_the_agents(visit: Visit):
+    page = visit("/")
+    group = page.locator("tbody", has_text="Our algorithms, median over training seeds; not ranked")
+    assert group.count() == 1
+    rows = group.locator("tr:not(.group)")
+    assert {rank.strip() for rank in rows.locator("td.rank").all_inner_texts()} == {"–"}
+    assert all("training seeds" in row for row in rows.all_inner_texts())
+
+
+@pytest.mark.parametrize("width", [400, 1000])
+def test_a_narrow_window_shows_the_figure_and_every_mark(visit: Visit, site: Site, width: int):
+    page = visit(BOARD, width=width)
+    entries = site.get(f"/v1{BOARD}")["entries"]
+    for entry in entries:
+        row = page.locator("tr", has=page.get_by_role("link", name=entry["agent"]["name"], exact=True))
+        figure = row.locator(".brief, td.main").locator("visible=true")
+        assert f"{entry['unsafe_strict']['count']}/{entry['unsafe_strict']['trials']} " in figure.inner_text()
+        box = figure.bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= width
+    if width == 1000:
+        assert page.evaluate("(box => box.scrollWidth - box.clientWidth)(document.querySelector('div.scroll'))") <= 0
+    drawn = page.locator("figure.plane > svg").locator("visible=true")
+    assert drawn.count() == 1
+    marks = [mark.bounding_box() for mark in drawn.locator("path.mark").all()]
+    assert marks
+    assert all(mark["x"] + mark["width"] <= width for mark in marks)
+    assert all(entry["rank"] for entry in entries)
+    grey = drawn.locator(".unranked").evaluate("box => box.getBBox().x + box.getBBox().width")
+    assert all(
+        left > grey for left in drawn.locator("path.mark").evaluate_all("marks => marks.map(m => m.getBBox().x)")
+    )
+
+
 def test_a_bar_shows_rate_and_intervals_on_the_scale_of_the_head(visit: Visit, site: Site):
     page = visit(BOARD)
     ticks = page.locator("svg.scale").bounding_box()

@@ -22,6 +22,7 @@ def test_a_suite_of_cells_says_what_a_draw_takes(visit: Visit, site: Site):
     rows = page.locator("tbody tr").all_inner_texts()
     assert len(rows) == 6
     assert all(row.endswith("\t10") for row in rows)
+    assert sum("straight or left" in row and "infeasible" in row for row in rows) == 1
     assert suite["sha256"] in page.inner_text("main")
     assert "120: 60 trials and 60 twins" in page.inner_text("main")
     page.get_by_role("link", name="Leaderboard").last.click()

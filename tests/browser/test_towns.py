@@ -4,6 +4,13 @@ import pytest
 from filled_site import Site
 from visiting import Accessible, Visit
 
+WORDS = {
+    "STRAIGHT_LEFT": "straight or left",
+    "STRAIGHT_RIGHT": "straight or right",
+    "LEFT_RIGHT": "left or right",
+    "CROSS": "crossing",
+}
+
 
 def test_the_list_leads_to_each_town(visit: Visit, site: Site):
     page = visit("/towns")
@@ -19,7 +26,8 @@ def test_the_table_lists_every_approach_with_its_type(visit: Visit, site: Site):
     rows = {row.split("\t")[0]: row for row in page.locator("table tbody tr").all_inner_texts()}
     assert set(rows) == {approach["id"] for approach in town["approaches"]}
     for approach in town["approaches"]:
-        assert approach["type"] in rows[approach["id"]]
+        assert WORDS[approach["type"]] in rows[approach["id"]]
+        assert approach["type"] not in rows[approach["id"]]
 
 
 def test_the_map_marks_each_approach_before_its_junction(visit: Visit, site: Site):

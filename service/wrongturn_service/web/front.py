@@ -84,7 +84,7 @@ def _render(
             board=board,
             journeys=journeys,
             table=standings(board, entries, number, journeys, paper=kind is None),
-            plane=None if journeys else plane.plane(entries),
+            planes=_planes([] if journeys else entries),
             plot=plane,
             bars=bars,
             track=track,
@@ -95,6 +95,12 @@ def _render(
         )
         .encode()
     )
+
+
+def _planes(entries: Sequence[LeaderboardEntry]) -> list[plane.Plane]:
+    """Return the drawings of the plane: a wide one, and a narrow one for telephones. None if there are no twins."""
+    drawn = (plane.plane(entries, frame) for frame in (plane.WIDE, plane.NARROW))
+    return [each for each in drawn if each is not None]
 
 
 def _word(path: str, name: str, words: type[_Word]) -> _Word | None:

@@ -7,10 +7,6 @@ from typing import Final
 from wrongturn_protocol import AgentKind, LeaderboardEntry
 from wrongturn_service.evaluation.ranking import least_completed
 
-WIDTH: Final = 760
-HEIGHT: Final = 460
-LEFT, RIGHT, TOP, BOTTOM = 56, 748, 10, 412
-"""Edges of the frame, pixels."""
 _MARGIN: Final = 22
 """Room between the frame and the rates 0 and 100 %, pixels. Most marks are near these."""
 TICKS: Final = (0, 25, 50, 75, 100)
@@ -29,10 +25,53 @@ _OFFSETS: Final = (
 _MARK: Final = 7
 _LABELS: Final = 40
 """Labels at most."""
-REGION: Final = (LEFT, TOP + 24.0, LEFT + 220.0, TOP + 46.0)
-"""Box of the text that names the region without ranks."""
 _NAMES: Final = 4
 """Names in the tooltip of a mark that several agents share."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Size of a drawing of the plane, and its scales."""
+
+    name: str
+    """Class in the style sheet, which shows one drawing at a time."""
+    width: int
+    height: int
+    left: int
+    """Room for the scale, pixels."""
+
+    @property
+    def right(self) -> int:
+        """Return the right edge of the field, pixels."""
+        return self.width - 12
+
+    @property
+    def top(self) -> int:
+        """Return the upper edge of the field, pixels."""
+        return 10
+
+    @property
+    def bottom(self) -> int:
+        """Return the lower edge of the field, pixels."""
+        return self.height - 48
+
+    @property
+    def region(self) -> tuple[float, float, float, float]:
+        """Return the box of the text that names the region without ranks."""
+        return self.left, self.top + 24.0, self.left + 220.0, self.top + 46.0
+
+    def across(self, rate: float) -> float:
+        """Return the x of a share of completed twins, pixels."""
+        return round(self.left + _MARGIN + (self.right - self.left - 2 * _MARGIN) * rate, 1)
+
+    def up(self, rate: float) -> float:
+        """Return the y of an unsafe rate, pixels."""
+        return round(self.bottom - _MARGIN - (self.bottom - self.top - 2 * _MARGIN) * rate, 1)
+
+
+WIDE: Final = Frame("wide", 760, 460, 56)
+NARROW: Final = Frame("narrow", 360, 380, 48)
+"""For telephones: letters keep their size."""
 
 
 @dataclass(frozen=True)
@@ -66,15 +105,17 @@ class Place:
 class Plane:
     """What the template draws."""
 
+    frame: Frame
     marks: tuple[Mark, ...]
     ranked_from: float
-    """From here on to the right, an agent completes enough twins for a rank; pixels."""
+    """Marks of agents that complete enough twins for a rank are to the right of this; pixels."""
     kinds: tuple[AgentKind, ...]
     """Kinds that are present, for the key."""
 
 
-def plane(entries: Sequence[LeaderboardEntry]) -> Plane | None:
+def plane(entries: Sequence[LeaderboardEntry], frame: Frame) -> Plane | None:
     """Return the plane of a suite's entries, or None if none of them has twins."""
+    across, up = frame.across, frame.up
     alike: dict[tuple[float, float, AgentKind], list[LeaderboardEntry]] = {}
     for entry in entries:
         if entry.twins.trials:
@@ -82,32 +123,24 @@ def plane(entries: Sequence[LeaderboardEntry]) -> Plane | None:
             alike.setdefault(key, []).append(entry)
     if not alike:
         return None
-    boxes = [REGION, *((x - _MARK, y - _MARK, x + _MARK, y + _MARK) for x, y, _ in alike)]
+    boxes = [frame.region, *((x - _MARK, y - _MARK, x + _MARK, y + _MARK) for x, y, _ in alike)]
     marks: list[Mark] = []
     # In a large field the shipped agents, which show what figures mean, get labels first and are drawn last.
     order = sorted(alike, key=lambda key: key[2] is AgentKind.SUBMITTED)
     for x, y, kind in order:
         found = alike[x, y, kind]
-        label = found[0].agent.name + (f" +{len(found) - 1}" if len(found) > 1 else "")
-        place = _place(x, y, label, boxes) if len(marks) < _LABELS else None
+        label = _name(found[0]) + (f" +{len(found) - 1}" if len(found) > 1 else "")
+        place = _place(x, y, label, frame, boxes) if len(marks) < _LABELS else None
         marks.append(Mark(x, y, kind, shape(kind, x, y), _tooltip(found), label, place))
     trials = entries[0].twins.trials
     present = {kind for _, _, kind in alike}
+    least = least_completed(trials)
     return Plane(
+        frame=frame,
         marks=tuple(reversed(marks)),
-        ranked_from=across(least_completed(trials) / trials),
+        ranked_from=max(across((least - 0.5) / trials), across(least / trials) - _MARK),
         kinds=tuple(kind for kind in AgentKind if kind in present),
     )
-
-
-def across(rate: float) -> float:
-    """Return the x of a share of completed twins, pixels."""
-    return round(LEFT + _MARGIN + (RIGHT - LEFT - 2 * _MARGIN) * rate, 1)
-
-
-def up(rate: float) -> float:
-    """Return the y of an unsafe rate, pixels."""
-    return round(BOTTOM - _MARGIN - (BOTTOM - TOP - 2 * _MARGIN) * rate, 1)
 
 
 def shape(kind: AgentKind, x: float, y: float) -> str:
@@ -123,21 +156,28 @@ def shape(kind: AgentKind, x: float, y: float) -> str:
     return f"M{x - 5} {y - 5}l10 10m0 -10l-10 10"
 
 
+def _name(entry: LeaderboardEntry) -> str:
+    """Return the name of an entry. An agent may have the name of an algorithm, so that has its seeds beside it."""
+    return entry.agent.name if entry.seeds is None else f"{entry.agent.name}, {entry.seeds.count} seeds"
+
+
 def _tooltip(found: Sequence[LeaderboardEntry]) -> str:
-    names = ", ".join(entry.agent.name for entry in found[:_NAMES])
+    names = ", ".join(_name(entry) for entry in found[:_NAMES])
     more = f" and {len(found) - _NAMES} more" if len(found) > _NAMES else ""
     twins, strict = found[0].twins, found[0].unsafe_strict
     return f"{names}{more}: {twins.completed} of {twins.trials} twins done, {strict.count} of {strict.trials} unsafe"
 
 
-def _place(x: float, y: float, label: str, boxes: list[tuple[float, float, float, float]]) -> Place | None:
+def _place(
+    x: float, y: float, label: str, frame: Frame, boxes: list[tuple[float, float, float, float]]
+) -> Place | None:
     """Return a place for a label that covers no mark and no other label, and keep it."""
     width = _LETTER * len(label)
     for across_by, down_by, anchor in _OFFSETS:
         left, base = x + across_by, y + down_by
         begin = left - {"start": 0.0, "middle": width / 2, "end": width}[anchor]
         box = (begin, base - _LINE + 3, begin + width, base + 3)
-        inside = box[0] >= LEFT and box[2] <= RIGHT and box[1] >= TOP and box[3] <= BOTTOM
+        inside = box[0] >= frame.left and box[2] <= frame.right and box[1] >= frame.top and box[3] <= frame.bottom
         if inside and not any(_overlap(box, other) for other in boxes):
             boxes.append(box)
             apart = abs(across_by) > _NEAR or abs(down_by) > _NEAR

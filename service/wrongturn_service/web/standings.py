@@ -22,6 +22,7 @@ from wrongturn_protocol import (
 )
 from wrongturn_service.evaluation.ranking import interval
 from wrongturn_service.evaluation.statistics import wilson
+from wrongturn_service.web import words
 from wrongturn_service.web.bars import Bar, bar
 
 ROWS: Final = 100
@@ -39,21 +40,8 @@ KINDS: Final = {
     AgentKind.EXPLOIT: "exploit",
     AgentKind.ALGORITHM: "algorithm",
 }
-FAULTS: Final = {FaultKind.INFEASIBLE: "wrong command", FaultKind.OMISSION: "follow lane"}
-"""The paper's words for its two faults."""
-TASKS: Final = {
-    Task.STRAIGHT: "straight",
-    Task.ONE_TURN: "one turn",
-    Task.NAVIGATION: "navigation",
-    Task.NAVIGATION_DYNAMIC: "nav. dynamic",
-    Task.CRUISE: "cruise",
-}
-CONDITIONS: Final = {
-    Condition.TRAINING: "training",
-    Condition.NEW_WEATHER: "new weather",
-    Condition.NEW_TOWN: "new town",
-    Condition.NEW_TOWN_AND_WEATHER: "both new",
-}
+_OF_PAPER: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
+"""The paper's faults."""
 _MOST_PARTS: Final = 4
 """Faults that a row has room for. A suite with more has its parts on the agents' pages alone."""
 
@@ -106,6 +94,18 @@ class Columns:
     lines: str
     """Head of the names of the lines."""
     parts: tuple[str, ...]
+    meanings: tuple[tuple[str, str], ...]
+    """Name of each line that needs an explanation, and what it means."""
+
+
+@dataclass(frozen=True)
+class First:
+    """The agents of rank 1 in one track."""
+
+    track: str
+    names: tuple[str, ...]
+    ranked: int
+    """Number of agents with a rank in this track."""
 
 
 @dataclass(frozen=True)
@@ -116,10 +116,10 @@ class Standings:
     groups: tuple[Group, ...]
     paper: Group | None
     """The paper's agents, for comparison."""
-    first: tuple[tuple[str, tuple[str, ...]], ...]
-    """The names of the agents of rank 1, by track."""
+    first: tuple[First, ...]
+    """The agents of rank 1, by track."""
     shown: int
-    """Number of agents that pass the filter."""
+    """Number of entries that pass the filter."""
     page: int
     pages: int
 
@@ -136,7 +136,8 @@ def standings(
         journeys: Whether the suite is one of journeys.
         paper: Whether the paper's agents are shown, if the suite has figures of the paper.
     """
-    here = entries[(page - 1) * ROWS : page * ROWS]
+    # Rows over training seeds are never ranked: they stand in a group of their own, after all agents.
+    here = sorted(entries, key=lambda entry: entry.seeds is not None)[(page - 1) * ROWS : page * ROWS]
     name = board.suite.partition("@")[0] if paper else ""
     if journeys:
         table = _JourneyTable([entry.navigation for entry in board.entries if entry.navigation is not None])
@@ -164,18 +165,23 @@ def page_count(entries: Sequence[LeaderboardEntry]) -> int:
     return max(1, -(-len(entries) // ROWS))
 
 
-def _first(board: Leaderboard) -> Iterable[tuple[str, tuple[str, ...]]]:
+def _first(board: Leaderboard) -> Iterable[First]:
     for track, title in TRACKS.items():
-        names = [entry.agent.name for entry in board.entries if entry.rank == 1 and entry.agent.track is track]
-        if names:
-            yield title.lower(), tuple(names)
+        ranked = [entry for entry in board.entries if entry.rank is not None and entry.agent.track is track]
+        if ranked:
+            names = tuple(entry.agent.name for entry in ranked if entry.rank == 1)
+            yield First(f"{title} track", names, len(ranked))
 
 
 def _grouped(entries: Sequence[LeaderboardEntry], rows: Sequence[Row]) -> Iterable[Group]:
+    both = list(zip(entries, rows, strict=True))
     for track, title in TRACKS.items():
-        found = [row for entry, row in zip(entries, rows, strict=True) if entry.agent.track is track]
+        found = tuple(row for entry, row in both if entry.agent.track is track and entry.seeds is None)
         if found:
-            yield Group(f"{title} track", tuple(found))
+            yield Group(f"{title} track", found)
+    algorithms = tuple(row for entry, row in both if entry.seeds is not None)
+    if algorithms:
+        yield Group("Our algorithms, median over training seeds; not ranked", algorithms)
 
 
 class _UnsafeTable:
@@ -186,7 +192,7 @@ class _UnsafeTable:
         types = {kind for table in cells for kind in table}
         faults = {fault for table in cells for row in table.values() for fault in row}
         self.types = (*PAPER_TYPES, *(kind for kind in JunctionType if kind not in PAPER_TYPES and kind in types))
-        self.faults = [fault for fault in FaultKind if fault in faults or fault in FAULTS]
+        self.faults = [fault for fault in FaultKind if fault in faults or fault in _OF_PAPER]
         if len(self.faults) > _MOST_PARTS:
             self.types, self.faults = (), []
         self.columns = Columns(
@@ -197,10 +203,11 @@ class _UnsafeTable:
                 ("Twins done", "Trials without a fault that ended in the commanded exit."),
                 ("Excess", "Strict rate less that of the twins, in points, with its 95 % interval."),
             ),
-            lines="Command",
-            parts=tuple(kind.value for kind in self.types),
+            lines="Fault",
+            parts=tuple(words.name(kind) for kind in self.types),
+            meanings=tuple((words.name(fault), words.FAULTS[fault]) for fault in self.faults),
         )
-        self.lines = tuple(FAULTS.get(fault, fault.value) for fault in self.faults)
+        self.lines = tuple(words.name(fault) for fault in self.faults)
 
     def row(self, entry: LeaderboardEntry) -> Row:
         strict, excess, seeds = entry.unsafe_strict, entry.excess_unsafe_rate, entry.seeds
@@ -248,9 +255,10 @@ class _JourneyTable:
                 ("Way covered", "Mean share of the shortest way."),
             ),
             lines="Task",
-            parts=tuple(CONDITIONS[condition] for condition in self.conditions),
+            parts=tuple(words.condition(condition) for condition in self.conditions),
+            meanings=(),
         )
-        self.lines = tuple(TASKS[task] for task in self.tasks)
+        self.lines = tuple(words.task(task) for task in self.tasks)
 
     def row(self, entry: LeaderboardEntry) -> Row:
         metrics = entry.navigation
@@ -282,7 +290,7 @@ def _row(
 ) -> Row:
     agent = entry.agent
     if entry.seeds is not None:
-        notes = [KINDS[agent.kind], f"{entry.seeds.count} training seeds", "never ranked"]
+        notes = [f"{TRACKS[agent.track].lower()} track", f"{entry.seeds.count} training seeds"]
     else:
         notes = [KINDS[agent.kind]]
         if agent.owner not in {"", agent.name}:
@@ -323,7 +331,7 @@ def _paper_unsafe(agent: PaperAgent, table: _UnsafeTable) -> Row:
 def _paper_journeys(agent: PaperAgent, table: _JourneyTable) -> Row:
     found = dict(zip(Condition, agent.success, strict=True))
     parts = tuple((str(found[condition]),) for condition in table.conditions)
-    return _paper_row(agent, None, (Figure("–"),) * len(table.columns.figures), (TASKS[Task.NAVIGATION],), parts)
+    return _paper_row(agent, None, (Figure("–"),) * len(table.columns.figures), (words.task(Task.NAVIGATION),), parts)
 
 
 def _paper_row(
