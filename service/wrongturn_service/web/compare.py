@@ -77,17 +77,33 @@ async def compare(
 def beside(a: Iterable[FinishedEpisode], b: Iterable[FinishedEpisode]) -> list[Beside]:
     """Return the trials of two agents, those of the same fault and approach beside each other.
 
-    Two draws seldom have the same trial, but most approaches are in both. Journeys are the same for all agents.
+    Two draws seldom have the same trial. Where only one has an approach, trials of the same fault at the same type of
+    junction stand beside each other. Journeys are the same for all agents.
     """
     left, right = _by_place(a), _by_place(b)
-    return [pair for key in sorted({**left, **right}) for pair in zip_longest(left.get(key, ()), right.get(key, ()))]
+    rows: list[Beside] = []
+    alone: dict[Hashable, tuple[list[FinishedEpisode], list[FinishedEpisode]]] = {}
+    for key in sorted({**left, **right}):
+        for one, other in zip_longest(left.get(key, ()), right.get(key, ())):
+            if one and other:
+                rows.append((one, other))
+                continue
+            lefts, rights = alone.setdefault(key[:2], ([], []))
+            lefts += [one] if one else []
+            rights += [other] if other else []
+    rows += [pair for sides in alone.values() for pair in zip_longest(*sides)]
+    return sorted(rows, key=lambda row: next(_key(episode) for episode in row if episode))
+
+
+def _key(episode: FinishedEpisode) -> tuple[Hashable, ...]:
+    """Return what is equal for trials of one place. It begins with the cell: junction type and fault."""
+    return (*place(episode)[:-1], episode.trial.approach) if episode.trial.journey is None else errand(episode)
 
 
 def _by_place(episodes: Iterable[FinishedEpisode]) -> dict[tuple[Hashable, ...], list[FinishedEpisode]]:
     found: dict[tuple[Hashable, ...], list[FinishedEpisode]] = {}
     for episode in episodes:
-        key = (*place(episode)[:-1], episode.trial.approach) if episode.trial.journey is None else errand(episode)
-        found.setdefault(key, []).append(episode)
+        found.setdefault(_key(episode), []).append(episode)
     return found
 
 
