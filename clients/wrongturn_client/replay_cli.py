@@ -23,11 +23,11 @@ def replay(
     *,
     view: Annotated[View, typer.Option(help="What the film shows. Example: --view top")] = View.BOTH,
     video: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Film to write: .mp4 or .webp. Example: --video film.mp4")
+        Path | None, typer.Option(metavar="FILE", help="Write a film: .mp4 or .webp. Example: --video film.mp4")
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Picture of the whole episode from above to write: .png."),
+        typer.Option(metavar="FILE", help="Write a picture of the whole episode from above, as .png."),
     ] = None,
     episode: Annotated[
         str | None, typer.Option(metavar="ID", help="Episode of the file of 'run --json', by its id or its trial's.")
@@ -49,7 +49,7 @@ def replay(
 
     Example: wrongturn replay run.json --episode Town01.J3-S.infeasible.s17 --video film.mp4
 
-    WRONGTURN_TOKEN: the token of the agent, for a practice episode. Others are public once their evaluation is
+    WRONGTURN_TOKEN: the token of the agent, for a practice episode. Other episodes are public once their evaluation is
     finished.
     """
     from wrongturn_client.plugins import entry_points, load  # noqa: PLC0415

@@ -39,7 +39,7 @@ def test_trials_are_filtered_without_javascript(visit: Visit, site: Site):
 
 def test_a_filter_that_nothing_passes_says_so(visit: Visit, site: Site):
     page = visit(f"/agents/{site.agents['careful']}?verdict=unsafe")
-    assert "No trial is like that" in page.inner_text("main")
+    assert "No trial matches" in page.inner_text("main")
 
 
 @pytest.mark.parametrize(
