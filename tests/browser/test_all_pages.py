@@ -12,6 +12,9 @@ from playwright.sync_api import Page
 from visiting import Accessible, Visit
 
 NAMES = ["leaderboard", "agents", "agent", "compare", "episode", "suites", "suite", "towns", "town", "submit", "docs"]
+IN_CI = {"leaderboard", "agents", "episode"}
+"""The other pages are looked at by the longer run. Their own tests run axe-core in CI."""
+EACH = [name if name in IN_CI else pytest.param(name, marks=pytest.mark.soak) for name in NAMES]
 LOOKED_AT_ELSEWHERE = "docs"
 """axe-core takes long for this page; ``test_rest.py`` runs it in both colours."""
 BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"
@@ -27,7 +30,7 @@ def paths(site: Site) -> dict[str, str]:
     return found
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EACH)
 def test_a_page_fits_and_is_accessible_in_both_colours(
     visit: Visit, accessible: Accessible, paths: dict[str, str], name: str
 ):
@@ -42,7 +45,7 @@ def test_a_page_fits_and_is_accessible_in_both_colours(
         accessible(page)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EACH)
 def test_the_keyboard_reaches_everything_in_order(visit: Visit, paths: dict[str, str], name: str):
     page = visit(paths[name])
     expected = page.evaluate(
@@ -80,7 +83,7 @@ def seen(page: Page) -> bool:
     return found
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EACH)
 def test_a_page_can_be_read_without_scripts(visit: Visit, paths: dict[str, str], name: str):
     page = visit(paths[name], javascript=False)
     assert page.inner_text("h1")
