@@ -194,4 +194,5 @@ def test_gymnasiums_checker_passes() -> None:
 
     service = Same()
     env = _make(service, token="t")
-    check_env(env.unwrapped)
+    # The fake service draws nothing; the tests of a real one look at pictures.
+    check_env(env.unwrapped, skip_render_check=True)

@@ -26,6 +26,9 @@ OUT_OF_REACH = {
     "DELETE /v1/agents/{agent}/token",
     # It needs two agents with finished evaluations.
     "GET /v1/leaderboards/{suite}/compare",
+    # They need an episode that was driven to its end.
+    "GET /v1/episodes/{episode}/camera/{sheet}",
+    "GET /v1/episodes/{episode}/picture.png",
     # An agent's token, which each case sends, does not open these.
     "POST /v1/agents",
     "POST /v1/owners",

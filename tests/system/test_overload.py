@@ -62,10 +62,21 @@ def _service(folder: Path, size: Size, **settings: object) -> Iterator[RunningSe
     )
     try:
         assert running.ready, running.stderr
+        _await_warm_up(running)
         yield running
         assert running.stop() == 0, running.stderr
     finally:
         running.kill() if running.process.poll() is None else None
+
+
+def _await_warm_up(service: RunningService) -> None:
+    """Wait until the service has loaded what draws pictures, which it does once and keeps."""
+    maps = Path(f"/proc/{service.process.pid}/maps")
+    deadline = time.monotonic() + 120
+    while "/cv2/" not in maps.read_text(encoding="utf-8"):
+        assert time.monotonic() < deadline
+        time.sleep(0.5)
+    time.sleep(3)
 
 
 def _resident(service: RunningService) -> int:
