@@ -3,6 +3,7 @@
 import contextlib
 import platform
 import warnings
+from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +16,7 @@ from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.errors import TrainingError
 
-_FIELDS: Final[dict[str, type]] = {
+FIELDS: Final[dict[str, type]] = {
     "algorithm": str,
     "seed": int,
     "config": dict,
@@ -24,6 +25,7 @@ _FIELDS: Final[dict[str, type]] = {
     "evaluation": dict,
     "versions": dict,
 }
+"""What a checkpoint holds, and of which type."""
 
 UNDRIVEN: Final = ("encoder.decoder.", "encoder.segmenting.")
 """First parts of the names of weights that only learning needs. A checkpoint may lack these weights."""
@@ -54,9 +56,9 @@ def load_checkpoint(path: Path | str) -> dict[str, Any]:
         TrainingError: the file is missing, or is no checkpoint of this version.
     """
     found = read(Path(path), "checkpoint", "a run's best.pt or last.pt")
-    if not isinstance(found, dict) or not found.keys() >= _FIELDS.keys():
+    if not isinstance(found, dict) or not found.keys() >= FIELDS.keys():
         raise TrainingError(f"checkpoint {path}: is none; name a run's best.pt or last.pt")
-    wrong = [name for name, kind in _FIELDS.items() if not isinstance(found[name], kind)]
+    wrong = [name for name, kind in FIELDS.items() if not isinstance(found[name], kind)]
     if wrong:
         raise TrainingError(f"checkpoint {path}: its {wrong[0]} is damaged; name a run's best.pt or last.pt")
     try:
@@ -74,18 +76,31 @@ def model_of(checkpoint: dict[str, Any], device: torch.device | str = "cpu") -> 
     """
     # The first checkpoints do not name their activation: it was ReLU.
     model = build(checkpoint["algorithm"], activation=checkpoint["config"].get("activation", "relu"))
-    weights = checkpoint["state_dict"]
+    load_weights(model, checkpoint["state_dict"], lambda name: name.startswith(UNDRIVEN))
+    return model.to(device).eval()
+
+
+def load_weights(model: nn.Module, weights: dict[str, torch.Tensor], spare: Callable[[str], bool]) -> None:
+    """Load a checkpoint's weights into a network.
+
+    Args:
+        model: the network.
+        weights: weights by name.
+        spare: returns whether a checkpoint may lack a weight, by its name.
+
+    Raises:
+        TrainingError: they do not fit this version's network, or are not finite.
+    """
     try:
         missing, unexpected = model.load_state_dict(weights, strict=False)
     except (RuntimeError, TypeError, AttributeError) as error:
         raise TrainingError("checkpoint: its weights are not as this version has them; train it anew") from error
-    lacking = [name for name in missing if not name.startswith(UNDRIVEN)]
+    lacking = [name for name in missing if not spare(name)]
     if lacking or unexpected:
         raise TrainingError(f"checkpoint: {(lacking + unexpected)[0]}: is not as this version has it; train it anew")
     for name, tensor in model.state_dict().items():
         if not tensor.isfinite().all():
             raise TrainingError(f"checkpoint: {name}: is not finite, so that it cannot drive; name an earlier one")
-    return model.to(device).eval()
 
 
 def write(path: Path, content: Any) -> None:

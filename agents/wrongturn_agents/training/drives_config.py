@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Self
 
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.options import with_options
 
 _POSITIVE: Final = ("learning_rate", "reward_divisor", "time_limit", "clip_range", "window_nearest")
 _MOST: Final = 10**12
@@ -155,14 +156,7 @@ class DrivesConfig:
         Raises:
             TrainingError: there is no such field, or the value has another type.
         """
-        fields = {field.name: field for field in dataclasses.fields(self)}
-        changed: dict[str, Any] = {}
-        for option in options:
-            name, equals, text = option.partition("=")
-            if not equals or name not in fields:
-                raise TrainingError(f"option {option!r}: give name=value with one of {', '.join(sorted(fields))}")
-            changed[name] = _parsed(name, text, type(getattr(self, name)))
-        return dataclasses.replace(self, **changed)
+        return with_options(self, options, _parsed)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields by name, ready for JSON."""

@@ -1,6 +1,7 @@
-"""``progress.csv``: one row for each update of a run."""
+"""``progress.csv`` and files like it: one row for each update of a run."""
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -51,22 +52,24 @@ class ProgressFile:
 
     Args:
         path: the file.
+        columns: names of the columns; those of the paper's agents and of MaRLn by default.
         resumed_at: steps at which an interrupted run continues; later rows are dropped. None starts a new file.
     """
 
-    def __init__(self, path: Path, *, resumed_at: int | None = None) -> None:
+    def __init__(self, path: Path, columns: Sequence[str] = COLUMNS, *, resumed_at: int | None = None) -> None:
         self.path = path
+        self._columns = columns
         kept = [] if resumed_at is None else [row for row in read_rows(path) if int(row["step"]) <= resumed_at]
         with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, COLUMNS, restval="")
+            writer = csv.DictWriter(file, columns, restval="")
             writer.writeheader()
             writer.writerows(kept)
 
     def add(self, row: dict[str, Any]) -> None:
         """Write a row. Missing values stay empty."""
-        known = {name: _short(row[name]) for name in COLUMNS if row.get(name) is not None}
+        known = {name: _short(row[name]) for name in self._columns if row.get(name) is not None}
         with self.path.open("a", newline="", encoding="utf-8") as file:
-            csv.DictWriter(file, COLUMNS, restval="").writerow(known)
+            csv.DictWriter(file, self._columns, restval="").writerow(known)
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:

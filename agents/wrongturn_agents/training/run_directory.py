@@ -4,7 +4,7 @@ import fcntl
 import json
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from wrongturn_agents.training.checkpoint import versions
+from wrongturn_agents.training.checkpoint import read, versions
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.errors import TrainingError
@@ -133,3 +133,39 @@ def _unwritable(folder: Path, error: OSError) -> TrainingError:
     return TrainingError(
         f"directory {folder}: cannot be written ({error.strerror or error}); name another by --directory"
     )
+
+
+def read_state(folder: Path, keys: Set[str]) -> dict[str, Any]:
+    """Return the state from which a run continues.
+
+    Args:
+        folder: the run's directory.
+        keys: what the state has to have.
+
+    Raises:
+        TrainingError: there is none, or it is damaged.
+    """
+    path = folder / STATE
+    if not path.is_file():
+        raise TrainingError(f"resume: the run in {folder} has saved nothing to go on from; begin it without --resume")
+    found = read(path, "resume:", "a run's own; begin anew in another directory")
+    if not isinstance(found, dict) or not found.keys() >= keys:
+        raise TrainingError(f"resume: {path} is damaged; begin anew in another directory")
+    return found
+
+
+def check_resumed(options: Sequence[str], seed: int | None, own: int) -> None:
+    """Check what is given again with ``--resume``.
+
+    Args:
+        options: options that were given.
+        seed: the seed that was given.
+        own: the run's seed.
+
+    Raises:
+        TrainingError: there are options, or another seed than the run's.
+    """
+    if options:
+        raise TrainingError(f"option {options[0]!r}: the run has its own options; give none with --resume")
+    if seed is not None and seed != own:
+        raise TrainingError(f"seed: the run has seed {own}, not {seed}; leave --seed out with --resume")

@@ -13,6 +13,7 @@ import torch
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.reporting.collection import STORED, Collection
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
+from wrongturn_agents.training.devices import device_of
 from wrongturn_agents.training.drive import drive_trials
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.in_process import drive_in_process
@@ -56,11 +57,7 @@ def score(
     for name, value in (("threads", threads), ("batch", batch)):
         if value is not None and value < 1:
             raise TrainingError(f"{name}: is {value}; give 1 or more")
-    if device not in {"auto", "cpu", "cuda"}:
-        raise TrainingError(f"device: is {device!r}; give auto, cpu or cuda")
-    place = torch.device("cuda" if device != "cpu" and torch.cuda.is_available() else "cpu")
-    if device == "cuda" and place.type != "cuda":
-        raise TrainingError("device: torch finds no CUDA device here; give cpu, or install torch for CUDA")
+    place = device_of(device)
     loaded = load(checkpoint, place)
     chosen = load_suite(suite)
     trials = _trials_of(chosen, traffic=traffic)

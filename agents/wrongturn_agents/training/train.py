@@ -3,7 +3,6 @@
 import copy
 import dataclasses
 import json
-import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,19 +16,20 @@ from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.candidates import Candidate, Candidates
 from wrongturn_agents.training.checkpoint import load_checkpoint, read, write
 from wrongturn_agents.training.config import ImageConfig, PPOConfig, SegmentationConfig, config_of
+from wrongturn_agents.training.devices import device_of, prepare
 from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.environments import environments, rendered_on
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, longest, shortest, with_traffic
 from wrongturn_agents.training.marln.config import MarlnConfig
-from wrongturn_agents.training.marln.run import load_encoder, read_state
+from wrongturn_agents.training.marln.run import STATE_KEYS, load_encoder
 from wrongturn_agents.training.marln.run import run as run_marln
 from wrongturn_agents.training.memory import memory_named
 from wrongturn_agents.training.ppo import WrongturnPPO
 from wrongturn_agents.training.pretrain import pretrain
 from wrongturn_agents.training.progress_file import ProgressFile
 from wrongturn_agents.training.run_callback import Row, RunCallback
-from wrongturn_agents.training.run_directory import STATE, Begun, held
+from wrongturn_agents.training.run_directory import STATE, Begun, check_resumed, held, read_state
 from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
 
@@ -93,7 +93,7 @@ def train(
     if threads is not None and not 1 <= threads <= _THREADS:
         raise TrainingError(f"threads: is {threads}; give a whole number from 1 to {_THREADS}")
     Budget(begun.steps, begun.minutes)  # reports invalid limits before a directory is made
-    place = _device(device)
+    place = device_of(device)
     encoder = None
     if isinstance(begun.config, ImageConfig) and begun.config.encoder and not resume:
         encoder = _encoder_of(Path(begun.config.encoder))
@@ -102,7 +102,7 @@ def train(
     with memory_named(begun.config), held(folder, resume=resume):
         if isinstance(begun.config, MarlnConfig):
             return _train_marln(begun, folder, place, resume, encoder, threads, on_row, on_pretraining)
-        state = _state(folder) if resume else None
+        state = read_state(folder, _STATE) if resume else None
         begun.write(folder, place)
         return _train(begun, folder, place, state, encoder, threads, on_row, on_pretraining)
 
@@ -118,9 +118,9 @@ def _train_marln(
     on_pretraining: Callable[[int, float], None],
 ) -> Path:
     assert isinstance(begun.config, MarlnConfig)
-    state = read_state(folder) if resume else None
+    state = read_state(folder, STATE_KEYS) if resume else None
     begun.write(folder, place)
-    cores = _prepared(place, threads)
+    cores = prepare(place, threads)
     return run_marln(
         begun.config,
         folder,
@@ -136,17 +136,6 @@ def _train_marln(
     )
 
 
-def _prepared(place: torch.device, threads: int | None) -> int:
-    """Prepare torch for a device, and return the number of threads."""
-    cores = threads or len(os.sched_getaffinity(0))
-    if place.type == "cpu":
-        torch.set_num_threads(cores)
-    else:
-        torch.backends.cudnn.benchmark = True  # pays off with few shapes
-        torch.set_float32_matmul_precision("high")
-    return cores
-
-
 def _train(
     begun: Begun,
     folder: Path,
@@ -160,7 +149,7 @@ def _train(
     config, seed = begun.config, begun.seed
     assert isinstance(config, PPOConfig)
     budget = Budget(begun.steps, begun.minutes, used=state["seconds"] if state else 0.0)
-    cores = _prepared(place, threads)
+    cores = prepare(place, threads)
     agent = _agent(config, seed).to(place)
     if encoder is not None:
         _take(encoder, agent, config)
@@ -222,14 +211,6 @@ def _train(
 def _stream(seed: int, steps: int) -> int:
     """Return the first of the environments' seeds, which count up from it, far from those of other runs."""
     return int(np.random.SeedSequence([seed, steps]).generate_state(1)[0]) >> 1
-
-
-def _device(name: str) -> torch.device:
-    if name not in {"auto", "cpu", "cuda"}:
-        raise TrainingError(f"device: is {name!r}; give auto, cpu or cuda")
-    if name == "cuda" and not torch.cuda.is_available():
-        raise TrainingError("device: torch finds no CUDA device here; give cpu, or install torch for CUDA")
-    return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
 
 
 def _agent(config: PPOConfig, seed: int) -> ActorCritic:
@@ -322,17 +303,6 @@ def _candidates(agent: ActorCritic, best: Path | None) -> Candidates:
     return found
 
 
-def _state(folder: Path) -> dict[str, Any]:
-    """Return the state from which a run continues."""
-    path = folder / STATE
-    if not path.is_file():
-        raise TrainingError(f"resume: the run in {folder} has saved nothing to go on from; begin it without --resume")
-    found = read(path, "resume:", "a run's own; begin anew in another directory")
-    if not isinstance(found, dict) or not found.keys() >= _STATE:
-        raise TrainingError(f"resume: {path} is damaged; begin anew in another directory")
-    return found
-
-
 def _going_on(
     begun: Begun,
     config: DrivesConfig,
@@ -344,10 +314,7 @@ def _going_on(
     """Return what a resumed run continues with. Steps and minutes may be given again, to train for longer."""
     if begun.config.algorithm != config.algorithm:
         raise TrainingError(f"algorithm: the run is of {begun.config.algorithm}, not {config.algorithm}; name its own")
-    if options:
-        raise TrainingError(f"option {options[0]!r}: the run has its own options; give none with --resume")
-    if seed is not None and seed != begun.seed:
-        raise TrainingError(f"seed: the run has seed {begun.seed}, not {seed}; leave --seed out with --resume")
+    check_resumed(options, seed, begun.seed)
     if steps is None and minutes is None:
         return begun
     return dataclasses.replace(begun, steps=steps, minutes=minutes)

@@ -52,8 +52,11 @@ async def compare(
     offered = [entry.agent.name for entry in entries[:_OFFERED]]
     if not (a and b):
         return page(request, "compare.html", suite=known, offered=offered, asked=(a, b), comparison=None)
-    key = ("comparison", service.leaderboards.generation, suite, a, b)
-    comparison = await service.kept.get(key, lambda: service.leaderboards.compare(suite, a, b))
+    # By ids, so that each spelling of a name finds the same. An id comes before a name that looks like it.
+    ids = {entry.agent.name.lower(): entry.agent.id for entry in entries} | {e.agent.id: e.agent.id for e in entries}
+    first, second = (ids.get(asked) or ids.get(asked.lower(), asked) for asked in (a, b))
+    key = ("comparison", service.leaderboards.generation, suite, first, second)
+    comparison = await service.kept.get(key, lambda: service.leaderboards.compare(suite, first, second))
     evaluations = {entry.agent.id: entry.evaluation for entry in entries}
     sides = [await driven_evaluation(service, str(evaluations[agent.id])) for agent in (comparison.a, comparison.b)]
     rows = beside(*(_trials(side) for side in sides))

@@ -4,11 +4,12 @@ import dataclasses
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.options import with_options
 
 ALGORITHMS: Final = {"doubting": "rgb", "doubting-segmentation": "segmentation"}
 """Agents that doubt, and the picture that each sees."""
@@ -72,22 +73,4 @@ class DoubtingConfig:
         Raises:
             TrainingError: an option has an unknown name or a wrong value.
         """
-        kinds = {field.name: type(getattr(self, field.name)) for field in dataclasses.fields(self)}
-        changed: dict[str, Any] = {}
-        for option in options:
-            name, equals, text = option.partition("=")
-            if not equals or name not in kinds:
-                raise TrainingError(f"option {option!r}: give name=value with one of {', '.join(sorted(kinds))}")
-            changed[name] = _parsed(name, text, kinds[name])
-        return dataclasses.replace(self, **changed)
-
-
-def _parsed(name: str, text: str, kind: type) -> Any:
-    if kind is bool:
-        if text not in {"true", "false"}:
-            raise TrainingError(f"option {name}: is {text!r}; give true or false")
-        return text == "true"
-    try:
-        return kind(text)
-    except ValueError as error:
-        raise TrainingError(f"option {name}: is {text[:40]!r}; give a {kind.__name__}") from error
+        return with_options(self, options)

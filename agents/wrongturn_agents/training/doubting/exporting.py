@@ -16,9 +16,9 @@ from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.doubting.config import ALGORITHMS, POLICIES
 from wrongturn_agents.training.doubting.run import load_doubt
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.export import LICENCE, Precision
+from wrongturn_agents.training.export.export import Precision
 from wrongturn_agents.training.export.quantisation import halve
-from wrongturn_agents.training.export.writing import export_graph, write_graph
+from wrongturn_agents.training.export.writing import LICENCE, export_graph, write_graph
 from wrongturn_protocol.model_contract import ACTION, STATE_IN, STATE_OUT
 
 _PREFIX: Final = "policy."

@@ -10,6 +10,7 @@ import torch
 from wrongturn_agents.models.doubt import Doubt
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.checkpoint import read, versions, write
+from wrongturn_agents.training.devices import device_of
 from wrongturn_agents.training.doubting.config import ALGORITHMS, DoubtingConfig
 from wrongturn_agents.training.doubting.frames import towns_of, training_towns
 from wrongturn_agents.training.doubting.learning import examine, learn
@@ -54,11 +55,7 @@ def train(
     """
     if algorithm not in ALGORITHMS:
         raise TrainingError(f"algorithm: {algorithm!r} is none of {', '.join(ALGORITHMS)}")
-    if device not in {"auto", "cpu", "cuda"}:
-        raise TrainingError(f"device: is {device!r}; give auto, cpu or cuda")
-    place = torch.device("cuda" if device != "cpu" and torch.cuda.is_available() else "cpu")
-    if device == "cuda" and place.type != "cuda":
-        raise TrainingError("device: torch finds no CUDA device here; give cpu, or install torch for CUDA")
+    place = device_of(device)
     config = DoubtingConfig().with_options(options)
     if pictures is not None:
         config = dataclasses.replace(config, pictures=pictures)

@@ -18,12 +18,11 @@ from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
 from wrongturn_agents.training.export.quantisation import halve, quantise
-from wrongturn_agents.training.export.writing import check_name, check_target, export_graph, write_graph
+from wrongturn_agents.training.export.writing import check_name, check_target, export_graph, facts_of, write_graph
 from wrongturn_agents.training.recording import record_observations
 from wrongturn_protocol import Track
 from wrongturn_protocol.model_contract import ACTION
 
-LICENCE: Final = "Apache-2.0"
 CALIBRATION: Final = 200
 """Number of observations that determine int8's ranges."""
 CALIBRATION_SEED: Final = 20_001
@@ -108,17 +107,8 @@ def export(
         graph = quantise(graph, {key: np.asarray(recorded[key]) for key in keys})
     if precision is not Precision.FP32:
         halve(graph)
-    facts = {
-        "name": name or algorithm,
-        "track": str(SHIPPED_AGENTS[algorithm].track),
-        "description": SHIPPED_AGENTS[algorithm].description,
-        "algorithm": algorithm,
-        "seed": str(told["seed"]),
-        "steps": str(told["steps"]),
-        "precision": str(precision),
-        "licence": LICENCE,
-        **{field: json.dumps(told[field], sort_keys=True) for field in ("config", "evaluation", "versions")},
-    }
+    shipped = SHIPPED_AGENTS[algorithm]
+    facts = facts_of(told, name=name, track=shipped.track, description=shipped.description, precision=precision)
     onnx.checker.check_model(graph, full_check=True)
     write_graph(file, graph, facts)
     if compared is None:

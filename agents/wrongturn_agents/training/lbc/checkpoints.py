@@ -6,7 +6,7 @@ from typing import Any, Final
 import torch
 
 from wrongturn_agents.models.lbc import PrivilegedAgent, SensorimotorAgent, WaypointAgent
-from wrongturn_agents.training.checkpoint import read, versions, write
+from wrongturn_agents.training.checkpoint import FIELDS, read, versions, write
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.lbc.config import ALGORITHM, PRIVILEGED, LBCConfig
 
@@ -17,15 +17,6 @@ AGENTS: Final[dict[str, type[SensorimotorAgent] | type[PrivilegedAgent]]] = {
     PRIVILEGED: PrivilegedAgent,
 }
 """Classes of the agents by algorithm."""
-_FIELDS: Final = {
-    "algorithm": str,
-    "seed": int,
-    "config": dict,
-    "steps": int,
-    "state_dict": dict,
-    "evaluation": dict,
-    "versions": dict,
-}
 
 
 def save_agent(
@@ -71,7 +62,7 @@ def load_agent(file: Path | str, device: torch.device | str = "cpu") -> tuple[Wa
         TrainingError: the file is missing, damaged, or no checkpoint of one of these agents.
     """
     found = read(Path(file), "checkpoint", "the best.pt or privileged.pt of 'wrongturn train lbc'")
-    if not isinstance(found, dict) or any(not isinstance(found.get(name), kind) for name, kind in _FIELDS.items()):
+    if not isinstance(found, dict) or any(not isinstance(found.get(name), kind) for name, kind in FIELDS.items()):
         raise TrainingError(f"checkpoint {file}: is none of lbc; name a run's best.pt or privileged.pt")
     if found["algorithm"] not in AGENTS:
         raise TrainingError(f"checkpoint {file}: is of {found['algorithm']}; name one of {', '.join(AGENTS)}")

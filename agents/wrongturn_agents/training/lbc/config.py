@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.options import with_options
 
 ALGORITHM: Final = "lbc"
 """The agent with a camera."""
@@ -157,14 +158,7 @@ class LBCConfig:
         Raises:
             TrainingError: an option has an unknown name or a wrong value.
         """
-        kinds = {field.name: type(getattr(self, field.name)) for field in dataclasses.fields(self)}
-        changed: dict[str, Any] = {}
-        for option in options:
-            name, equals, text = option.partition("=")
-            if not equals or name not in kinds:
-                raise TrainingError(f"option {option!r}: give name=value with one of {', '.join(sorted(kinds))}")
-            changed[name] = _parsed(name, text, kinds[name])
-        return dataclasses.replace(self, **changed)
+        return with_options(self, options)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields by name, ready for JSON."""
@@ -181,14 +175,3 @@ class LBCConfig:
             return cls(**fields)
         except TypeError as error:
             raise TrainingError(f"config: is not of this version ({error}); install the one it is of") from error
-
-
-def _parsed(name: str, text: str, kind: type) -> Any:
-    if kind is bool:
-        if text not in {"true", "false"}:
-            raise TrainingError(f"option {name}: is {text!r}; give true or false")
-        return text == "true"
-    try:
-        return kind(text)
-    except ValueError as error:
-        raise TrainingError(f"option {name}: is {text[:40]!r}; give a {kind.__name__}") from error

@@ -15,15 +15,17 @@ from torch import Tensor
 from wrongturn_agents.models.lbc import PrivilegedAgent, SensorimotorAgent
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.checkpoint import read, versions, write
+from wrongturn_agents.training.devices import device_of, prepare
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, longest, shortest, with_traffic
 from wrongturn_agents.training.lbc.checkpoints import BEST, PRIVILEGED_FILE, save_agent
 from wrongturn_agents.training.lbc.config import ALGORITHM, PRIVILEGED, LBCConfig
 from wrongturn_agents.training.lbc.learning import Learner
 from wrongturn_agents.training.lbc.privileged import learn_privileged
-from wrongturn_agents.training.lbc.rows import Rows, shares
+from wrongturn_agents.training.lbc.rows import COLUMNS, shares
 from wrongturn_agents.training.lbc.sensorimotor import Teacher, learn_sensorimotor, round_of
-from wrongturn_agents.training.run_directory import CONFIG, STATE, held
+from wrongturn_agents.training.progress_file import ProgressFile
+from wrongturn_agents.training.run_directory import CONFIG, STATE, check_resumed, held, read_state
 from wrongturn_protocol import Track
 
 _ROWS: Final = 100
@@ -107,11 +109,7 @@ def train(
     Raises:
         TrainingError: an argument is wrong, or the directory has a run or none to resume.
     """
-    if device not in {"auto", "cpu", "cuda"}:
-        raise TrainingError(f"device: is {device!r}; give auto, cpu or cuda")
-    place = torch.device("cuda" if device != "cpu" and torch.cuda.is_available() else "cpu")
-    if device == "cuda" and place.type != "cuda":
-        raise TrainingError("device: torch finds no CUDA device here; give cpu, or install torch for CUDA")
+    place = device_of(device)
     config = LBCConfig().with_options(options)
     if resume:
         run = _resumed(Run.read(directory), seed, samples, minutes, options)
@@ -123,9 +121,9 @@ def train(
     Budget(run.samples, run.minutes)  # reports wrong limits before a directory is made
     _check_memory(run.config, place)
     with held(directory, resume=resume):
-        state = _state(directory) if resume else None
+        state = read_state(directory, _KEYS) if resume else None
         run.write(directory)
-        return _Training(run, directory, place, threads or len(os.sched_getaffinity(0)), on_row).train(state)
+        return _Training(run, directory, place, prepare(place, threads), on_row).train(state)
 
 
 class _Training:
@@ -135,11 +133,6 @@ class _Training:
         self, run: Run, folder: Path, device: torch.device, threads: int, on_row: Callable[[str, Row], None]
     ) -> None:
         self.run, self.folder, self.device, self.threads, self.on_row = run, folder, device, threads, on_row
-        if device.type == "cpu":
-            torch.set_num_threads(threads)
-        else:
-            torch.backends.cudnn.benchmark = True
-            torch.set_float32_matmul_precision("high")
 
     def train(self, state: dict[str, Any] | None) -> Path:
         """Train both agents, and return the second one's checkpoint."""
@@ -192,7 +185,7 @@ class _Training:
         self._name, self._learner, self._clock = name, learner, clock
         clock.begun = state["begun"] if state else clock.used
         file = "privileged.csv" if name == PRIVILEGED else "progress.csv"
-        self._rows = Rows(self.folder / file, resumed_at=learner.seen if state else None)
+        self._rows = ProgressFile(self.folder / file, COLUMNS, resumed_at=learner.seen if state else None)
         share = clock.fraction(learner.seen)
         self._shown, self._evaluated, self._saved = share, share, time.monotonic()
         self._told_at = time.monotonic(), learner.seen
@@ -310,23 +303,9 @@ def _stream(seed: int, half: int, seen: int) -> int:
     return int(np.random.SeedSequence([seed, half, seen]).generate_state(1)[0])
 
 
-def _state(folder: Path) -> dict[str, Any]:
-    """Return the state from which a run continues."""
-    path = folder / STATE
-    if not path.is_file():
-        raise TrainingError(f"resume: the run in {folder} has saved nothing to go on from; begin it without --resume")
-    found = read(path, "resume:", "a run's own; begin anew in another directory")
-    if not isinstance(found, dict) or not found.keys() >= _KEYS:
-        raise TrainingError(f"resume: {path} is damaged; begin anew in another directory")
-    return found
-
-
 def _resumed(run: Run, seed: int | None, samples: int | None, minutes: float | None, options: Sequence[str]) -> Run:
     """Return what a resumed run continues with. Samples and minutes may be given again, to train for longer."""
-    if options:
-        raise TrainingError(f"option {options[0]!r}: the run has its own options; give none with --resume")
-    if seed is not None and seed != run.seed:
-        raise TrainingError(f"seed: the run has seed {run.seed}, not {seed}; leave --seed out with --resume")
+    check_resumed(options, seed, run.seed)
     if samples is None and minutes is None:
         return run
     return dataclasses.replace(run, samples=samples, minutes=minutes)

@@ -9,7 +9,6 @@ import numpy as np
 import onnx
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
 
 from wrongturn_agents.models.marln import MEMORY, Marln
 from wrongturn_agents.onnx_agent import open_session
@@ -17,33 +16,27 @@ from wrongturn_agents.training.checkpoint import load_checkpoint
 from wrongturn_agents.training.export.export import (
     CALIBRATION,
     CALIBRATION_SEED,
-    LICENCE,
     Agreement,
     Observations,
     Precision,
 )
 from wrongturn_agents.training.export.quantisation import halve, quantise
-from wrongturn_agents.training.export.writing import check_name, check_target, export_graph, write_graph
+from wrongturn_agents.training.export.writing import (
+    check_name,
+    check_target,
+    export_remembering,
+    facts_of,
+    write_graph,
+)
 from wrongturn_agents.training.marln.network import marln_of
 from wrongturn_agents.training.recording import EGOS, record_observations
 from wrongturn_protocol import Track
-from wrongturn_protocol.model_contract import ACTION, STATE_IN, STATE_OUT
+from wrongturn_protocol.model_contract import ACTION, STATE_IN
 
 DESCRIPTION: Final = (
     "Learned by Rainbow-IQN to drive by pictures, with a ResNet-18 that had learned affordances beforehand."
 )
 KEYS: Final = ("speed", "steering", "command", "rgb")
-
-
-class _ExportedMarln(nn.Module):
-    """The agent as the graph holds it."""
-
-    def __init__(self, model: Marln) -> None:
-        super().__init__()
-        self.model = model
-
-    def forward(self, observation: dict[str, Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
-        return self.model.drive_on(observation, state)
 
 
 def export_marln(
@@ -78,26 +71,15 @@ def export_marln(
         check_name(name)
     told = load_checkpoint(checkpoint)
     model = marln_of(told)
-    graph = _graph(model)
+    graph = export_remembering(model, KEYS, Track.CAMERA, MEMORY)
     if precision is Precision.INT8:
         recorded = observations or record_observations(Track.CAMERA, CALIBRATION, seed=CALIBRATION_SEED)
         given = {key: np.asarray(recorded[key]) for key in KEYS}
         # A first decision, whose four pictures are the same, has the same ranges as any other.
-        quantised = quantise(graph, {**given, STATE_IN: np.zeros((len(given["speed"]), MEMORY), np.float32)})
-        graph = quantised
+        graph = quantise(graph, {**given, STATE_IN: np.zeros((len(given["speed"]), MEMORY), np.float32)})
     if precision is not Precision.FP32:
         halve(graph)
-    facts = {
-        "name": name or told["algorithm"],
-        "track": str(Track.CAMERA),
-        "description": DESCRIPTION,
-        "algorithm": told["algorithm"],
-        "seed": str(told["seed"]),
-        "steps": str(told["steps"]),
-        "precision": str(precision),
-        "licence": LICENCE,
-        **{field: json.dumps(told[field], sort_keys=True) for field in ("config", "evaluation", "versions")},
-    }
+    facts = facts_of(told, name=name, track=Track.CAMERA, description=DESCRIPTION, precision=precision)
     onnx.checker.check_model(graph, full_check=True)
     write_graph(file, graph, facts)
     if compared is None:
@@ -125,18 +107,3 @@ def _agreement(model: Marln, file: Path, observations: Observations) -> Agreemen
         memory = kept.numpy()
     mean, greatest = np.mean(differences, 0).tolist(), np.max(differences, 0).tolist()
     return Agreement(tuple(mean), tuple(greatest), len(differences))
-
-
-def _graph(model: Marln) -> onnx.ModelProto:
-    shapes = {"speed": (1,), "steering": (1,), "command": (1,), "rgb": (64, 192, 3)}
-    dtypes = {"command": torch.int64, "rgb": torch.uint8}
-    # A batch of two, because the exporter takes an axis of length one as fixed.
-    example = {key: torch.ones((2, *shapes[key]), dtype=dtypes.get(key, torch.float32)) for key in KEYS}
-    batch = torch.export.Dim("batch", min=1, max=4096)
-    return export_graph(
-        _ExportedMarln(model.to(memory_format=torch.contiguous_format)).eval(),  # type: ignore[call-overload]
-        {"observation": example, "state": torch.zeros(2, MEMORY)},
-        [*KEYS, STATE_IN],
-        [ACTION, STATE_OUT],
-        {"observation": {key: {0: batch} for key in KEYS}, "state": {0: batch}},
-    )

@@ -5,6 +5,7 @@ from typing import Any
 import torch
 
 from wrongturn_agents.models.marln import Marln
+from wrongturn_agents.training.checkpoint import load_weights
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.marln.config import MarlnConfig
@@ -32,14 +33,5 @@ def marln_of(checkpoint: dict[str, Any], device: torch.device | str = "cpu") -> 
     if not isinstance(config, MarlnConfig):
         raise TrainingError(f"checkpoint: is of {checkpoint['algorithm']}, not of marln; name a run of marln")
     model = build_marln(config)
-    try:
-        missing, unexpected = model.load_state_dict(checkpoint["state_dict"], strict=False)
-    except (RuntimeError, TypeError, AttributeError) as error:
-        raise TrainingError("checkpoint: its weights are not as this version has them; train it anew") from error
-    lacking = [name for name in missing if not name.startswith("affordances.") and "deviation" not in name]
-    if lacking or unexpected:
-        raise TrainingError(f"checkpoint: {(lacking + unexpected)[0]}: is not as this version has it; train it anew")
-    for name, tensor in model.state_dict().items():
-        if not tensor.isfinite().all():
-            raise TrainingError(f"checkpoint: {name}: is not finite, so that it cannot drive; name an earlier one")
+    load_weights(model, checkpoint["state_dict"], lambda name: name.startswith("affordances.") or "deviation" in name)
     return model.to(device).eval()

@@ -37,7 +37,18 @@ _EPISODES: Final = 100
 _LATE: Final = 0.93
 """Share of a run after which only the last evaluation is left."""
 _ENCODER: Final = ("network.", "affordances.")
-_STATE: Final = {"steps", "updates", "seconds", "begun", "values", "target", "optimizer", "generator", "evaluated_at"}
+STATE_KEYS: Final = {
+    "steps",
+    "updates",
+    "seconds",
+    "begun",
+    "values",
+    "target",
+    "optimizer",
+    "generator",
+    "evaluated_at",
+}
+"""What a run's state holds."""
 
 
 def load_encoder(path: Path) -> dict[str, torch.Tensor]:
@@ -51,21 +62,6 @@ def load_encoder(path: Path) -> dict[str, torch.Tensor]:
     if not isinstance(weights, dict) or not all(name.startswith(_ENCODER) for name in weights):
         raise TrainingError(f"option encoder: {path} is no encoder of marln; name a run's encoder.pt")
     return weights
-
-
-def read_state(folder: Path) -> dict[str, Any]:
-    """Return the state from which a run continues.
-
-    Raises:
-        TrainingError: there is none, or it is damaged.
-    """
-    path = folder / STATE
-    if not path.is_file():
-        raise TrainingError(f"resume: the run in {folder} has saved nothing to go on from; begin it without --resume")
-    found = read(path, "resume:", "a run's own; begin anew in another directory")
-    if not isinstance(found, dict) or not found.keys() >= _STATE:
-        raise TrainingError(f"resume: {path} is damaged; begin anew in another directory")
-    return found
 
 
 def run(
