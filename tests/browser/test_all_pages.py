@@ -30,11 +30,18 @@ def paths(site: Site) -> dict[str, str]:
     return found
 
 
+def ready(page: Page) -> Page:
+    """Wait for the replay, if the page has one: until then its controls are hidden."""
+    if page.locator(".player").count():
+        page.wait_for_selector("[data-ready]")
+    return page
+
+
 @pytest.mark.parametrize("name", EACH)
 def test_a_page_fits_and_is_accessible_in_both_colours(
     visit: Visit, accessible: Accessible, paths: dict[str, str], name: str
 ):
-    page = visit(paths[name], width=400, dark=True)
+    page = ready(visit(paths[name], width=400, dark=True))
     for width in (400, 1000, 1600):
         page.set_viewport_size({"width": width, "height": 800})
         assert page.evaluate("document.documentElement.scrollWidth") <= width, width
@@ -47,7 +54,7 @@ def test_a_page_fits_and_is_accessible_in_both_colours(
 
 @pytest.mark.parametrize("name", EACH)
 def test_the_keyboard_reaches_everything_in_order(visit: Visit, paths: dict[str, str], name: str):
-    page = visit(paths[name])
+    page = ready(visit(paths[name]))
     expected = page.evaluate(
         """() => {
             const kinds = "a[href], button, input, select, textarea, summary, [tabindex='0']";

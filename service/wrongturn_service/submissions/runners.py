@@ -124,8 +124,9 @@ class Runner:
         self._signal(signal.SIGKILL)
         status = await self._process.wait()
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(_GRACE_S):  # a process that left the group may hold stderr open
+            async with asyncio.timeout(_GRACE_S):  # a process that left the group may hold the pipes open
                 await self._drain
+                await self._finish_stdout()
         self._drain.cancel()
         said = self._stderr.decode(errors="replace").strip()
         if said:
@@ -145,6 +146,12 @@ class Runner:
             return NoRoomError("all sandboxes are taken")
         how = f"was ended by signal {-status}" if status < 0 else f"ended with status {status}"
         return RunnerLostError(f"the runner {how}")
+
+    async def _finish_stdout(self) -> None:
+        """Read what nobody waits for. A pipe is closed at its end alone."""
+        assert self._process.stdout is not None
+        while await self._process.stdout.read(_LINE):
+            pass
 
     async def _keep_stderr(self) -> None:
         assert self._process.stderr is not None
