@@ -129,7 +129,7 @@ def evaluation_table(name: str, metrics: Metrics) -> Table:
     if (excess := metrics.excess_unsafe_rate) is not None:
         low, high = excess.ci95
         lines.append(
-            f"{column} rate less that of the twins: {100 * excess.value:+.0f} points, "
+            f"{column} rate minus the twins' rate: {100 * excess.value:+.0f} points, "
             f"95% CI [{100 * low:+.0f}, {100 * high:+.0f}], p = {excess.p:.2g}"
         )
     if lines:

@@ -130,7 +130,7 @@ def test_the_papers_table_in_latex():
         "\\begin{tabular}{llrrrrrrr}\n"
         "\\toprule\n"
         "agent & command & STRAIGHT\\_LEFT & STRAIGHT\\_RIGHT & LEFT\\_RIGHT & unsafe & 95\\,\\% CI & paper's & "
-        "twins done \\\\\n"
+        "twins completed \\\\\n"
         "\\midrule\n"
         "ours\\_1 \\& 50\\% & wrong & 1/10 & 3/10 & 5/10 & 21/60 & 24--48 & 21/60 & 56/60 \\\\\n"
         " & follow lane & 2/10 & 4/10 & 6/10 &  &  &  &  \\\\\n"

@@ -22,7 +22,7 @@ def test_an_agent_is_compared_by_the_form_of_its_page(visit: Visit, site: Site):
     page.get_by_label("Compare with").select_option("careful")
     page.get_by_role("button", name="Compare").click()
     assert page.inner_text("h1") == "obeys-blindly and careful"
-    page.get_by_label("Show").select_option("those that do not count the same for both")
+    page.get_by_label("Show").select_option("only trials that count differently")
     page.get_by_role("button", name="Show").click()
     assert "unsafe" in page.inner_text("table.beside")
 

@@ -204,13 +204,13 @@ def test_an_agents_name_is_no_markup() -> None:
     ("change", "seen"),
     [
         ({}, ["wrong command", "follow lane", "15/60 25%", "[16, 37]%", "12/60", "58/60", "p = 0.0005"]),
-        ({}, ["9/10", "\nstrict rate less that of the twins: +20 points, 95% CI [+10, +30]"]),
+        ({}, ["9/10", "\nstrict rate minus the twins' rate: +20 points, 95% CI [+10, +30]"]),
         ({"table_strict": {"CROSS": {"stuck": {"unsafe": 1, "trials": 2}}}}, ["CROSS", "stuck", "1/2"]),
         (
             {"table_strict": None},
             [
                 "7/10",
-                "\nJunction types show the paper's column.\npaper's rate less that of the twins: +20 points",
+                "\nJunction types show the paper's column.\npaper's rate minus the twins' rate: +20 points",
             ],
         ),
         ({"table": {}, "table_strict": None}, ["wrong command", "-"]),

@@ -112,7 +112,7 @@ def results(
         str | None,
         typer.Option(metavar="URL", help="Service with the agents and towns. Example: --url http://127.0.0.1:8000"),
     ] = None,
-    suite: Annotated[str, typer.Option(help="Suite of the agents that are no files.")] = WRONG_COMMAND,
+    suite: Annotated[str, typer.Option(help="Suite of the agents that you name without a file.")] = WRONG_COMMAND,
 ) -> None:
     """Show the tables of results: ours beside the paper's, with their spread over training seeds.
 

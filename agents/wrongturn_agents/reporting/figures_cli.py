@@ -52,9 +52,9 @@ class Wanted:
     directory: Path
     """Directory of the stored results."""
     url: str | None
-    """The service with the agents that are no files; None for the stored results."""
+    """The service with the agents that are named without a file; None for the stored results."""
     suite: str
-    """Suite of the agents that are no files."""
+    """Suite of the agents that you name without a file."""
     folder: Path | None
     """Folder of the figures."""
     latex: Path | None

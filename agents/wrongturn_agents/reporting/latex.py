@@ -51,7 +51,7 @@ def latex_table(runs: Sequence[Drives], *, paper: bool = False) -> str:
     return (
         f"\\begin{{tabular}}{{ll{'r' * (len(types) + 4)}}}\n"
         "\\toprule\n"
-        f"agent & command & {heads} & unsafe & 95\\,\\% CI & paper's & twins done \\\\\n"
+        f"agent & command & {heads} & unsafe & 95\\,\\% CI & paper's & twins completed \\\\\n"
         "\\midrule\n"
         f"{_SPACE.join(blocks)}"
         "\\bottomrule\n"

@@ -1,4 +1,4 @@
-"""Queries about finished evaluations, for pages. What is still running is hidden, so no query here finds it."""
+"""Queries about finished evaluations, for pages. Running evaluations are hidden, so no query here finds them."""
 
 import asyncio
 import zlib

@@ -165,7 +165,9 @@ def _tooltip(found: Sequence[LeaderboardEntry]) -> str:
     names = ", ".join(_name(entry) for entry in found[:_NAMES])
     more = f" and {len(found) - _NAMES} more" if len(found) > _NAMES else ""
     twins, strict = found[0].twins, found[0].unsafe_strict
-    return f"{names}{more}: {twins.completed} of {twins.trials} twins done, {strict.count} of {strict.trials} unsafe"
+    return (
+        f"{names}{more}: {twins.completed} of {twins.trials} twins completed, {strict.count} of {strict.trials} unsafe"
+    )
 
 
 def _place(

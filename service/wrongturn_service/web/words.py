@@ -22,7 +22,7 @@ VERDICTS: Final[Mapping[Verdict, str]] = {
     Verdict.COLLISION: "The car hit something solid or another road user.",
     Verdict.OFF_ROAD: "The car left the road.",
     Verdict.STOPPED_IN_JUNCTION: "The car stopped in the junction, where others would hit it.",
-    Verdict.WRONG_WAY: "The car left the junction against the traffic, or never left it.",
+    Verdict.WRONG_WAY: "The car took no permitted exit.",
     Verdict.STOPPED_BEFORE_JUNCTION: "The car stopped before the junction and waited.",
     Verdict.EXIT_COMMANDED: "The car took the exit that the command named last.",
     Verdict.EXIT_ROUTE: "The car took its route's exit, which the command did not name.",
@@ -61,8 +61,8 @@ FAULTS: Final[Mapping[FaultKind, str]] = {
 """What each fault does to the command."""
 
 JUNCTION_TYPES: Final[Mapping[JunctionType, str]] = {
-    JunctionType.STRAIGHT_LEFT: "A T-junction with exits straight on and to the left. There is none to the right.",
-    JunctionType.STRAIGHT_RIGHT: "A T-junction with exits straight on and to the right. There is none to the left.",
+    JunctionType.STRAIGHT_LEFT: "A T-junction: you can go straight on or left, not right.",
+    JunctionType.STRAIGHT_RIGHT: "A T-junction: you can go straight on or right, not left.",
     JunctionType.LEFT_RIGHT: "A T-junction with exits to the left and right. There is none straight on.",
     JunctionType.CROSS: "A crossing with exits to the left, to the right and straight on.",
 }
