@@ -1,10 +1,13 @@
 # The service with its simulators. Build from the repository's root:
 #   docker build -f docker/service.Dockerfile -t wrongturn-service .
-FROM python:3.11-slim-bookworm
+ARG PYTHON_IMAGE=python:3.11-slim-bookworm
+FROM ${PYTHON_IMAGE}
 
 # libsumo is linked to SUMO's window libraries, although it never opens a window. The sandboxes need libseccomp.
+# 'wrongturn backup' and 'restore' run pg_dump and pg_restore, which are of the version of compose's database.
 RUN apt-get update \
-    && apt-get install -y --no-install-recommends libx11-6 libxext6 libxrender1 libgl1 libatomic1 libseccomp2 \
+    && apt-get install -y --no-install-recommends \
+        libx11-6 libxext6 libxrender1 libgl1 libatomic1 libseccomp2 postgresql-client-15 \
     && rm -rf /var/lib/apt/lists/*
 
 ENV PYTHONUNBUFFERED=1 \

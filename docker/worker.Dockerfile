@@ -1,7 +1,8 @@
 # A worker that drives a shipped agent, or your own, against a service. Build from the repository's root:
 #   docker build -f docker/worker.Dockerfile -t wrongturn-worker .
 #   docker run --rm -e WRONGTURN_URL=http://… wrongturn-worker careful
-FROM python:3.11-slim-bookworm
+ARG PYTHON_IMAGE=python:3.11-slim-bookworm
+FROM ${PYTHON_IMAGE}
 
 ENV PYTHONUNBUFFERED=1 \
     PIP_NO_CACHE_DIR=1 \

@@ -77,6 +77,7 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
     from pydantic import ValidationError  # noqa: PLC0415
 
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
+    from wrongturn_service.machine import Machine  # noqa: PLC0415
     from wrongturn_service.settings import Settings  # noqa: PLC0415
     from wrongturn_service.storage.check import examine  # noqa: PLC0415
 
@@ -86,7 +87,14 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         names = ", ".join(f"WRONGTURN_{'.'.join(map(str, item['loc'])).upper()}" for item in error.errors())
         yield "settings", False, names, "correct these variables, see docs/settings.md"
         return
-    yield "settings", True, f"database {settings.database_url.rsplit('@', 1)[-1]}", ""
+    machine = Machine()
+    yield (
+        "settings",
+        True,
+        f"database {settings.database_url.rsplit('@', 1)[-1]}; {settings.simulators} simulators on "
+        f"{machine.processors()} processors with {machine.memory() >> 20} MiB",
+        "",
+    )
     try:
         found = examine(settings.database_url, settings.home)
     except StartupError as error:

@@ -1,6 +1,5 @@
 """The service's settings: ``WRONGTURN_*`` variables or options of ``serve``."""
 
-import os
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -8,6 +7,8 @@ from typing import Annotated
 import platformdirs
 from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from wrongturn_service.machine import Machine
 
 PREFIX = "WRONGTURN_"
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -52,7 +53,7 @@ class Settings(BaseSettings):
     metrics_port: Annotated[int, Field(ge=1, le=65535)] | None = None
     """Port of its own for ``/metrics``, which the main port then does not have."""
     simulators: Annotated[int, Field(ge=1, le=4096)] = Field(
-        default_factory=lambda: max(16, 4 * (os.cpu_count() or 1)),
+        default_factory=lambda: Machine().simulators(),
     )
     """Largest number of simulators that drive. Each is a process that starts when first needed and stays."""
     spare_simulators: Annotated[int, Field(ge=0, le=64)] = 1
@@ -97,7 +98,9 @@ class Settings(BaseSettings):
     """Proxies whose ``X-Forwarded-For`` is believed: addresses and networks, separated by commas, or ``*``."""
     body_limit: Annotated[int, Field(ge=1024)] = 4 * 1024 * 1024
     """Largest body of a request, bytes."""
-    submissions: Annotated[int, Field(ge=0, le=256)] = Field(default_factory=lambda: max(1, (os.cpu_count() or 1) // 2))
+    submissions: Annotated[int, Field(ge=0, le=256)] = Field(
+        default_factory=lambda: max(1, Machine().processors() // 2)
+    )
     """Submissions driven at a time. 0 refuses them all."""
     submissions_per_owner: Annotated[int, Field(ge=1)] = 8
     """Submissions of one owner that may wait or be driven."""

@@ -1,6 +1,7 @@
 """Processes that start late, never, or end in between: with programs of a few lines in the simulators' place."""
 
 import asyncio
+import os
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -57,6 +58,34 @@ def run(
             await pool.stop()
 
     asyncio.run(play())
+
+
+def test_a_process_inherits_no_secrets_and_no_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    secrets = ("WRONGTURN_OPERATOR_TOKEN", "WRONGTURN_METRICS_TOKEN", "WRONGTURN_DATABASE", "PGPASSWORD", "MY_TOKEN")
+    for name in secrets:
+        monkeypatch.setenv(name, "a-secret")
+    monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
+
+    stderr = str(Path("/proc/self/fd/2").readlink())
+
+    async def story(pool: LocalPool) -> None:
+        held = os.open(tmp_path, os.O_RDONLY)
+        os.set_inheritable(held, True)
+        simulator = await pool.acquire("Town01")
+        os.close(held)
+        process = Path(f"/proc/{simulator.process.pid}")
+        variables = dict(pair.split("=", 1) for pair in (process / "environ").read_text().split("\0") if pair)
+        assert variables["WRONGTURN_HOME"] == str(tmp_path)
+        assert "a-secret" not in variables.values()
+        assert {name for name in variables if name.startswith("WRONGTURN_")} <= {"WRONGTURN_HOME", "WRONGTURN_KERNELS"}
+        opened = {file.name: str(file.readlink()) for file in (process / "fd").iterdir()}
+        assert opened.pop("0") == "/dev/null"
+        # What it says goes where the service's log goes.
+        assert opened.pop("1") == opened.pop("2") == stderr
+        # Its socket, and the memory that it shares with the service.
+        assert sorted(target.partition(":")[0] for target in opened.values()) == ["/memfd", "socket"]
+
+    run(story)
 
 
 def test_one_that_ends_at_once_or_is_never_ready() -> None:

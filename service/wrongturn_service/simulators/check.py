@@ -3,10 +3,11 @@
 import asyncio
 import time
 
+from wrongturn_service.machine import Machine
 from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.local_pool import COMMAND
 from wrongturn_service.simulators.local_simulator import LocalSimulator
-from wrongturn_service.simulators.memory import available_memory, memory_of
+from wrongturn_service.simulators.memory import memory_of
 
 _MIB = 2**20
 
@@ -26,7 +27,7 @@ def examine(settings: Settings) -> str:
 
 
 async def _examine(settings: Settings) -> str:
-    available = available_memory()
+    available = Machine().available_memory()
     began = time.monotonic()
     simulator = await LocalSimulator.start(
         COMMAND,

@@ -1,7 +1,6 @@
 """A pool of simulator processes on this machine. Each runs one libsumo; the web process runs none."""
 
 import asyncio
-import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
@@ -9,6 +8,7 @@ from typing import Final
 import structlog
 from typing_extensions import override
 
+from wrongturn_service.machine import Machine
 from wrongturn_service.simulators.interface import (
     Simulator,
     SimulatorDiedError,
@@ -47,7 +47,7 @@ class LocalPool(SimulatorPool):
             start_timeout_s: seconds until a new process has to be ready.
             timeout_s: seconds after which a call counts as hung.
             spare: number of ready processes beyond those that drive, so that one that dies is replaced at once.
-            environment: variables of the processes, beside this process's.
+            environment: variables of the processes, beside the few that they get of this process's.
             command: starts a process.
             on_death: called for each process that is found dead.
         """
@@ -63,7 +63,7 @@ class LocalPool(SimulatorPool):
         self._reserved = 0
         self._starting: set[asyncio.Task[None]] = set()
         # A start takes a core for seconds. More starts than cores would all be late.
-        self._starts = asyncio.Semaphore(os.cpu_count() or 1)
+        self._starts = asyncio.Semaphore(Machine().processors())
         self._waiting: list[asyncio.Future[None]] = []
         self._town = ""
         self._stopping = False

@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-import os
 import socket
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
@@ -12,6 +11,7 @@ from typing_extensions import override
 
 from wrongturn_protocol import Outcome, Track
 from wrongturn_protocol.wire import layout
+from wrongturn_service.child_environment import child_environment
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.simulators import frames
 from wrongturn_service.simulators.action_log import Action, Seconds
@@ -35,6 +35,17 @@ _RECALL: Final = frames.pack(["recall"])
 _STEP_S: Final = 5.0
 """Seconds after which a step counts as hung. It takes milliseconds; only a reset may have to load a town."""
 _ENDED: Final = "the simulator process ended"
+_PASSED_ON: Final = (
+    "WRONGTURN_HOME",
+    "WRONGTURN_KERNELS",
+    "SUMO_HOME",
+    "NUMBA_CACHE_DIR",
+    "NUMBA_CPU_NAME",
+    "NUMBA_CPU_FEATURES",
+    "NUMBA_DISABLE_JIT",
+    "NUMBA_NUM_THREADS",
+)
+"""Variables that a process gets beside every child's: where towns and compiled code are, and for which processor."""
 
 
 class _ProcessConnection(asyncio.Protocol):
@@ -119,7 +130,7 @@ class LocalSimulator(Simulator):
         Args:
             command: the program; the socket's descriptor, whole seconds of a call, and the shared memory's descriptor
                 are added.
-            environment: variables to add to this process's.
+            environment: variables of the process, beside the few that it gets of this process's.
             start_timeout_s: seconds until it has to be ready.
             timeout_s: seconds after which a call counts as hung.
 
@@ -138,7 +149,7 @@ class LocalSimulator(Simulator):
                     stdin=subprocess.DEVNULL,
                     # What SUMO prints must not mix with what the service prints on stdout.
                     stdout=2,
-                    env={**os.environ, **environment},
+                    env={**child_environment(*_PASSED_ON), **environment},
                 )
 
             try:

@@ -1,4 +1,4 @@
-"""Memory of processes and of this machine."""
+"""Memory of processes."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,6 @@ from typing import Final
 
 _SHARE: Final = re.compile(rb"^Pss:\s+(\d+) kB", re.MULTILINE)
 _RESIDENT: Final = re.compile(rb"^VmRSS:\s+(\d+) kB", re.MULTILINE)
-_AVAILABLE: Final = re.compile(rb"^MemAvailable:\s+(\d+) kB", re.MULTILINE)
 
 
 def memory_of(pid: int) -> int:
@@ -15,11 +14,6 @@ def memory_of(pid: int) -> int:
     Where the kernel does not tell the parts, the result is the process's resident memory.
     """
     return _read(f"/proc/{pid}/smaps_rollup", _SHARE) or _read(f"/proc/{pid}/status", _RESIDENT)
-
-
-def available_memory() -> int:
-    """Return the memory that new processes can use, bytes; 0 if the machine does not tell."""
-    return _read("/proc/meminfo", _AVAILABLE)
 
 
 def _read(path: str, pattern: re.Pattern[bytes]) -> int:

@@ -32,6 +32,7 @@ import math
 import signal
 import socket
 import sys
+from pathlib import Path
 from typing import Any, Final
 
 from wrongturn_networks import Town, draw_journey, draw_trial, load_town
@@ -181,6 +182,9 @@ def main() -> None:
     # Ctrl-C goes to the whole group of processes; the service decides when its simulators end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    # If memory runs out, end a simulator rather than the service, which replaces it.
+    with contextlib.suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("500", "ascii")
     # If the service was killed, nobody is left to answer.
     with socket.socket(fileno=int(sys.argv[1])) as connection, contextlib.suppress(ConnectionError):
         serve(connection, int(sys.argv[2]), SharedMemoryWriter(int(sys.argv[3])))

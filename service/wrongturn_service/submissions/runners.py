@@ -27,13 +27,12 @@ from wrongturn_runner.messages import (
     Progressed,
     Refused,
 )
+from wrongturn_service.child_environment import child_environment
 from wrongturn_service.submissions.errors import HaltedError
 
 COMMAND: Final = (sys.executable, "-P", "-m", "wrongturn_runner")
 """Program of a runner. ``-P``: a file in the service's folder must not take the place of a package."""
 Event = Described | Passed | Refused | Progressed | Driven
-_PASSED_ON: Final = ("PATH", "HOME", "LANG", "LC_ALL", "TZ", "TMPDIR", "PYTHONPATH", "LD_LIBRARY_PATH")
-"""Variables that a runner gets. The service's own hold the operator's token and the database's password."""
 _NICE: Final = 5
 """A runner gives way to the service and its simulators, which other agents use too."""
 _LINE: Final = 64 * 1024
@@ -188,7 +187,7 @@ async def runner(
             stderr=asyncio.subprocess.PIPE,
             limit=_LINE,
             cwd="/",
-            env={name: environment[name] for name in _PASSED_ON if name in environment},
+            env=child_environment(environment=environment),
             start_new_session=True,
         )
     except OSError as error:
