@@ -166,7 +166,7 @@ def _demo(agents: list[str], suite: str, folder: Path) -> int:
     began = time.monotonic()
     database, log = folder / "wrongturn.db", folder / "service.log"
     operator_token = secrets.token_urlsafe(32)
-    environment = {OPERATOR_TOKEN: operator_token}
+    environment = {OPERATOR_TOKEN: operator_token, f"{OPERATOR_TOKEN}_FILE": ""}
     print("Starting the service …", flush=True)
     with LocalService(database=f"sqlite+aiosqlite:///{database}", environment=environment, log=log) as service:
         print(f"The service is at {service.url}. Driving {', '.join(agents)} through {suite} over HTTP …", flush=True)

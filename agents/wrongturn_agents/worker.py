@@ -60,7 +60,7 @@ def service_at(url: str | None, operator_token: str | None) -> Iterator[tuple[st
         yield url, operator_token
         return
     own_token = operator_token or secrets.token_urlsafe(32)
-    with LocalService(environment={OPERATOR_TOKEN: own_token}) as service:
+    with LocalService(environment={OPERATOR_TOKEN: own_token, f"{OPERATOR_TOKEN}_FILE": ""}) as service:
         yield service.url, own_token
 
 

@@ -31,7 +31,7 @@ from wrongturn_service.storage.models import (
 )
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.submissions import SubmissionStore
-from wrongturn_service.tokens import digest, same
+from wrongturn_service.tokens import digest
 
 _CACHED = 10_000
 
@@ -238,18 +238,38 @@ class Accounts:
 
     def is_operator(self, authorization: str | None) -> bool:
         """Return whether an ``Authorization`` header holds the operator's token."""
-        secret = self._settings.operator_token
-        if secret is None or authorization is None:
+        if authorization is None or not self._settings.operator.asked:
             return False
         scheme, _, token = authorization.partition(" ")
-        return scheme.lower() == "bearer" and same(token.strip(), secret.get_secret_value())
+        return scheme.lower() == "bearer" and self._settings.operator.is_(token.strip())
 
     async def agent(self, agent_id: str) -> AgentRow:
         """Return an agent. Raises NotFoundError."""
         row = await self._store.agent(agent_id)
         if row is None:
-            raise NotFoundError(ProblemType.UNKNOWN_AGENT, f"there is no agent {agent_id[:64]!r}")
+            raise unknown_agent(agent_id)
         return row
+
+    async def shown_agent(self, agent_id: str, authorization: str | None = None) -> AgentRow:
+        """Return an agent to everybody; a hidden one to itself, its owner and the operator. Raises NotFoundError."""
+        row = await self.agent(agent_id)
+        if row.unseen and not await self.holds(authorization, row.id, row.owner_id):
+            raise unknown_agent(agent_id)
+        return row
+
+    async def owns(self, authorization: str | None, agent_id: str) -> bool:
+        """Return whether an ``Authorization`` header holds an agent's token, its owner's or the operator's."""
+        row = await self._store.agent(agent_id)
+        return row is not None and await self.holds(authorization, row.id, row.owner_id)
+
+    async def holds(self, authorization: str | None, *holders: str) -> bool:
+        """Return whether an ``Authorization`` header holds the token of one of these, or the operator's."""
+        if authorization is None:
+            return False
+        try:
+            return self.is_operator(authorization) or await self._holder(authorization) in holders
+        except (UnauthenticatedError, ForbiddenError):
+            return False
 
     async def owned_agent(self, agent_id: str, authorization: str | None) -> AgentRow:
         """Return an agent to itself, its owner or the operator.
@@ -292,6 +312,11 @@ def bearer(authorization: str | None) -> str:
             "an agent's from POST /v1/agents; /openapi.json says which a call takes",
         )
     return token
+
+
+def unknown_agent(agent_id: str) -> NotFoundError:
+    """Return the error for calls on an agent that does not exist, or that is hidden from the caller."""
+    return NotFoundError(ProblemType.UNKNOWN_AGENT, f"there is no agent {agent_id[:64]!r}")
 
 
 def detail(row: AgentRow) -> AgentDetail:

@@ -16,7 +16,6 @@ from wrongturn_service.accounts import bearer
 from wrongturn_service.errors import StartupError, UnauthenticatedError
 from wrongturn_service.settings import Settings
 from wrongturn_service.telemetry import CONTENT_TYPE, Telemetry
-from wrongturn_service.tokens import same
 
 
 def check_reader(settings: Settings, authorization: str | None) -> None:
@@ -25,12 +24,11 @@ def check_reader(settings: Settings, authorization: str | None) -> None:
     Raises:
         UnauthenticatedError: It does not.
     """
-    wanted = settings.metrics_token
-    if wanted is None:
+    if not settings.metrics.asked:
         return
     if authorization is None:
         raise UnauthenticatedError("the metrics need a token: send 'Authorization: Bearer …' with the operator's")
-    if not same(bearer(authorization), wanted.get_secret_value()):
+    if not settings.metrics.is_(bearer(authorization)):
         raise UnauthenticatedError("this is not the token of the metrics; ask the operator")
 
 

@@ -164,7 +164,14 @@ class Registrations:
         """Return an owner. Raises NotFoundError."""
         row = await self._store.owner(owner_id)
         if row is None:
-            raise NotFoundError(ProblemType.UNKNOWN_OWNER, f"there is no owner {owner_id[:64]!r}")
+            raise unknown_owner(owner_id)
+        return row
+
+    async def shown_owner(self, owner_id: str, authorization: str | None) -> OwnerRow:
+        """Return an owner to everybody; a hidden one to itself and the operator. Raises NotFoundError."""
+        row = await self.owner(owner_id)
+        if row.hidden and not await self._accounts.holds(authorization, row.id):
+            raise unknown_owner(owner_id)
         return row
 
     async def own(self, owner_id: str, authorization: str | None) -> OwnerRow:
@@ -179,6 +186,11 @@ class Registrations:
     async def set_owner_token(self, owner_id: str, token: str | None, reply: IdempotencyRow | None = None) -> None:
         """Replace an owner's token. None revokes it."""
         await self._store.set_owner_token(owner_id, None if token is None else digest(token), reply)
+
+
+def unknown_owner(owner_id: str) -> NotFoundError:
+    """Return the error for calls on an owner that does not exist, or that is hidden from the caller."""
+    return NotFoundError(ProblemType.UNKNOWN_OWNER, f"there is no owner {owner_id[:64]!r}")
 
 
 def new_owner(name: str, contact: str | None = None, token: str | None = None) -> OwnerRow:

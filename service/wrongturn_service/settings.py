@@ -1,14 +1,16 @@
 """The service's settings: ``WRONGTURN_*`` variables or options of ``serve``."""
 
 from enum import StrEnum
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
 import platformdirs
-from pydantic import Field, SecretStr, field_validator
+from pydantic import Field, SecretStr, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from wrongturn_service.machine import Machine
+from wrongturn_service.secret_file import Secret, read_secret
 
 PREFIX = "WRONGTURN_"
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -42,6 +44,8 @@ class Settings(BaseSettings):
     """SQLAlchemy URL of the database. Default: the SQLite file ``wrongturn.db`` in the home."""
     operator_token: SecretStr | None = None
     """The operator's bearer token. Without it there is no operator."""
+    operator_token_file: Path | None = None
+    """File with the operator's token, in place of ``operator_token``. It is read at each use."""
     registration: Registration = Registration.OPEN
     """``open``: everybody may register owners and agents. ``operator``: only the operator registers owners.
 
@@ -50,6 +54,8 @@ class Settings(BaseSettings):
     """Owners and agents that one address may register within an hour. The operator is exempt."""
     metrics_token: SecretStr | None = None
     """Bearer token that ``GET /metrics`` needs. Without it everybody may read the metrics."""
+    metrics_token_file: Path | None = None
+    """File with the token of the metrics, in place of ``metrics_token``. It is read at each use."""
     metrics_port: Annotated[int, Field(ge=1, le=65535)] | None = None
     """Port of its own for ``/metrics``, which the main port then does not have."""
     simulators: Annotated[int, Field(ge=1, le=4096)] = Field(
@@ -125,6 +131,27 @@ class Settings(BaseSettings):
     @classmethod
     def _absolute(cls, home: Path) -> Path:
         return home.expanduser().absolute()
+
+    @field_validator("operator_token_file", "metrics_token_file")
+    @classmethod
+    def _readable(cls, file: Path | None, info: ValidationInfo) -> Path | None:
+        if file is None:
+            return None
+        name = str(info.field_name).removesuffix("_file")
+        if info.data.get(name) is not None:
+            raise ValueError(f"{PREFIX}{name.upper()} is set too; set only one of them")
+        read_secret(file)
+        return file.absolute()
+
+    @cached_property
+    def operator(self) -> Secret:
+        """The operator's token."""
+        return Secret("operator token", self.operator_token, self.operator_token_file)
+
+    @cached_property
+    def metrics(self) -> Secret:
+        """The token of the metrics."""
+        return Secret("metrics token", self.metrics_token, self.metrics_token_file)
 
     @property
     def database_url(self) -> str:

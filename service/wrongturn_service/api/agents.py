@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Request, Response
 from wrongturn_protocol import AgentDetail, AgentList, AgentRegistration, RegisteredAgent
 from wrongturn_service.accounts import bearer, detail
 from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, address_of, reply
-from wrongturn_service.api.documents import Route, described
+from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.storage.models import AgentRow
 from wrongturn_service.tokens import digest, new_id, new_token
@@ -61,10 +61,10 @@ async def agents(service: ServiceDep) -> Response:
     return reply(AgentList(agents=tuple(detail(row) for row in await service.store.agents())))
 
 
-@router.get("/{agent}", **described(AgentDetail, 404))
-async def agent(service: ServiceDep, agent: str) -> Response:
-    """Show one agent."""
-    return reply(detail(await service.accounts.agent(agent)))
+@router.get("/{agent}", **described(AgentDetail, 404), **WITHOUT_TOKEN_TOO)
+async def agent(service: ServiceDep, authorization: AuthorizationDep, agent: str) -> Response:
+    """Show one agent. One that the operator hides is shown to itself, its owner and the operator."""
+    return reply(detail(await service.accounts.shown_agent(agent, authorization)))
 
 
 @router.post("/{agent}/token", **described(RegisteredAgent, 404, status=201))

@@ -30,7 +30,7 @@ from wrongturn_service.api.dependencies import (
 )
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.episodes.refusals import check_view
+from wrongturn_service.episodes.refusals import check_view, unknown_episode
 from wrongturn_service.errors import ConflictError, GoneError
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow
@@ -156,8 +156,13 @@ async def abort(service: ServiceDep, caller: DriverDep, episode: str) -> Respons
 async def _visible(service: Service, authorization: str | None, episode_id: str) -> tuple[EpisodeRow, bool]:
     """Return an episode's row, and whether the caller may see its outcome."""
     row = await service.store.episode(episode_id)
-    public = row is not None and row.evaluation_id is not None and await is_shown(service, row)
+    scored = row is not None and row.evaluation_id is not None and await is_shown(service, row)
+    public = row is not None and scored and await service.store.is_public(row.evaluation_id or "")
     if row is not None and public and authorization is None:
+        return row, True
+    if row is not None and scored and not public:  # the operator hides it
+        if not await service.accounts.owns(authorization, row.agent_id):
+            raise unknown_episode(episode_id)
         return row, True
     caller = await service.accounts.caller(authorization)
     _, row = await service.episodes.look(caller, episode_id)

@@ -36,7 +36,7 @@ from wrongturn_service.api.dependencies import (
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.api.episodes import episode_detail
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.episodes.evaluations import new_evaluation
+from wrongturn_service.episodes.evaluations import new_evaluation, unknown
 from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError
 from wrongturn_service.idempotency import HEADER, Once
 from wrongturn_service.service import Service
@@ -201,11 +201,13 @@ def _differences(record: ResultsRequest, index: int, seen: dict[str, EpisodeRow]
 
 
 async def _visible(service: Service, authorization: str | None, evaluation_id: str) -> EvaluationRow:
-    """Return an evaluation to its agent, and a finished one to everybody."""
+    """Return an evaluation to its agent, and a finished one to everybody unless the operator hides it."""
     row = await service.store.evaluation(evaluation_id)
-    if row is not None and row.state == EvaluationState.FINISHED:
-        return row
-    return await owned_by(service, await service.accounts.caller(authorization), evaluation_id)
+    if row is None or row.state != EvaluationState.FINISHED:
+        return await owned_by(service, await service.accounts.caller(authorization), evaluation_id)
+    if not await service.store.is_public(row.id) and not await service.accounts.owns(authorization, row.agent_id):
+        raise unknown(evaluation_id)
+    return row
 
 
 async def _current(service: Service, row: EvaluationRow) -> EvaluationDetail:

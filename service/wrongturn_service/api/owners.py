@@ -7,7 +7,7 @@ from fastapi import APIRouter, Depends, Request, Response
 from wrongturn_protocol import OwnerDetail, OwnerList, OwnerRegistration, RegisteredOwner
 from wrongturn_service.accounts import bearer
 from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, address_of, reply
-from wrongturn_service.api.documents import Route, described
+from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.registration import owner_detail, owner_of
 from wrongturn_service.tokens import digest, new_token
@@ -41,10 +41,10 @@ async def owners(service: ServiceDep) -> Response:
     return reply(OwnerList(owners=tuple(owner_detail(row) for row in await service.store.owners())))
 
 
-@router.get("/{owner}", **described(OwnerDetail, 404))
-async def owner(service: ServiceDep, owner: str) -> Response:
-    """Show one owner."""
-    return reply(owner_detail(await service.registrations.owner(owner)))
+@router.get("/{owner}", **described(OwnerDetail, 404), **WITHOUT_TOKEN_TOO)
+async def owner(service: ServiceDep, authorization: AuthorizationDep, owner: str) -> Response:
+    """Show one owner. One that the operator hides is shown to itself and the operator."""
+    return reply(owner_detail(await service.registrations.shown_owner(owner, authorization)))
 
 
 @router.post("/{owner}/token", **described(RegisteredOwner, 404, status=201))

@@ -1,4 +1,7 @@
-"""Queries about finished evaluations, for pages. Running evaluations are hidden, so no query here finds them."""
+"""Queries about finished evaluations, for pages.
+
+Running evaluations are not public, nor is what the operator hides. No query here finds them.
+"""
 
 import asyncio
 import zlib
@@ -10,6 +13,7 @@ from sqlalchemy import Select, func, select
 from wrongturn_protocol import EpisodeState, EvaluationState, FaultKind, Outcome, Trial
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, TrajectoryRow
+from wrongturn_service.storage.visible import counting_suites, seen_agents, seen_evaluations
 
 
 class FinishedEpisode(NamedTuple):
@@ -30,16 +34,17 @@ class FinishedStore:
     async def agent_count(self) -> int:
         """Return the number of agents."""
         async with self._database.read() as session:
-            return await session.scalar(select(func.count()).select_from(AgentRow)) or 0
+            return await session.scalar(select(func.count()).select_from(AgentRow).where(seen_agents())) or 0
 
     async def agents(self, *, offset: int, limit: int) -> list[tuple[AgentRow, list[str]]]:
         """Return some agents by name, each with the suites on which it has finished an evaluation."""
-        some = select(AgentRow).order_by(AgentRow.name_key).offset(offset).limit(limit)
+        some = select(AgentRow).where(seen_agents()).order_by(AgentRow.name_key).offset(offset).limit(limit)
         async with self._database.read() as session:
             agents = (await session.scalars(some)).all()
             query = select(EvaluationRow.agent_id, EvaluationRow.suite).where(
                 EvaluationRow.agent_id.in_([agent.id for agent in agents]),
                 EvaluationRow.state == EvaluationState.FINISHED,
+                EvaluationRow.hidden.is_(False),
             )
             driven = (await session.execute(query.distinct())).tuples().all()
         suites: dict[str, list[str]] = {}
@@ -50,17 +55,31 @@ class FinishedStore:
     async def of_agent(self, agent_id: str) -> Sequence[EvaluationRow]:
         """Return an agent's finished evaluations in the order in which they were begun."""
         query = select(EvaluationRow).where(
-            EvaluationRow.agent_id == agent_id, EvaluationRow.state == EvaluationState.FINISHED
+            EvaluationRow.agent_id == agent_id, EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations()
         )
         async with self._database.read() as session:
             return (await session.scalars(query.order_by(EvaluationRow.created, EvaluationRow.id))).all()
+
+    async def counting(self, agent_id: str) -> set[str]:
+        """Return the ids of an agent's evaluations that count: the first on each suite, hidden ones too."""
+        query = select(EvaluationRow.suite, EvaluationRow.id).where(
+            EvaluationRow.agent_id == agent_id, EvaluationRow.state == EvaluationState.FINISHED, counting_suites()
+        )
+        first: dict[str, str] = {}
+        async with self._database.read() as session:
+            found = await session.execute(query.order_by(EvaluationRow.created, EvaluationRow.id))
+        for suite, evaluation in found.tuples():
+            first.setdefault(suite, evaluation)
+        return set(first.values())
 
     async def evaluation(self, evaluation_id: str) -> tuple[EvaluationRow, AgentRow] | None:
         """Return a finished evaluation and its agent, or None."""
         query = (
             select(EvaluationRow, AgentRow)
             .join(AgentRow, AgentRow.id == EvaluationRow.agent_id)
-            .where(EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.FINISHED)
+            .where(
+                EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations()
+            )
         )
         async with self._database.read() as session:
             row = (await session.execute(query)).first()
@@ -107,7 +126,9 @@ class FinishedStore:
             select(TrajectoryRow.episode_id, TrajectoryRow.data)
             .join(EpisodeRow, EpisodeRow.id == TrajectoryRow.episode_id)
             .join(EvaluationRow, EvaluationRow.id == EpisodeRow.evaluation_id)
-            .where(EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.FINISHED)
+            .where(
+                EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations()
+            )
         )
         if episodes is not None:
             query = query.where(TrajectoryRow.episode_id.in_(episodes))
@@ -133,6 +154,7 @@ def _shown() -> "Select[str, str, str, str | None]":
             EvaluationRow.state == EvaluationState.FINISHED,
             EpisodeRow.state == EpisodeState.FINISHED,
             EpisodeRow.outcome.is_not(None),
+            seen_evaluations(),
         )
         .order_by(EpisodeRow.created, EpisodeRow.id)
     )

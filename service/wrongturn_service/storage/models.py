@@ -47,6 +47,8 @@ class OwnerRow(Base):
     """For the operator's eyes."""
     token_sha256: Mapped[str | None] = mapped_column(_SHA, unique=True)
     created: Mapped[float] = mapped_column(Double)
+    hidden: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
+    """Whether the operator hides it, its agents and their evaluations from everybody else."""
 
 
 class AgentRow(Base):
@@ -69,6 +71,13 @@ class AgentRow(Base):
     owner_id: Mapped[str] = mapped_column(_ID, ForeignKey("owners.id"), index=True, nullable=True)
     """Every agent has an owner. The column allows null because SQLite adds no other foreign key to a filled table."""
     owner: Mapped[OwnerRow] = relationship(lazy="joined")
+    hidden: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
+    """Whether the operator hides it and its evaluations."""
+
+    @property
+    def unseen(self) -> bool:
+        """Whether it is hidden, alone or with its owner."""
+        return self.hidden or self.owner.hidden
 
 
 class EvaluationRow(Base):
@@ -91,6 +100,8 @@ class EvaluationRow(Base):
     """JSON of Metrics, once finished."""
     driven: Mapped[float | None] = mapped_column(Double)
     """When its first step arrived. From then on it counts."""
+    hidden: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
+    """Whether the operator hides it. It still counts as the agent's first one."""
 
 
 class UnusedSecretRow(Base):
@@ -239,6 +250,46 @@ class SubmissionLogRow(Base):
     """From 1."""
     time: Mapped[float] = mapped_column(Double)
     message: Mapped[str] = mapped_column(Text)
+
+
+class HeldRow(Base):
+    """What stays taken after the operator has deleted its holder: a name, or an agent's first evaluation on a suite."""
+
+    __tablename__ = "held"
+
+    kind: Mapped[str] = mapped_column(_WORD, primary_key=True)
+    """``owner`` or ``agent`` for a name, ``evaluation`` for a suite."""
+    key: Mapped[str] = mapped_column(String(128), primary_key=True)
+    """The name in lower case, or the agent's id and the suite."""
+    deleted: Mapped[str] = mapped_column(_ID, index=True)
+    """Id of what was deleted."""
+
+
+class AuditRow(Base):
+    """What the operator did. The row stays when its target is deleted."""
+
+    __tablename__ = "audit"
+
+    seq: Mapped[int] = mapped_column(BigInteger, primary_key=True, autoincrement=False)
+    """From 1."""
+    time: Mapped[float] = mapped_column(Double)
+    actor: Mapped[str] = mapped_column(_WORD)
+    """``operator``, and the first digits of the SHA-256 of the token that was sent."""
+    address: Mapped[str] = mapped_column(String(64))
+    """Where the call came from."""
+    action: Mapped[str] = mapped_column(_WORD)
+    kind: Mapped[str] = mapped_column(_WORD)
+    """What the target is: an owner, an agent, an evaluation or a submission."""
+    target: Mapped[str] = mapped_column(_ID, index=True)
+    """Id of the target."""
+    name: Mapped[str] = mapped_column(String(160))
+    """Name of the target."""
+    reason: Mapped[str | None] = mapped_column(Text)
+    """Why, as the operator says."""
+    counts: Mapped[str] = mapped_column(Text)
+    """JSON: how many rows of each kind were changed."""
+    done: Mapped[bool] = mapped_column(Boolean)
+    """False while a deletion runs, and for good if the service died meanwhile."""
 
 
 class OwnershipRow(Base):

@@ -24,6 +24,7 @@ from wrongturn_service.storage.models import (
     TrajectoryRow,
     UnusedSecretRow,
 )
+from wrongturn_service.storage.visible import counting_suites, seen_agents, seen_evaluations, seen_owners
 
 
 class AgentNameTakenError(Exception):
@@ -93,9 +94,9 @@ class Store:
         return found
 
     async def owners(self) -> Sequence[OwnerRow]:
-        """Return all owners by name."""
+        """Return all owners by name, without hidden ones."""
         async with self._database.read() as session:
-            return (await session.scalars(select(OwnerRow).order_by(OwnerRow.name_key))).all()
+            return (await session.scalars(select(OwnerRow).where(seen_owners()).order_by(OwnerRow.name_key))).all()
 
     async def owner(self, owner_id: str) -> OwnerRow | None:
         """Return an owner, or None."""
@@ -133,9 +134,9 @@ class Store:
             _add(session, agent, reply)
 
     async def agents(self) -> Sequence[AgentRow]:
-        """Return all agents by name."""
+        """Return all agents by name, without hidden ones."""
         async with self._database.read() as session:
-            return (await session.scalars(select(AgentRow).order_by(AgentRow.name_key))).all()
+            return (await session.scalars(select(AgentRow).where(seen_agents()).order_by(AgentRow.name_key))).all()
 
     async def agent(self, agent_id: str) -> AgentRow | None:
         """Return an agent, or None."""
@@ -143,11 +144,15 @@ class Store:
             return await session.get(AgentRow, agent_id)
 
     async def agent_called(self, wanted: str) -> AgentRow | None:
-        """Return the agent that has this id, or else this name in upper or lower case; None without either."""
+        """Return the agent that has this id, or else this name in upper or lower case; None without either.
+
+        Hidden ones are left out.
+        """
         if "\0" in wanted:  # which PostgreSQL refuses
             return None
         async with self._database.read() as session:
-            query = select(AgentRow).where(or_(AgentRow.id == wanted, AgentRow.name_key == wanted.lower()))
+            called = or_(AgentRow.id == wanted, AgentRow.name_key == wanted.lower())
+            query = select(AgentRow).where(called, seen_agents())
             found = (await session.scalars(query)).all()
         # A name may look like another agent's id.
         return max(found, key=lambda agent: agent.id == wanted, default=None)
@@ -193,6 +198,14 @@ class Store:
         """Return an evaluation, or None."""
         async with self._database.read() as session:
             return await session.get(EvaluationRow, evaluation_id)
+
+    async def is_public(self, evaluation_id: str) -> bool:
+        """Return whether everybody may see an evaluation: it is finished, and the operator does not hide it."""
+        async with self._database.read() as session:
+            query = select(EvaluationRow.id).where(
+                EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations()
+            )
+            return await session.scalar(query) is not None
 
     async def running_evaluations(self) -> Sequence[EvaluationRow]:
         """Return the evaluations that are neither finished nor cancelled."""
@@ -322,19 +335,22 @@ class Store:
             return dict((await session.execute(query)).tuples().all())
 
     async def first_finished(self, suite: str) -> Sequence[tuple[EvaluationRow, AgentRow]]:
-        """Return the first evaluation that each agent began on a suite and that is finished: the one that counts."""
+        """Return the first evaluation that each agent began on a suite and that is finished: the one that counts.
+
+        If the operator hides it, the agent has none.
+        """
         async with self._database.read() as session:
             query = (
-                select(EvaluationRow, AgentRow)
+                select(EvaluationRow, AgentRow, seen_evaluations())
                 .join(AgentRow, AgentRow.id == EvaluationRow.agent_id)
-                .where(EvaluationRow.suite == suite, EvaluationRow.state == EvaluationState.FINISHED)
+                .where(EvaluationRow.suite == suite, EvaluationRow.state == EvaluationState.FINISHED, counting_suites())
                 .order_by(EvaluationRow.created, EvaluationRow.id)
             )
-            rows = (await session.execute(query)).all()
-        first: dict[str, tuple[EvaluationRow, AgentRow]] = {}
-        for evaluation, agent in rows:
-            first.setdefault(agent.id, (evaluation, agent))
-        return list(first.values())
+            rows = (await session.execute(query)).tuples().all()
+        first: dict[str, tuple[EvaluationRow, AgentRow, bool]] = {}
+        for evaluation, agent, seen in rows:
+            first.setdefault(agent.id, (evaluation, agent, seen))
+        return [(evaluation, agent) for evaluation, agent, seen in first.values() if seen]
 
     async def finished_summary(self) -> dict[str, tuple[int, float]]:
         """Return for each suite how many agents have finished it, and when the last one did."""
@@ -345,7 +361,7 @@ class Store:
                     func.count(EvaluationRow.agent_id.distinct()),
                     func.max(EvaluationRow.finished),
                 )
-                .where(EvaluationRow.state == EvaluationState.FINISHED)
+                .where(EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations(), counting_suites())
                 .group_by(EvaluationRow.suite)
             )
             rows = (await session.execute(query)).all()

@@ -1,7 +1,7 @@
 """The agents' pages: who they are, what they did, and where they fail."""
 
 import asyncio
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
 
@@ -65,10 +65,12 @@ async def agent(
         fault: Lists only trials with this fault.
         junction: Lists only trials at junctions of this type.
     """
-    who = detail(await service.accounts.agent(agent))
+    who = detail(await service.accounts.shown_agent(agent))
     rows = await service.finished.of_agent(agent)
+    counting = await service.finished.counting(agent)
     row = _shown(rows, suite, evaluation)
-    values: dict[str, Any] = {"agent": who, "suites": _suites(rows), "evaluations": _listed(rows), "words": words}
+    listed = _listed(rows, counting)
+    values: dict[str, Any] = {"agent": who, "suites": _suites(rows), "evaluations": listed, "words": words}
     if row is None:
         wanted = catalogue.suite(suite) if suite else None
         return page(request, "agent.html", row=None, suite=wanted, **values)
@@ -91,7 +93,7 @@ async def agent(
         table=_table(metrics),
         entry=next((entry for entry in entries if entry.evaluation == row.id), None),
         others=[entry.agent for entry in entries if entry.evaluation not in {None, row.id}][:_OTHERS],
-        counts=row.id in _counting(rows),
+        counts=row.id in counting,
         driven=driven,
         verdicts=[verdict for verdict in Verdict if any(counts.get(verdict) for counts in metrics.verdicts.values())],
         filters=filters,
@@ -116,21 +118,17 @@ def _shown(rows: Sequence[EvaluationRow], suite: str, evaluation: str) -> Evalua
     return first.get(FIRST) or (first[rows[-1].suite] if rows else None)
 
 
-def _counting(rows: Iterable[EvaluationRow]) -> set[str]:
-    """Return the ids of the evaluations that count: the first on each suite."""
-    first: dict[str, str] = {}
-    for row in rows:
-        first.setdefault(row.suite, row.id)
-    return set(first.values())
-
-
 def _suites(rows: Iterable[EvaluationRow]) -> list[str]:
     return sorted({row.suite for row in rows}, key=lambda suite: (suite != FIRST, suite))
 
 
-def _listed(rows: Sequence[EvaluationRow]) -> list[dict[str, Any]]:
-    """Return the evaluations, the newest first."""
-    counting = _counting(rows)
+def _listed(rows: Sequence[EvaluationRow], counting: Collection[str]) -> list[dict[str, Any]]:
+    """Return the evaluations, the newest first.
+
+    Args:
+        rows: The evaluations.
+        counting: Ids of those that count.
+    """
     return [
         {
             "id": row.id,
