@@ -11,6 +11,7 @@ from wrongturn_protocol import EvaluationState, JourneyOutcome, Outcome, Trial, 
 from wrongturn_service.evaluation.metrics import compute
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, TrajectoryRow
+from wrongturn_service.storage.store import prepare_evaluation
 from wrongturn_service.tokens import new_id
 
 Judge = Callable[[Trial], Outcome]
@@ -56,7 +57,7 @@ async def store_evaluation(
         driven=now,
     )
     rows: list[EpisodeRow | TrajectoryRow] = []
-    for number, trial in enumerate(draw.episodes):
+    for number, trial in enumerate(draw.episodes, 1):
         found = outcomes[trial.id]
         row = EpisodeRow(
             id=new_id("ep"),
@@ -71,12 +72,14 @@ async def store_evaluation(
             verdict=found.verdict.value,
             outcome=found.model_dump_json(),
             steps=95,
+            seq=number,
         )
         rows.append(row)
         if trajectories:
             body = json.dumps(straight_on(trial)).encode()
             rows.append(TrajectoryRow(episode_id=row.id, sha256="0" * 64, size=len(body), data=zlib.compress(body)))
     async with service.store._database.write() as session:
+        await prepare_evaluation(session, evaluation)
         session.add(evaluation)
         await session.flush()
         session.add_all([row for row in rows if isinstance(row, EpisodeRow)])

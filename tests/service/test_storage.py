@@ -5,6 +5,8 @@ import contextlib
 import hashlib
 import os
 import sqlite3
+import subprocess
+import sys
 import zlib
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -18,12 +20,12 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import create_async_engine
 
 from wrongturn_service.errors import StartupError
-from wrongturn_service.storage.database import Database, migrations
+from wrongturn_service.storage.database import Database, DatabaseGoneError, migrations
 from wrongturn_service.storage.models import AgentRow, Base, EpisodeRow, EvaluationRow, OwnerRow, TrajectoryRow
 from wrongturn_service.storage.postgres import Ownership
 from wrongturn_service.storage.store import AgentNameTakenError, DamagedTrajectoryError, EvaluationOverError, Store
 
-FILES = ("a.db", "a.db-shm", "a.db-wal", "a.db.lock")
+FILES = ("a.db", "a.db-shm", "a.db-wal")
 
 
 def url(path: Path) -> str:
@@ -48,7 +50,7 @@ def agent_row(name: str = "one") -> AgentRow:
         ("sqlite+aiosqlite:////proc/wrongturn.db", "cannot be written"),
         ("sqlite+aiosqlite:////dev/null/wrongturn.db", "there is no folder /dev/null for"),
         ("sqlite+aiosqlite:///{folder}/none/wrongturn.db", "there is no folder .*/none for the database file; make it"),
-        ("sqlite+aiosqlite:///{folder}", "unable to open database file"),
+        ("sqlite+aiosqlite:///{folder}", "Is a directory"),
         ("sqlite+aiosqlite:///{folder}/text.db", "file is not a database"),
         ("sqlite+aiosqlite://", "has to be a file"),
         ("sqlite+aiosqlite:///:memory:", "has to be a file"),
@@ -93,6 +95,38 @@ def test_two_services_cannot_share_a_database(database_url: str, monkeypatch: py
             await Database.open(database_url)
         await first.close()
         await (await Database.open(database_url)).close()
+
+    asyncio.run(story())
+
+
+def refusals(*names: Path) -> str:
+    """What a second service says of each file, in a process of its own: a closed file would end SQLite's locks here."""
+    program = "import asyncio, sys; from wrongturn_service.storage.database import Database\n"
+    program += "for url in sys.argv[1:]:\n    try: asyncio.run(Database.open(url))\n    except Exception as e: print(e)"
+    command = [sys.executable, "-c", program, *map(url, names)]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def test_a_file_has_one_service_under_each_of_its_names(tmp_path: Path) -> None:
+    file, moved, other = tmp_path / "a.db", tmp_path / "moved.db", tmp_path / "other"
+    other.mkdir()
+    symbolic, hard = other / "symbolic.db", other / "hard.db"
+
+    async def story() -> None:
+        first = await Database.open(url(file))
+        # No other file holds the lock, so nobody can delete it.
+        assert (await asyncio.to_thread(_modes, tmp_path)).keys() == {*FILES, "other"}
+        symbolic.symlink_to(file)
+        hard.hardlink_to(file)
+        said = await asyncio.to_thread(refusals, file, symbolic, hard)
+        assert said.count("is in use by another Wrongturn service") == 3, said
+        file.rename(moved)
+        assert "is in use by another" in await asyncio.to_thread(refusals, moved)
+        with pytest.raises(DatabaseGoneError, match="put it back or restart"):
+            first.check()
+        moved.rename(file)
+        first.check()
+        await first.close()
 
     asyncio.run(story())
 
@@ -147,7 +181,7 @@ def test_the_file_is_for_its_owner_alone(tmp_path: Path) -> None:
             return found
 
         assert asyncio.run(modes(tmp_path / "new")) == dict.fromkeys(FILES, 0o600)
-        assert asyncio.run(modes(tmp_path / "old")) == {**dict.fromkeys(FILES, 0o640), "a.db.lock": 0o600}
+        assert asyncio.run(modes(tmp_path / "old")) == dict.fromkeys(FILES, 0o640)
     finally:
         os.umask(before)
 

@@ -16,6 +16,7 @@ from wrongturn_protocol import SubmissionState
 from wrongturn_service.storage.backup import back_up, restore
 from wrongturn_service.storage.models import SubmissionRow
 from wrongturn_service.storage.submissions import SubmissionStore
+from wrongturn_service.submissions.files import ModelFiles
 from wrongturn_service.submissions.operations import NO_MODEL
 
 _DAY_S = 86400.0
@@ -33,6 +34,17 @@ def test_a_start_deletes_what_uploads_left(tmp_path: Path) -> None:
             assert files(tmp_path) == ["mine.onnx", "notes.txt", "su_2.onnx"]
 
     play(story)
+
+
+def test_a_start_leaves_what_another_service_receives(tmp_path: Path) -> None:
+    folder = ModelFiles(tmp_path)
+    folder.prepare()
+    handle = folder.begin("su_1")
+    ModelFiles(tmp_path).prepare()
+    assert files(tmp_path) == ["su_1.part"]
+    os.close(handle)
+    ModelFiles(tmp_path).prepare()
+    assert files(tmp_path) == []
 
 
 def test_models_and_logs_are_kept_for_some_days(tmp_path: Path) -> None:

@@ -75,7 +75,8 @@ def restore(url: str, file: Path, home: Path) -> None:
         _run_program(parsed, "pg_restore", *options, str(file), database_option=True)
         return
     location.ensure_folder(target, home)
-    lock = location.lock(target)
+    # A service makes the file before it locks it.
+    lock = location.lock(target) if target.exists() else None
     try:
         part = target.with_name(target.name + ".part")
         try:
@@ -92,7 +93,8 @@ def restore(url: str, file: Path, home: Path) -> None:
         finally:
             part.unlink(missing_ok=True)
     finally:
-        os.close(lock)
+        if lock is not None:
+            os.close(lock)
 
 
 def _make(part: Path, mode: int = location.OWNER_ALONE) -> None:

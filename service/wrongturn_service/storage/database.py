@@ -67,13 +67,13 @@ class Database:
         lock = None
         if file is not None:
             location.ensure_folder(file, home)
+            location.ensure_file(file)
             lock = location.lock(file)
         shown = parsed.render_as_string(hide_password=True)
         engine = None
         ownership = None
         try:
             if file is not None:
-                location.ensure_file(file)
                 _probe(parsed)
             engine = _engine(parsed)
             with postgres.one_error():

@@ -58,7 +58,7 @@ class FinishedStore:
             EvaluationRow.agent_id == agent_id, EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations()
         )
         async with self._database.read() as session:
-            return (await session.scalars(query.order_by(EvaluationRow.created, EvaluationRow.id))).all()
+            return (await session.scalars(query.order_by(EvaluationRow.seq))).all()
 
     async def counting(self, agent_id: str) -> set[str]:
         """Return the ids of an agent's evaluations that count: the first on each suite, hidden ones too."""
@@ -156,5 +156,5 @@ def _shown() -> "Select[str, str, str, str | None]":
             EpisodeRow.outcome.is_not(None),
             seen_evaluations(),
         )
-        .order_by(EpisodeRow.created, EpisodeRow.id)
+        .order_by(EpisodeRow.seq)
     )

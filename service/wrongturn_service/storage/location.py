@@ -1,10 +1,14 @@
 """The database's URL, and the folder and lock of an SQLite file."""
 
 import contextlib
+import errno
 import fcntl
 import os
+import struct
 from pathlib import Path
+from typing import Final
 
+import structlog
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError
 
@@ -15,6 +19,7 @@ OTHERWISE = "use that one (other commands take its URL by --url or WRONGTURN_URL
 """Remedies if another service uses the database."""
 OWNER_ALONE = 0o600
 """Mode of the database file, which holds hashes of tokens and sealed tokens."""
+_LOCKED_BYTE: Final = 1 << 62
 
 
 class DatabaseUrlError(StartupError):
@@ -45,8 +50,8 @@ def parse(url: str) -> URL:
 
 
 def file_of(url: URL) -> Path | None:
-    """Return the file of an SQLite database, None for other databases."""
-    return Path(url.database or "").absolute() if url.get_backend_name() == "sqlite" else None
+    """Return the file of an SQLite database, without symbolic links; None for other databases."""
+    return Path(url.database or "").resolve() if url.get_backend_name() == "sqlite" else None
 
 
 def ensure_folder(file: Path, home: Path | None) -> None:
@@ -80,20 +85,31 @@ def ensure_file(file: Path) -> None:
 
 
 def lock(file: Path) -> int:
-    """Lock the file for this process and return the descriptor that holds the lock until it is closed.
+    """Lock the database for this process and return the descriptor that holds the lock until it is closed.
+
+    The lock is on the file itself, so it holds under each of the file's names, whatever is deleted beside it. Close the
+    descriptor after the last connection: closing any descriptor of a file drops SQLite's own locks on it.
+
+    Args:
+        file: An existing file.
 
     Raises:
-        StartupError: Another service has the lock, or it cannot be written.
+        StartupError: Another service has the lock, or the file cannot be written.
     """
+    handle = _open(file)
     try:
-        handle = os.open(_lock_of(file), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, OWNER_ALONE)
-    except OSError as error:
-        raise unwritable(file, error) from error
-    if not _locked(handle):
-        raise StartupError(
-            f"the database file {file} is in use by another Wrongturn service; {OTHERWISE} "
-            f"or name another file by {NAMED_BY}",
-        )
+        if not _locked(handle, file):
+            raise in_use_error(file)
+        if not os.path.samestat(os.fstat(handle), file.stat()):
+            raise StartupError(f"the database file {file} was replaced at this moment; start again")
+        if os.fstat(handle).st_nlink > 1:
+            # SQLite keeps a log beside the name that it opens, and another name does not have it.
+            structlog.get_logger("storage").warning(
+                "the database file has other names", file=str(file), remedy="delete the other hard links"
+            )
+    except BaseException:
+        os.close(handle)
+        raise
     return handle
 
 
@@ -101,18 +117,23 @@ def in_use(file: Path) -> bool:
     """Return whether a service uses the file.
 
     Raises:
-        StartupError: The lock cannot be written.
+        StartupError: The file cannot be written.
     """
-    try:
-        handle = os.open(_lock_of(file), os.O_RDWR | os.O_CLOEXEC)
-    except FileNotFoundError:
+    if not file.exists():
         return False
-    except OSError as error:
-        raise unwritable(file, error) from error
-    if not _locked(handle):
-        return True
-    os.close(handle)
-    return False
+    handle = _open(file)
+    try:
+        return not _locked(handle, file)
+    finally:
+        os.close(handle)
+
+
+def in_use_error(file: Path) -> StartupError:
+    """Return the error for a file that another service uses."""
+    return StartupError(
+        f"the database file {file} is in use by another Wrongturn service; {OTHERWISE} "
+        f"or name another file by {NAMED_BY}",
+    )
 
 
 def unwritable(file: Path, error: OSError) -> StartupError:
@@ -122,15 +143,20 @@ def unwritable(file: Path, error: OSError) -> StartupError:
     )
 
 
-def _lock_of(file: Path) -> Path:
-    # A file of its own: closing any descriptor of the database would drop SQLite's locks on it.
-    return file.with_name(file.name + ".lock")
-
-
-def _locked(handle: int) -> bool:
+def _open(file: Path) -> int:
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(handle)
-        return False
+        return os.open(file, os.O_RDWR | os.O_CLOEXEC)
+    except OSError as error:
+        raise unwritable(file, error) from error
+
+
+def _locked(handle: int, file: Path) -> bool:
+    """Lock one byte far behind those that SQLite locks. Return False if another process has done so."""
+    wanted = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, _LOCKED_BYTE, 1, 0)
+    try:
+        fcntl.fcntl(handle, fcntl.F_OFD_SETLK, wanted)
+    except OSError as error:
+        if error.errno in {errno.EAGAIN, errno.EACCES}:
+            return False
+        raise unwritable(file, error) from error
     return True

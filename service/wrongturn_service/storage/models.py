@@ -102,6 +102,10 @@ class EvaluationRow(Base):
     """When its first step arrived. From then on it counts."""
     hidden: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
     """Whether the operator hides it. It still counts as the agent's first one."""
+    seq: Mapped[int] = mapped_column(BigInteger, index=True, unique=True, nullable=True)
+    """Order in which evaluations were begun, from 1. It decides what counts first, because clocks can be set back.
+
+    Every evaluation has one. The column allows null because SQLite adds no other to a filled table."""
 
 
 class UnusedSecretRow(Base):
@@ -142,9 +146,12 @@ class EpisodeRow(Base):
     """The last step's reply, compressed JSON."""
     actions_sha256: Mapped[str | None] = mapped_column(_SHA)
     trajectory_sha256: Mapped[str | None] = mapped_column(_SHA)
+    seq: Mapped[int | None] = mapped_column(Integer)
+    """Order of the resets of an evaluation, from 1. Practice has none."""
 
     __table_args__ = (
         Index("ix_episodes_evaluation_id_state", "evaluation_id", "state"),
+        Index("ix_episodes_evaluation_id_seq", "evaluation_id", "seq"),
         # A trial counts once in an evaluation. Lost episodes run again.
         Index(
             "uq_episodes_evaluation_id_trial_id",

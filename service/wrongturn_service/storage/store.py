@@ -187,10 +187,10 @@ class Store:
         async with self._database.write() as session:
             of_agent = EvaluationRow.agent_id == evaluation.agent_id, EvaluationRow.suite == evaluation.suite
             running = select(EvaluationRow).where(*of_agent, EvaluationRow.state == EvaluationState.RUNNING)
-            found = await session.scalar(running.order_by(EvaluationRow.created).limit(1))
+            found = await session.scalar(running.order_by(EvaluationRow.seq).limit(1))
             if found is not None:
                 return found
-            await take_unused_secret(session, evaluation)
+            await prepare_evaluation(session, evaluation)
             _add(session, evaluation, None if remember is None else remember(evaluation))
         return evaluation
 
@@ -292,7 +292,10 @@ class Store:
                 EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.state == EpisodeState.FINISHED
             )
             done = set((await session.scalars(scored)).all())
-            session.add_all([episode for episode in aborted if episode.trial_id not in done])
+            missing = [episode for episode in aborted if episode.trial_id not in done]
+            for seq, episode in enumerate(missing, await _next_episode(session, evaluation_id)):
+                episode.seq = seq
+            session.add_all(missing)
 
     async def finished_count(self, evaluation_id: str) -> int:
         """Return how many of an evaluation's episodes have a verdict."""
@@ -344,7 +347,7 @@ class Store:
                 select(EvaluationRow, AgentRow, seen_evaluations())
                 .join(AgentRow, AgentRow.id == EvaluationRow.agent_id)
                 .where(EvaluationRow.suite == suite, EvaluationRow.state == EvaluationState.FINISHED, counting_suites())
-                .order_by(EvaluationRow.created, EvaluationRow.id)
+                .order_by(EvaluationRow.seq)
             )
             rows = (await session.execute(query)).tuples().all()
         first: dict[str, tuple[EvaluationRow, AgentRow, bool]] = {}
@@ -394,6 +397,7 @@ class Store:
                     EpisodeRow.state == EpisodeState.OPEN,
                 )
                 await session.execute(ghost.values(state=EpisodeState.LOST, finished=time.time()))
+                episode.seq = await _next_episode(session, episode.evaluation_id)
             _add(session, episode, reply)
 
     async def episode(self, episode_id: str) -> EpisodeRow | None:
@@ -407,7 +411,7 @@ class Store:
             query = select(EpisodeRow).where(EpisodeRow.evaluation_id == evaluation_id)
             if state is not None:
                 query = query.where(EpisodeRow.state == state)
-            return (await session.scalars(query.order_by(EpisodeRow.created, EpisodeRow.id))).all()
+            return (await session.scalars(query.order_by(EpisodeRow.seq))).all()
 
     async def trials_by_state(self, evaluation_id: str) -> dict[EpisodeState, set[str]]:
         """Return an evaluation's trial ids by the state of their episodes."""
@@ -494,12 +498,22 @@ class Store:
             await session.execute(delete(IdempotencyRow).where(IdempotencyRow.created < replies_before))
 
 
-async def take_unused_secret(session: AsyncSession, evaluation: EvaluationRow) -> None:
-    """Give an evaluation that is about to be stored the secret of one that was deleted before its first step."""
+async def prepare_evaluation(session: AsyncSession, evaluation: EvaluationRow) -> None:
+    """Number an evaluation that is about to be stored.
+
+    It takes the secret of the agent's last one on the suite if that was deleted before its first step.
+    """
+    evaluation.seq = (await session.scalar(select(func.max(EvaluationRow.seq))) or 0) + 1
     unused = await session.get(UnusedSecretRow, (evaluation.agent_id, evaluation.suite))
     if unused is not None:
         evaluation.secret = unused.secret
         await session.delete(unused)
+
+
+async def _next_episode(session: AsyncSession, evaluation_id: str) -> int:
+    """Return the number of an evaluation's next episode."""
+    last = select(func.max(EpisodeRow.seq)).where(EpisodeRow.evaluation_id == evaluation_id)
+    return (await session.scalar(last) or 0) + 1
 
 
 def _add(session: AsyncSession, *rows: Base | None) -> None:

@@ -19,7 +19,7 @@ from wrongturn_service.storage.models import (
     TrajectoryRow,
     UnusedSecretRow,
 )
-from wrongturn_service.storage.store import AgentNameTakenError, take_unused_secret
+from wrongturn_service.storage.store import AgentNameTakenError, prepare_evaluation
 
 OPEN: Final = tuple(state for state in SubmissionState if not state.over)
 """States of submissions that wait or run."""
@@ -141,13 +141,28 @@ class SubmissionStore:
                 found |= {name: (done, episodes) for name, done, episodes in (await session.execute(some)).all()}
         return found
 
-    async def last_started(self) -> dict[str, float]:
-        """Return when each owner's last submission began to run, by the owner's id."""
+    async def last_served(self) -> dict[str, int]:
+        """Return the turn in which each owner's last submission began to run, by the owner's id.
+
+        A turn is the number of the submission's evaluation. Owners who were never served are left out.
+        """
+        query = (
+            select(SubmissionRow.owner_id, func.max(EvaluationRow.seq))
+            .join(EvaluationRow, EvaluationRow.id == SubmissionRow.evaluation_id)
+            .group_by(SubmissionRow.owner_id)
+        )
         async with self._database.read() as session:
-            last = func.max(SubmissionRow.started)
-            query = select(SubmissionRow.owner_id, last).group_by(SubmissionRow.owner_id)
-            rows = (await session.execute(query)).all()
-        return {owner: started for owner, started in rows if started is not None}
+            return dict((await session.execute(query)).tuples().all())
+
+    async def turns(self) -> dict[str, int]:
+        """Return the turn in which each submission that runs has begun, by its id."""
+        query = (
+            select(SubmissionRow.id, EvaluationRow.seq)
+            .join(EvaluationRow, EvaluationRow.id == SubmissionRow.evaluation_id)
+            .where(SubmissionRow.state == SubmissionState.RUNNING)
+        )
+        async with self._database.read() as session:
+            return dict((await session.execute(query)).tuples().all())
 
     async def set_state(
         self, submission_id: str, state: SubmissionState, *, reason: str | None = None, **columns: Any
@@ -242,7 +257,7 @@ class SubmissionStore:
             )
             if await session.scalar(begun.limit(1)) is not None:
                 raise SuiteBegunError(evaluation.agent_id)
-            await take_unused_secret(session, evaluation)
+            await prepare_evaluation(session, evaluation)
             session.add(evaluation)
             await session.flush()
             row.evaluation_id, row.state, row.started = evaluation.id, SubmissionState.RUNNING.value, time.time()

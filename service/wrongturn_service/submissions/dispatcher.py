@@ -125,8 +125,7 @@ class Dispatcher:
             url: URL at which runners reach the service.
         """
         self._url = url
-        started = await self._rows.last_started()
-        self._drives.served = {owner: turn for turn, owner in enumerate(sorted(started, key=lambda of: started[of]), 1)}
+        self._drives.served = await self._rows.last_served()
         await self._availability.look()
         self._loop = asyncio.create_task(self._run())
 
@@ -148,9 +147,9 @@ class Dispatcher:
 
     async def positions(self) -> dict[str, int]:
         """Return for each waiting submission how many are driven before it, if no other one arrives."""
-        rows = await self._rows.waiting()
+        rows, turns = await self._rows.waiting(), await self._rows.turns()
         running = [row for row in rows if row.state == SubmissionState.RUNNING]
-        owners = [row.owner_id for row in sorted(running, key=lambda row: row.started or 0.0)]
+        owners = [row.owner_id for row in sorted(running, key=lambda row: turns.get(row.id, 0))]
         waiting = [_waiting(row) for row in rows if row.state != SubmissionState.RUNNING]
         ordered = in_turn(waiting, owners, self._drives.served, self._drives.slots)
         return {one.id: position for position, one in enumerate(ordered)}

@@ -1,6 +1,8 @@
 """The folder with the models of submissions. Names are the submissions' ids, never a client's words."""
 
+import contextlib
 import errno
+import fcntl
 import os
 import shutil
 from pathlib import Path
@@ -31,7 +33,10 @@ class ModelFiles:
         """Create the folder, and delete what uploads left when the service ended last. Raises OSError."""
         self.folder.mkdir(parents=True, mode=_FOLDER_MODE, exist_ok=True)
         for part in self.folder.glob("su_*.part"):
-            part.unlink()
+            # Another service may have the same home. What it receives now is locked.
+            with part.open("rb") as left, contextlib.suppress(BlockingIOError):
+                fcntl.flock(left, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                part.unlink()
 
     def path(self, submission_id: str) -> Path:
         """Return the path of a complete model."""
@@ -46,7 +51,10 @@ class ModelFiles:
 
     def begin(self, submission_id: str) -> int:
         """Create the file of a model that arrives, and return its descriptor. Raises OSError."""
-        return os.open(self._part(submission_id), os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, OWNER_ALONE)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+        handle = os.open(self._part(submission_id), flags, OWNER_ALONE)
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        return handle
 
     def keep(self, submission_id: str, handle: int) -> None:
         """Put a model that has arrived on disk for good, under its name. Raises OSError."""
