@@ -48,10 +48,13 @@ RUN groupadd --system --gid 10003 runner \
     && useradd --system --uid 10001 --groups runner --home-dir /var/lib/wrongturn --shell /usr/sbin/nologin wrongturn \
     && install -d -o wrongturn -g wrongturn -m 0750 /var/lib/wrongturn \
     && install -d -o sandbox -g runner -m 2750 /run/wrongturn
-COPY docker/entrypoint.sh /usr/local/bin/wrongturn-entrypoint
-# Allow more time than the service's default, for a processor that the kernels above do not fit.
-ENV WRONGTURN_HOME=/var/lib/wrongturn \
-    WRONGTURN_SIMULATOR_START_TIMEOUT_S=300
+# Allow more time than the service's default, for a processor that the kernels above do not fit. Each submission takes
+# two of the runner's sandboxes, and the checks of other models two more.
+ENV WRONGTURN_HOST=0.0.0.0 \
+    WRONGTURN_PORT=8000 \
+    WRONGTURN_HOME=/var/lib/wrongturn \
+    WRONGTURN_SIMULATOR_START_TIMEOUT_S=300 \
+    WRONGTURN_SUBMISSIONS=2
 USER wrongturn
 WORKDIR /var/lib/wrongturn
 VOLUME /var/lib/wrongturn
@@ -60,5 +63,4 @@ EXPOSE 8000
 HEALTHCHECK --interval=10s --timeout=5s --start-period=300s --retries=3 \
     CMD ["python", "-c", "import urllib.request; urllib.request.urlopen('http://127.0.0.1:8000/health/ready', timeout=4)"]
 
-ENTRYPOINT ["sh", "/usr/local/bin/wrongturn-entrypoint"]
-CMD ["wrongturn", "serve", "--host", "0.0.0.0", "--port", "8000"]
+CMD ["wrongturn", "serve"]

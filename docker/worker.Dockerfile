@@ -23,10 +23,13 @@ COPY agents agents
 RUN pip install --no-deps ./clients ./agents \
     && rm -rf clients agents
 
-# A run notes here how to resume it.
+# A run notes in its home how to resume it. In /agents, compose's 'register' writes into the homes of its workers: a new
+# volume takes over the owner of the image's folder.
 RUN useradd --system --uid 10001 --home-dir /var/lib/wrongturn --shell /usr/sbin/nologin wrongturn \
-    && install -d -o wrongturn -g wrongturn -m 0750 /var/lib/wrongturn
-COPY docker/entrypoint.sh /usr/local/bin/wrongturn-entrypoint
+    && install -d -o wrongturn -g wrongturn -m 0750 /var/lib/wrongturn \
+    && for agent in $(python -c 'from wrongturn_agents.registry import list_agents; print(*[a.name for a in list_agents()])'); do \
+        install -d -o wrongturn -g wrongturn -m 0750 "/agents/$agent"; \
+    done
 ENV WRONGTURN_HOME=/var/lib/wrongturn \
     WRONGTURN_SUITE=wrong-command@2
 USER wrongturn
@@ -35,5 +38,5 @@ VOLUME /var/lib/wrongturn
 
 # A worker is healthy while it runs. If it cannot reach the service, it says so and tries again.
 HEALTHCHECK NONE
-ENTRYPOINT ["sh", "/usr/local/bin/wrongturn-entrypoint", "sh", "-c", "exec wrongturn run --suite \"$WRONGTURN_SUITE\" --progress lines \"$@\"", "worker"]
+ENTRYPOINT ["sh", "-c", "exec wrongturn run --suite \"$WRONGTURN_SUITE\" --progress lines \"$@\"", "worker"]
 CMD ["careful"]

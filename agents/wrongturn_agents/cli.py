@@ -1,6 +1,5 @@
 """``wrongturn run``: drive an agent from the command line."""
 
-import os
 import traceback
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -106,6 +105,8 @@ def run(
     WRONGTURN_OWNER_TOKEN: the token of the owner whose agent it becomes. Example: export WRONGTURN_OWNER_TOKEN=wt_…
 
     WRONGTURN_OPERATOR_TOKEN: the operator's token. With it, baselines are registered as baselines.
+
+    Each of these can be in a file instead. Example: export WRONGTURN_TOKEN_FILE=tokens/careful/token
     """
     try:
         if task is not None:
@@ -194,10 +195,10 @@ def _evaluate(
         check_current(suite, installed_suite(suite).successor)
     source, parallel = _made_once(agent, parallel)
     token = settings.token() if url is not None else None
-    owner_token = (os.environ.get(OWNER_TOKEN) or None) if url is not None and token is None else None
+    owner_token = settings.secret(OWNER_TOKEN) if url is not None and token is None else None
     if saved_run is None and token is not None and name is not None:
         raise RunError("--name: WRONGTURN_TOKEN is the token of an agent that has its name; leave out one of the two")
-    with service_at(url, os.environ.get(OPERATOR_TOKEN) or None) as (at, operator_token):
+    with service_at(url, settings.secret(OPERATOR_TOKEN)) as (at, operator_token):
         if saved_run is None:
             request = RunRequest(agent=agent, suite=suite, url=url, name=name, token=token, owner_token=owner_token)
             saved_run = begin(request, source, at, operator_token)

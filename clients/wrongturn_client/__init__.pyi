@@ -24,6 +24,7 @@ from .errors import PluginError as PluginError
 from .errors import PolicyError as PolicyError
 from .errors import ProtocolError as ProtocolError
 from .errors import ResultsMismatchError as ResultsMismatchError
+from .errors import SecretFileError as SecretFileError
 from .errors import ServiceBusyError as ServiceBusyError
 from .errors import ServiceFailedError as ServiceFailedError
 from .errors import ServiceFullError as ServiceFullError

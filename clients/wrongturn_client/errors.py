@@ -13,6 +13,7 @@
     ├── PolicyError                  the policy returned something that is not an action
     ├── InvalidActionError           a Gymnasium environment got an invalid action (also a ValueError)
     ├── ModelFileError               a model's file cannot be read, or is none
+    ├── SecretFileError              the file with a token cannot be read, or is empty
     ├── ServiceFullError             the service has fewer free simulators than environments were asked for
     ├── ReplayError                  there is nothing to replay: no such file or episode in it, or nothing that draws
     ├── PluginError                  a command, list or check of another package cannot be loaded
@@ -72,6 +73,10 @@ class LocalServiceError(WrongturnError):
 
 class EvaluationStalledError(WrongturnError):
     """The service handed out no trial for too long, although the evaluation is not finished."""
+
+
+class SecretFileError(WrongturnError):
+    """The file that a variable such as ``WRONGTURN_TOKEN_FILE`` names cannot be read, or is empty."""
 
 
 class NotFinishedError(WrongturnError):

@@ -22,7 +22,7 @@ _USAGE: Final = 2
 _PARTS: Final = {
     "wrongturn-networks": ("trials",),
     "wrongturn-service": ("backup", "picture", "restore", "serve"),
-    "wrongturn-agents": ("export", "results", "run", "score", "train"),
+    "wrongturn-agents": ("export", "register", "results", "run", "score", "train"),
 }
 """Commands that our other parts add, to tell which part is missing."""
 

@@ -6,6 +6,8 @@ from typing import Final
 
 import platformdirs
 
+from wrongturn_client.errors import SecretFileError
+
 DEFAULT_URL = "http://127.0.0.1:8000"
 """Where ``wrongturn serve`` listens by default."""
 OWNER_TOKEN: Final = "WRONGTURN_OWNER_TOKEN"  # noqa: S105 - the variable's name
@@ -18,8 +20,32 @@ def service_url() -> str | None:
 
 
 def token() -> str | None:
-    """Return ``WRONGTURN_TOKEN``, or None if it is not set."""
-    return os.environ.get("WRONGTURN_TOKEN") or None
+    """Return ``WRONGTURN_TOKEN``, or None if it is not set. Raises as :func:`secret`."""
+    return secret("WRONGTURN_TOKEN")
+
+
+def secret(variable: str) -> str | None:
+    """Return a secret from a variable, or else from the file that the variable of that name with ``_FILE`` names.
+
+    Args:
+        variable: Name of the variable. Example: ``WRONGTURN_OWNER_TOKEN``
+
+    Raises:
+        SecretFileError: The file cannot be read, or is empty.
+    """
+    named = os.environ.get(f"{variable}_FILE")
+    if os.environ.get(variable) or not named:
+        return os.environ.get(variable) or None
+    try:
+        found = Path(named).read_text("utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
+        raise SecretFileError(
+            f"{variable}_FILE: {named} cannot be read ({reason}); name a file with the token"
+        ) from error
+    if not found:
+        raise SecretFileError(f"{variable}_FILE: {named} is empty; write the token into it")
+    return found
 
 
 def home() -> Path:

@@ -1,7 +1,6 @@
 """Whose token hands a model in: one from the environment, one kept earlier, or that of a new owner."""
 
 import getpass
-import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from typing import Final
 
 from pydantic import TypeAdapter, ValidationError
 
+from wrongturn_client import settings
 from wrongturn_client.client import Client
 from wrongturn_client.errors import AuthenticationError, NotFoundError, OwnerNameTakenError, WrongturnError
 from wrongturn_client.owner_tokens import KeptOwner, OwnerTokens
@@ -89,7 +89,7 @@ def submitter(url: str, owner_name: str | None, say: Callable[[str], None]) -> S
 
 def _from_environment() -> Submitter | None:
     for variable in (OWNER_TOKEN, _TOKEN):
-        token = os.environ.get(variable)
+        token = settings.secret(variable)
         if token:
             return Submitter(token, variable, named=variable == _TOKEN)
     return None

@@ -1,9 +1,16 @@
 """``wrongturn backup`` and ``wrongturn restore``. Heavy imports wait until a command runs."""
 
+import contextlib
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
+
+_STREAM: Final = Path("-")
 
 Url = Annotated[
     str | None,
@@ -16,7 +23,10 @@ Url = Annotated[
 
 
 def backup(
-    file: Annotated[Path, typer.Argument(help="New file for the backup. Example: wrongturn-2026-11-22.backup")],
+    file: Annotated[
+        Path,
+        typer.Argument(help="New file for the backup; - writes to stdout. Example: wrongturn-2026-11-22.backup"),
+    ],
     database: Url = None,
 ) -> None:
     """Write a consistent backup of the database. The service may run meanwhile."""
@@ -24,16 +34,25 @@ def backup(
     from wrongturn_service.storage.backup import back_up  # noqa: PLC0415 - imports SQLAlchemy
 
     settings = _settings(database)
+    if file == _STREAM and sys.stdout.isatty():
+        raise typer.BadParameter("a backup is no text: name a file, or send stdout into one", param_hint="FILE")
     try:
-        back_up(settings.database_url, file)
+        with _staged(file, settings.home) as written:
+            back_up(settings.database_url, written)
+            size = written.stat().st_size
+            if file == _STREAM:
+                # Only now that it is whole.
+                with written.open("rb") as backup_file:
+                    shutil.copyfileobj(backup_file, sys.stdout.buffer)
+                    sys.stdout.buffer.flush()
     except StartupError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(1) from None
-    typer.echo(f"{file} has {file.stat().st_size} bytes")
+    typer.echo(f"{'The backup' if file == _STREAM else file} has {size} bytes", err=file == _STREAM)
 
 
 def restore(
-    file: Annotated[Path, typer.Argument(help="A file that 'wrongturn backup' wrote.")],
+    file: Annotated[Path, typer.Argument(help="A file that 'wrongturn backup' wrote; - reads it from stdin.")],
     database: Url = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask. Everything in the database now is lost.")] = False,
 ) -> None:
@@ -42,14 +61,39 @@ def restore(
     from wrongturn_service.storage import backup as backups  # noqa: PLC0415 - imports SQLAlchemy
 
     settings = _settings(database)
+    if file == _STREAM and not yes:
+        raise typer.BadParameter("stdin is the backup, so it cannot answer the question: give --yes", param_hint="FILE")
     if not yes:
         typer.confirm(f"Replace everything in {settings.database_url.rsplit('@', 1)[-1]}?", abort=True)
     try:
-        backups.restore(settings.database_url, file, settings.home)
+        with _staged(file, settings.home) as read:
+            if file == _STREAM:
+                with read.open("xb") as backup_file:
+                    shutil.copyfileobj(sys.stdin.buffer, backup_file)
+            backups.restore(settings.database_url, read, settings.home)
     except StartupError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(1) from None
     typer.echo("Restored. Episodes that were open at the time of the backup run again.")
+
+
+@contextlib.contextmanager
+def _staged(file: Path, home: Path) -> Iterator[Path]:
+    """Yield the file, or for a stream one in the home that is deleted afterwards. Raises StartupError."""
+    from wrongturn_service.errors import StartupError  # noqa: PLC0415
+
+    if file != _STREAM:
+        yield file
+        return
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+        folder = tempfile.TemporaryDirectory(dir=home, prefix=".backup-")  # mode 0700
+    except OSError as error:
+        raise StartupError(
+            f"WRONGTURN_HOME: {home} cannot be written ({error.strerror}); a stream goes through a file there"
+        ) from error
+    with folder as name:
+        yield Path(name) / "backup"
 
 
 def _settings(database: str | None) -> Any:

@@ -42,6 +42,8 @@ class Settings(BaseSettings):
     """Folder for data, models, your towns and caches."""
     database: str = ""
     """SQLAlchemy URL of the database. Default: the SQLite file ``wrongturn.db`` in the home."""
+    database_password_file: Path | None = None
+    """File with the password of a PostgreSQL database whose URL has none."""
     operator_token: SecretStr | None = None
     """The operator's bearer token. Without it there is no operator."""
     operator_token_file: Path | None = None
@@ -153,10 +155,19 @@ class Settings(BaseSettings):
         """The token of the metrics."""
         return Secret("metrics token", self.metrics_token, self.metrics_token_file)
 
+    @field_validator("database_password_file")
+    @classmethod
+    def _has_password(cls, file: Path | None) -> Path | None:
+        if file is None:
+            return None
+        _password(file)
+        return file.absolute()
+
     @property
     def database_url(self) -> str:
-        """URL of the database."""
-        return self.database or f"sqlite+aiosqlite:///{self.home / 'wrongturn.db'}"
+        """URL of the database, with the password of :attr:`database_password_file` if it has none."""
+        url = self.database or f"sqlite+aiosqlite:///{self.home / 'wrongturn.db'}"
+        return url if self.database_password_file is None else _with_password(url, self.database_password_file)
 
     @property
     def parallel(self) -> int:
@@ -172,3 +183,28 @@ class Settings(BaseSettings):
     def open_episodes(self) -> int:
         """Largest number of open episodes of one agent."""
         return self.max_open or 4 * self.simulators
+
+
+def _password(file: Path) -> str:
+    """Return the password in a file, without its line end. Raises ValueError."""
+    try:
+        password = file.read_text("utf-8").rstrip("\r\n")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
+        raise ValueError(f"{file} cannot be read ({reason}); name a file with the database's password") from error
+    if not password:
+        raise ValueError(f"{file} is empty; write the database's password into it")
+    return password
+
+
+def _with_password(url: str, file: Path) -> str:
+    from sqlalchemy.engine import make_url  # noqa: PLC0415 - slow, and few need it
+    from sqlalchemy.exc import ArgumentError  # noqa: PLC0415
+
+    try:
+        parsed = make_url(url)
+    except ArgumentError:
+        return url  # whoever opens the database says what is wrong with it
+    if parsed.get_backend_name() != "postgresql" or parsed.password is not None:
+        return url
+    return parsed.set(password=_password(file)).render_as_string(hide_password=False)

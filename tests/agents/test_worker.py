@@ -13,13 +13,15 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
-from wrongturn_agents import cli, resolve
+from wrongturn_agents import cli, register_cli, resolve
 from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunFileError
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.worker import RunRequest, begin, drive
-from wrongturn_client import Client, LocalService, NotFinishedError, NotFoundError
+from wrongturn_client import Client, LocalService, NotFinishedError, NotFoundError, SecretFileError, settings
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Action, AgentKind, EvaluationState, RunFile, Track, Verdict
 
@@ -216,6 +218,48 @@ def test_only_the_operator_makes_baselines(url):
         kinds = {agent.name: agent.kind for agent in client.agents()}
     assert kinds[with_token.name] is AgentKind.BASELINE
     assert kinds[without.name] is AgentKind.SUBMITTED
+
+
+def test_a_worker_drives_with_the_token_that_the_operator_put_there(url, tmp_path, monkeypatch):
+    def register(*arguments: str):
+        return CliRunner().invoke(command, [*arguments, "--url", url, "--tokens", str(tmp_path / "tokens")])
+
+    command = typer.Typer()
+    command.command()(register_cli.register)
+    assert "WRONGTURN_OPERATOR_TOKEN: set it" in str(register("ignores-commands").exception)
+    (tmp_path / "operator").write_text(OPERATOR + "\n")
+    monkeypatch.setenv("WRONGTURN_OPERATOR_TOKEN_FILE", str(tmp_path / "operator"))
+    assert "nobody, somebody: only shipped agents" in str(register("careful", "nobody", "somebody").exception)
+    done = register("ignores-commands", "obeys-blindly")
+    assert done.exit_code == 0, done.exception
+    file = tmp_path / "tokens/ignores-commands/token"
+    first = file.read_text().strip()
+    assert file.stat().st_mode & 0o777 == 0o600
+    assert "is registered already" in register("ignores-commands").output
+    assert file.read_text().strip() == first
+    file.unlink()
+    assert "its token is not here" in str(register("ignores-commands").exception)
+    assert register("ignores-commands", "--renew").exit_code == 0
+    assert file.read_text().strip() != first
+
+    monkeypatch.delenv("WRONGTURN_OPERATOR_TOKEN_FILE")
+    done = run("ignores-commands", "--suite", SUITE, "--url", url, WRONGTURN_TOKEN_FILE=str(file))
+    assert done.returncode == 0, done.stderr
+    with Client(url) as client:
+        (entry,) = [entry for entry in client.leaderboard(SUITE).entries if entry.agent.name == "ignores-commands"]
+    assert entry.agent.kind is AgentKind.BASELINE
+
+
+@pytest.mark.parametrize(("content", "says"), [(None, "cannot be read"), (b"\n", "is empty"), (b"\xff", "not UTF-8")])
+def test_a_file_without_a_token(tmp_path, monkeypatch, content, says):
+    file = tmp_path / "token"
+    if content is not None:
+        file.write_bytes(content)
+    monkeypatch.setenv("WRONGTURN_TOKEN_FILE", str(file))
+    with pytest.raises(SecretFileError, match=f"WRONGTURN_TOKEN_FILE: {file} .*{says}"):
+        settings.token()
+    monkeypatch.setenv("WRONGTURN_TOKEN", "given")
+    assert settings.token() == "given"
 
 
 def test_an_unknown_suite_registers_nobody(url):

@@ -56,3 +56,31 @@ def test_a_value_that_cannot_be(monkeypatch: pytest.MonkeyPatch, name: str, valu
 
 def test_the_operators_token_is_not_shown() -> None:
     assert "abc" not in repr(Settings(operator_token="abc", metrics_token="abc"))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("database", "expected"),
+    [
+        ("postgresql+asyncpg://me@host/name", "postgresql+asyncpg://me:it%27s a %40%2Fsecret@host/name"),
+        ("postgresql+asyncpg://me:known@host/name", "postgresql+asyncpg://me:known@host/name"),
+        ("sqlite+aiosqlite:////data/w.db", "sqlite+aiosqlite:////data/w.db"),
+        ("no url", "no url"),
+    ],
+)
+def test_the_databases_password_comes_from_its_file(tmp_path: Path, database: str, expected: str) -> None:
+    file = tmp_path / "password"
+    file.write_text("it's a @/secret\n")
+    url = Settings(database=database, database_password_file=file).database_url
+    assert url == expected
+
+
+@pytest.mark.parametrize(("content", "says"), [(None, "cannot be read"), (b"\n", "is empty"), (b"\xff", "not UTF-8")])
+def test_a_file_without_a_password(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes | None, says: str
+) -> None:
+    file = tmp_path / "password"
+    if content is not None:
+        file.write_bytes(content)
+    monkeypatch.setenv("WRONGTURN_DATABASE_PASSWORD_FILE", str(file))
+    with pytest.raises(ValidationError, match=rf"database_password_file\n.*{says}"):
+        Settings()

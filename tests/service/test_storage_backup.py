@@ -121,3 +121,34 @@ def test_the_commands(tmp_path: Path) -> None:
     assert not (tmp_path / "a.db").exists()
     assert runner.invoke(app, ["restore", file, "--database", url, "--yes"]).exit_code == 0
     assert (tmp_path / "a.db").exists()
+
+
+def test_a_backup_goes_through_streams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import typer
+
+    app = typer.Typer()
+    app.command()(backup)
+    app.command()(restore)
+    home = tmp_path / "home"
+    monkeypatch.setenv("WRONGTURN_HOME", str(home))
+    url = f"sqlite+aiosqlite:///{tmp_path / 'a.db'}"
+    runner = CliRunner()
+    none = runner.invoke(app, ["backup", "-", "--database", url])
+    assert (none.exit_code, none.stdout_bytes) == (1, b"")
+
+    async def story() -> None:
+        async with filled(url):
+            pass
+
+    asyncio.run(story())
+    made = runner.invoke(app, ["backup", "-", "--database", url])
+    assert made.exit_code == 0
+    assert made.stdout_bytes.startswith(b"SQLite format 3")
+    before = (tmp_path / "a.db").read_bytes()
+    (tmp_path / "a.db").unlink()
+    assert runner.invoke(app, ["restore", "-", "--database", url], input=made.stdout_bytes).exit_code == 2
+    assert runner.invoke(app, ["restore", "-", "--database", url, "--yes"], input=b"no backup").exit_code == 1
+    assert runner.invoke(app, ["restore", "-", "--database", url, "--yes"], input=made.stdout_bytes).exit_code == 0
+    assert (tmp_path / "a.db").stat().st_size == len(before)
+    # Nothing is left behind.
+    assert not list(home.iterdir())

@@ -18,44 +18,6 @@ from wrongturn_service.settings import Settings
 
 ROOT = Path(__file__).parents[2]
 DOCKER = ROOT / "docker"
-PRINT_TOKEN = ["sh", "-c", 'echo "${WRONGTURN_OPERATOR_TOKEN-none}" "${WRONGTURN_OPERATOR_TOKEN_FILE-none}"']
-
-
-def entrypoint(**environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        ["sh", str(DOCKER / "entrypoint.sh"), *PRINT_TOKEN],
-        env={"PATH": os.environ["PATH"], **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-def test_the_operators_token_comes_from_its_file(tmp_path: Path) -> None:
-    file = tmp_path / "token"
-    file.write_text("secret\n")
-    done = entrypoint(WRONGTURN_OPERATOR_TOKEN_FILE=str(file), WRONGTURN_OPERATOR_TOKEN="")
-    assert (done.returncode, done.stdout) == (0, "secret none\n")
-
-
-def test_the_operators_token_comes_from_the_environment() -> None:
-    assert entrypoint(WRONGTURN_OPERATOR_TOKEN="plain").stdout == "plain none\n"
-
-
-@pytest.mark.parametrize("environment", [{}, {"WRONGTURN_OPERATOR_TOKEN": ""}, {"WRONGTURN_OPERATOR_TOKEN_FILE": ""}])
-def test_an_empty_token_is_none(environment: dict[str, str]) -> None:
-    assert entrypoint(**environment).stdout == "none none\n"
-
-
-@pytest.mark.parametrize("content", [None, ""])
-def test_a_token_file_that_says_nothing_stops_the_start(tmp_path: Path, content: str | None) -> None:
-    file = tmp_path / "token"
-    if content is not None:
-        file.write_text(content)
-    done = entrypoint(WRONGTURN_OPERATOR_TOKEN_FILE=str(file))
-    assert (done.returncode, done.stdout) == (78, "")
-    assert "WRONGTURN_OPERATOR_TOKEN_FILE" in done.stderr
-    assert str(file) in done.stderr
 
 
 def test_the_image_installs_what_the_parts_need_and_constraints_know_it(tmp_path: Path) -> None:
@@ -73,42 +35,53 @@ def test_the_image_installs_what_the_parts_need_and_constraints_know_it(tmp_path
     assert names <= pinned
 
 
-def test_the_databases_password_comes_from_its_file(tmp_path: Path) -> None:
-    file = tmp_path / "password"
-    file.write_text("it's $(secret)\n")
-    done = subprocess.run(
-        [
-            "sh",
-            str(DOCKER / "entrypoint.sh"),
-            "sh",
-            "-c",
-            'echo "$PGPASSWORD ${WRONGTURN_DATABASE_PASSWORD_FILE-none}"',
-        ],
-        env={"PATH": os.environ["PATH"], "WRONGTURN_DATABASE_PASSWORD_FILE": str(file)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stdout) == (0, "it's $(secret) none\n")
-    missing = entrypoint(WRONGTURN_DATABASE_PASSWORD_FILE=str(tmp_path / "none"))
-    assert missing.returncode == 78
-    assert "WRONGTURN_DATABASE_PASSWORD_FILE" in missing.stderr
-
-
 def test_secrets_are_random_and_stay(tmp_path: Path) -> None:
+    docker = tmp_path / "docker"
+    docker.mkdir()
+    for name in ("make-secrets", "example.env"):
+        shutil.copy(DOCKER / name, docker)
+
     def made(folder: Path) -> dict[str, str]:
-        subprocess.run([str(DOCKER / "make-secrets"), str(folder)], check=True, capture_output=True)
+        subprocess.run([str(docker / "make-secrets"), str(folder)], check=True, capture_output=True)
         return {file.name: file.read_text() for file in folder.iterdir()}
 
     first, other = made(tmp_path / "a"), made(tmp_path / "b")
-    assert first.keys() == {"database_password", "operator_token"}
-    assert len({*first.values(), *other.values()}) == 4
+    assert first.keys() == {"database_password", "metrics_token", "operator_token"}
+    assert len({*first.values(), *other.values()}) == 6
     assert all(re.fullmatch("[0-9a-f]{48}", secret) for secret in first.values())
     assert made(tmp_path / "a") == first
     assert (tmp_path / "a").stat().st_mode & 0o077 == 0
+    assert (docker / ".env").read_text() == (DOCKER / "example.env").read_text()
+    (docker / ".env").write_text("WRONGTURN_PORT=1\n")
+    made(tmp_path / "a")
+    assert (docker / ".env").read_text() == "WRONGTURN_PORT=1\n"
     ignored = (ROOT / ".gitignore").read_text().splitlines(), (ROOT / ".dockerignore").read_text().splitlines()
-    assert "docker/secrets/" in ignored[0]
-    assert "docker/secrets" in ignored[1]
+    assert {"docker/secrets/", "docker/.env"} <= {*ignored[0]}
+    assert {"docker/secrets", "docker/.env"} <= {*ignored[1]}
+
+
+def test_a_token_is_replaced_in_its_file(tmp_path: Path) -> None:
+    """The same file: a container that has it mounted does not see another one in its place."""
+    (tmp_path / "operator_token").write_text("old")
+    before = (tmp_path / "operator_token").stat().st_ino
+
+    def renew(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [str(DOCKER / "make-secrets"), "--new", *arguments],
+            env={"PATH": os.environ["PATH"], "WRONGTURN_SECRETS": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    done = renew("operator_token")
+    assert done.returncode == 0, done.stderr
+    token = (tmp_path / "operator_token").read_text()
+    assert re.fullmatch("[0-9a-f]{48}", token)
+    assert token not in done.stdout
+    assert (tmp_path / "operator_token").stat().st_ino == before
+    for wrong in ((), ("database_password",), ("nothing",)):
+        assert renew(*wrong).returncode == 2
 
 
 def test_compose_hardens_everything_and_keeps_no_password() -> None:
@@ -145,7 +118,7 @@ def test_each_volume_has_a_name() -> None:
 
 def test_each_shipped_agent_but_the_exploits_has_a_profile() -> None:
     services = yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"]
-    workers = {name for name, service in services.items() if service.get("profiles")} - {"agent"}
+    workers = {name for name, service in services.items() if service.get("profiles")} - {"agent", "register"}
     assert workers == {agent.name for agent in list_agents() if agent.kind is not AgentKind.EXPLOIT}
     for name in workers:
         assert (services[name]["profiles"], services[name]["command"]) == ([name], [name])
@@ -170,15 +143,59 @@ def test_the_runner_has_nothing_but_its_socket() -> None:
     assert re.search(r"useradd .*--groups runner .*wrongturn", dockerfile)
 
 
-def test_no_setting_of_the_service_is_dropped() -> None:
-    """Each passes through compose, but for those that compose decides itself and for secrets."""
+DECIDED = {
+    "WRONGTURN_HOST",
+    "WRONGTURN_PORT",
+    "WRONGTURN_HOME",
+    "WRONGTURN_DATABASE",
+    "WRONGTURN_DATABASE_PASSWORD_FILE",
+    "WRONGTURN_OPERATOR_TOKEN_FILE",
+    "WRONGTURN_METRICS_TOKEN_FILE",
+    "WRONGTURN_RUNNER_SOCKET",
+}
+"""Settings that compose decides. What stands in ``environment`` wins over the file."""
+
+
+def test_each_setting_but_those_that_compose_decides_comes_from_the_file() -> None:
     service = yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"]["service"]
-    decided = {"host", "port", "home", "metrics_port", "operator_token", "metrics_token"}
-    expected = {f"WRONGTURN_{name.upper()}" for name in Settings.model_fields.keys() - decided}
-    files = {"WRONGTURN_DATABASE_PASSWORD_FILE", "WRONGTURN_OPERATOR_TOKEN_FILE"}
-    assert service["environment"].keys() - files == expected
-    own = {"WRONGTURN_DATABASE", "WRONGTURN_RUNNER_SOCKET", "WRONGTURN_SUBMISSIONS"}
-    assert all(service["environment"][name] is None for name in expected - own)
+    assert service["env_file"] == ["${WRONGTURN_ENV_FILE:-.env}"]
+    assert service["environment"].keys() == DECIDED
+    assert {f"WRONGTURN_{name.upper()}" for name in Settings.model_fields} > DECIDED
+    page = (ROOT / "docs/compose.md").read_text("utf-8")
+    (told,) = re.findall(r"Compose decides these itself: (.*?)\.\n", page, re.DOTALL)
+    assert set(re.findall(r"`(WRONGTURN_\w+)`", told)) == DECIDED
+
+
+def test_the_example_names_only_settings_and_variables_of_compose() -> None:
+    named = re.findall(r"^#?(WRONGTURN_\w+)=", (DOCKER / "example.env").read_text("utf-8"), re.MULTILINE)
+    settings = {f"WRONGTURN_{name.upper()}" for name in Settings.model_fields} - DECIDED
+    variables = set(re.findall(r"\$\{(\w+):-", (DOCKER / "compose.yaml").read_text("utf-8")))
+    assert set(named) <= settings | variables
+    page = (ROOT / "docs/compose.md").read_text("utf-8")
+    of_compose = set(re.findall(r"^\| `(WRONGTURN_\w+)` \|", page, re.MULTILINE))
+    of_an_agent = {"WRONGTURN_AGENT_FOLDER", "WRONGTURN_AGENT_IMAGE", "WRONGTURN_OWNER_TOKEN_FILE"}
+    assert of_compose == variables - of_an_agent
+
+
+def test_each_container_has_limits_and_a_log_that_ends() -> None:
+    services = yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"]
+    for name, service in services.items():
+        assert service["mem_limit"] == service["memswap_limit"], name
+        assert service["pids_limit"] > 0, name
+        assert service["logging"]["options"].keys() == {"max-size", "max-file"}, name
+        assert all("size=" in folder for folder in service["tmpfs"]), name
+
+
+def test_only_the_service_and_the_operators_step_have_the_operators_token() -> None:
+    services = yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"]
+    assert {name for name, service in services.items() if "operator_token" in str(service)} == {"service", "register"}
+    workers = {name for name, service in services.items() if service.get("profiles") == [name]} - {"agent", "register"}
+    assert {volume.split(":")[0] for volume in services["register"]["volumes"]} == workers
+    for name in workers:
+        assert services[name]["volumes"] == [f"{name}:/var/lib/wrongturn"]
+        assert services[name]["environment"]["WRONGTURN_TOKEN_FILE"] == "/var/lib/wrongturn/token"
+        assert "secrets" not in services[name]
+    assert f"/agents/{name}" in str(services["register"]["volumes"])
 
 
 def test_an_agent_of_somebody_else_gets_its_owners_token_alone() -> None:
@@ -207,25 +224,6 @@ def test_the_page_on_containers_shows_the_folders_module() -> None:
     space = observation_space(Track(agent.track))
     agent.reset(space)
     assert isinstance(agent.act(space.sample()), Action)
-
-
-def test_the_owners_token_comes_from_its_file(tmp_path: Path) -> None:
-    file = tmp_path / "token"
-    file.write_text("ours\n")
-    done = subprocess.run(
-        [
-            "sh",
-            str(DOCKER / "entrypoint.sh"),
-            "sh",
-            "-c",
-            'echo "$WRONGTURN_OWNER_TOKEN ${WRONGTURN_OPERATOR_TOKEN-none}"',
-        ],
-        env={"PATH": os.environ["PATH"], "WRONGTURN_OWNER_TOKEN_FILE": str(file)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stdout) == (0, "ours none\n")
 
 
 IMAGES = ["service.Dockerfile", "worker.Dockerfile"]

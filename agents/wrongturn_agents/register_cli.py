@@ -1,0 +1,101 @@
+"""``wrongturn register``: register shipped agents as the operator, so that their workers need no operator's token."""
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from wrongturn_agents.errors import RunError
+from wrongturn_agents.registry import AgentSource, list_agents, resolve
+from wrongturn_agents.worker import OPERATOR_TOKEN
+from wrongturn_client import AgentNameTakenError, Client, settings
+
+
+def register(
+    agents: Annotated[
+        list[str], typer.Argument(help="Shipped agents, as 'wrongturn agents' lists them. Example: careful parked")
+    ],
+    *,
+    tokens: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Folder for the tokens: NAME/token of each. Example: --tokens agents")
+    ],
+    url: Annotated[
+        str,
+        typer.Option(envvar="WRONGTURN_URL", help="Service to register at. Example: --url http://127.0.0.1:8000"),
+    ] = settings.DEFAULT_URL,
+    renew: Annotated[
+        bool, typer.Option("--renew", help="Make a new token where there is one already. The old one ends.")
+    ] = False,
+) -> None:
+    """Register shipped agents with the operator's token, and write each one's own token into a file.
+
+    A worker needs only its agent's token. Example: WRONGTURN_TOKEN_FILE=agents/careful/token wrongturn run careful
+
+    WRONGTURN_OPERATOR_TOKEN, or the file that WRONGTURN_OPERATOR_TOKEN_FILE names: the operator's token.
+
+    Safe to call again: an agent whose file is there stays as it is.
+    """
+    shipped = {agent.name for agent in list_agents()}
+    unknown = [name for name in agents if name not in shipped]
+    if unknown:
+        raise RunError(f"AGENTS: {', '.join(unknown)}: only shipped agents; known are {', '.join(sorted(shipped))}")
+    operator_token = settings.secret(OPERATOR_TOKEN)
+    if operator_token is None:
+        raise RunError(f"{OPERATOR_TOKEN}: set it, or {OPERATOR_TOKEN}_FILE, to the operator's token of {url}")
+    with Client(url, operator_token) as client:
+        for name in agents:
+            file = tokens / name / "token"
+            if file.exists() and not renew:
+                typer.echo(f"{name} is registered already; its token is in {file}")
+                continue
+            _ensure_folder(file.parent)  # before a name is taken whose token would be lost
+            _write(file, _token(client, resolve(name), renew=renew))
+            typer.echo(f"{name} is registered; its token is in {file}")
+
+
+def _token(client: Client, source: AgentSource, *, renew: bool) -> str:
+    """Register an agent and return its token, or a new token of the agent that is registered already."""
+    try:
+        registered = client.register(
+            source.name,
+            source.track,
+            description=source.description or None,
+            kind=source.kind,
+            trained_on_faults=source.trained_on_faults,
+        )
+    except AgentNameTakenError as error:
+        (agent,) = [agent for agent in client.agents() if agent.name.lower() == source.name.lower()]
+        if agent.kind is not source.kind:
+            raise RunError(
+                f"{source.name}: at {client.url} somebody's agent of kind {agent.kind} is called so"
+            ) from error
+        if not renew:
+            raise RunError(
+                f"{source.name}: it is registered at {client.url}, and its token is not here; "
+                "--renew makes a new token and ends the old one"
+            ) from error
+        registered = client.rotate_token(agent.id)
+    return registered.token
+
+
+def _ensure_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise RunError(f"--tokens: {folder} cannot be written ({error.strerror}); name another folder") from error
+
+
+def _write(file: Path, token: str) -> None:
+    """Write a token, readable by its owner alone, completely or not at all."""
+    handle, part = tempfile.mkstemp(dir=file.parent, prefix=".token-")  # mkstemp's mode is 0600
+    try:
+        with os.fdopen(handle, "w", encoding="ascii") as opened:
+            opened.write(token + "\n")
+        Path(part).replace(file)
+    except BaseException:
+        Path(part).unlink(missing_ok=True)
+        raise
