@@ -1,11 +1,10 @@
 """The calls of a Wrongturn service, each a method."""
 
-import re
 import uuid
 from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 from urllib.parse import urlencode, urlsplit
 from urllib.request import getproxies, proxy_bypass
 
@@ -21,9 +20,7 @@ from wrongturn_client.drive import Drive
 from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, EpisodeCalls, Result
 from wrongturn_client.errors import (
     ApiError,
-    AuthenticationError,
     EvaluationOpenError,
-    NotFoundError,
     NotOfferedError,
     ProtocolError,
     WrongturnError,
@@ -76,7 +73,6 @@ from wrongturn_protocol.submissions import MODEL, NAME, SUITE
 M = TypeVar("M", bound=BaseModel)
 Progress = Callable[[int, int], None]
 """Called with the numbers of finished and of all episodes, or of sent and of all bytes."""
-_SLOTS: Final = re.compile(rb"^wrongturn_simulator_slots ([0-9.e+]+)$", re.MULTILINE)
 """Number of simulators among the service's Prometheus metrics."""
 
 
@@ -151,17 +147,17 @@ class Client(EpisodeCalls):
 
     def submissions_state(self) -> str | None:
         """Return whether the service takes submissions: ``on: …``, or ``off:`` and why; None if it does not say."""
-        found = self._transport.call("GET", "/health/ready").message()
-        state = found.get("submissions") if isinstance(found, dict) else None
+        state = self._readiness().get("submissions")
         return state if isinstance(state, str) else None
 
     def simulators(self) -> int | None:
         """Return how many episodes all agents together can drive at a time; None if the service does not say."""
-        try:
-            found = _SLOTS.search(self._transport.call("GET", "/metrics").content)
-        except (AuthenticationError, NotFoundError):  # the operator keeps the metrics to itself
-            return None
-        return None if found is None else int(float(found[1]))
+        number = self._readiness().get("simulators")
+        return number if isinstance(number, int) else None
+
+    def _readiness(self) -> dict[str, Any]:
+        found = self._transport.call("GET", "/health/ready").message()
+        return found if isinstance(found, dict) else {}
 
     def suites(self) -> tuple[SuiteSummary, ...]:
         """Return all suites."""

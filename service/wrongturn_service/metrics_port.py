@@ -2,12 +2,14 @@
 
 import asyncio
 import contextlib
+import ipaddress
 import socket
 from collections.abc import AsyncIterator, Iterator
+from typing import Final
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 from starlette.routing import Route
 from typing_extensions import override
@@ -17,19 +19,44 @@ from wrongturn_service.errors import StartupError, UnauthenticatedError
 from wrongturn_service.settings import Settings
 from wrongturn_service.telemetry import CONTENT_TYPE, Telemetry
 
+_FORWARDED: Final = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip")
+"""Headers with which a proxy passes on somebody else's request."""
 
-def check_reader(settings: Settings, authorization: str | None) -> None:
-    """Check that an ``Authorization`` header holds the token of the metrics, if they have one.
+
+def check_reader(settings: Settings, request: HTTPConnection) -> None:
+    """Check that a request may read the metrics.
+
+    It holds their token or the operator's. A service that has neither token shows them to programs of its own machine.
 
     Raises:
-        UnauthenticatedError: It does not.
+        UnauthenticatedError: It may not.
     """
-    if not settings.metrics.asked:
+    secrets = [secret for secret in (settings.metrics, settings.operator) if secret.asked]
+    if not secrets:
+        if not _local(request):
+            raise UnauthenticatedError(
+                "the metrics of this service are for programs of its own machine; the operator can set "
+                "WRONGTURN_METRICS_TOKEN, and the token then opens them from elsewhere"
+            )
         return
+    authorization = request.headers.get("authorization")
     if authorization is None:
-        raise UnauthenticatedError("the metrics need a token: send 'Authorization: Bearer …' with the operator's")
-    if not settings.metrics.is_(bearer(authorization)):
+        raise UnauthenticatedError("the metrics need a token: send 'Authorization: Bearer …' with the metrics' token")
+    token = bearer(authorization)
+    if not any(secret.is_(token) for secret in secrets):
         raise UnauthenticatedError("this is not the token of the metrics; ask the operator")
+
+
+def _local(request: HTTPConnection) -> bool:
+    """Return whether a program of this machine asks, and no proxy passed the request on."""
+    if request.client is None or any(name in request.headers for name in _FORWARDED):
+        return False
+    try:
+        address = ipaddress.ip_address(request.client.host)
+    except ValueError:
+        return False
+    mapped = getattr(address, "ipv4_mapped", None)
+    return (mapped or address).is_loopback
 
 
 @contextlib.asynccontextmanager
@@ -70,7 +97,7 @@ class _Server(uvicorn.Server):
 
 def _metrics(request: Request, settings: Settings, telemetry: Telemetry) -> Response:
     try:
-        check_reader(settings, request.headers.get("authorization"))
+        check_reader(settings, request)
     except UnauthenticatedError as error:
         return Response(f"{error.detail}\n", error.status, headers=error.headers, media_type="text/plain")
     return Response(telemetry.render(), headers={"Content-Type": CONTENT_TYPE})

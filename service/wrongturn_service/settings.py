@@ -55,7 +55,7 @@ class Settings(BaseSettings):
     registration_limit: Annotated[int, Field(ge=1)] = 100
     """Owners and agents that one address may register within an hour. The operator is exempt."""
     metrics_token: SecretStr | None = None
-    """Bearer token that ``GET /metrics`` needs. Without it everybody may read the metrics."""
+    """Bearer token for ``GET /metrics``, beside the operator's. Without both only this machine may read the metrics."""
     metrics_token_file: Path | None = None
     """File with the token of the metrics, in place of ``metrics_token``. It is read at each use."""
     metrics_port: Annotated[int, Field(ge=1, le=65535)] | None = None

@@ -1,10 +1,12 @@
 """Metrics for Prometheus. Each service has its own registry."""
 
+import platform
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
+from importlib.metadata import version
 from typing import Literal, get_args
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector, generate_latest
 
 from wrongturn_protocol import SubmissionState
 
@@ -19,7 +21,7 @@ _simulated: ContextVar[tuple[str, float] | None] = ContextVar("simulated", defau
 
 
 class Telemetry:
-    """The service's metrics, listed in ``docs/operating.md``."""
+    """The service's metrics, listed in ``docs/monitoring.md``."""
 
     def __init__(self) -> None:
         self._registry = registry = CollectorRegistry()
@@ -86,6 +88,12 @@ class Telemetry:
         self.replays = Counter(
             "wrongturn_replays", "Episodes that were replayed in another simulator", registry=registry
         )
+        build = Gauge(
+            "wrongturn_build_info", "1; the labels say what runs", ("version", "python", "sumo"), registry=registry
+        )
+        build.labels(version("wrongturn-service"), platform.python_version(), version("libsumo")).set(1)
+        # Memory, processor time, descriptors and start of the service's own process, without its simulators.
+        ProcessCollector(registry=registry)
 
     def watch(self, name: str, documentation: str, read: Callable[[], float]) -> None:
         """Add a gauge that reads its value when metrics are collected."""

@@ -311,8 +311,8 @@ def test_an_episode_that_was_given_up_is_truncated() -> None:
 
 def test_a_service_with_fewer_simulators_is_told_with_the_remedy() -> None:
     service = FakeService()
-    figures = httpx.Response(200, text="# HELP a b\nwrongturn_simulator_slots 2.0\nother 1.0\n")
-    service.inject = lambda request: figures if request.url.path == "/metrics" else None
+    ready = httpx.Response(200, json={"status": "ok", "simulators": 2})
+    service.inject = lambda request: ready if request.url.path == "/health/ready" else None
     with pytest.raises(ServiceFullError, match=r"num_envs: is 3.* has 2 simulators; make 2 .*WRONGTURN_SIMULATORS=3"):
         _make(service).reset()
     assert service.practice == []

@@ -12,9 +12,7 @@ sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("sandbox", "
 from lent_socket import LentSocket
 from loan_story import Payloads, reference_of
 from postgres_server import PostgresServer, running_server
-from service_harness import Agent, RunningService
-
-OPERATOR = "the-operators-own-token"
+from service_harness import OPERATOR, Agent, RunningService
 
 
 @pytest.fixture(scope="session")

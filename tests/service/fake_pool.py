@@ -82,7 +82,7 @@ class FakeSimulator(Simulator):
         shown["command"][0] = 4
         observation = encoded(shown, self._track, encoding)
         over = steps == self._pool.steps
-        end = self._pool.ends.get(self._trial_id, Verdict.ARRIVED if self._journey else Verdict.EXIT_COMMANDED)
+        end = self._pool.ends.get(self._trial_id, Verdict.ARRIVED if self._journey else self._pool.end)
         return StepResult(observation, 1.0, over, False, self._final(end) if over else None)
 
     @property
@@ -122,6 +122,8 @@ class FakePool(SimulatorPool):
         self.replays = 0
         self.steps = 10
         """After which an episode is over."""
+        self.end = Verdict.EXIT_COMMANDED
+        """Of an episode that is driven to its end."""
         self.ends: dict[str, Verdict] = {}
         """By trial, where it is another."""
         self.refuse = False

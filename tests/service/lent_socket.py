@@ -6,9 +6,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import httpx
 from raw_socket import dial, upgrade
-from service_harness import RunningService
+from service_harness import RunningService, metrics
 from test_drive_frames import BINARY, PING, PONG, frame
 
 from wrongturn_protocol import wire
@@ -82,7 +81,7 @@ def lent(service: RunningService) -> float:
 
 def figure(service: RunningService, name: str) -> float:
     """One of the service's figures; 0 where there is none of that name yet."""
-    lines = httpx.get(service.url + "/metrics", timeout=60).text.splitlines()
+    lines = metrics(service.url).splitlines()
     return next((float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name + " ")), 0.0)
 
 

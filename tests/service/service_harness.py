@@ -15,8 +15,16 @@ from typing import Any
 import httpx
 
 READY = "Wrongturn is ready at "
+OPERATOR = "the-operators-own-token"
 COAST = {"steer": 0.0, "throttle": 0.0, "brake": 0.0}
 GAS = {"steer": 0.0, "throttle": 0.8, "brake": 0.0}
+
+
+def metrics(url: str) -> str:
+    """What Prometheus reads. It needs a token where the service has an operator."""
+    response = httpx.get(f"{url}/metrics", headers={"Authorization": f"Bearer {OPERATOR}"}, timeout=60)
+    assert response.is_success, response.text
+    return response.text
 
 
 class Service:

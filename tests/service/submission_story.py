@@ -11,7 +11,7 @@ from app_harness import application, register
 from clocked_service import ClockedService
 from fake_pool import FakePool
 from model_form import TYPE, model
-from service_harness import expect
+from service_harness import OPERATOR, expect
 from typing_extensions import override
 
 from wrongturn_networks import load_suite
@@ -21,7 +21,6 @@ from wrongturn_service.service import Service
 from wrongturn_service.submissions import availability
 from wrongturn_service.submissions.dispatcher import Dispatcher
 
-OPERATOR = "the-operators-own-token"
 _SLOTS = 32
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import msgpack
 import pytest
-from service_harness import GAS, Agent, RunningService, expect, problem
+from service_harness import GAS, Agent, RunningService, expect, metrics, problem
 
 STEP = {"seq": 1, "action": GAS}
 
@@ -350,5 +350,5 @@ def test_a_caller_that_goes_away_in_the_middle_of_its_body(service: RunningServi
 
 
 def _steps(agent: Agent) -> str:
-    lines = agent.http.get("/metrics").text.splitlines()
+    lines = metrics(str(agent.http.base_url).rstrip("/")).splitlines()
     return "\n".join(line for line in lines if "request_seconds_count" in line and "/step" in line)

@@ -4,11 +4,10 @@ import socket
 from typing import Any
 from urllib.parse import urlsplit
 
-import httpx
 import msgpack
 import pytest
 from drive_socket import DriveSocket
-from service_harness import Agent, RunningService
+from service_harness import Agent, RunningService, metrics
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -138,6 +137,6 @@ def test_calls_are_counted_by_what_they_ask_for(service: RunningService, agent: 
     with DriveSocket(service, agent.token) as drive:
         drive.one("look", "ep_none")
         drive.one("fly", "ep_none")
-    metrics = httpx.get(service.url + "/metrics").text
-    assert 'method="WS",route="/v1/drive look",status="404"' in metrics
-    assert 'method="WS",route="/v1/drive unknown",status="422"' in metrics
+    counted = metrics(service.url)
+    assert 'method="WS",route="/v1/drive look",status="404"' in counted
+    assert 'method="WS",route="/v1/drive unknown",status="422"' in counted

@@ -4,6 +4,7 @@ import asyncio
 import json
 import re
 import socket
+from importlib.metadata import version
 from pathlib import Path
 
 import httpx
@@ -15,10 +16,13 @@ from prometheus_client.parser import text_string_to_metric_families
 from service_harness import expect, problem
 from sqlalchemy.exc import OperationalError
 
+from wrongturn_protocol import Verdict
 from wrongturn_service.errors import StartupError
 from wrongturn_service.storage.postgres import DatabaseTakenError
 
-DOCUMENT = Path(__file__).parents[2] / "docs/operating.md"
+DOCUMENT = Path(__file__).parents[2] / "docs/monitoring.md"
+TIMED = re.compile(r"_(seconds|bytes|created|fds)\b|_seconds_sum|_bucket|process_|build_info")
+"""Figures that differ from one run to the next."""
 PRACTICE = {"town": "Town01", "approach": "J3-S", "seed": 3}
 
 
@@ -99,13 +103,68 @@ def test_scored_verdicts_are_counted_once_their_evaluation_is_finished(tmp_path:
     play(story)
 
 
+def test_hidden_verdicts_change_nothing_that_anybody_can_read(tmp_path: Path) -> None:
+    """Two drives that differ in their verdicts alone look the same while their evaluations run."""
+    shown = []
+
+    async def story(folder: Path, verdict: Verdict) -> None:
+        pool = FakePool()
+        pool.end = verdict
+        async with application(folder, pool) as http:
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+            listed = expect(await http.get("/v1/agents"), 200)["agents"]
+            for _ in range(3):
+                episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+                for seq in range(1, 11):
+                    expect(await step(http, episode, seq), 200)
+            pages = ["/", "/agents", f"/agents/{listed[0]['id']}", "/leaderboards/smoke@2", "/v1/leaderboards/smoke@2"]
+            pages += [f"/v1/evaluations/{evaluation}", f"/v1/evaluations/{evaluation}/episodes"]
+            pages += [f"/v1/episodes/{episode}", f"/episodes/{episode}", f"/v1/episodes/{episode}/trajectory"]
+            texts = [(await http.get(page)).text for page in pages]
+            now = await figures(http)
+            counted = {name: value for name, value in now.items() if not TIMED.search(name)}
+            assert counted["wrongturn_steps_total"] == 30
+            assert len(counted) > 40
+            shown.append((counted, [plain(text) for text in texts]))
+
+    for verdict in (Verdict.EXIT_COMMANDED, Verdict.OFF_ROAD):
+        folder = tmp_path / verdict
+        folder.mkdir()
+        play(lambda folder=folder, verdict=verdict: story(folder, verdict))
+    assert shown[0] == shown[1]
+
+
+def plain(text: str) -> str:
+    """A reply without what differs from drive to drive: ids, times and checksums."""
+    return re.sub(r"(ag|ow|ev|ep)_\w+|[0-9a-f]{32,}|\d{4}-\d\d-\d\d[\w:.+ ]*|\b\d{10}\.\d+|\b\d\d:\d\d\b", "…", text)
+
+
 def test_metrics_with_a_token(tmp_path: Path) -> None:
     async def story() -> None:
-        async with application(tmp_path, FakePool(), metrics_token="read") as http:
+        async with application(tmp_path, FakePool(), metrics_token="read", operator_token="all") as http:
             problem(await http.get("/metrics"), 401, "unauthenticated")
-            problem(await http.get("/metrics", headers={"Authorization": "Bearer guess"}), 401, "unauthenticated")
-            told = await http.get("/metrics", headers={"Authorization": "Bearer read"})
-            assert "wrongturn_steps_total" in told.text
+            for wrong in ("Bearer guess", "Basic read", "read"):
+                problem(await http.get("/metrics", headers={"Authorization": wrong}), 401, "unauthenticated")
+            for token in ("read", "all"):
+                told = await http.get("/metrics", headers={"Authorization": f"Bearer {token}"})
+                assert "wrongturn_steps_total" in told.text
+        async with application(tmp_path, FakePool(), registration="operator", operator_token="all") as http:
+            problem(await http.get("/metrics"), 401, "unauthenticated")
+            assert (await http.get("/metrics", headers={"Authorization": "Bearer all"})).is_success
+
+    play(story)
+
+
+def test_without_a_token_metrics_are_for_the_own_machine(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool()) as http:
+            for name in ("X-Forwarded-For", "Forwarded", "Via", "X-Real-IP"):
+                problem(await http.get("/metrics", headers={name: "127.0.0.1"}), 401, "unauthenticated")
+            own = ("127.0.0.1", "::1", "::ffff:127.0.0.1")
+            for address in (*own, "192.0.2.7", "10.0.0.1", "::2", "::ffff:192.0.2.7", "testclient"):
+                transport = httpx.ASGITransport(http.app, client=(address, 4000))
+                async with httpx.AsyncClient(transport=transport, base_url="http://test") as stranger:
+                    assert (await stranger.get("/metrics")).status_code == (200 if address in own else 401), address
 
     play(story)
 
@@ -237,7 +296,10 @@ def test_each_figure_is_documented_and_nothing_else(tmp_path: Path) -> None:
             text = (await http.get("/metrics")).text
             families = {family.name for family in text_string_to_metric_families(text)}
             there = {name for name in families if not name.endswith("_created")}
-            documented = re.findall(r"^\| `(wrongturn_\w+)`", DOCUMENT.read_text(), re.MULTILINE)
+            documented = re.findall(r"^\| `(\w+)` \|", DOCUMENT.read_text(), re.MULTILINE)
             assert sorted(name.removesuffix("_total") for name in documented) == sorted(there)
+            build = next(line for line in text.splitlines() if line.startswith("wrongturn_build_info{"))
+            assert f'version="{version("wrongturn-service")}"' in build
+            assert build.endswith(" 1.0")
 
     play(story)

@@ -11,7 +11,7 @@ import pytest
 from clocked_service import ClockedService
 from drive_socket import DriveSocket
 from raw_socket import connected, frame, http_problem, rest, upgrade
-from service_harness import COAST, Agent, expect, problem
+from service_harness import COAST, Agent, expect, metrics, problem
 from websockets.exceptions import InvalidStatus
 
 from wrongturn_protocol import wire
@@ -44,7 +44,7 @@ def _closed(service: ClockedService, reason: str) -> float:
 
 
 def _figure(service: ClockedService, name: str) -> float:
-    lines = httpx.get(service.url + "/metrics", timeout=60).text.splitlines()
+    lines = metrics(service.url).splitlines()
     return next(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name + " "))
 
 

@@ -63,7 +63,6 @@ BODIES: dict[str, Any] = {
 PUBLIC = {
     "GET /health/live",
     "GET /health/ready",
-    "GET /metrics",
     "GET /v1/suites",
     "GET /v1/suites/{suite}",
     "GET /v1/suites/{suite}/trials",

@@ -13,7 +13,7 @@ from unittest.mock import patch
 import httpx
 import pytest
 from clocked_service import ClockedService
-from service_harness import expect, problem
+from service_harness import expect, metrics, problem
 from submission_owner import Owner, until
 
 from wrongturn_service.submissions import availability, jobs
@@ -74,7 +74,7 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
 
 
 def figure(owner: Owner, line: str) -> float:
-    text = owner.http.get("/metrics").text
+    text = metrics(str(owner.http.base_url).rstrip("/"))
     (found,) = [row for row in text.splitlines() if row.startswith(line + " ")]
     return float(found.rsplit(" ", 1)[1])
 

@@ -13,7 +13,7 @@ import httpx
 import pytest
 from corpus import CORPUS, By, Case
 from corpus_files import MARK
-from service_harness import RunningService, expect
+from service_harness import RunningService, expect, metrics
 from small_models import not_a_number_above, steady, wavering
 from submission_owner import Owner, until
 
@@ -83,7 +83,7 @@ def test_a_submission_that_runs_is_cancelled_at_once(serving: RunningService, ow
     assert found["state"] == "cancelled"
     assert expect(httpx.get(f"{serving.url}/v1/evaluations/{found['evaluation']}"), 200)["state"] == "finished"
     open_ones = "wrongturn_open_episodes 0.0"
-    until(lambda: open_ones in httpx.get(f"{serving.url}/metrics").text)
+    until(lambda: open_ones in metrics(serving.url))
 
 
 def outcome(owner: Owner, case: Case, folder: Path) -> str:

@@ -28,6 +28,8 @@ class Readiness(Health):
 
     submissions: str
     """Whether models can be handed in: ``on`` and by what they are driven, or ``off`` and why."""
+    simulators: int
+    """Largest number of episodes that are driven at a time."""
 
 
 @router.get("/health/live", **described(Health))
@@ -52,13 +54,16 @@ async def ready(service: ServiceDep) -> Response:
         raise UnavailableError(
             ProblemType.STORAGE_FAILED, f"the database did not answer within {_PATIENCE_S:g} s", retry_after_s=5
         ) from None
-    return reply(Readiness(submissions=str(service.availability)))
+    return reply(Readiness(submissions=str(service.availability), simulators=service.pool.slots))
 
 
 @router.get("/metrics", **described(None, 401, 404, media="text/plain"))
 async def metrics(request: Request, service: ServiceDep) -> Response:
-    """Show metrics for Prometheus. The operator may have given them a token, or a port of their own."""
+    """Show metrics for Prometheus, to who has their token or the operator's.
+
+    A service without either token shows them to programs of its own machine. They can have a port of their own.
+    """
     if service.settings.metrics_port is not None:
         raise NotFoundError(ProblemType.UNKNOWN_ROUTE, "the metrics of this service are on a port of their own")
-    check_reader(service.settings, request.headers.get("authorization"))
+    check_reader(service.settings, request)
     return Response(service.telemetry.render(), headers={"Content-Type": CONTENT_TYPE})
