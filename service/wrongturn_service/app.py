@@ -67,6 +67,7 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
         description=DESCRIPTION,
         lifespan=lifespan,
         redirect_slashes=False,
+        servers=[{"url": settings.public_url}] if settings.public_url else None,
         openapi_url=None,  # FastAPI would make the document in the event loop
         docs_url=None,
         redoc_url=None,

@@ -4,6 +4,7 @@ from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated
+from urllib.parse import urlsplit
 
 import platformdirs
 from pydantic import Field, SecretStr, ValidationInfo, field_validator
@@ -38,6 +39,8 @@ class Settings(BaseSettings):
     """Address to listen on."""
     port: Annotated[int, Field(ge=0, le=65535)] = 8000
     """Port to listen on. 0 takes a free port."""
+    public_url: str | None = None
+    """URL at which people reach the service behind a proxy. Default: the one of each request."""
     home: Path = Field(default_factory=lambda: Path(platformdirs.user_data_dir("wrongturn")))
     """Folder for data, models, your towns and caches."""
     database: str = ""
@@ -133,6 +136,16 @@ class Settings(BaseSettings):
     @classmethod
     def _absolute(cls, home: Path) -> Path:
         return home.expanduser().absolute()
+
+    @field_validator("public_url")
+    @classmethod
+    def _of_a_service(cls, url: str | None) -> str | None:
+        if url is None:
+            return None
+        parts = urlsplit(url)
+        if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment:
+            raise ValueError("is no URL of a service; write it like https://lab.example/wrongturn")
+        return url.rstrip("/")
 
     @field_validator("operator_token_file", "metrics_token_file")
     @classmethod

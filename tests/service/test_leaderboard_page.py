@@ -87,7 +87,7 @@ def test_what_runs_is_hidden(tmp_path: Path):
                 episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
                 expect(await step(http, episode, 1), 200)
             after = await page(http)
-            assert re.search(r'<a href="/agents/[^"]+">one</a>', after)
+            assert re.search(r'<a href="../agents/[^"]+">one</a>', after)
             assert "one" not in re.findall(r"<a [^>]*>([^<]*)</a>", before)
 
     play(story)
@@ -115,7 +115,7 @@ def test_a_large_field_comes_in_pages(tmp_path: Path):
             found: list[str] = []
             for number in (1, 2, 3):
                 found += re.findall(
-                    r'<a href="/agents/[^"]+">(agent \d+)</a>', await page(http, f"{PAGE}?page={number}")
+                    r'<a href="../agents/[^"]+">(agent \d+)</a>', await page(http, f"{PAGE}?page={number}")
                 )
             assert found == [f"agent {number:03d}" for number in range(230)]
             assert "from 1 to 3" in await page(http, f"{PAGE}?page=4", 422)

@@ -159,7 +159,13 @@ def serve_document(request: Request) -> Response:
 
 
 def _built(app: FastAPI) -> dict[str, Any]:
-    found = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
+    found = get_openapi(
+        title=app.title,
+        version=app.version,
+        description=app.description,
+        routes=app.routes,
+        servers=app.servers or None,
+    )
     schemas = found.setdefault("components", {}).setdefault("schemas", {})
     _, definitions = models_json_schema(
         _INPUTS,

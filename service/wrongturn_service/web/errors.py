@@ -40,7 +40,9 @@ def page_without_slash(request: Request) -> Response | None:
     if not any(route.matches(scope)[0] is Match.FULL for route in request.app.routes):
         return None
     query = request.url.query
-    return RedirectResponse(quote(wanted, safe="/@") + (f"?{query}" if query else ""), 308)
+    # Relative, as the pages' links are.
+    up = "../" * (path.count("/") - wanted.count("/"))
+    return RedirectResponse(up + quote(wanted.rpartition("/")[2], safe="@") + (f"?{query}" if query else ""), 308)
 
 
 def error_page(request: Request, error: ServiceError) -> Response:

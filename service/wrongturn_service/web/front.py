@@ -15,7 +15,7 @@ from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.evaluation.metrics import of_journeys
 from wrongturn_service.service import Service
 from wrongturn_service.web import bars, plane
-from wrongturn_service.web.page import numbered_page, sent, templates
+from wrongturn_service.web.page import numbered_page, rendered, sent
 from wrongturn_service.web.standings import KINDS, TRACKS, page_count, standings
 
 router = APIRouter(include_in_schema=False)
@@ -75,25 +75,21 @@ def _render(
     others: LeaderboardList,
 ) -> bytes:
     journeys = of_journeys(suite.open_draw)
-    return (
-        templates()
-        .get_template("leaderboard.html")
-        .render(
-            path=path,
-            suite=suite,
-            board=board,
-            journeys=journeys,
-            table=standings(board, entries, number, journeys, paper=kind is None),
-            planes=_planes([] if journeys else entries),
-            plot=plane,
-            bars=bars,
-            track=track,
-            kind=kind,
-            tracks={each: TRACKS[each] for each in Track if each in suite.tracks},
-            kinds=KINDS,
-            others=others.leaderboards,
-        )
-        .encode()
+    return rendered(
+        "leaderboard.html",
+        path,
+        suite=suite,
+        board=board,
+        journeys=journeys,
+        table=standings(board, entries, number, journeys, paper=kind is None),
+        planes=_planes([] if journeys else entries),
+        plot=plane,
+        bars=bars,
+        track=track,
+        kind=kind,
+        tracks={each: TRACKS[each] for each in Track if each in suite.tracks},
+        kinds=KINDS,
+        others=others.leaderboards,
     )
 
 

@@ -41,10 +41,36 @@ def page(request: Request, template: str, *, status: int = 200, **values: Any) -
         request: The request.
         template: File name of the template.
         status: Status of the response.
-        values: The template's variables.
+        values: The template's variables, see :func:`rendered`.
     """
-    path = request.url.path
-    return sent(request, templates().get_template(template).render(path=path, **values).encode(), status)
+    raw: bytes = request.scope.get("raw_path") or request.url.path.encode()
+    values.setdefault("root", root_of(raw.decode("ascii", "replace")))
+    return sent(request, rendered(template, request.url.path, **values), status)
+
+
+def rendered(template: str, path: str, **values: Any) -> bytes:
+    """Return a page's HTML.
+
+    Args:
+        template: File name of the template.
+        path: Path of the page, such as ``/suites/smoke@2``.
+        values: The template's variables. It also gets ``path``, and ``root``, with which all its links begin.
+    """
+    return templates().get_template(template).render({"path": path, "root": root_of(path), **values}).encode()
+
+
+def public_url(request: Request) -> str:
+    """Return the URL at which people reach this service, without a slash at its end."""
+    told: str | None = request.app.state.service.settings.public_url
+    return told or str(request.base_url).rstrip("/")
+
+
+def root_of(path: str) -> str:
+    """Return the way from a page to the service's root, without a slash at its end: ``.`` or ``..`` or ``../..``.
+
+    Links are relative, so that they also work behind a proxy that serves the service below a path of its own.
+    """
+    return "/".join([".."] * (path.count("/") - 1)) or "."
 
 
 def numbered_page(number: str, count: int) -> int:

@@ -17,7 +17,7 @@ from markupsafe import Markup, escape
 from wrongturn_protocol import Track
 from wrongturn_service.api.documents import document
 from wrongturn_service.api.typed_observations import COMPONENTS
-from wrongturn_service.web.page import page, templates
+from wrongturn_service.web.page import page, public_url, templates
 
 router = APIRouter(include_in_schema=False)
 GROUPS: Final = {
@@ -82,7 +82,7 @@ class Call:
 async def docs(request: Request) -> Response:
     """Show the documentation of every call."""
     calls = await asyncio.to_thread(_calls, request.app)
-    return page(request, "rest.html", calls=calls, url=str(request.base_url).rstrip("/"))
+    return page(request, "rest.html", calls=calls, url=public_url(request))
 
 
 def _calls(app: FastAPI) -> Markup:

@@ -10,7 +10,7 @@ from wrongturn_service.api.dependencies import ServiceDep
 from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.settings import Registration
 from wrongturn_service.web.front import FIRST
-from wrongturn_service.web.page import page
+from wrongturn_service.web.page import page, public_url
 
 router = APIRouter(include_in_schema=False)
 
@@ -32,7 +32,7 @@ async def submit(
     return page(
         request,
         "submit.html",
-        url=str(request.base_url).rstrip("/"),
+        url=public_url(request),
         submissions=settings.submissions > 0,
         registration=settings.registration is Registration.OPEN,
         limit_mib=settings.model_limit // 2**20,

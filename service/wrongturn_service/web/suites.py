@@ -14,7 +14,7 @@ from wrongturn_protocol import Cell, Condition, FaultKind, JunctionType, Task, T
 from wrongturn_service import catalogue
 from wrongturn_service.evaluation.metrics import of_journeys
 from wrongturn_service.web import town_map, words
-from wrongturn_service.web.page import sent, templates
+from wrongturn_service.web.page import rendered, sent
 
 router = APIRouter(include_in_schema=False)
 
@@ -64,16 +64,16 @@ def strata(items: Iterable[Cell | Trial]) -> list[Stratum]:
 
 @cache
 def _list() -> bytes:
-    return templates().get_template("suites.html").render(path="/suites", suites=list_suites()).encode()
+    return rendered("suites.html", "/suites", suites=list_suites())
 
 
 @cache
 def _suite(suite_id: str) -> bytes:
     """Return a suite's page. Only ids of suites come here, so few are kept."""
     found = catalogue.suite(suite_id)
-    template = templates().get_template("suite.html")
-    return template.render(
-        path=f"/suites/{suite_id}",
+    return rendered(
+        "suite.html",
+        f"/suites/{suite_id}",
         suite=found.summary(),
         drawn=bool(found.cells),
         journeys=of_journeys(found.open_draw),
@@ -81,4 +81,4 @@ def _suite(suite_id: str) -> bytes:
         towns=towns_of(found),
         town_map=town_map,
         words=words,
-    ).encode()
+    )

@@ -10,7 +10,7 @@ from wrongturn_networks.catalogue import list_towns
 from wrongturn_protocol import Command, FaultKind, JunctionType
 from wrongturn_service import catalogue
 from wrongturn_service.web import town_map, words
-from wrongturn_service.web.page import sent, templates
+from wrongturn_service.web.page import rendered, sent
 from wrongturn_service.web.suites import towns_of
 
 router = APIRouter(include_in_schema=False)
@@ -31,8 +31,7 @@ async def town(request: Request, town: str) -> Response:
 @cache
 def _list() -> bytes:
     maps = {town.name: town_map.town_map(catalogue.town_detail(town.name)) for town in list_towns()}
-    template = templates().get_template("towns.html")
-    return template.render(path="/towns", towns=list_towns(), maps=maps, town_map=town_map, words=words).encode()
+    return rendered("towns.html", "/towns", towns=list_towns(), maps=maps, town_map=town_map, words=words)
 
 
 @cache
@@ -40,9 +39,9 @@ def _town(name: str) -> bytes:
     """Return a town's page. Only names of towns come here, so few are kept."""
     detail = catalogue.town_detail(name)
     present = {approach.type for approach in detail.approaches}
-    template = templates().get_template("town.html")
-    return template.render(
-        path=f"/towns/{name}",
+    return rendered(
+        "town.html",
+        f"/towns/{name}",
         town=detail,
         map=town_map.town_map(detail),
         town_map=town_map,
@@ -51,4 +50,4 @@ def _town(name: str) -> bytes:
         faults=[kind for kind in FaultKind if kind is not FaultKind.NONE],
         directions=[Command.LEFT, Command.STRAIGHT, Command.RIGHT],
         suites=[suite for suite in suite_ids() if name in towns_of(load_suite(suite))],
-    ).encode()
+    )

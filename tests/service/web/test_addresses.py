@@ -1,13 +1,20 @@
 """Addresses that are wrong, and pages that a browser has already."""
 
+import re
+from html import unescape
 from pathlib import Path
+from urllib.parse import urljoin, urlsplit
 
 import httpx
 import pytest
 from app_harness import application, play
 from fake_pool import FakePool
+from pydantic import ValidationError
 from service_harness import problem
 
+from wrongturn_service.settings import Settings
+
+LINK = re.compile(r'(?:href|src|action)="([^"]+)"')
 BROWSERS = ("text/html", "text/*", "application/xhtml+xml, */*;q=0.1", "Text/HTML")
 
 
@@ -20,7 +27,8 @@ def test_a_reader_with_a_wrong_address_gets_a_page_with_ways_on(tmp_path: Path, 
                 assert reply.status_code == 404
                 assert "<h1>There is no such page</h1>" in reply.text
                 assert "openapi" not in reply.text
-                assert all(f'<a href="{way}">' in reply.text for way in ("/", "/agents", "/suites", "/towns"))
+                ways = {urlsplit(urljoin(f"http://test{path}", way)).path for way in LINK.findall(reply.text)}
+                assert ways >= {"/", "/agents", "/suites", "/towns"}, path
 
     play(story)
 
@@ -63,12 +71,10 @@ def test_a_slash_at_the_end_leads_to_the_page(tmp_path: Path):
         async with application(tmp_path, FakePool()) as http:
             for path in ("/agents", "/docs", "/towns/Town01", "/leaderboards/smoke@2"):
                 reply = await http.get(f"{path}/?page=1&a=%26")
-                assert (reply.status_code, reply.headers["Location"]) == (
-                    308,
-                    f"{path}?page=1&a=%26",
-                )
-                assert (await http.get(reply.headers["Location"])).status_code in {200, 422}
-            assert (await http.head("/agents//")).headers["Location"] == "/agents"
+                way = urljoin(f"/lab{path}/", reply.headers["Location"])
+                assert (reply.status_code, way) == (308, f"/lab{path}?page=1&a=%26")
+                assert (await http.get(way.removeprefix("/lab"))).status_code in {200, 422}
+            assert (await http.head("/agents//")).headers["Location"] == "../../agents"
             # No way leads to another host.
             assert (await http.get("http://test//agents/")).status_code == 404
 
@@ -91,3 +97,47 @@ async def not_sent_again(http: httpx.AsyncClient, path: str) -> None:
         assert (reply.status_code, reply.content, reply.headers["ETag"]) == (304, b"", tag), named
     for other in ('"other"', tag.strip('"'), f'W/"other", "{tag[1:-2]}"'):
         assert (await http.get(path, headers={"If-None-Match": other})).status_code == 200, other
+
+
+def test_pages_link_within_the_folder_in_which_a_proxy_serves_them(tmp_path: Path):
+    """Each link of each page leads somewhere, however long the path before it."""
+
+    async def story() -> None:
+        async with application(tmp_path, FakePool()) as http:
+            seen, waiting = set[str](), ["/"]
+            while waiting:
+                path = waiting.pop()
+                seen.add(path)
+                reply = await http.get(path)
+                assert reply.status_code == 200, path
+                if not reply.headers["Content-Type"].startswith("text/html"):
+                    continue
+                for link in LINK.findall(reply.text):
+                    way = urlsplit(urljoin(f"https://lab.example/deep/{path[1:]}", unescape(link)))
+                    assert way.netloc == "lab.example", (path, link)
+                    assert way.path.startswith("/deep/"), (path, link)
+                    found = way.path.removeprefix("/deep") + (f"?{way.query}" if way.query else "")
+                    if found not in seen and found not in waiting:
+                        waiting.append(found)
+            assert {"/", "/agents", "/docs", "/openapi.json", "/static/style.css", "/towns/Town01"} <= seen
+
+    play(story)
+
+
+def test_commands_name_the_public_address(tmp_path: Path):
+    async def story(told: str, **settings: str) -> None:
+        async with application(tmp_path, FakePool(), **settings) as http:
+            for path in ("/submit", "/docs"):
+                assert f"{told}" in (await http.get(path)).text, path
+            servers = (await http.get("/openapi.json")).json().get("servers")
+            assert servers == ([{"url": told}] if settings else None)
+
+    play(lambda: story("http://test"))
+    (tmp_path / "a.db").unlink()
+    play(lambda: story("https://lab.example/wrongturn", public_url="https://lab.example/wrongturn/"))
+
+
+@pytest.mark.parametrize("url", ["lab.example/wrongturn", "ftp://lab.example", "https://", "https://lab.example/?a=b"])
+def test_a_public_address_that_is_none(url: str):
+    with pytest.raises(ValidationError, match=r"public_url[\s\S]*like https://lab.example/wrongturn"):
+        Settings(public_url=url)

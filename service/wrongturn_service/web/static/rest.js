@@ -8,7 +8,7 @@ const token = document.querySelector("#token");
 function request(form) {
   const { method, path, media } = form.dataset;
   const query = new URLSearchParams();
-  let url = path;
+  let url = `.${path}`; // below the folder of this page, where a proxy may have put it
   for (const input of form.querySelectorAll("input[data-in]")) {
     if (input.dataset.in === "path") url = url.replace(`{${input.name}}`, encodeURIComponent(input.value));
     else if (input.value) query.set(input.name, input.value);

@@ -50,7 +50,7 @@ export class CameraView {
     if (!image) {
       image = new Image();
       image.onload = image.onerror = () => sheetOf(this.decision).sheet === sheet && this.draw();
-      image.src = `/v1/episodes/${this.episode}/camera/${sheet}`;
+      image.src = `../v1/episodes/${this.episode}/camera/${sheet}`;
     }
     this.sheets.set(sheet, image);
     if (this.sheets.size > KEPT) this.sheets.delete(this.sheets.keys().next().value);

@@ -117,8 +117,8 @@ function start(detail, drives) {
 
 try {
   const [detail, ...drives] = await Promise.all([
-    fetched(`/v1/towns/${encodeURIComponent(section.dataset.town)}`),
-    ...figures.map(({ dataset }) => fetched(`/episodes/${dataset.episode}/drive.json`)),
+    fetched(`../v1/towns/${encodeURIComponent(section.dataset.town)}`),
+    ...figures.map(({ dataset }) => fetched(`../episodes/${dataset.episode}/drive.json`)),
   ]);
   start(detail, drives);
 } catch (error) {
