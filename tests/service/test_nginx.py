@@ -41,8 +41,6 @@ http {{
 }}
 """
 PRACTICE = {"town": "Town01", "approach": "J3-S", "seed": 3}
-LIMIT = 4096
-"""Largest model of the service, bytes."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +68,7 @@ def proxied(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proxied]:
     plain, secure = free_port(), free_port()
     url = f"https://localhost:{secure}/wrongturn"
     settings = {"trusted_proxies": "127.0.0.1,::1", "public_url": url, "operator_token": OPERATOR}
-    service = ClockedService(
-        folder / "wrongturn.db", pool=FakePool(4), model_limit=LIMIT, registration_limit=3, **settings
-    )
+    service = ClockedService(folder / "wrongturn.db", pool=FakePool(4), registration_limit=4, **settings)
     written = configuration(folder, {80: plain, 443: secure, 8000: httpx.URL(service.url).port})
     (folder / "wrongturn.conf").write_text(written)
     user = "root" if os.geteuid() == 0 else "nobody"
@@ -99,7 +95,9 @@ def configuration(folder: Path, ports: dict[int, int | None]) -> str:
         text = text.replace(directive, re.sub(rf"\b{port}\b", str(ports[port]), directive))
     text = text.replace("/etc/nginx/", f"{folder}/").replace("lab.example", "localhost")
     # As of the section on several proxies: here the outer one is this machine.
-    return text.replace("    location = ", inner.replace("192.0.2.10", "127.0.0.2") + "\n    location = ", 1)
+    return text.replace(
+        "    proxy_http_version", inner.replace("192.0.2.10", "127.0.0.2") + "\n    proxy_http_version", 1
+    )
 
 
 def make_certificates(folder: Path) -> None:
@@ -153,10 +151,11 @@ def test_metrics_are_not_for_strangers(proxied: Proxied) -> None:
     with proxied.http(headers={"Authorization": f"Bearer {OPERATOR}"}) as http:
         assert http.get("metrics").status_code == 404
         assert expect(http.get("health/ready"), 200)["status"] == "ok"
-    assert "wrongturn_ready" in httpx.get(f"{proxied.service.url}/metrics", headers=http.headers).text
+    assert "wrongturn_steps_total" in httpx.get(f"{proxied.service.url}/metrics", headers=http.headers).text
 
 
 def test_an_agent_drives_over_both_ways(proxied: Proxied, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(httpx._transports.default, "create_ssl_context", httpx.create_ssl_context)  # tests share one
     monkeypatch.setenv("SSL_CERT_FILE", str(proxied.authority))
     with Client(proxied.url) as client:
         token = client.register("behind nginx", "privileged").token
@@ -189,9 +188,9 @@ def test_limits_go_by_the_clients_address_and_nobody_chooses_it(proxied: Proxied
         with proxied.http(transport=httpx.HTTPTransport(verify=context(proxied), local_address="127.0.0.3")) as http:
             return http.post("v1/owners", json={"name": f"group {number}"}, headers=headers)
 
-    for number in range(3):
+    for number in range(4):
         expect(register(number, **{"X-Forwarded-For": f"192.0.2.{number}"}), 201)
-    problem(register(3, **{"X-Forwarded-For": "192.0.2.3"}), 429, "rate-limited")
+    problem(register(4, **{"X-Forwarded-For": "192.0.2.4"}), 429, "rate-limited")
     with proxied.http() as http:
         expect(http.post("v1/owners", json={"name": "another address"}), 201)
 
@@ -200,10 +199,9 @@ def context(proxied: Proxied) -> Any:
     return httpx.create_ssl_context(verify=str(proxied.authority))
 
 
-def test_what_is_too_large_is_refused_by_the_service(proxied: Proxied) -> None:
-    with proxied.http() as http:
-        refused = http.post("v1/owners", content=b"x" * (8 << 20), headers={"Content-Type": "application/json"})
-        problem(refused, 413, "body-too-large")
+def test_what_is_too_large_is_refused(proxied: Proxied) -> None:
+    with proxied.http(headers={"Content-Type": "application/json"}) as http:
+        assert http.post("v1/owners", content=b"x" * (5 << 20)).status_code == 413
 
 
 def test_the_pages_commands(proxied: Proxied) -> None:
