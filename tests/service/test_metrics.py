@@ -296,7 +296,7 @@ def test_each_figure_is_documented_and_nothing_else(tmp_path: Path) -> None:
             text = (await http.get("/metrics")).text
             families = {family.name for family in text_string_to_metric_families(text)}
             there = {name for name in families if not name.endswith("_created")}
-            documented = re.findall(r"^\| `(\w+)` \|", DOCUMENT.read_text(), re.MULTILINE)
+            documented = re.findall(r"^\| `((?:wrongturn|process)_\w+)` \|", DOCUMENT.read_text(), re.MULTILINE)
             assert sorted(name.removesuffix("_total") for name in documented) == sorted(there)
             build = next(line for line in text.splitlines() if line.startswith("wrongturn_build_info{"))
             assert f'version="{version("wrongturn-service")}"' in build
