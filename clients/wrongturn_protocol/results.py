@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, StringConstraints
+from pydantic import FailFast, Field, StringConstraints
 
 from wrongturn_protocol.episodes import Cell, EpisodeDetail, Fault, Journey, Message, Outcome, Start, Traffic, is_none
 from wrongturn_protocol.navigation import NavigationMetrics
@@ -292,7 +292,7 @@ class EpisodeRecord(Message):
 class ResultsRequest(Message):
     """``PUT /v1/evaluations/{id}/results``."""
 
-    episodes: Annotated[tuple[EpisodeRecord, ...], Field(max_length=20000)]
+    episodes: Annotated[tuple[EpisodeRecord, ...], FailFast(), Field(max_length=20000)]
     versions: Annotated[dict[str, str], Field(max_length=50)] = Field(default_factory=dict)
     """Versions of the worker's software, by name."""
 

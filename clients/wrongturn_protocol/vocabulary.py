@@ -301,6 +301,7 @@ class ProblemType(StrEnum):
     NOT_ACCEPTABLE = "not-acceptable"
     UNSUPPORTED_MEDIA_TYPE = "unsupported-media-type"
     BODY_TOO_LARGE = "body-too-large"
+    HEAD_TOO_LARGE = "head-too-large"
     REQUEST_TIMEOUT = "request-timeout"
     PROTOCOL_VERSION = "protocol-version"
     TEXT_MESSAGE = "text-message"

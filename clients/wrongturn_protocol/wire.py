@@ -33,6 +33,8 @@ SUBPROTOCOL: Final = "wrongturn.drive.v1"
 """Name of the protocol in the handshake (``Sec-WebSocket-Protocol``); each version has its own name."""
 CALLS: Final = 256
 """Most calls in a message, and most calls of a connection that are answered at a time."""
+LARGEST: Final = 1 << 18
+"""Most bytes of a message of calls: a kibibyte for each."""
 RETRY_AFTER: Final = "retry_after_s"
 """Field of a problem that holds HTTP's ``Retry-After``, seconds."""
 _ALIGNMENT: Final = 8
@@ -184,7 +186,8 @@ def unpack_calls(data: bytes | memoryview) -> tuple[int, list[Any]]:
     Raises:
         MalformedMessageError: The data is not a message of calls; TruncatedMessageError if its end is missing.
     """
-    message = _unpacked(data)
+    # The library makes room for as many items as an array claims to have.
+    message = _unpacked(data, max_array_len=4 * CALLS, max_map_len=CALLS, max_ext_len=0)
     if not (isinstance(message, list) and len(message) == 2 and isinstance(message[1], list)):
         raise MalformedMessageError("a message is an array of a number and an array of calls")
     number, calls = message
@@ -268,9 +271,9 @@ def _around_block(data: bytes | memoryview) -> Any:
     return None
 
 
-def _unpacked(data: bytes | memoryview) -> Any:
+def _unpacked(data: bytes | memoryview, **limits: int) -> Any:
     try:
-        return msgpack.unpackb(data)
+        return msgpack.unpackb(data, **limits)
     except (ValueError, TypeError, RecursionError, msgpack.UnpackException) as error:
         if _ends_early(data):
             raise TruncatedMessageError(f"the message ends after {len(data)} bytes, before it is complete") from error

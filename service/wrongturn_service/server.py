@@ -17,6 +17,7 @@ import uvicorn
 from fastapi import FastAPI
 from typing_extensions import override
 
+from wrongturn_protocol import wire
 from wrongturn_service.app import create_app
 from wrongturn_service.errors import StartupError
 from wrongturn_service.service import Service
@@ -122,7 +123,7 @@ def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
         ws=cast(type[asyncio.Protocol], partial(GuardedWebSocket, guard=guard)),
         # Compressing pictures costs more than it saves. The service's own limit gives a clearer error.
         ws_per_message_deflate=False,
-        ws_max_size=2 * settings.body_limit,
+        ws_max_size=2 * wire.LARGEST,
         ws_ping_interval=settings.ping_interval_s,
         ws_ping_timeout=settings.ping_timeout_s,
         lifespan="on",

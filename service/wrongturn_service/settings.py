@@ -107,7 +107,6 @@ class Settings(BaseSettings):
     """Seconds after which a client that does not answer a ping counts as gone. An agent may think for that long."""
     trusted_proxies: str = "127.0.0.1,::1"
     """Proxies whose ``X-Forwarded-For`` is believed: addresses and networks, separated by commas, or ``*``."""
-    body_limit: Annotated[int, Field(ge=1024)] = 4 * 1024 * 1024
     """Largest body of a request, bytes."""
     submissions: Annotated[int, Field(ge=0, le=256)] = Field(
         default_factory=lambda: max(1, Machine().processors() // 2)

@@ -4,7 +4,7 @@ import platform
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from importlib.metadata import version
-from typing import Literal, get_args
+from typing import Final, Literal, get_args
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector, generate_latest
 
@@ -14,6 +14,16 @@ CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 _CHECK_BUCKETS = (0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 30.0, 60.0, 300.0)
 
+CLOSED: Final = (
+    "head-too-large",
+    "pipelined",
+    "slow-message",
+    "slow-reader",
+    "slow-request",
+    "too-many",
+    "too-many-frames",
+)
+"""Reasons for which the service closes a connection because of its client."""
 Call = Literal["reset", "step", "view", "replay", "abort"]
 """Kinds of calls to a simulator."""
 _simulated: ContextVar[tuple[str, float] | None] = ContextVar("simulated", default=None)
@@ -62,7 +72,7 @@ class Telemetry:
         self._closed = Counter(
             "wrongturn_connections_closed", "Connections that the service closed", ("reason",), registry=registry
         )
-        for reason in ("slow-message", "slow-reader", "slow-request", "too-many"):
+        for reason in CLOSED:
             self._closed.labels(reason)
         self._submissions = Gauge(
             "wrongturn_submissions", "Submissions that wait or run, by state", ("state",), registry=registry

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import initialize, invariant, precondition, rule
 from life_model import TRIALS, Agent, Evaluation
 from living import PRACTISED, WAYS
-from served_app import ABORT_S, LARGEST, RELEASE_S
+from served_app import ABORT_S, RELEASE_S
 
 from wrongturn_protocol import wire
 
@@ -21,7 +21,7 @@ BROKEN: list[tuple[bytes | str, str, int]] = [
     ("text", "text-message", 1003),
     (wire.pack_calls(1, [["look", "ep_1"]])[:-1], "truncated-message", 1007),
     (wire.pack_calls(1, []), "malformed-message", 1007),
-    (bytes(LARGEST + 1), "message-too-large", 1009),
+    (bytes(wire.LARGEST + 1), "message-too-large", 1009),
 ]
 """Messages, and what the connection ends with."""
 EXPECTED_ERRORS = {"episode invalid", "simulator start failed"}

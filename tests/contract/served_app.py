@@ -29,8 +29,6 @@ T = TypeVar("T")
 RELEASE_S = 10.0
 ABORT_S = 600.0
 SLOTS = 4
-LARGEST = 65536
-"""Bytes of a message or body."""
 STEPS = 4
 """Of an episode until it is over."""
 PARALLEL = 3
@@ -65,7 +63,6 @@ class ServedApp:
             max_parallel=PARALLEL,
             max_practice=PRACTICE,
             max_waiting=WAITING,
-            body_limit=LARGEST,
             slow_client_s=3600,
             ping_interval_s=3600,
             shutdown_grace_s=0.1,

@@ -104,7 +104,7 @@ def test_a_step_of_an_unknown_episode(agent: Agent) -> None:
         ({"suite": "smoke@2"}, 422, "validation", "body"),
         ({}, 422, "validation", "body"),
         ({"town": "Town01", "approach": "J3-S", "extra": 1}, 422, "validation", "extra"),
-        ({"town": "x" * 100_000, "approach": "J3-S"}, 404, "unknown-town", "town"),
+        ({"town": "x" * 10_000, "approach": "J3-S"}, 404, "unknown-town", "town"),
     ],
 )
 def test_a_practice_episode_that_cannot_be(
@@ -179,9 +179,8 @@ def test_a_sequence_number_that_is_none(agent: Agent, episode: str, seq: object)
         b'{"seq": 1} {"seq": 2}',
         b"\xff\xfe",
         b'{"seq": "\xe9"}',
-        b"[" * 100_000,
-        b'{"a":' * 50_000,
-        b'{"seq": ' + b"9" * 100_000 + b"}",
+        b"[" * 4000,
+        b'{"a":' * 800,
     ],
     ids=[
         "empty",
@@ -193,7 +192,6 @@ def test_a_sequence_number_that_is_none(agent: Agent, episode: str, seq: object)
         "latin-1",
         "deep list",
         "deep object",
-        "huge number",
     ],
 )
 def test_a_body_that_is_no_json(agent: Agent, episode: str, body: bytes) -> None:
@@ -251,8 +249,17 @@ def test_an_encoding_that_is_not_spoken(agent: Agent, episode: str) -> None:
 
 
 def test_a_body_that_is_too_large(agent: Agent, episode: str) -> None:
-    large = b" " * (4 * 1024 * 1024 + 1)
-    problem(raw_step(agent, episode, large), 413, "body-too-large")
+    for path, limit in {
+        "/v1/owners": 8192,
+        "/v1/agents": 32768,
+        "/v1/evaluations": 4096,
+        "/v1/episodes": 16384,
+        f"/v1/episodes/{episode}/step": 4096,
+    }.items():
+        headers = {"Content-Type": "application/json"}
+        problem(agent.http.post(path, content=b" " * limit, headers=headers), 400, "malformed-body")
+        told = problem(agent.http.post(path, content=b" " * (limit + 1), headers=headers), 413, "body-too-large")
+        assert str(limit) in told["detail"]
 
     def pieces() -> Any:
         for _ in range(5):

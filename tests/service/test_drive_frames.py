@@ -15,7 +15,7 @@ from service_harness import Agent, RunningService
 from wrongturn_protocol import wire
 
 TEXT, BINARY, CLOSE, PING, PONG = 0x1, 0x2, 0x8, 0x9, 0xA
-LIMIT = 4 * 1024 * 1024
+LIMIT = wire.LARGEST
 LOOKS = [wire.pack_calls(number, [["look", f"none {number}"]]) for number in range(3)]
 
 

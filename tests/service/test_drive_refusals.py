@@ -58,7 +58,7 @@ MESSAGE = wire.pack_calls(1, [["look", "ep_1"]])
         (MESSAGE + b"\0", "malformed-message", 400, 1007),
         (b"\xc1", "malformed-message", 400, 1007),
         (msgpack.packb({"seq": 1}), "malformed-message", 400, 1007),
-        (bytes(4 * 1024 * 1024 + 1), "message-too-large", 413, 1009),
+        (bytes(wire.LARGEST + 1), "message-too-large", 413, 1009),
     ],
 )
 def test_a_bad_message_is_told_its_name(

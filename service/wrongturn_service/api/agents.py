@@ -1,7 +1,7 @@
 """Agents and their tokens."""
 
 import time
-from typing import Annotated
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Request, Response
 
@@ -13,6 +13,8 @@ from wrongturn_service.encoding import Encoding
 from wrongturn_service.storage.models import AgentRow
 from wrongturn_service.tokens import digest, new_id, new_token
 
+_LARGEST: Final = 32768
+"""Bytes of a registration: those of the longest description, if each character is escaped as two times six."""
 router = APIRouter(prefix="/v1/agents", tags=["agents"], route_class=Route)
 
 
@@ -20,7 +22,7 @@ router = APIRouter(prefix="/v1/agents", tags=["agents"], route_class=Route)
 async def register(
     request: Request,
     service: ServiceDep,
-    registration: Annotated[AgentRegistration, Depends(Body(AgentRegistration))],
+    registration: Annotated[AgentRegistration, Depends(Body(AgentRegistration, limit=_LARGEST))],
     key: KeyDep,
 ) -> Response:
     """Register an agent. The reply shows the token once. A new model is a new agent.

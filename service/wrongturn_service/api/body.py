@@ -16,11 +16,15 @@ from wrongturn_service.socket.guards import PROGRESS
 
 M = TypeVar("M", bound=BaseModel)
 _SHOWN = 50
+_LISTED = 200
+"""Errors of a message beyond which they are only counted: to list a million takes 20 s."""
+_ITEMS = 64
+"""Most items of an array or a map of msgpack. The library makes room for as many as an array claims to have."""
 _LONGEST = 200
 _UNION_LABELS = frozenset({"Fault", "str-enum[FaultKind]"})
 
 
-async def parsed(request: Request, model: type[M], *, binary: bool = False) -> M:
+async def parsed(request: Request, model: type[M], *, limit: int, binary: bool = False) -> M:
     """Read a request's body as a message.
 
     Pydantic parses and checks JSON in one pass. It reads NaN and Infinity as numbers that are not finite, so the error
@@ -29,21 +33,21 @@ async def parsed(request: Request, model: type[M], *, binary: bool = False) -> M
     Args:
         request: The request.
         model: The message.
+        limit: Most bytes of the body.
         binary: Whether msgpack is accepted too.
 
     Raises:
         ServiceError: The body is too large (413), of another type (415), malformed (400) or invalid (422).
     """
     encoding = _content_type(request, binary=binary)
-    body = await _read(request)
+    body = await _read(request, limit)
     try:
         return model.model_validate_json(body if encoding is Encoding.JSON else _as_json(body), strict=True)
     except ValidationError as error:
         raise refused(error) from error
 
 
-async def _read(request: Request) -> bytes:
-    limit: int = request.app.state.service.settings.body_limit
+async def _read(request: Request, limit: int) -> bytes:
     length = request.headers.get("content-length", "")
     if length.isdecimal() and int(length[:20]) > limit:
         raise _too_large(limit)
@@ -73,7 +77,7 @@ async def _read(request: Request) -> bytes:
 def _too_large(limit: int) -> ServiceError:
     return ServiceError(
         ProblemType.BODY_TOO_LARGE,
-        f"the body is larger than {limit} bytes; send less",
+        f"the body is larger than {limit} bytes, which is the limit of this call; send less",
         status=413,
         headers={"Connection": "close"},
     )
@@ -103,7 +107,7 @@ def _media(content_type: str) -> Encoding | None:
 def _as_json(body: bytes) -> str:
     """Return a msgpack body as JSON, so that both are checked alike. NaN stays NaN."""
     try:
-        return json.dumps(msgpack.unpackb(body))
+        return json.dumps(msgpack.unpackb(body, max_array_len=_ITEMS, max_map_len=_ITEMS, max_ext_len=0))
     except (ValueError, TypeError, RecursionError, msgpack.UnpackException) as error:
         reason = str(error) or type(error).__name__
         raise malformed(f"the body is not msgpack: {reason[:_LONGEST]}") from error
@@ -116,6 +120,9 @@ def malformed(detail: str) -> ServiceError:
 
 def refused(error: ValidationError) -> ServiceError:
     """Return the error for a message with wrong fields."""
+    if error.error_count() > _LISTED:
+        field = FieldError(path="body", message=f"has {error.error_count()} errors; /openapi.json has its fields")
+        return ServiceError(ProblemType.VALIDATION, f"body: {field.message}", status=422, errors=[field])
     # The error never repeats the input, which may be large, secret, or not valid JSON.
     found = error.errors(include_url=False, include_context=False, include_input=False)
     if found and found[0]["type"] == "json_invalid":

@@ -5,7 +5,7 @@ Declare them in the order in which they are to be checked: FastAPI resolves them
 """
 
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import lru_cache
 from typing import Annotated, Any, Final, Generic, TypeVar
 
@@ -69,16 +69,21 @@ class Body(Generic[M]):
 
     Args:
         model: The message.
+        limit: Most bytes of the body, or what finds it out for a request.
         binary: Whether msgpack is accepted too.
     """
 
-    def __init__(self, model: type[M], *, binary: bool = False) -> None:
+    def __init__(
+        self, model: type[M], *, limit: int | Callable[[Request], Awaitable[int]], binary: bool = False
+    ) -> None:
         self.model = model
         self.binary = binary
+        self._limit = limit
 
     async def __call__(self, request: Request) -> M:
         """Return the message."""
-        return await parsed(request, self.model, binary=self.binary)
+        limit = self._limit if isinstance(self._limit, int) else await self._limit(request)
+        return await parsed(request, self.model, limit=limit, binary=self.binary)
 
 
 class StoredReplyError(Exception):

@@ -44,7 +44,7 @@ async def step(
     encoding: EncodingDep,
     caller: DriverDep,
     episode: str,
-    wanted: Annotated[StepRequest, Depends(Body(StepRequest, binary=True))],
+    wanted: Annotated[StepRequest, Depends(Body(StepRequest, limit=4096, binary=True))],
 ) -> Response:
     """Step: drive on for 0.1 s. The same seq with the same action gets the stored reply."""
     # The service is not a dependency here, because each one costs a step 4 %.
@@ -58,7 +58,7 @@ async def practise(
     service: ServiceDep,
     encoding: EncodingDep,
     caller: DriverDep,
-    wanted: Annotated[PracticeRequest, Depends(Body(PracticeRequest, binary=True))],
+    wanted: Annotated[PracticeRequest, Depends(Body(PracticeRequest, limit=16384, binary=True))],
     key: KeyDep,
 ) -> Response:
     """Reset: begin a practice episode. It is never scored. Replies carry the reward, the last one the verdict."""

@@ -30,7 +30,10 @@ _EXPLANATIONS = {
     ProblemType.METHOD_NOT_ALLOWED: "The path does not take this method. Allow names those that it takes.",
     ProblemType.NOT_ACCEPTABLE: "Accept names neither application/json nor application/msgpack.",
     ProblemType.UNSUPPORTED_MEDIA_TYPE: "The call does not take this Content-Type, or no compressed body.",
-    ProblemType.BODY_TOO_LARGE: "The body is too large.",
+    ProblemType.BODY_TOO_LARGE: "The body is too large. Each call has a limit of its own.",
+    ProblemType.HEAD_TOO_LARGE: (
+        "The request's address, one of its headers or all of them, or the framing of its body are too large."
+    ),
     ProblemType.REQUEST_TIMEOUT: "The request, or a message of /v1/drive, did not arrive completely in time.",
     ProblemType.PROTOCOL_VERSION: "The handshake of /v1/drive names no version that this service speaks.",
     ProblemType.TEXT_MESSAGE: "A message of /v1/drive was text. Messages are binary.",

@@ -1,8 +1,8 @@
 """Evaluations: one agent on one suite, trial by trial."""
 
-from typing import Annotated
+from typing import Annotated, Final
 
-from fastapi import APIRouter, Depends, Response
+from fastapi import APIRouter, Depends, Request, Response
 
 from wrongturn_networks import commitment_of
 from wrongturn_protocol import (
@@ -42,6 +42,10 @@ from wrongturn_service.idempotency import HEADER, Once
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
 
+_RESULTS: Final = 16384
+"""Bytes of results without their episodes."""
+_RECORD: Final = 512
+"""Bytes of results for each trial."""
 router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"], route_class=Route)
 
 
@@ -49,7 +53,7 @@ router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"], route_class=R
 async def begin(
     service: ServiceDep,
     caller: CallerDep,
-    wanted: Annotated[EvaluationRequest, Depends(Body(EvaluationRequest))],
+    wanted: Annotated[EvaluationRequest, Depends(Body(EvaluationRequest, limit=4096))],
     key: KeyDep,
 ) -> Response:
     """Begin an evaluation of the token's agent. What is begun counts, from its first step on."""
@@ -151,12 +155,19 @@ async def episodes(
     return reply(EpisodeList(episodes=tuple(episode_detail(service, found, shown=shown) for found in rows)))
 
 
+async def _results_limit(request: Request) -> int:
+    """Return the most bytes of the results of a request's evaluation: about three times what the client sends."""
+    service: Service = request.app.state.service
+    row = await service.store.evaluation(request.path_params["evaluation"])
+    return _RESULTS + (0 if row is None else row.trials * _RECORD)
+
+
 @router.put("/{evaluation}/results", **described(EvaluationDetail, 404, 409))
 async def results(
     service: ServiceDep,
     caller: DriverDep,
     evaluation: str,
-    record: Annotated[ResultsRequest, Depends(Body(ResultsRequest))],
+    record: Annotated[ResultsRequest, Depends(Body(ResultsRequest, limit=_results_limit))],
 ) -> Response:
     """Take the worker's own record. It has to agree with what the service saw."""
     _check_once(record)

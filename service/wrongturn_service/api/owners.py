@@ -19,7 +19,7 @@ router = APIRouter(prefix="/v1/owners", tags=["owners"], route_class=Route)
 async def register(
     request: Request,
     service: ServiceDep,
-    registration: Annotated[OwnerRegistration, Depends(Body(OwnerRegistration))],
+    registration: Annotated[OwnerRegistration, Depends(Body(OwnerRegistration, limit=8192))],
     key: KeyDep,
 ) -> Response:
     """Register an owner. The reply shows the token once. With it the owner registers agents."""

@@ -1,7 +1,9 @@
-"""Limits for HTTP and WebSocket connections: how many there may be, and how slow their clients may be.
+"""Limits for HTTP and WebSocket connections: how many, how slow their clients may be, and how much they may send.
 
 Uvicorn waits for ever for a request's head, for the rest of a message, and for a client to read its reply. These
 protocols close such a connection. A client that moves 64 KiB within the time may go on, however long it takes in all.
+
+Uvicorn also takes heads, trailers and queues of requests of any size, and answers control frames without end.
 """
 
 import asyncio
@@ -19,8 +21,25 @@ from wrongturn_service.socket.protocol import DirectWebSocket
 
 PROGRESS: Final = 65536
 """Bytes that a client has to move within the time."""
-_TOO_SLOW_CLOSE: Final = 1008
-_PHRASES: Final = {408: "Request Timeout", 503: "Service Unavailable"}
+_HEAD: Final = 65536
+"""Most bytes of a request besides its body: head, framing of chunks, trailers."""
+_LINE: Final = 8000
+"""Most bytes of the address, and of a header."""
+_HEADERS: Final = 100
+"""Most headers of a request."""
+_FRAMING: Final = 64
+"""Bytes of a body that excuse one byte of its framing: chunks of a large body may be as small as half a kibibyte."""
+_PIECE: Final = 16384
+"""Bytes that are parsed before the limits are looked at again."""
+_QUEUED: Final = 32
+"""Most requests of a connection that wait for the reply to an earlier one."""
+_POLICY_CLOSE: Final = 1008
+_PHRASES: Final = {
+    408: "Request Timeout",
+    414: "URI Too Long",
+    431: "Request Header Fields Too Large",
+    503: "Service Unavailable",
+}
 
 
 @dataclass(frozen=True)
@@ -131,6 +150,11 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
     def __init__(self, *arguments: Any, guard: Guard, **named: Any) -> None:
         super().__init__(*arguments, guard=guard, **named)
         self._head = Patience(guard, self._too_slow, excused=self._answering)
+        self._in_head = True
+        self._extra = 0
+        """Bytes of the request that are not its body, up to a piece more."""
+        self._over = False
+        """Whether nothing more is read here: the connection is refused, or it is a WebSocket now."""
 
     @override
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -153,19 +177,76 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
         super().connection_lost(exc)
 
     @override
+    def data_received(self, data: bytes) -> None:
+        for at in range(0, len(data), _PIECE):
+            if self._over or self.transport.is_closing():
+                return
+            piece = data[at : at + _PIECE] if len(data) > _PIECE else data
+            self._extra += len(piece)
+            super().data_received(piece)
+            if self._extra > _HEAD and not self._over:
+                self._too_large(f"the request has more than {_HEAD} bytes besides its body")
+
+    @override
     def on_message_begin(self) -> None:
         super().on_message_begin()
         self._head.begin()
 
     @override
+    def on_header(self, name: bytes, value: bytes) -> None:
+        if self._in_head:  # a trailer would be added to the headers of a request that is being answered
+            super().on_header(name, value)
+
+    @override
     def on_headers_complete(self) -> None:
         self._head.end()
-        super().on_headers_complete()
+        if self._over:
+            return
+        if len(self.url) > _LINE:
+            self._too_large(f"the address has more than {_LINE} bytes", status=414)
+        elif len(self.headers) > _HEADERS:
+            self._too_large(f"the request has more than {_HEADERS} headers")
+        elif any(len(name) + len(value) > _LINE for name, value in self.headers):
+            self._too_large(f"a header has more than {_LINE} bytes")
+        else:
+            self._in_head = False
+            super().on_headers_complete()
+            if len(self.pipeline) > _QUEUED:
+                self._drop("pipelined")
+
+    @override
+    def on_body(self, body: bytes) -> None:
+        self._extra = max(0, self._extra - len(body) - len(body) // _FRAMING)
+        if not self._over:
+            super().on_body(body)
+
+    @override
+    def on_message_complete(self) -> None:
+        self._in_head, self._extra = True, 0
+        if not self._over:
+            super().on_message_complete()
 
     @override
     def handle_websocket_upgrade(self) -> None:
-        self._head.end()
-        super().handle_websocket_upgrade()
+        if not self._over:
+            self._over = True
+            super().handle_websocket_upgrade()
+
+    def _too_large(self, detail: str, status: int = 431) -> None:
+        """Refuse a request, if it is the one that is to be answered next; else end the connection."""
+        waits = self._answering() and not self.cycle.response_started
+        if self.pipeline or (self._answering() if self._in_head else not waits):
+            self._drop("head-too-large")
+            return
+        if not self._in_head:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+        self._refuse("head-too-large", ServiceError(ProblemType.HEAD_TOO_LARGE, f"{detail}; send less", status=status))
+
+    def _drop(self, reason: str) -> None:
+        self._over = True
+        self._guard.report(reason, self.transport)
+        self.transport.abort()
 
     def _answering(self) -> bool:
         # The next request's head is not read while a reply is made.
@@ -182,6 +263,7 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
         )
 
     def _refuse(self, reason: str, error: ServiceError) -> None:
+        self._over = True
         self._guard.report(reason, self.transport)
         body = error.problem().model_dump_json().encode()
         headers = {
@@ -217,11 +299,13 @@ class GuardedWebSocket(GuardedWriting, DirectWebSocket):
         else:
             self._message.end()
 
+    @override
+    def refuse_frames(self, code: int, problem: ProblemType) -> None:
+        self._guard.report("too-many-frames", self.transport)
+        super().refuse_frames(code, problem)
+
     def _too_slow(self) -> None:
         if self.close_sent or self.transport.is_closing():
             return
         self._guard.report("slow-message", self.transport)
-        self.conn.fail(_TOO_SLOW_CLOSE, ProblemType.REQUEST_TIMEOUT.value)
-        self.transport.write(b"".join(self.conn.data_to_send()))
-        self.close_sent = True
-        self.transport.close()
+        super().refuse_frames(_POLICY_CLOSE, ProblemType.REQUEST_TIMEOUT)

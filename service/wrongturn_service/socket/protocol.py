@@ -12,12 +12,24 @@ from typing import Any, Final
 
 from typing_extensions import override
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.frames import CloseCode
 from websockets.http11 import Request
 from websockets.protocol import State
 
-from wrongturn_protocol import framing
+from wrongturn_protocol import ProblemType, framing
 from wrongturn_service.simulators.frames import write_now
 
+_FRAMES: Final = 16
+"""Most frames of a connection that are handled in one turn of the event loop."""
+_BYTES: Final = 8192
+"""Bytes of frames after which the connection waits for the loop's next turn."""
+_PARTS: Final = 256
+"""Most frames of a message."""
+_CONTROLS: Final = 100
+"""Most control frames within so many seconds."""
+_CONTROLS_S: Final = 10.0
+_LINGER_S: Final = 1.0
+"""Seconds for which what a refused client still sends is read and dropped."""
 EXTENSION: Final = "wrongturn.direct"
 """Name of the ASGI extension that gives the application the connection's :class:`DirectWebSocket`."""
 
@@ -32,6 +44,9 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         self._pending = bytearray()
         self._wanted = 0
         self._fragmented = False
+        self._parts = 0
+        self._controls, self._controls_until = 0, 0.0
+        self._behind = False
         self._refused = False
         self._handle = -1
         self._recall: Callable[[], None] | None = None
@@ -114,6 +129,9 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         extensions: dict[str, Any] | None = None if self.close_sent else self.scope["extensions"]
         if extensions is not None:
             extensions[EXTENSION] = self
+            # Until the application accepts the connection, which reads on.
+            self.read_paused = True
+            self.transport.pause_reading()
 
     @override
     def data_received(self, data: bytes) -> None:
@@ -179,7 +197,7 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         """Read only while the application is not busy, the connection is not lent, and replies are taken."""
         if self._on_message is None:
             return
-        paused = self._busy or self._recall is not None or not self.writable.is_set()
+        paused = self._busy or self._behind or self._recall is not None or not self.writable.is_set()
         if paused and not self.read_paused:
             self.read_paused = True
             self.transport.pause_reading()
@@ -189,10 +207,56 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             # Messages that came with the last one; later, so that no message is handled within another one.
             self.loop.call_soon(self.data_received, b"")
 
+    def refuse_frames(self, code: int, problem: ProblemType) -> None:
+        """Close the connection because of the frames that came.
+
+        Args:
+            code: The close's code.
+            problem: The close's reason.
+        """
+        self._refused = True
+        self.conn.fail(code, problem.value)
+        self.transport.write(b"".join(self.conn.data_to_send()))
+        self.close_sent = True
+        # What is unread then would make the end come before the word.
+        self.close_timer = self.loop.call_later(_LINGER_S, self.transport.close)
+
+    def _wait_a_turn(self) -> None:
+        """Let other connections have their turn before the next frames of this one."""
+        self._behind = True
+        self._pace()
+        self.loop.call_soon(self._go_on)
+
+    def _go_on(self) -> None:
+        self._behind = False
+        self._pace()
+
+    def _within_limits(self, kind: int) -> bool:
+        """Count a frame that is not a whole message; close the connection if there are too many."""
+        if kind & framing.CONTROL:
+            if self.loop.time() > self._controls_until:
+                self._controls, self._controls_until = 0, self.loop.time() + _CONTROLS_S
+            self._controls += 1
+            if self._controls > _CONTROLS:
+                self.refuse_frames(CloseCode.POLICY_VIOLATION, ProblemType.RATE_LIMITED)
+                return False
+            return True
+        self._fragmented = not kind & framing.FINAL
+        self._parts = self._parts + 1 if self._fragmented else 0
+        if self._parts > _PARTS:
+            self.refuse_frames(CloseCode.MESSAGE_TOO_BIG, ProblemType.MESSAGE_TOO_LARGE)
+            return False
+        return True
+
     def _split(self, data: bytes | bytearray) -> None:
         """Handle whole frames; keep what follows them until the rest comes."""
-        at = 0
+        at = handled = 0
         while at < len(data) and not self.read_paused:
+            if handled == _FRAMES or at > _BYTES:
+                self._wanted = 0
+                self._wait_a_turn()
+                break
+            handled += 1
             begin, end = framing.extent(data, at, len(data))
             if self.config.ws_max_size < end - begin:
                 # The library refuses it by its head alone, and nothing after it counts.
@@ -211,10 +275,10 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             ):
                 if self.conn.state is State.OPEN:
                     self._on_message(framing.apply_mask(data[begin:end], data[begin - 4 : begin]))
-            else:
-                if not kind & framing.CONTROL:
-                    self._fragmented = not kind & framing.FINAL
+            elif self._within_limits(kind):
                 super().data_received(bytes(data[at:end]))
+            if self._refused or self.transport.is_closing():
+                return
             at = end
         else:
             self._wanted = 0

@@ -144,11 +144,10 @@ class Connection:
 
     def _unpacked(self, data: bytes) -> tuple[int, list[Any]]:
         """Return a message's number and calls. Raises ServiceError."""
-        limit = self._service.settings.body_limit
-        if len(data) > limit:
+        if len(data) > wire.LARGEST:
             raise ServiceError(
                 ProblemType.MESSAGE_TOO_LARGE,
-                f"the message has {len(data)} bytes, at most {limit} are taken; send fewer calls at a time",
+                f"the message has {len(data)} bytes, at most {wire.LARGEST} are taken; send fewer calls at a time",
                 status=413,
             )
         try:

@@ -1,0 +1,213 @@
+"""Longest wait of a well-behaved client while others send hostile requests, and the service's memory.
+
+``python benchmarks/hostile.py [--size 12000000] [--only WORD] [--json FILE]``
+
+A client in a process of its own drives practice episodes over HTTP, a step every 5 ms. Meanwhile each request of
+``tests/service/hostile_requests.py`` is sent, then 20 callers ask for each large public address. The attacking process
+has the lowest priority, since attackers have machines of their own. The exit status is 1 if an answer is not the
+expected one, if the client waited for more than 0.25 s, or if the memory stays more than 10 % above its beginning.
+"""
+
+import argparse
+import contextlib
+import http.client
+import json
+import multiprocessing
+import os
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/service"))
+
+import httpx
+from hostile_requests import HEAVY, Target, hostile_requests
+from service_harness import RunningService, expect
+
+LONGEST_S = 0.25
+GROWTH = 1.1
+PAUSE_S = 0.005
+CALLERS = 20
+_STEPS = 20
+"""Of an episode, so that resets come often."""
+_STEP = {"steer": 0.0, "throttle": 0.3, "brake": 0.0}
+_PRACTICE = {"town": "Town01", "approach": "J3-S"}
+
+
+def drive(url: str, token: str, orders: "Connection[Any, Any]") -> None:
+    """Drive without end; answer each order with the seconds of all resets and steps since the last one."""
+    parts = urlsplit(url)
+    agent = http.client.HTTPConnection(str(parts.hostname), parts.port)
+    headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+
+    def call(path: str, body: object) -> tuple[dict[str, Any], float]:
+        began = time.perf_counter()
+        agent.request("POST", path, json.dumps(body), headers)
+        response = agent.getresponse()
+        read = json.loads(response.read())
+        took = time.perf_counter() - began
+        assert response.status in {200, 201}, read
+        return read, took
+
+    waits: list[float] = []
+    while True:
+        episode, took = call("/v1/episodes", _PRACTICE)
+        waits.append(took)
+        seq, over = 0, False
+        while not over:
+            seq += 1
+            reply, took = call(f"/v1/episodes/{episode['id']}/step", {"seq": seq, "action": _STEP})
+            waits.append(took)
+            over = reply["terminated"] or reply["truncated"]
+            time.sleep(PAUSE_S)
+            if seq == _STEPS:
+                over = True
+                agent.request("DELETE", f"/v1/episodes/{episode['id']}", headers=headers)
+                agent.getresponse().read()
+            if orders.poll():
+                if not orders.recv():
+                    return
+                orders.send(waits)
+                waits = []
+
+
+class Bench:
+    """A service, a client that drives, and those who disturb it."""
+
+    def __init__(self, service: RunningService, url: str, token: str) -> None:
+        self._service = service
+        context = multiprocessing.get_context("spawn")
+        self._orders, theirs = context.Pipe()
+        self._process = context.Process(target=drive, args=(url, token, theirs), daemon=True)
+        self._process.start()
+        self._ask()
+
+    def _ask(self) -> list[float]:
+        self._orders.send(True)
+        waits: list[float] = self._orders.recv()
+        return waits
+
+    def memory(self) -> int:
+        """Return the resident memory of the service's own process, bytes."""
+        status = Path(f"/proc/{self._service.process.pid}/status").read_text(encoding="ascii")
+        return 1024 * next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS"))
+
+    def measure(self, name: str, work: Callable[[], object]) -> dict[str, Any]:
+        """Do something, and return what it did to the client and the service."""
+        self._ask()
+        before, began = self.memory(), time.monotonic()
+        answer = work()
+        while time.monotonic() - began < 1:
+            time.sleep(0.05)
+        took = time.monotonic() - began
+        time.sleep(0.2)
+        waits = sorted(self._ask())
+        return {
+            "name": name,
+            "answer": answer,
+            "took_s": round(took, 1),
+            "calls": len(waits),
+            "median_ms": round(1000 * waits[len(waits) // 2], 1),
+            "longest_ms": round(1000 * waits[-1]),
+            "memory_MB": round(self.memory() / 1e6),
+            "growth": round(self.memory() / before, 3),
+        }
+
+    def close(self) -> None:
+        """End the client."""
+        self._orders.send(False)
+        self._process.join(10)
+
+
+@contextlib.contextmanager
+def running(folder: Path) -> Iterator[RunningService]:
+    """Run a service until the block ends."""
+    service = RunningService(folder / "wrongturn.db", simulators=4, registration_limit=10_000, log_level="error")
+    try:
+        assert service.ready, service.stderr
+        time.sleep(15)  # until it has loaded what draws pictures
+        yield service
+    finally:
+        service.kill()
+
+
+def finished(url: str, token: str) -> dict[str, str]:
+    """Drive the smallest evaluation to its end; return what the addresses need."""
+    with httpx.Client(base_url=url, headers={"Authorization": f"Bearer {token}"}, timeout=600) as agent:
+        evaluation = expect(agent.post("/v1/evaluations", json={"suite": "wrong-command@2"}), 201)["id"]
+        episode = expect(agent.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+        for seq in range(1, 30):
+            expect(agent.post(f"/v1/episodes/{episode}/step", json={"seq": seq, "action": _STEP}), 200)
+        expect(agent.delete(f"/v1/evaluations/{evaluation}"), 200)
+    return {"finished": evaluation, "episode": episode}
+
+
+def many(url: str, path: str) -> list[int]:
+    """Ask for an address by many callers at a time, thrice each; return the statuses that were seen."""
+    seen = set()
+
+    def call() -> None:
+        with httpx.Client(base_url=url, timeout=120) as caller:
+            seen.update(caller.get(path).status_code for _ in range(3))
+
+    threads = [threading.Thread(target=call) for _ in range(CALLERS)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return sorted(seen)
+
+
+def main() -> int:
+    """Run the benchmark; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--size", type=int, default=12_000_000, help="bytes of each request without an end")
+    parser.add_argument("--only", default="", help="a part of the names of those to send")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rows = []
+    with tempfile.TemporaryDirectory() as folder, running(Path(folder)) as service, contextlib.ExitStack() as stack:
+        agents = [stack.enter_context(service.agent("privileged")) for _ in range(2)]
+        ids = finished(service.url, agents[0].token)
+        target = Target(service, agents[0].token, agents[0].evaluate()["id"])
+        bench = Bench(service, service.url, agents[1].token)
+        stack.callback(bench.close)
+        os.nice(19)
+        for hostile in hostile_requests(options.size):
+            if options.only in hostile.name:
+                row = bench.measure(hostile.name, lambda hostile=hostile: hostile.send(target))
+                row["as_expected"] = row["answer"] in hostile.answers
+                _show(row, rows)
+        for path in HEAVY:
+            name = f"{CALLERS} callers of {path}"
+            if options.only in name:
+                row = bench.measure(name, lambda path=path: many(service.url, path.format(**ids)))
+                row["as_expected"] = row["answer"] == [200]
+                _show(row, rows)
+        time.sleep(3)
+        last = bench.memory()
+    first = rows[0]["memory_MB"]
+    sys.stdout.write(f"memory: {first} MB at the beginning, {last / 1e6:.0f} MB at the end\n")
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=2))
+    good = all(row["as_expected"] and row["longest_ms"] <= 1000 * LONGEST_S for row in rows)
+    return 0 if good and last / 1e6 <= GROWTH * first else 1
+
+
+def _show(row: dict[str, Any], rows: list[dict[str, Any]]) -> None:
+    rows.append(row)
+    sys.stdout.write(
+        f"{row['name']:60} {row['answer']!s:8} {'' if row['as_expected'] else '!':1} {row['took_s']:6.1f} s "
+        f"median {row['median_ms']:6.1f} ms  longest {row['longest_ms']:6} ms  {row['memory_MB']:5} MB\n"
+    )
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

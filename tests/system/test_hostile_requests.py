@@ -1,0 +1,37 @@
+"""Requests that are meant to stop the service are refused by name, and cost it little.
+
+``benchmarks/hostile.py`` sends them to a service as it is installed, and measures how long others wait meanwhile.
+"""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
+
+from clocked_service import ClockedService
+from hostile_requests import Hostile, Target, hostile_requests
+from service_harness import expect
+
+SIZE = 300_000
+
+
+@pytest.fixture(scope="module")
+def target(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Target]:
+    service = ClockedService(tmp_path_factory.mktemp("hostile") / "wrongturn.db")
+    try:
+        with service.agent() as agent:
+            yield Target(service, agent.token, agent.evaluate()["id"])
+        assert not [log for log in service.logs if log["log_level"] == "error"]
+    finally:
+        service.close()
+
+
+@pytest.mark.parametrize("hostile", hostile_requests(SIZE), ids=lambda hostile: hostile.name.replace(" ", "-"))
+def test_it_is_refused_and_the_others_drive_on(target: Target, hostile: Hostile) -> None:
+    with target.service.agent() as agent:
+        episode = agent.practise()["id"]
+        assert hostile.send(target) in hostile.answers
+        assert expect(agent.step(episode, 1), 200)["seq"] == 1
