@@ -23,6 +23,7 @@ from wrongturn_service.errors import StartupError
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.idempotency import Idempotency
 from wrongturn_service.metrics_port import metrics_port
+from wrongturn_service.readiness import why_not_ready
 from wrongturn_service.registration import Registrations
 from wrongturn_service.replays import Replays
 from wrongturn_service.settings import Settings
@@ -97,7 +98,7 @@ async def run_service(
     log = structlog.get_logger("service")
     async with contextlib.AsyncExitStack() as stack:
         await stack.enter_async_context(metrics_port(settings, telemetry))
-        database = await Database.open(settings.database_url, home=settings.home)
+        database = await Database.open(settings.database_url, home=settings.home, watcher=telemetry)
         stack.push_async_callback(database.close)
         store = Store(database)
         lost = await store.lose_open_episodes()
@@ -121,6 +122,11 @@ async def run_service(
             longest_s=settings.evaluation_days * 24 * _HOUR_S,
         )
         stack.push_async_callback(episodes.stop)
+        telemetry.watch(
+            "wrongturn_ready",
+            "1 if new episodes can begin, as /health/ready says",
+            lambda: float(why_not_ready(episodes.openings, pool, store) is None),
+        )
         telemetry.watch("wrongturn_open_episodes", "Open episodes", lambda: episodes.open)
         telemetry.watch("wrongturn_leases_held", "Open episodes that have a simulator", lambda: episodes.held)
         telemetry.watch(

@@ -9,6 +9,7 @@ from typing import Final, Literal, get_args
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector, generate_latest
 
 from wrongturn_protocol import SubmissionState
+from wrongturn_service.storage.condition import FailureKind
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -57,6 +58,18 @@ class Telemetry:
             registry=registry,
         )
         self._by_call = {call: (self._simulation.labels(call), self._overhead.labels(call)) for call in get_args(Call)}
+        self._database = Histogram(
+            "wrongturn_database_seconds",
+            "Time of a transaction, by operation",
+            ("operation",),
+            buckets=_BUCKETS,
+            registry=registry,
+        )
+        self._storage_errors = Counter(
+            "wrongturn_storage_errors", "Transactions that failed, by kind", ("kind",), registry=registry
+        )
+        for kind in FailureKind:
+            self._storage_errors.labels(kind.value)
         self.steps = Counter("wrongturn_steps", "Decisions that were simulated", registry=registry)
         self._ended = Counter(
             "wrongturn_episodes_ended", "Episodes with a verdict", ("scored", "verdict"), registry=registry
@@ -162,6 +175,14 @@ class Telemetry:
     def closed(self, reason: str) -> None:
         """Count a connection that the service closed because of its client."""
         self._closed.labels(reason).inc()
+
+    def transacted(self, operation: str, seconds: float) -> None:
+        """Note how long a transaction of the database took."""
+        self._database.labels(operation).observe(seconds)
+
+    def storage_failed(self, kind: str) -> None:
+        """Count a transaction of the database that failed."""
+        self._storage_errors.labels(kind).inc()
 
     def render(self) -> bytes:
         """Return all metrics in Prometheus' text format."""

@@ -11,6 +11,7 @@ from wrongturn_service.api.dependencies import ServiceDep, reply
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.errors import NotFoundError, UnavailableError
 from wrongturn_service.metrics_port import check_reader
+from wrongturn_service.readiness import why_not_ready
 from wrongturn_service.telemetry import CONTENT_TYPE
 
 router = APIRouter(tags=["health"], route_class=Route)
@@ -42,12 +43,12 @@ async def live() -> Response:
 async def ready(service: ServiceDep) -> Response:
     """Tell whether new episodes can begin.
 
-    They can if the database answers, a simulator runs or could be started, and the service is not stopping.
+    They can if the database answers and its last write succeeded, a simulator runs or could be started, and the
+    service is not stopping.
     """
-    if service.episodes.openings.stopping:
-        raise UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping")
-    if service.pool.failure is not None and not service.pool.running:
-        raise UnavailableError(ProblemType.SIMULATOR_FAILED, "no simulator could be started", retry_after_s=30)
+    error = why_not_ready(service.episodes.openings, service.pool, service.store)
+    if error is not None:
+        raise error
     try:
         await asyncio.wait_for(service.store.ping(), _PATIENCE_S)
     except TimeoutError:

@@ -4,7 +4,8 @@ import asyncio
 import contextlib
 import os
 import sqlite3
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any, Self
 
@@ -18,13 +19,20 @@ from sqlalchemy.ext.asyncio import AsyncEngine, AsyncSession, create_async_engin
 
 from wrongturn_service.errors import StartupError
 from wrongturn_service.storage import location, postgres
+from wrongturn_service.storage.condition import Condition, FailureKind, StorageError, Watcher
+from wrongturn_service.storage.models import ProbeRow
 
 _READ = "wrongturn_read"
 _BUSY_MS = 30_000
+_PROBE_BYTES = 256 * 1024
+"""Size of the write that shows whether the database works again: as much as the end of a long episode."""
+_PROBE_EVERY_S = 2.0
 
 
-class DatabaseGoneError(SQLAlchemyError):
+class DatabaseGoneError(StorageError):
     """The database file was deleted, moved or replaced, so writes would be lost."""
+
+    kind = FailureKind.GONE
 
 
 class Database:
@@ -36,7 +44,10 @@ class Database:
         lock: int | None,
         ownership: postgres.Ownership | None = None,
         file: Path | None = None,
+        watcher: Watcher | None = None,
     ) -> None:
+        self.condition = Condition(watcher)
+        self._probing: asyncio.Task[None] | None = None
         self._writing = engine
         self._file = file
         self._identity = None if file is None else _identity(file)
@@ -51,12 +62,13 @@ class Database:
         self._writer = asyncio.Lock()
 
     @classmethod
-    async def open(cls, url: str, *, home: Path | None = None) -> Self:
+    async def open(cls, url: str, *, home: Path | None = None, watcher: Watcher | None = None) -> Self:
         """Connect, lock the file or the server's database, and migrate the tables.
 
         Args:
             url: SQLAlchemy URL.
             home: A missing folder of the file is made only if it is this one.
+            watcher: Is told of transactions.
 
         Raises:
             StartupError: The URL is wrong, its folder is missing, the file cannot be written, the server does not
@@ -100,7 +112,7 @@ class Database:
                 f"the database {shown} was made by another version of Wrongturn ({error}); "
                 f"upgrade Wrongturn, or name another database by {location.NAMED_BY}",
             ) from error
-        return cls(engine, lock, ownership, file)
+        return cls(engine, lock, ownership, file, watcher)
 
     def check(self) -> None:
         """Check that the database is still there and ours, without a query.
@@ -117,22 +129,50 @@ class Database:
     @contextlib.asynccontextmanager
     async def read(self) -> AsyncIterator[AsyncSession]:
         """Open a read-only session on one snapshot."""
-        with postgres.one_error():
+        with self._observed("read"), postgres.one_error():
             async with AsyncSession(self._reading, expire_on_commit=False) as session:
                 yield session
 
     @contextlib.asynccontextmanager
     async def write(self) -> AsyncIterator[AsyncSession]:
         """Open a session. Its changes are on disk when the block ends, or undone if it raises."""
-        self.check()
-        with postgres.one_error():
-            async with self._writer, AsyncSession(self._writing, expire_on_commit=False) as session, session.begin():
-                if self._ownership is not None:
-                    await self._ownership.check(session)
-                yield session
+        async with self._writer:
+            with self._observed("write"), postgres.one_error():
+                self.check()
+                self.condition.writing()
+                async with AsyncSession(self._writing, expire_on_commit=False) as session, session.begin():
+                    if self._ownership is not None:
+                        await self._ownership.check(session)
+                    yield session
+            self.condition.wrote()
+
+    @contextlib.contextmanager
+    def _observed(self, operation: str) -> Iterator[None]:
+        """Note what becomes of a transaction. After a failure, small writes find out when the database works again."""
+        began = time.perf_counter()
+        try:
+            yield
+        except SQLAlchemyError as error:
+            self.condition.failed(error)
+            if self.condition.failing and (self._probing is None or self._probing.done()):
+                self._probing = asyncio.create_task(self._probe())
+            raise
+        finally:
+            self.condition.ended(operation, time.perf_counter() - began)
+
+    async def _probe(self) -> None:
+        while self.condition.failing:
+            await asyncio.sleep(_PROBE_EVERY_S)
+            with contextlib.suppress(SQLAlchemyError):
+                async with self.write() as session:
+                    await session.merge(ProbeRow(id=1, data=os.urandom(_PROBE_BYTES)))
 
     async def close(self) -> None:
         """Close the connections and release the lock."""
+        if self._probing is not None:
+            self._probing.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._probing
         await _close(self._writing, self._lock, self._ownership)
         self._lock = None
 

@@ -299,6 +299,15 @@ class AuditRow(Base):
     """False while a deletion runs, and for good if the service died meanwhile."""
 
 
+class ProbeRow(Base):
+    """What the service writes after a failure, to find out whether the database works again. One row."""
+
+    __tablename__ = "probe"
+
+    id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=False)
+    data: Mapped[bytes] = mapped_column(LargeBinary)
+
+
 class OwnershipRow(Base):
     """The service that uses the database: one row, needed on a server, where there is no file to lock."""
 

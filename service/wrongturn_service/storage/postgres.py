@@ -16,6 +16,7 @@ from sqlalchemy.pool import NullPool
 
 from wrongturn_service.errors import StartupError
 from wrongturn_service.storage import location
+from wrongturn_service.storage.condition import FailureKind, StorageError, kind_of_state
 from wrongturn_service.tokens import new_id
 
 LOCK: Final = 0x77726F6E67
@@ -27,12 +28,16 @@ _COMMAND_S = 60
 _AGAIN_S = 0.2
 
 
-class DatabaseUnreachableError(SQLAlchemyError):
+class DatabaseUnreachableError(StorageError):
     """The server does not answer. Try again."""
 
+    kind = FailureKind.UNREACHABLE
 
-class DatabaseTakenError(SQLAlchemyError):
+
+class DatabaseTakenError(StorageError):
     """Another service has taken the database, so this one must not write any more."""
+
+    kind = FailureKind.TAKEN
 
 
 def connect_args(url: URL) -> dict[str, Any]:
@@ -62,7 +67,9 @@ def one_error() -> Iterator[None]:
         yield
     except (OSError, asyncpg.PostgresError, asyncpg.InterfaceError) as error:
         reason = str(error) or type(error).__name__
-        raise DatabaseUnreachableError(f"the database does not answer: {reason}") from error
+        unreachable = DatabaseUnreachableError(f"the database does not answer: {reason}")
+        unreachable.kind = kind_of_state(getattr(error, "sqlstate", None)) or unreachable.kind
+        raise unreachable from error
 
 
 class Ownership:

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from sqlalchemy import delete, func, inspect, or_, select, update
-from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import AgentKind, EpisodeState, EvaluationState, Outcome, Verdict
+from wrongturn_service.storage.condition import FailureKind, StorageError
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import (
     AgentRow,
@@ -39,8 +39,10 @@ class EvaluationOverError(Exception):
     """The evaluation takes no more episodes or steps: it is finished, cancelled or deleted."""
 
 
-class DamagedTrajectoryError(SQLAlchemyError):
+class DamagedTrajectoryError(StorageError):
     """A stored trajectory differs from what was written."""
+
+    kind = FailureKind.DAMAGED
 
 
 class Store:
@@ -51,6 +53,11 @@ class Store:
 
     def __init__(self, database: Database) -> None:
         self._database = database
+
+    @property
+    def trouble(self) -> str | None:
+        """Why the database cannot be used now, as a sentence; None if nothing is known against it."""
+        return self._database.condition.trouble
 
     async def ping(self) -> None:
         """Query the database. Raises SQLAlchemy's errors if it does not answer or belongs to another service."""
@@ -476,7 +483,7 @@ class Store:
         """
         async with self._database.read() as session:
             row = await session.get(TrajectoryRow, episode_id)
-        return None if row is None else (await asyncio.to_thread(_unpacked, row), row.sha256)
+            return None if row is None else (await asyncio.to_thread(_unpacked, row), row.sha256)
 
     # Idempotency and housekeeping
 
