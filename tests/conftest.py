@@ -1,14 +1,35 @@
-"""What all tests share: the order in which they run, and certificates that are loaded once."""
+"""What all tests share: the order in which they run, who runs them, and what services and clients need not do."""
 
 import functools
+import os
+from typing import Any
 
 import httpx._transports.default
 import pytest
+from xdist.scheduler import LoadFileScheduling
 
 from wrongturn_sandbox import SandboxUnavailableError, probe
 
 # Each new client of httpx loads all certificates anew, which takes 30 ms. The tests make thousands and need none.
 httpx._transports.default.create_ssl_context = functools.cache(httpx._transports.default.create_ssl_context)
+
+# A spare simulator takes a core for two seconds. Tests that are about it ask for one.
+os.environ.setdefault("WRONGTURN_SPARE_SIMULATORS", "0")
+
+TOGETHER = ("tests/browser", "tests/contract", "tests/exploits")
+"""Folders whose files share a service that takes long to fill: one worker runs all of them."""
+
+
+class FolderScheduling(LoadFileScheduling):  # type: ignore[misc]
+    """Give whole files to the workers, and whole folders where :data:`TOGETHER` names them."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.split("::", 1)[0]
+        return next((folder for folder in TOGETHER if file.startswith(f"{folder}/")), file)
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FolderScheduling | None:
+    return FolderScheduling(config, log) if config.getvalue("dist") == "loadfile" else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

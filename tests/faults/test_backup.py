@@ -26,7 +26,7 @@ def command(*arguments: str) -> None:
 
 
 def running(store: Store, folder: Path) -> Service:
-    service = Service(store.url, folder / "service.log", simulators=2)
+    service = Service(store.url, folder / "service.log", simulators=2, spare_simulators=0)
     service.start()
     service.await_ready()
     return service

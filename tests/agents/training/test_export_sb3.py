@@ -356,10 +356,10 @@ def test_an_own_features_extractor_is_imported_from_the_working_directory(tmp_pa
     assert done.returncode == 0, done.stderr
     assert resolve(str(tmp_path / "agent.onnx")).track is Track.STATE
     (tmp_path / "my_extractor.py").rename(tmp_path / "hidden.py")
-    done = run(tmp_path, MAIN)
-    assert done.returncode == 1
-    assert "needs the module my_extractor, which cannot be imported" in done.stderr
-    assert "start in the folder of your module" in done.stderr
+    monkeypatch.delitem(sys.modules, "my_extractor")
+    done = CliRunner().invoke(app, ["export", "sb3", str(tmp_path / "agent.zip"), "--out", str(tmp_path / "a.onnx")])
+    assert "needs the module my_extractor, which cannot be imported" in str(done.exception)
+    assert "start in the folder of your module" in str(done.exception)
 
 
 def test_without_torch_the_extra_is_named(tmp_path):

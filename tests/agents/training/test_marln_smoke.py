@@ -1,4 +1,7 @@
-"""A training of MaRLn of seconds on the CPU, with a small network: it must drive better than chance."""
+"""A training of MaRLn of seconds on the CPU, with a small network: it must drive better than chance.
+
+``test_marln_train.py`` has a shorter one for CI.
+"""
 
 import numpy as np
 import pytest
@@ -22,7 +25,7 @@ OPTIONS = (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_short_training_beats_a_random_policy(tmp_path, small_marln):  # noqa: F811
     random = np.random.default_rng(1)
     by_chance = mean_reward("marln", lambda _: random.uniform(-1.0, 1.0, (CARS, 2)))

@@ -1,4 +1,7 @@
-"""A training of seconds on the CPU, for each algorithm on small networks: it must drive better than chance."""
+"""A training of seconds on the CPU, for each algorithm on small networks: it must drive better than chance.
+
+CI trains the one that takes the least.
+"""
 
 import numpy as np
 import pytest
@@ -78,8 +81,8 @@ def mean_reward(algorithm, act, episodes=32):
     "algorithm",
     [
         pytest.param("ppo-segmentation", marks=pytest.mark.soak),
-        pytest.param("ppo-image", marks=pytest.mark.soak),
-        "ppo-auxiliary",
+        "ppo-image",
+        pytest.param("ppo-auxiliary", marks=pytest.mark.soak),
     ],
 )
 def test_a_short_training_beats_a_random_policy(algorithm, tmp_path, small_networks):  # noqa: F811
