@@ -106,8 +106,9 @@ class Settings(BaseSettings):
     ping_timeout_s: Seconds = 60.0
     """Seconds after which a client that does not answer a ping counts as gone. An agent may think for that long."""
     trusted_proxies: str = "127.0.0.1,::1"
-    """Proxies whose ``X-Forwarded-For`` is believed: addresses and networks, separated by commas, or ``*``."""
-    """Largest body of a request, bytes."""
+    """Proxies whose ``X-Forwarded-For`` is believed: addresses and networks, separated by commas, or ``*``.
+
+    ``gateway`` is the address of the default gateway, which in a container is its machine."""
     submissions: Annotated[int, Field(ge=0, le=256)] = Field(
         default_factory=lambda: max(1, Machine().processors() // 2)
     )
@@ -180,6 +181,13 @@ class Settings(BaseSettings):
         """URL of the database, with the password of :attr:`database_password_file` if it has none."""
         url = self.database or f"sqlite+aiosqlite:///{self.home / 'wrongturn.db'}"
         return url if self.database_password_file is None else _with_password(url, self.database_password_file)
+
+    @property
+    def proxies(self) -> str:
+        """Proxies to believe, with the gateway's address in place of its name. Without a gateway it is nobody."""
+        names = [name.strip() for name in self.trusted_proxies.split(",")]
+        gateway = Machine().gateway() if "gateway" in names else None
+        return ",".join(filter(None, (gateway if name == "gateway" else name for name in names)))
 
     @property
     def parallel(self) -> int:

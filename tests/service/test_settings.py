@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from wrongturn_service.machine import Machine
 from wrongturn_service.settings import PREFIX, Registration, Settings
 
 DOCUMENT = Path(__file__).parents[2] / "docs/settings.md"
@@ -84,3 +85,11 @@ def test_a_file_without_a_password(
     monkeypatch.setenv("WRONGTURN_DATABASE_PASSWORD_FILE", str(file))
     with pytest.raises(ValidationError, match=rf"database_password_file\n.*{says}"):
         Settings()
+
+
+def test_the_gateway_is_a_proxy_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Machine, "gateway", lambda _: "172.21.0.1")
+    assert Settings(trusted_proxies="gateway, 10.0.0.0/8").proxies == "172.21.0.1,10.0.0.0/8"
+    assert Settings(trusted_proxies="10.0.0.1").proxies == "10.0.0.1"
+    monkeypatch.setattr(Machine, "gateway", lambda _: None)
+    assert Settings(trusted_proxies="gateway").proxies == ""

@@ -48,10 +48,13 @@ class Service:
     def __init__(self, secrets: Path) -> None:
         self.port = free_port()
         self.secrets = secrets
+        self.settings = secrets.with_name("service.env")
+        self.settings.touch()
         self.environment = {
             **{name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_")},
             "WRONGTURN_PORT": str(self.port),
             "WRONGTURN_SECRETS": str(secrets),
+            "WRONGTURN_ENV_FILE": str(self.settings),
             "WRONGTURN_SUITE": "smoke@2",
         }
         project = f"wrongturntest{uuid.uuid4().hex[:8]}"
@@ -66,6 +69,9 @@ class Service:
 
     def up(self) -> None:
         self.compose("up", "-d")
+        self.wait_until_ready()
+
+    def wait_until_ready(self) -> None:
         deadline = time.monotonic() + 300
         while self.call("GET", "/health/ready").status != 200:
             # A service that ends at once is started again and again; waiting for that one is of no use.

@@ -1,5 +1,5 @@
 """The compose file as a user would try it: up, agents driven from outside and as workers, a leaderboard, down, up again
-with everything still there, and a backup that can be put back.
+with everything still there.
 
 It needs a Docker engine and takes minutes, so it runs only where one answers: ``pytest -m soak tests/system``.
 """
@@ -11,7 +11,7 @@ import sys
 import time
 
 import pytest
-from system_compose_project import ROOT, Service, entries, first_trial, ids_in, inspect, register
+from system_compose_project import Service, entries, first_trial, ids_in, inspect, register
 
 pytestmark = [pytest.mark.soak, pytest.mark.system, pytest.mark.timeout(1800)]
 
@@ -90,6 +90,7 @@ def test_agents_from_outside_and_as_workers_come_on_the_leaderboard(composed: Se
     environment = {name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_")}
     done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
+    composed.compose("run", "--rm", "-T", "register", "careful")
     composed.compose("--profile", "careful", "up", "--no-recreate", "careful")
     found = {entry["agent"]["name"]: entry["agent"]["kind"] for entry in entries(composed)}
     assert {"always-stops": "submitted", "careful": "baseline"}.items() <= found.items()
@@ -123,20 +124,3 @@ def test_what_was_written_is_there_after_down_and_up(composed: Service) -> None:
     taken = composed.call("POST", "/v1/agents", {"name": "stays", "track": "privileged"})
     assert taken.status == 409, taken.body
     assert entries(composed) == before
-
-
-def test_a_backup_as_documented(composed: Service) -> None:
-    """The commands of docs/operating.md, but for their shell's redirections."""
-    kept = register(composed, "kept")
-    dump = [*composed.command, "exec", "-T", "database", "pg_dump", "-U", "wrongturn", "-Fc", "wrongturn"]
-    backup = subprocess.run(dump, env=composed.environment, cwd=ROOT, capture_output=True, check=True).stdout
-    register(composed, "gone")
-    composed.compose("stop", "service")
-    back = ["pg_restore", "-U", "wrongturn", "-d", "wrongturn", "--clean", "--if-exists", "--single-transaction"]
-    restore = [*composed.command, "exec", "-T", "database", *back]
-    subprocess.run(restore, env=composed.environment, cwd=ROOT, input=backup, capture_output=True, check=True)
-    composed.up()
-    names = {agent["name"] for agent in json.loads(composed.call("GET", "/v1/agents").body)["agents"]}
-    assert "kept" in names
-    assert "gone" not in names
-    assert composed.call("POST", "/v1/evaluations", {"suite": "smoke@2"}, kept["token"]).status == 201
