@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import gc
+import resource
 import signal
 import socket
 import sys
@@ -18,6 +19,7 @@ from fastapi import FastAPI
 from typing_extensions import override
 
 from wrongturn_protocol import wire
+from wrongturn_service import descriptors
 from wrongturn_service.app import create_app
 from wrongturn_service.errors import StartupError
 from wrongturn_service.service import Service
@@ -115,7 +117,13 @@ def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
         app: The application.
         settings: Settings of the service.
     """
-    guard = Guard(settings.max_connections, settings.slow_client_s, app.state.telemetry.closed)
+    limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    guard = Guard(
+        settings.max_connections,
+        descriptors.for_connections(limit, settings.simulators),
+        settings.slow_client_s,
+        app.state.telemetry.closed,
+    )
     return uvicorn.Config(
         app,
         loop="uvloop",
@@ -148,6 +156,7 @@ def run(settings: Settings, bound: socket.socket) -> None:
         StartupError: The service cannot start.
     """
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
+    descriptors.warn_if_few(descriptors.raise_limit(), settings.simulators, settings.max_connections)
     app = create_app(settings)
     server = Server(
         configuration(app, settings), app, f"http://{host}:{bound.getsockname()[1]}", settings.shutdown_grace_s

@@ -7,8 +7,9 @@ Uvicorn also takes heads, trailers and queues of requests of any size, and answe
 """
 
 import asyncio
+import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import structlog
@@ -34,6 +35,7 @@ _PIECE: Final = 16384
 _QUEUED: Final = 32
 """Most requests of a connection that wait for the reply to an earlier one."""
 _POLICY_CLOSE: Final = 1008
+_QUIET_S: Final = 10.0
 _PHRASES: Final = {
     408: "Request Timeout",
     414: "URI Too Long",
@@ -48,20 +50,33 @@ class Guard:
 
     Attributes:
         most: connections at a time.
+        descriptors: file descriptors that the process may have with another connection.
         patience_s: seconds for a request's head, for a message, and for a reply to be read.
         closed: called with the reason whenever a connection is closed.
     """
 
     most: int
+    descriptors: int
     patience_s: float
     closed: Callable[[str], None]
+    _quiet: dict[str, tuple[float, int]] = field(default_factory=dict)
+    """For each reason until when nothing is logged, and how many connections were closed meanwhile."""
 
     def report(self, reason: str, transport: asyncio.BaseTransport) -> None:
-        """Count and log a connection that is being closed."""
+        """Count a connection that is being closed, and log it, but each reason at most once in ten seconds."""
         self.closed(reason)
+        now = time.monotonic()
+        until, unsaid = self._quiet.get(reason, (0.0, 0))
+        if now < until:
+            self._quiet[reason] = until, unsaid + 1
+            return
+        self._quiet[reason] = now + _QUIET_S, 0
         peer = transport.get_extra_info("peername")
         structlog.get_logger("connections").warning(
-            "connection closed", reason=reason, address=peer[0] if isinstance(peer, tuple) else None
+            "connection closed",
+            reason=reason,
+            address=peer[0] if isinstance(peer, tuple) else None,
+            **({"others": unsaid} if unsaid else {}),
         )
 
 
@@ -165,6 +180,17 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
                 UnavailableError(
                     ProblemType.SERVICE_FULL,
                     f"{self._guard.most} connections are open, which is the limit; come back later",
+                    retry_after_s=5,
+                ),
+            )
+            return
+        # A new connection gets the lowest number that is free.
+        if transport.get_extra_info("socket").fileno() >= self._guard.descriptors:
+            self._refuse(
+                "no-descriptors",
+                UnavailableError(
+                    ProblemType.SERVICE_FULL,
+                    "the service has no file descriptors left for connections; come back later",
                     retry_after_s=5,
                 ),
             )
