@@ -23,6 +23,7 @@ from .errors import OwnerNameTakenError as OwnerNameTakenError
 from .errors import PluginError as PluginError
 from .errors import PolicyError as PolicyError
 from .errors import ProtocolError as ProtocolError
+from .errors import QuotaReachedError as QuotaReachedError
 from .errors import ResultsMismatchError as ResultsMismatchError
 from .errors import SecretFileError as SecretFileError
 from .errors import ServiceBusyError as ServiceBusyError

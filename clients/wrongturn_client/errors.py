@@ -33,6 +33,7 @@
         │   └── ResultsMismatchError
         ├── EpisodeLostError         the service was restarted while the episode was open
         ├── SubmissionsUnavailableError  the service takes no submissions
+        ├── QuotaReachedError        you, or your address, have as much stored at the service as may be
         ├── ServiceBusyError         call again later: rate limit, simulators busy, shutting down, a proxy's 502 to 504
         └── ServiceFailedError       the service failed: 5xx
 """
@@ -201,6 +202,10 @@ class SubmissionsUnavailableError(ApiError):
 
 class ServiceBusyError(ApiError):
     """The service asks to be called again later; the client does so for a while before it raises this."""
+
+
+class QuotaReachedError(ApiError):
+    """You, or the address that registered you, have as much stored as may be. The message says what helps."""
 
 
 class ServiceFailedError(ApiError):

@@ -293,7 +293,9 @@ class ResultsRequest(Message):
     """``PUT /v1/evaluations/{id}/results``."""
 
     episodes: Annotated[tuple[EpisodeRecord, ...], FailFast(), Field(max_length=20000)]
-    versions: Annotated[dict[str, str], Field(max_length=50)] = Field(default_factory=dict)
+    versions: Annotated[
+        dict[Annotated[str, Field(max_length=100)], Annotated[str, Field(max_length=200)]], Field(max_length=50)
+    ] = Field(default_factory=dict)
     """Versions of the worker's software, by name."""
 
 

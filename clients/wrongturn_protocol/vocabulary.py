@@ -323,6 +323,7 @@ class ProblemType(StrEnum):
     OWNER_NAME_TAKEN = "owner-name-taken"
     REGISTRATION_CLOSED = "registration-closed"
     RATE_LIMITED = "rate-limited"
+    QUOTA_REACHED = "quota-reached"
     IDEMPOTENCY_KEY_REUSED = "idempotency-key-reused"
     SUITE_RETIRED = "suite-retired"
     EVALUATION_OPEN = "evaluation-open"

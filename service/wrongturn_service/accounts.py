@@ -43,12 +43,14 @@ class Caller:
     Attributes:
         id: Id of the agent.
         track: Track of the agent.
+        owner: Id of the agent's owner.
         submission: Id of the submission whose runner calls. None for the agent itself.
         evaluation: The one evaluation that the runner may drive. None while it checks the model: then it may practise.
     """
 
     id: str
     track: Track
+    owner: str
     submission: str | None = None
     evaluation: str | None = None
 
@@ -200,7 +202,7 @@ class Accounts:
 
     async def _find(self, token_sha256: str) -> Caller | None:
         row = await self._store.agent_by_token(token_sha256)
-        return await self._runner(token_sha256) if row is None else Caller(row.id, Track(row.track))
+        return await self._runner(token_sha256) if row is None else Caller(row.id, Track(row.track), row.owner_id)
 
     async def _runner(self, token_sha256: str) -> Caller | None:
         row = await self._submissions.by_token(token_sha256)
@@ -209,7 +211,7 @@ class Accounts:
         running = row.state == SubmissionState.RUNNING
         if running is (row.evaluation_id is None):
             return None  # its evaluation was deleted, or it is being moved
-        return Caller(row.agent_id, Track(row.track), row.id, row.evaluation_id)
+        return Caller(row.agent_id, Track(row.track), row.owner_id, row.id, row.evaluation_id)
 
     async def submitter(self, authorization: str | None) -> Submitter:
         """Return who calls about submissions.
@@ -235,6 +237,11 @@ class Accounts:
         caller = await self._find(digest(bearer(authorization)))
         if caller is not None:
             caller.check_agent()
+
+    @property
+    def has_operator(self) -> bool:
+        """Whether the service has an operator."""
+        return self._settings.operator.asked
 
     def is_operator(self, authorization: str | None) -> bool:
         """Return whether an ``Authorization`` header holds the operator's token."""

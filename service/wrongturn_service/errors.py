@@ -10,6 +10,7 @@
     ├── NotFoundError             404, the type names what is unknown
     ├── ConflictError             409
     ├── GoneError                 410 episode-lost
+    ├── QuotaReachedError         507, the owner or its address has as much as it may have
     └── UnavailableError          429 or 503, with ``Retry-After``
 
 :mod:`wrongturn_service.api.errors` turns each into ``application/problem+json``.
@@ -106,6 +107,15 @@ class GoneError(ServiceError):
 
     def __init__(self, detail: str) -> None:
         super().__init__(ProblemType.EPISODE_LOST, detail)
+
+
+class QuotaReachedError(ServiceError):
+    """The owner, or the address that registered it, has as much as it may have. Waiting does not help."""
+
+    status = 507
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(ProblemType.QUOTA_REACHED, detail)
 
 
 class UnavailableError(ServiceError):

@@ -6,7 +6,8 @@ from typing import Final
 
 import structlog
 
-from wrongturn_protocol import AgentKind, AgentRegistration, OwnerDetail, OwnerRegistration, ProblemType
+from wrongturn_protocol import AgentKind, AgentRegistration, FieldError, OwnerDetail, OwnerRegistration, ProblemType
+from wrongturn_protocol.reserved_names import OWNER_NAME, looks_like
 from wrongturn_service.accounts import Accounts, bearer
 from wrongturn_service.errors import (
     ConflictError,
@@ -20,7 +21,7 @@ from wrongturn_service.storage.models import AgentRow, IdempotencyRow, OwnerRow
 from wrongturn_service.storage.store import AgentNameTakenError, OwnerNameTakenError, Store
 from wrongturn_service.tokens import digest, new_id
 
-SHIPPED: Final = "Wrongturn"
+SHIPPED: Final = OWNER_NAME
 """Owner of the agents that the operator registers as other kinds than ``submitted``."""
 _log = structlog.get_logger("registration")
 _HOUR_S = 3600.0
@@ -94,39 +95,59 @@ class Registrations:
             "nobody has this token; it may have been rotated or revoked; leave it out, or mend it"
         )
 
+    def sender(self, authorization: str | None, owner: OwnerRow | None, address: str) -> str:
+        """Return whose an ``Idempotency-Key`` of a registration is: the token's, or without a token the address's."""
+        if owner is not None:
+            return owner.id
+        return "operator" if self._accounts.is_operator(authorization) else f"registration {address}"
+
     def check_agent(
         self, registration: AgentRegistration, owner: OwnerRow | None, authorization: str | None, address: str
     ) -> None:
-        """Check whether an agent may be registered. Raises ForbiddenError, UnavailableError."""
+        """Check whether an agent may be registered. Raises ForbiddenError, ConflictError, UnavailableError."""
         if self._accounts.is_operator(authorization):
             return
         if registration.kind is not AgentKind.SUBMITTED:
             raise ForbiddenError(f"kind: {registration.kind} needs the operator's token; leave it out")
         if owner is None:
             self._check_open("agents", "ask the operator for an owner's token")
+        self.check_agent_name(registration.name)
         self._limit.check(address)
 
-    async def check_owner(self, authorization: str | None) -> None:
-        """Check the token of a request to register an owner. Raises UnauthenticatedError, ForbiddenError."""
-        await self.registrant(authorization, "register an owner without a token, or with the operator's")
+    def check_agent_name(self, name: str) -> None:
+        """Check that a name is not kept for the operator. Raises ConflictError.
 
-    def count_owner(self, authorization: str | None, address: str) -> None:
-        """Count a new owner, if any may be registered. Raises ForbiddenError, UnavailableError."""
+        Without an operator, nobody else could register the shipped agents.
+        """
+        shipped = looks_like(name) if self._accounts.has_operator else None
+        if shipped is not None:
+            message = f"{name!r} is reserved: the agent {shipped} comes with Wrongturn; choose another"
+            raise ConflictError(
+                ProblemType.AGENT_NAME_TAKEN, f"name: {message}", errors=[FieldError(path="name", message=message)]
+            )
+
+    def check_owner(self, registration: OwnerRegistration, authorization: str | None, address: str) -> None:
+        """Check whether an owner may be registered. Raises ForbiddenError, ConflictError, UnavailableError."""
         if not self._accounts.is_operator(authorization):
             self._check_open("owners", "ask the operator to register you")
+            _check_owner_name(registration.name)
             self._limit.check(address)
 
     def _check_open(self, what: str, remedy: str) -> None:
         if self._settings.registration is Registration.OPERATOR:
             raise ForbiddenError(f"only the operator registers {what} here; {remedy}", ProblemType.REGISTRATION_CLOSED)
 
-    async def owner_for(self, registration: AgentRegistration, owner: OwnerRow | None) -> OwnerRow:
+    async def owner_for(
+        self, registration: AgentRegistration, owner: OwnerRow | None, authorization: str | None, address: str
+    ) -> OwnerRow:
         """Return the owner of an agent that is about to be registered.
 
         Args:
             registration: The agent.
             owner: The owner that registers it. Without one, a shipped agent belongs to :data:`SHIPPED`, and any other
                 gets a new owner of its name.
+            authorization: The header of the request.
+            address: The address that the request comes from.
         """
         if owner is not None:
             return owner
@@ -134,7 +155,12 @@ class Registrations:
             shipped = await self._store.owner_by_name(SHIPPED.lower())
             assert shipped is not None
             return shipped
-        return new_owner(registration.name)
+        _check_owner_name(registration.name)
+        return new_owner(registration.name, origin=self.origin(authorization, address))
+
+    def origin(self, authorization: str | None, address: str) -> str | None:
+        """Return whose quota an owner that registers counts to: its address's, or nobody's if the operator does it."""
+        return None if self._accounts.is_operator(authorization) else address
 
     async def add_agent(self, row: AgentRow, reply: IdempotencyRow | None) -> None:
         """Store a new agent, and its owner if that is new. Raises ConflictError."""
@@ -193,7 +219,15 @@ def unknown_owner(owner_id: str) -> NotFoundError:
     return NotFoundError(ProblemType.UNKNOWN_OWNER, f"there is no owner {owner_id[:64]!r}")
 
 
-def new_owner(name: str, contact: str | None = None, token: str | None = None) -> OwnerRow:
+def _check_owner_name(name: str) -> None:
+    if looks_like(name, frozenset({SHIPPED})) is not None:
+        raise ConflictError(
+            ProblemType.OWNER_NAME_TAKEN,
+            f"name: {name!r} is reserved: {SHIPPED} is the owner of the shipped agents; choose another",
+        )
+
+
+def new_owner(name: str, contact: str | None = None, token: str | None = None, origin: str | None = None) -> OwnerRow:
     """Return the row of a new owner."""
     return OwnerRow(
         id=new_id("ow"),
@@ -202,12 +236,13 @@ def new_owner(name: str, contact: str | None = None, token: str | None = None) -
         contact=contact,
         token_sha256=None if token is None else digest(token),
         created=time.time(),
+        origin=origin,
     )
 
 
-def owner_of(registration: OwnerRegistration, token: str) -> OwnerRow:
+def owner_of(registration: OwnerRegistration, token: str, origin: str | None) -> OwnerRow:
     """Return the row of an owner that registers."""
-    return new_owner(registration.name, registration.contact, token)
+    return new_owner(registration.name, registration.contact, token, origin)
 
 
 def owner_detail(row: OwnerRow) -> OwnerDetail:

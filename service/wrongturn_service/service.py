@@ -18,7 +18,7 @@ from wrongturn_service.episodes.lease import Terms
 from wrongturn_service.episodes.manager import EpisodeManager
 from wrongturn_service.episodes.queue import Limits as QueueLimits
 from wrongturn_service.episodes.queue import SimulatorQueue
-from wrongturn_service.episodes.registry import Limits
+from wrongturn_service.episodes.registry import Limits, Most
 from wrongturn_service.errors import StartupError
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.idempotency import Idempotency
@@ -34,6 +34,7 @@ from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.finished import FinishedStore
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.submissions import SubmissionStore
+from wrongturn_service.storage.usage import Quota
 from wrongturn_service.submissions.availability import Availability
 from wrongturn_service.submissions.dispatcher import Dispatcher
 from wrongturn_service.submissions.files import ModelFiles
@@ -100,7 +101,13 @@ async def run_service(
         await stack.enter_async_context(metrics_port(settings, telemetry))
         database = await Database.open(settings.database_url, home=settings.home, watcher=telemetry)
         stack.push_async_callback(database.close)
-        store = Store(database)
+        quota = Quota(
+            settings.bytes_per_owner,
+            settings.bytes_per_address,
+            settings.agents_per_owner,
+            settings.accounts_per_address,
+        )
+        store = Store(database, quota)
         lost = await store.lose_open_episodes()
         if lost:
             telemetry.voided("service-ended", lost)
@@ -116,7 +123,7 @@ async def run_service(
             EpisodeDriver(pool, queue, telemetry.replays.inc, telemetry.simulated),
             evaluations,
             terms=Terms(settings.lease_release_s, settings.lease_abort_s),
-            limits=Limits(settings.parallel, settings.practice, settings.open_episodes),
+            limits=_limits(settings),
             telemetry=telemetry,
             idle_s=settings.evaluation_idle_h * _HOUR_S,
             longest_s=settings.evaluation_days * 24 * _HOUR_S,
@@ -143,7 +150,7 @@ async def run_service(
         telemetry.watch("wrongturn_sockets", "Connections to /v1/drive", lambda: sockets.open)
         telemetry.watch("wrongturn_sockets_lent", "Connections lent to simulators", lambda: len(episodes.loans))
         memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, updated every 30 s")
-        rows = SubmissionStore(database)
+        rows = SubmissionStore(database, quota)
         accounts = Accounts(store, rows, settings, episodes.loans.recall)
         files = ModelFiles(settings.home)
         submissions = Submissions(rows, files, episodes, settings, telemetry)
@@ -184,6 +191,15 @@ async def run_service(
             telemetry,
             sockets,
         )
+
+
+def _limits(settings: Settings) -> Limits:
+    return Limits(
+        evaluation=settings.parallel,
+        agent=Most(settings.open_episodes, settings.practice),
+        owner=Most(settings.open_per_owner, settings.practice_per_owner),
+        address=Most(settings.open_per_address, settings.practice_per_address),
+    )
 
 
 def _local_pool(settings: Settings, telemetry: Telemetry) -> SimulatorPool:
@@ -245,6 +261,8 @@ async def _housekeeping(
                 await store.purge(
                     practice_before=now - settings.practice_keep_days * _DAY_S,
                     replies_before=now - settings.idempotency_keep_hours * _HOUR_S,
+                    abandoned_before=now - settings.abandoned_keep_days * _DAY_S,
+                    unused_before=now - settings.unused_keep_days * _DAY_S,
                 )
                 await submissions.purge()
                 purged = time.monotonic()

@@ -2,6 +2,7 @@
 
 from enum import StrEnum
 from functools import cached_property
+from ipaddress import ip_network
 from pathlib import Path
 from typing import Annotated
 from urllib.parse import urlsplit
@@ -14,6 +15,8 @@ from wrongturn_service.machine import Machine
 from wrongturn_service.secret_file import Secret, read_secret
 
 PREFIX = "WRONGTURN_"
+GATEWAY = "gateway"
+"""Stands for the address of the default gateway."""
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -57,6 +60,14 @@ class Settings(BaseSettings):
     Owners always register their agents by their token."""
     registration_limit: Annotated[int, Field(ge=1)] = 100
     """Owners and agents that one address may register within an hour. The operator is exempt."""
+    agents_per_owner: Annotated[int, Field(ge=1)] = 100
+    """Agents of one owner. The owner of the shipped agents is exempt."""
+    accounts_per_address: Annotated[int, Field(ge=2)] = 1000
+    """Owners and agents that one address may have registered in all."""
+    bytes_per_owner: Annotated[int, Field(ge=1 << 20)] = 1 << 30
+    """Bytes that may be stored for one owner. The owner of the shipped agents is exempt."""
+    bytes_per_address: Annotated[int, Field(ge=1 << 20)] = 4 << 30
+    """Bytes that may be stored for all owners that one address has registered."""
     metrics_token: SecretStr | None = None
     """Bearer token for ``GET /metrics``, beside the operator's. Without both only this machine may read the metrics."""
     metrics_token_file: Path | None = None
@@ -85,6 +96,14 @@ class Settings(BaseSettings):
     """Open practice episodes of one agent. Default: twice ``simulators``."""
     max_open: Annotated[int, Field(ge=1)] | None = None
     """Open episodes of one agent, scored and practice. Default: four times ``simulators``."""
+    max_open_per_owner: Annotated[int, Field(ge=1)] | None = None
+    """Open episodes of one owner, scored and practice. Default: eight times ``simulators``."""
+    max_practice_per_owner: Annotated[int, Field(ge=1)] | None = None
+    """Open practice episodes of one owner. Default: four times ``simulators``."""
+    max_open_per_address: Annotated[int, Field(ge=1)] | None = None
+    """Open episodes that one address has begun, scored and practice. Default: sixteen times ``simulators``."""
+    max_practice_per_address: Annotated[int, Field(ge=1)] | None = None
+    """Open practice episodes that one address has begun. Default: eight times ``simulators``."""
     evaluation_idle_h: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 24.0
     """Hours without a reset or a step after which a running evaluation is closed, as DELETE closes it."""
     evaluation_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 7.0
@@ -105,10 +124,10 @@ class Settings(BaseSettings):
     """Seconds between two pings on a connection to ``/v1/drive``."""
     ping_timeout_s: Seconds = 60.0
     """Seconds after which a client that does not answer a ping counts as gone. An agent may think for that long."""
-    trusted_proxies: str = "127.0.0.1,::1"
+    trusted_proxies: str = ""
     """Proxies whose ``X-Forwarded-For`` is believed: addresses and networks, separated by commas, or ``*``.
 
-    ``gateway`` is the address of the default gateway, which in a container is its machine."""
+    ``gateway`` is the address of the default gateway, which in a container is its machine. Default: nobody's."""
     submissions: Annotated[int, Field(ge=0, le=256)] = Field(
         default_factory=lambda: max(1, Machine().processors() // 2)
     )
@@ -125,12 +144,28 @@ class Settings(BaseSettings):
     """Days to keep the models and logs of submissions that are over."""
     practice_keep_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 7.0
     """Days to keep finished practice episodes."""
+    abandoned_keep_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 30.0
+    """Days to keep lost episodes of evaluations that are over, and episodes of cancelled evaluations."""
+    unused_keep_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 180.0
+    """Days to keep owners who registered themselves, and their agents, if they never begin an evaluation."""
     idempotency_keep_hours: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 48.0
     """Hours to keep the reply to an ``Idempotency-Key``."""
     shutdown_grace_s: Seconds = 5.0
     """Seconds that episodes and requests in progress get when the service stops."""
     log_level: Annotated[str, Field(pattern="^(debug|info|warning|error)$")] = "info"
     """Lowest level to log: ``debug``, ``info``, ``warning`` or ``error``."""
+
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _networks(cls, proxies: str) -> str:
+        for item in proxies.split(",") if proxies not in {"", "*"} else ():
+            if item.strip() == GATEWAY:
+                continue
+            try:
+                ip_network(item.strip())
+            except ValueError as error:
+                raise ValueError(f"{item.strip()!r} is neither an address nor a network ({error})") from None
+        return proxies
 
     @field_validator("home")
     @classmethod
@@ -186,8 +221,8 @@ class Settings(BaseSettings):
     def proxies(self) -> str:
         """Proxies to believe, with the gateway's address in place of its name. Without a gateway it is nobody."""
         names = [name.strip() for name in self.trusted_proxies.split(",")]
-        gateway = Machine().gateway() if "gateway" in names else None
-        return ",".join(filter(None, (gateway if name == "gateway" else name for name in names)))
+        gateway = Machine().gateway() if GATEWAY in names else None
+        return ",".join(filter(None, (gateway if name == GATEWAY else name for name in names)))
 
     @property
     def parallel(self) -> int:
@@ -203,6 +238,26 @@ class Settings(BaseSettings):
     def open_episodes(self) -> int:
         """Largest number of open episodes of one agent."""
         return self.max_open or 4 * self.simulators
+
+    @property
+    def open_per_owner(self) -> int:
+        """Largest number of open episodes of one owner."""
+        return self.max_open_per_owner or 8 * self.simulators
+
+    @property
+    def practice_per_owner(self) -> int:
+        """Largest number of open practice episodes of one owner."""
+        return self.max_practice_per_owner or 4 * self.simulators
+
+    @property
+    def open_per_address(self) -> int:
+        """Largest number of open episodes that one address has begun."""
+        return self.max_open_per_address or 16 * self.simulators
+
+    @property
+    def practice_per_address(self) -> int:
+        """Largest number of open practice episodes that one address has begun."""
+        return self.max_practice_per_address or 8 * self.simulators
 
 
 def _password(file: Path) -> str:

@@ -7,6 +7,7 @@ from wrongturn_agents import AGENTS, Agent, AgentListing, list_agents, resolve
 from wrongturn_agents.errors import AgentImportError, ModelFileError, NotAnAgentError, UnknownAgentError
 from wrongturn_agents.registry import EXPLOITS
 from wrongturn_protocol import AgentKind, Track
+from wrongturn_protocol.reserved_names import SHIPPED_NAMES
 
 OWN = '''
 from wrongturn_protocol import Action
@@ -134,3 +135,7 @@ def test_a_class_says_that_it_was_trained_on_faults(own_module):
 def test_a_class_that_needs_arguments(own_module):
     with pytest.raises(NotAnAgentError, match=r"cannot be made without arguments.*weights"):
         resolve(f"{own_module}:Needy").make()
+
+
+def test_the_service_reserves_the_names_of_all_agents() -> None:
+    assert {agent.name for agent in list_agents()} == SHIPPED_NAMES

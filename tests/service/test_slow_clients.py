@@ -27,6 +27,7 @@ def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ClockedService]
         slow_client_s=PATIENCE_S,
         max_sockets=2,
         max_sockets_per_address=3,
+        trusted_proxies="127.0.0.1",
         ping_interval_s=PING_INTERVAL_S,
         ping_timeout_s=PING_TIMEOUT_S,
     )

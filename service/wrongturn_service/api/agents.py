@@ -7,8 +7,9 @@ from fastapi import APIRouter, Depends, Request, Response
 
 from wrongturn_protocol import AgentDetail, AgentList, AgentRegistration, RegisteredAgent
 from wrongturn_service.accounts import bearer, detail
-from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, address_of, reply
+from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, reply
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
+from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.storage.models import AgentRow
 from wrongturn_service.tokens import digest, new_id, new_token
@@ -18,7 +19,7 @@ _LARGEST: Final = 32768
 router = APIRouter(prefix="/v1/agents", tags=["agents"], route_class=Route)
 
 
-@router.post("", **described(RegisteredAgent, 401, 403, 409, 429, status=201))
+@router.post("", **described(RegisteredAgent, 401, 403, 409, 429, 507, status=201))
 async def register(
     request: Request,
     service: ServiceDep,
@@ -33,10 +34,10 @@ async def register(
     owner = await service.registrations.registrant(
         authorization, "register agents with their owner's token, or without one"
     )
-    # Without an owner's token the key belongs to everybody who knows it; the stored token is sealed with it.
-    async with key.once("registration" if owner is None else owner.id, registration) as once:
-        service.registrations.check_agent(registration, owner, authorization, address_of(request))
-        owner = await service.registrations.owner_for(registration, owner)
+    address = address_of(request)
+    async with key.once(service.registrations.sender(authorization, owner, address), registration) as once:
+        service.registrations.check_agent(registration, owner, authorization, address)
+        owner = await service.registrations.owner_for(registration, owner, authorization, address)
         token = new_token()
         row = AgentRow(
             id=new_id("ag"),
@@ -69,7 +70,7 @@ async def agent(service: ServiceDep, authorization: AuthorizationDep, agent: str
     return reply(detail(await service.accounts.shown_agent(agent, authorization)))
 
 
-@router.post("/{agent}/token", **described(RegisteredAgent, 404, status=201))
+@router.post("/{agent}/token", **described(RegisteredAgent, 404, 507, status=201))
 async def rotate(service: ServiceDep, agent: str, authorization: AuthorizationDep, key: KeyDep) -> Response:
     """Make a new token and show it once. The old one ends. For the agent itself, its owner or the operator."""
     # The key belongs to the old token, which no longer opens anything when the request is repeated.

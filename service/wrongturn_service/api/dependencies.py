@@ -14,7 +14,6 @@ from fastapi import Depends, Header, Request, Response, Security
 from fastapi.openapi.models import HTTPBearer
 from fastapi.security.base import SecurityBase
 from pydantic import BaseModel, WithJsonSchema
-from starlette.requests import HTTPConnection
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.accounts import Caller
@@ -214,11 +213,6 @@ async def driven_by(service: Service, caller: Caller, evaluation_id: str) -> Eva
     row = await owned_by(service, caller, evaluation_id)
     caller.check_drives(row)
     return row
-
-
-def address_of(connection: HTTPConnection) -> str:
-    """Return the client's address, or the one that a trusted proxy reports."""
-    return connection.client.host if connection.client is not None else "unknown"
 
 
 def reply(message: BaseModel, status: int = 200) -> Response:

@@ -54,7 +54,7 @@ _MEANING = {
     422: "A field is wrong",
     429: "Over a limit; come back after Retry-After",
     503: "Not now; come back after Retry-After",
-    507: "The disk of the service is full",
+    507: "The disk of the service is full, or your quota is reached",
 }
 _NAMES = {
     "agent": "Id of an agent, see GET /v1/agents.",

@@ -29,6 +29,7 @@ from wrongturn_service.api.dependencies import (
     ServiceDep,
 )
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
+from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.refusals import check_view, unknown_episode
 from wrongturn_service.errors import ConflictError, GoneError
@@ -53,8 +54,9 @@ async def step(
     return Response(body, media_type=encoding)
 
 
-@router.post("", **described(EpisodeReply, 404, 429, status=201))
+@router.post("", **described(EpisodeReply, 404, 429, 507, status=201))
 async def practise(
+    request: Request,
     service: ServiceDep,
     encoding: EncodingDep,
     caller: DriverDep,
@@ -68,6 +70,7 @@ async def practise(
         trial = await catalogue.practice_trial(wanted)
         body = await service.episodes.openings.practice(
             caller,
+            address_of(request),
             trial,
             encoding,
             once.remember(201, encoding),

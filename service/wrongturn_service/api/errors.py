@@ -60,6 +60,10 @@ _EXPLANATIONS = {
         "You have reached a limit. Come back after Retry-After seconds. `position` says how many of your own have to "
         "end first."
     ),
+    ProblemType.QUOTA_REACHED: (
+        "You, or the address that registered you, have as much stored here as may be. Waiting does not help: `detail` "
+        "says what does."
+    ),
     ProblemType.IDEMPOTENCY_KEY_REUSED: "The Idempotency-Key was already sent with another request.",
     ProblemType.SUITE_RETIRED: "Another suite has replaced this one, which takes no new evaluations.",
     ProblemType.EVALUATION_OPEN: (

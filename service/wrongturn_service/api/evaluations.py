@@ -35,6 +35,7 @@ from wrongturn_service.api.dependencies import (
 )
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.api.episodes import episode_detail
+from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.evaluations import new_evaluation, unknown
 from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError
@@ -49,7 +50,7 @@ _RECORD: Final = 512
 router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"], route_class=Route)
 
 
-@router.post("", **described(EvaluationDetail, 404, 409, status=201))
+@router.post("", **described(EvaluationDetail, 404, 409, 507, status=201))
 async def begin(
     service: ServiceDep,
     caller: CallerDep,
@@ -129,13 +130,15 @@ async def close(service: ServiceDep, caller: CallerDep, evaluation: str) -> Resp
     **described(EpisodeReply, 404, 409, 429, status=201),
 )
 async def reset(
-    service: ServiceDep, encoding: EncodingDep, caller: DriverDep, evaluation: str, key: KeyDep
+    request: Request, service: ServiceDep, encoding: EncodingDep, caller: DriverDep, evaluation: str, key: KeyDep
 ) -> Response:
     """Reset: begin the next trial's episode. You learn which trial it was once the evaluation is finished."""
     with service.episodes.openings.in_progress.one(evaluation):
         row = await driven_by(service, caller, evaluation)  # before a stored reply, whose evaluation may be deleted
         async with key.once(caller.holder) as once:
-            body = await service.episodes.openings.next(caller, row, encoding, once.remember(201, encoding), once.key)
+            remember = once.remember(201, encoding)
+            address = address_of(request)
+            body = await service.episodes.openings.next(caller, address, row, encoding, remember, once.key)
     return Response(body, 201, media_type=encoding)
 
 
@@ -162,7 +165,7 @@ async def _results_limit(request: Request) -> int:
     return _RESULTS + (0 if row is None else row.trials * _RECORD)
 
 
-@router.put("/{evaluation}/results", **described(EvaluationDetail, 404, 409))
+@router.put("/{evaluation}/results", **described(EvaluationDetail, 404, 409, 507))
 async def results(
     service: ServiceDep,
     caller: DriverDep,
@@ -202,6 +205,8 @@ def _differences(record: ResultsRequest, index: int, seen: dict[str, EpisodeRow]
     path = f"episodes.{index}"
     if row is None:
         return [FieldError(path=f"{path}.episode", message="is not a finished episode of this evaluation")]
+    if not row.steps:
+        return [FieldError(path=f"{path}.episode", message="was not driven: it ended before its first step")]
     errors = []
     if told.steps != row.steps:
         errors.append(FieldError(path=f"{path}.steps", message=f"is {told.steps}, the service saw {row.steps}"))

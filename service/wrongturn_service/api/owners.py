@@ -6,8 +6,9 @@ from fastapi import APIRouter, Depends, Request, Response
 
 from wrongturn_protocol import OwnerDetail, OwnerList, OwnerRegistration, RegisteredOwner
 from wrongturn_service.accounts import bearer
-from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, address_of, reply
+from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, reply
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
+from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.registration import owner_detail, owner_of
 from wrongturn_service.tokens import digest, new_token
@@ -15,7 +16,7 @@ from wrongturn_service.tokens import digest, new_token
 router = APIRouter(prefix="/v1/owners", tags=["owners"], route_class=Route)
 
 
-@router.post("", **described(RegisteredOwner, 401, 403, 409, 429, status=201))
+@router.post("", **described(RegisteredOwner, 401, 403, 409, 429, 507, status=201))
 async def register(
     request: Request,
     service: ServiceDep,
@@ -24,11 +25,14 @@ async def register(
 ) -> Response:
     """Register an owner. The reply shows the token once. With it the owner registers agents."""
     authorization = request.headers.get("authorization")
-    await service.registrations.check_owner(authorization)
-    async with key.once("registration", registration) as once:
-        service.registrations.count_owner(authorization, address_of(request))
+    holder = await service.registrations.registrant(
+        authorization, "register an owner without a token, or with the operator's"
+    )
+    address = address_of(request)
+    async with key.once(service.registrations.sender(authorization, holder, address), registration) as once:
+        service.registrations.check_owner(registration, authorization, address)
         token = new_token()
-        row = owner_of(registration, token)
+        row = owner_of(registration, token, service.registrations.origin(authorization, address))
         owner = owner_detail(row)
         remember = once.remember(201, Encoding.JSON, token)
         await service.registrations.add_owner(row, remember(owner.model_dump_json().encode()) if remember else None)
@@ -47,7 +51,7 @@ async def owner(service: ServiceDep, authorization: AuthorizationDep, owner: str
     return reply(owner_detail(await service.registrations.shown_owner(owner, authorization)))
 
 
-@router.post("/{owner}/token", **described(RegisteredOwner, 404, status=201))
+@router.post("/{owner}/token", **described(RegisteredOwner, 404, 507, status=201))
 async def rotate(service: ServiceDep, owner: str, authorization: AuthorizationDep, key: KeyDep) -> Response:
     """Make a new token and show it once. The old one ends. For the owner itself or the operator."""
     # The key belongs to the old token, which no longer opens anything when the request is repeated.

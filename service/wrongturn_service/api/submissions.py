@@ -25,6 +25,7 @@ from wrongturn_service.accounts import Submitter
 from wrongturn_service.api.dependencies import AuthorizationDep, KeyDep, RequestKey, ServiceDep, StoredReplyError, reply
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.api.errors import as_service_error
+from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.evaluations import check_takes
 from wrongturn_service.errors import ForbiddenError, InvalidRequestError, NotFoundError
@@ -102,9 +103,10 @@ async def hand_in(request: Request, service: ServiceDep, authorization: Authoriz
         if key.value is None:
             # A repeat has to get its stored reply, even if there is no more room.
             await service.submissions.check_room(submitter.owner.id)
+            await service.store.check_room(submitter.owner.id, int(length[:20]) if length.isdecimal() else 0)
         await service.uploads.check_disk(length)
         submission = new_id("su")
-        with service.uploads.one(submitter.owner.id):
+        with service.uploads.one(submitter.owner.id, address_of(request)):
             async with service.uploads.receive(submission, boundary, request.stream()) as upload:
                 arrived = True
                 return await _take(service, submitter, key, submission, upload)
@@ -119,7 +121,7 @@ async def hand_in(request: Request, service: ServiceDep, authorization: Authoriz
 
 
 async def _take(service: Service, submitter: Submitter, key: RequestKey, submission: str, upload: Upload) -> Response:
-    suite, name = upload.fields[SUITE], _name(submitter, upload)
+    suite, name = upload.fields[SUITE], _name(service, submitter, upload)
     async with key.once(submitter.id, _Request(suite=suite, name=name, sha256=upload.sha256)) as once:
         row = _row(submitter, catalogue.suite(suite), submission, name, upload)
         positions = await service.dispatcher.positions()
@@ -130,8 +132,8 @@ async def _take(service: Service, submitter: Submitter, key: RequestKey, submiss
     return Response(body, 202, media_type=Encoding.JSON)
 
 
-def _name(submitter: Submitter, upload: Upload) -> str:
-    """Return the name of the agent. Raises InvalidRequestError."""
+def _name(service: Service, submitter: Submitter, upload: Upload) -> str:
+    """Return the name of the agent. Raises InvalidRequestError, ConflictError."""
     name = upload.fields.get(NAME)
     if submitter.agent is not None:
         if name not in {None, submitter.agent.name}:
@@ -144,12 +146,14 @@ def _name(submitter: Submitter, upload: Upload) -> str:
     if name is None:
         raise InvalidRequestError(NAME, "is missing; name the new agent")
     try:
-        return _NAME.validate_python(name)
+        valid = _NAME.validate_python(name)
     except ValidationError:
         raise InvalidRequestError(
             NAME,
             "has to be 1 to 64 letters, digits, dots, dashes, underscores and spaces, beginning with a letter or digit",
         ) from None
+    service.registrations.check_agent_name(valid)
+    return valid
 
 
 def _row(submitter: Submitter, suite: Suite, submission: str, name: str, upload: Upload) -> SubmissionRow:

@@ -14,6 +14,7 @@ from wrongturn_service.episodes.schedule import Schedule
 from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError
 from wrongturn_service.storage.models import EvaluationRow
 from wrongturn_service.storage.store import Store
+from wrongturn_service.storage.usage import reserve_of
 from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.tokens import new_id
 
@@ -176,6 +177,7 @@ def new_evaluation(suite: Suite, agent: str, track: Track, entry: Entry) -> Eval
         secret=secrets.token_hex(32),
         trials=len(suite.episodes),
         created=time.time(),
+        stored_bytes=reserve_of(suite.episodes),
     )
 
 

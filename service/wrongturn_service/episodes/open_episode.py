@@ -16,6 +16,21 @@ from wrongturn_service.simulators.action_log import Action as Triple
 from wrongturn_service.simulators.interface import EpisodeEnd, Simulator
 
 
+@dataclass(frozen=True, slots=True)
+class Payer:
+    """Whose limits an open episode counts to.
+
+    Attributes:
+        holder: Id of who drives it: the agent, or the submission whose runner does.
+        owner: Id of the agent's owner.
+        address: The address that has begun it. None for a runner, whose address is the service's own.
+    """
+
+    holder: str
+    owner: str
+    address: str | None
+
+
 def as_float32(action: Action) -> Triple:
     """Return an action rounded to float32. Actions that round to the same values are the same."""
     return rounded(action.steer, action.throttle, action.brake)
@@ -54,7 +69,7 @@ class OpenEpisode:
 
     Attributes:
         id: Opaque id.
-        holder: Id of who drives it: the agent, or the submission whose runner does.
+        payer: Who drives it, and whose limits it counts to.
         evaluation: Id of the evaluation, None in practice.
         trial: The trial.
         track: What the agent observes.
@@ -69,7 +84,7 @@ class OpenEpisode:
     """
 
     id: str
-    holder: str
+    payer: Payer
     evaluation: str | None
     trial: Trial
     track: Track
@@ -87,6 +102,11 @@ class OpenEpisode:
     def seq(self) -> int:
         """Sequence number of the last reply."""
         return self.last.seq
+
+    @property
+    def holder(self) -> str:
+        """Id of who drives it: the agent, or the submission whose runner does."""
+        return self.payer.holder
 
     @property
     def practice(self) -> bool:

@@ -16,13 +16,14 @@ from wrongturn_service.episodes.driver import EpisodeDriver, ReplayFailedError
 from wrongturn_service.episodes.endings import Endings
 from wrongturn_service.episodes.evaluations import RunningEvaluations, finished, unknown
 from wrongturn_service.episodes.lease import Lease, Terms
-from wrongturn_service.episodes.open_episode import OpenEpisode
+from wrongturn_service.episodes.open_episode import OpenEpisode, Payer
 from wrongturn_service.episodes.refusals import stopping
 from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError
 from wrongturn_service.simulators.shared_memory import ObservationView
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
 from wrongturn_service.storage.store import EvaluationOverError, Store
+from wrongturn_service.storage.usage import reserve_of
 from wrongturn_service.tokens import new_id
 
 PATIENCE_S: Final = 20.0
@@ -80,6 +81,8 @@ class _Wanted:
     """A request for an episode."""
 
     caller: Caller
+    address: str
+    """The address that the request comes from."""
     evaluation: str | None
     """Id of the evaluation, None for practice."""
     trial: Trial
@@ -92,6 +95,11 @@ class _Wanted:
     @property
     def practice(self) -> bool:
         return self.evaluation is None
+
+    @property
+    def payer(self) -> Payer:
+        runner = self.caller.submission is not None
+        return Payer(self.caller.holder, self.caller.owner, None if runner else self.address)
 
 
 class Openings:
@@ -118,12 +126,19 @@ class Openings:
         self._terms = terms
 
     async def next(
-        self, caller: Caller, evaluation: EvaluationRow, encoding: Encoding, remember: Remember, key: str | None
+        self,
+        caller: Caller,
+        address: str,
+        evaluation: EvaluationRow,
+        encoding: Encoding,
+        remember: Remember,
+        key: str | None,
     ) -> bytes:
         """Begin an evaluation's next trial and return the reply's body.
 
         Args:
             caller: Who drives it.
+            address: The address that the request comes from.
             evaluation: The evaluation.
             encoding: Encoding of the reply.
             remember: Makes the row that is stored for the request's key.
@@ -150,7 +165,7 @@ class Openings:
             )
         try:
             call = f"{evaluation.id} {key}"
-            wanted = _Wanted(caller, evaluation.id, trial, encoding, remember, call)
+            wanted = _Wanted(caller, address, evaluation.id, trial, encoding, remember, call)
             body = await self._begin(wanted, counts=evaluation.driven is not None)
         except EvaluationOverError as error:
             raise await self._over(evaluation.id) from error
@@ -168,15 +183,17 @@ class Openings:
         return unknown(evaluation_id) if gone else finished(evaluation_id)
 
     async def practice(
-        self, caller: Caller, trial: Trial, encoding: Encoding, remember: Remember, key: str | None
+        self, caller: Caller, address: str, trial: Trial, encoding: Encoding, remember: Remember, key: str | None
     ) -> bytes:
         """Begin a practice episode and return the reply's body. Arguments and errors as for :meth:`next`.
 
         Raises:
             EpisodeRefusedError: The simulation refuses the trial.
+            QuotaReachedError: The owner, or its address, has too many bytes stored.
         """
         self._check_stopping()
-        wanted = _Wanted(caller, None, trial, encoding, remember, f"practice {key}")
+        await self._store.check_room(caller.owner, reserve_of([trial]))
+        wanted = _Wanted(caller, address, None, trial, encoding, remember, f"practice {key}")
         return await self._begin(wanted, counts=True)
 
     def _check_stopping(self) -> None:
@@ -184,11 +201,11 @@ class Openings:
             raise stopping()
 
     async def _begin(self, wanted: _Wanted, *, counts: bool) -> bytes:
-        self._registry.reserve(wanted.caller.holder, practice=wanted.practice)
+        self._registry.reserve(wanted.payer, practice=wanted.practice)
         try:
             return await self._open(wanted, counts=counts)
         except BaseException:
-            self._registry.give_back(wanted.caller.holder, practice=wanted.practice)
+            self._registry.give_back(wanted.payer, practice=wanted.practice)
             raise
 
     async def _open(self, wanted: _Wanted, *, counts: bool) -> bytes:
@@ -208,7 +225,7 @@ class Openings:
                 lease_s=self._terms.abort_s,
             )
 
-        episode = OpenEpisode(episode_id, wanted.caller.holder, wanted.evaluation, trial, track, reply(b""), lease)
+        episode = OpenEpisode(episode_id, wanted.payer, wanted.evaluation, trial, track, reply(b""), lease)
         episode.counts = counts
         async with episode.lock:
             try:
@@ -227,6 +244,7 @@ class Openings:
                 state=EpisodeState.OPEN.value,
                 created=time.time(),
                 steps=0,
+                stored_bytes=reserve_of([trial]) if wanted.practice else 0,
             )
             try:
                 await self._store.add_episode(row, wanted.remember(body) if wanted.remember is not None else None)

@@ -6,10 +6,23 @@ from dataclasses import dataclass
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.counting import one_less
-from wrongturn_service.episodes.open_episode import OpenEpisode
+from wrongturn_service.episodes.open_episode import OpenEpisode, Payer
 from wrongturn_service.errors import UnavailableError
 
 _COME_BACK_S = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Most:
+    """How many episodes somebody may have open.
+
+    Attributes:
+        open: All episodes.
+        practice: Practice episodes.
+    """
+
+    open: int
+    practice: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,13 +31,15 @@ class Limits:
 
     Attributes:
         evaluation: Episodes of one evaluation.
-        practice: Practice episodes of one agent.
-        agent: All episodes of one agent.
+        agent: Episodes of one agent, or of the runner of a submission.
+        owner: Episodes of all agents of one owner.
+        address: Episodes that one address has begun.
     """
 
     evaluation: int
-    practice: int
-    agent: int
+    agent: Most
+    owner: Most
+    address: Most
 
 
 class Registry:
@@ -33,8 +48,9 @@ class Registry:
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
         self._open: dict[str, OpenEpisode] = {}
-        self._holders: Counter[str] = Counter()
-        self._practising: Counter[str] = Counter()
+        self._all: Counter[str] = Counter()
+        """Open episodes by holder, owner and address. An id never looks like an address."""
+        self._practice: Counter[str] = Counter()
 
     def __len__(self) -> int:
         return len(self._open)
@@ -54,27 +70,35 @@ class Registry:
 
     def count(self, holder: str) -> int:
         """Return how many episodes somebody drives, with those that are just being opened."""
-        return self._holders[holder]
+        return self._all[holder]
 
-    def reserve(self, holder: str, *, practice: bool) -> None:
+    def reserve(self, payer: Payer, *, practice: bool) -> None:
         """Count an episode that is about to be opened.
 
         Raises:
-            UnavailableError: The agent has reached a limit.
+            UnavailableError: The agent, its owner or its address has reached a limit.
         """
-        if practice and self._practising[holder] >= self.limits.practice:
-            raise _too_many(f"{self.limits.practice} practice episodes")
-        if self._holders[holder] >= self.limits.agent:
-            raise _too_many(f"{self.limits.agent} episodes")
-        self._holders[holder] += 1
-        if practice:
-            self._practising[holder] += 1
+        limits = self.limits
+        for who, name, most in (
+            (payer.holder, "agent", limits.agent),
+            (payer.owner, "owner", limits.owner),
+            (payer.address, "address", limits.address),
+        ):
+            if who is not None and practice and self._practice[who] >= most.practice:
+                raise _too_many(name, f"{most.practice} practice episodes")
+            if who is not None and self._all[who] >= most.open:
+                raise _too_many(name, f"{most.open} episodes")
+        for who in _names(payer):
+            self._all[who] += 1
+            if practice:
+                self._practice[who] += 1
 
-    def give_back(self, holder: str, *, practice: bool) -> None:
+    def give_back(self, payer: Payer, *, practice: bool) -> None:
         """Take back a reservation."""
-        one_less(self._holders, holder)
-        if practice:
-            one_less(self._practising, holder)
+        for who in _names(payer):
+            one_less(self._all, who)
+            if practice:
+                one_less(self._practice, who)
 
     def add(self, episode: OpenEpisode) -> None:
         """Add an open episode that was reserved before."""
@@ -83,13 +107,17 @@ class Registry:
     def remove(self, episode: OpenEpisode) -> None:
         """Remove a closed episode."""
         del self._open[episode.id]
-        self.give_back(episode.holder, practice=episode.practice)
+        self.give_back(episode.payer, practice=episode.practice)
 
 
-def _too_many(which: str) -> UnavailableError:
+def _names(payer: Payer) -> list[str]:
+    return [who for who in (payer.holder, payer.owner, payer.address) if who is not None]
+
+
+def _too_many(who: str, which: str) -> UnavailableError:
     return UnavailableError(
         ProblemType.RATE_LIMITED,
-        f"this agent has {which} open, which is the limit; finish one or DELETE it",
+        f"this {who} has {which} open, which is the limit; finish one or DELETE it",
         retry_after_s=_COME_BACK_S,
         status=429,
         position=1,

@@ -40,9 +40,10 @@ _STEP_ROUTE: Final = f"{PATH} {Call.STEP}"
 class Calls:
     """Answers the calls of one agent."""
 
-    def __init__(self, service: Service, caller: Caller) -> None:
+    def __init__(self, service: Service, caller: Caller, address: str) -> None:
         self._service = service
         self._caller = caller
+        self._address = address
         self._answers: dict[str, Callable[..., Awaitable[bytes]]] = {
             Call.STEP: self._step,
             Call.NEXT: self._next,
@@ -132,7 +133,9 @@ class Calls:
                     return once.stored.body
                 row = await driven_by(service, caller, wanted)
                 remember = once.remember(201, Encoding.RAW)
-                return await service.episodes.openings.next(caller, row, Encoding.RAW, remember, once.key)
+                return await service.episodes.openings.next(
+                    caller, self._address, row, Encoding.RAW, remember, once.key
+                )
 
     async def _practise(self, request: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
@@ -151,6 +154,7 @@ class Calls:
             trial = await catalogue.practice_trial(wanted)
             return await service.episodes.openings.practice(
                 caller,
+                self._address,
                 trial,
                 Encoding.RAW,
                 once.remember(201, Encoding.RAW),

@@ -13,8 +13,8 @@ from starlette.websockets import WebSocketDisconnect
 from wrongturn_protocol import ProblemType, wire
 from wrongturn_protocol.wire import Call
 from wrongturn_service.accounts import Caller
-from wrongturn_service.api.dependencies import address_of
 from wrongturn_service.api.errors import as_service_error, problem_response
+from wrongturn_service.client_address import address_of
 from wrongturn_service.counting import one_less
 from wrongturn_service.encoding import Reply
 from wrongturn_service.episodes.refusals import stopping
@@ -50,12 +50,13 @@ async def drive(websocket: WebSocket) -> None:
         try:
             _check_version(websocket)
             caller = await service.accounts.caller(websocket.headers.get("authorization"))
-            stack.enter_context(service.sockets.one(caller.holder, address_of(websocket)))
+            address = address_of(websocket)
+            stack.enter_context(service.sockets.one(caller.holder, address))
         except Exception as error:
             await websocket.send_denial_response(problem_response(as_service_error(error)))
             return
         direct: DirectWebSocket = websocket.scope["extensions"][EXTENSION]
-        connection = Connection(websocket, direct, service, caller)
+        connection = Connection(websocket, direct, service, caller, address)
         direct.receive_messages(connection.receive)
         await websocket.accept(subprotocol=wire.SUBPROTOCOL)
         await connection.serve()
@@ -92,13 +93,15 @@ class Connection:
     :data:`wire.CALLS` calls are being answered or replies are not read, so a client that sends without end has to wait.
     """
 
-    def __init__(self, websocket: WebSocket, direct: DirectWebSocket, service: Service, caller: Caller) -> None:
+    def __init__(
+        self, websocket: WebSocket, direct: DirectWebSocket, service: Service, caller: Caller, address: str
+    ) -> None:
         self._websocket = websocket
         self._direct = direct
         self._service = service
         self._caller = caller
         self._known_at = service.accounts.changes
-        self._calls = Calls(service, caller)
+        self._calls = Calls(service, caller, address)
         self._answering = 0
         self._waiting: tuple[int, list[Any]] | None = None
         self._checking = False

@@ -49,6 +49,12 @@ class OwnerRow(Base):
     created: Mapped[float] = mapped_column(Double)
     hidden: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
     """Whether the operator hides it, its agents and their evaluations from everybody else."""
+    origin: Mapped[str | None] = mapped_column(String(64), index=True)
+    """The address that registered it, as limits count addresses. None if the operator did."""
+    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+    """Bytes of all that is stored for it, see :mod:`wrongturn_service.storage.usage`."""
+    active: Mapped[float | None] = mapped_column(Double)
+    """When something was last stored for it."""
 
 
 class AgentRow(Base):
@@ -66,6 +72,8 @@ class AgentRow(Base):
     homepage: Mapped[str | None] = mapped_column(Text)
     trained_on_faults: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
     """Whether it met wrong commands in its training, as its owner says."""
+    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+    """Bytes of the row."""
     token_sha256: Mapped[str | None] = mapped_column(_SHA, unique=True)
     created: Mapped[float] = mapped_column(Double)
     owner_id: Mapped[str] = mapped_column(_ID, ForeignKey("owners.id"), index=True, nullable=True)
@@ -106,6 +114,8 @@ class EvaluationRow(Base):
     """Order in which evaluations were begun, from 1. It decides what counts first, because clocks can be set back.
 
     Every evaluation has one. The column allows null because SQLite adds no other to a filled table."""
+    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+    """Bytes of the row and its episodes; while it runs, what they can come to."""
 
 
 class UnusedSecretRow(Base):
@@ -148,8 +158,11 @@ class EpisodeRow(Base):
     trajectory_sha256: Mapped[str | None] = mapped_column(_SHA)
     seq: Mapped[int | None] = mapped_column(Integer)
     """Order of the resets of an evaluation, from 1. Practice has none."""
+    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+    """Bytes of the row and its trajectory. Practice has what they can come to until its end."""
 
     __table_args__ = (
+        Index("ix_episodes_agent_id_finished", "agent_id", "finished"),
         Index("ix_episodes_evaluation_id_state", "evaluation_id", "state"),
         Index("ix_episodes_evaluation_id_seq", "evaluation_id", "seq"),
         # A trial counts once in an evaluation. Lost episodes run again.
@@ -187,6 +200,8 @@ class ResultsRow(Base):
     body: Mapped[str] = mapped_column(Text)
     """JSON of ResultsRequest."""
     created: Mapped[float] = mapped_column(Double)
+    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+    """Bytes of the row."""
 
 
 class IdempotencyRow(Base):
@@ -204,6 +219,12 @@ class IdempotencyRow(Base):
     sealed_token: Mapped[bytes | None] = mapped_column(LargeBinary)
     """The reply's token, encrypted with the key."""
     created: Mapped[float] = mapped_column(Double, index=True)
+    owner_id: Mapped[str | None] = mapped_column(_ID, index=True)
+    """The owner whose bytes it counts to. None for the operator's."""
+    episode_id: Mapped[str | None] = mapped_column(_ID, index=True)
+    """The episode that the request began. It goes with that episode."""
+    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+    """Bytes of the row."""
 
 
 class SubmissionRow(Base):
@@ -232,6 +253,8 @@ class SubmissionRow(Base):
     """SHA-256 of the model."""
     size: Mapped[int] = mapped_column(BigInteger)
     """Bytes of the model."""
+    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+    """Bytes of the row, its log and, while it is there, the model."""
     state: Mapped[str] = mapped_column(_WORD, index=True)
     reason: Mapped[str | None] = mapped_column(Text)
     """Why it failed or was cancelled, and what to do."""

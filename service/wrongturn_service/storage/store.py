@@ -11,11 +11,11 @@ from sqlalchemy import delete, func, inspect, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import AgentKind, EpisodeState, EvaluationState, Outcome, Verdict
+from wrongturn_service.storage import purging
 from wrongturn_service.storage.condition import FailureKind, StorageError
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import (
     AgentRow,
-    Base,
     EpisodeRow,
     EvaluationRow,
     IdempotencyRow,
@@ -24,6 +24,7 @@ from wrongturn_service.storage.models import (
     TrajectoryRow,
     UnusedSecretRow,
 )
+from wrongturn_service.storage.usage import ROW, TRAJECTORY_ROW, Quota, Usage, over_practice, owner_of, size_of
 from wrongturn_service.storage.visible import counting_suites, seen_agents, seen_evaluations, seen_owners
 
 
@@ -51,8 +52,15 @@ class Store:
     Methods that create something also take the reply for the idempotency key, so that both are stored or neither is.
     """
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, quota: Quota | None = None) -> None:
+        """Use a database.
+
+        Args:
+            database: The database.
+            quota: What owners and addresses may have. None for no limits.
+        """
         self._database = database
+        self._usage = Usage(quota)
 
     @property
     def trouble(self) -> str | None:
@@ -68,10 +76,18 @@ class Store:
     # Owners
 
     async def add_owner(self, owner: OwnerRow, reply: IdempotencyRow | None) -> None:
-        """Store a new owner. Raises OwnerNameTakenError."""
+        """Store a new owner. Raises OwnerNameTakenError, QuotaReachedError."""
         async with self._database.write() as session:
             await _check_owner_name(session, owner)
-            _add(session, owner, reply)
+            await self._usage.check_accounts(session, owner, agents=0, owners=1)
+            await self._add_owner(session, owner)
+            await self._usage.remember(session, reply, owner.id)
+
+    async def _add_owner(self, session: AsyncSession, owner: OwnerRow) -> None:
+        owner.stored_bytes, owner.active = size_of(owner.contact), owner.created
+        session.add(owner)
+        await session.flush()
+        await self._usage.check(session, owner.id, 0)
 
     async def reserve_owner(self, owner: OwnerRow) -> OwnerRow | None:
         """Store a new owner, unless it is there already.
@@ -126,19 +142,32 @@ class Store:
         """Replace an owner's token. None revokes it."""
         async with self._database.write() as session:
             await session.execute(update(OwnerRow).where(OwnerRow.id == owner_id).values(token_sha256=token_sha256))
-            _add(session, reply)
+            await self._usage.remember(session, reply, owner_id)
 
     # Agents
 
     async def add_agent(self, agent: AgentRow, reply: IdempotencyRow | None) -> None:
-        """Store a new agent, and its owner if that is new. Raises AgentNameTakenError, OwnerNameTakenError."""
+        """Store a new agent, and its owner if that is new.
+
+        Raises:
+            AgentNameTakenError, OwnerNameTakenError.
+            QuotaReachedError: The owner or its address has too many agents or bytes.
+        """
+        owner = agent.owner
         async with self._database.write() as session:
             taken = select(AgentRow.id).where(AgentRow.name_key == agent.name_key)
             if await session.scalar(taken) is not None:
                 raise AgentNameTakenError(agent.name)
-            if inspect(agent.owner).transient:
-                await _check_owner_name(session, agent.owner)
-            _add(session, agent, reply)
+            new = inspect(owner).transient
+            if new:
+                await _check_owner_name(session, owner)
+            await self._usage.check_accounts(session, owner, agents=1, owners=int(new))
+            if new:
+                await self._add_owner(session, owner)
+            agent.stored_bytes = size_of(agent.description, agent.homepage)
+            await self._usage.take(session, owner.id, agent.stored_bytes)
+            session.add(agent)
+            await self._usage.remember(session, reply, owner.id)
 
     async def agents(self) -> Sequence[AgentRow]:
         """Return all agents by name, without hidden ones."""
@@ -173,7 +202,7 @@ class Store:
         """Replace an agent's token. None revokes it."""
         async with self._database.write() as session:
             await session.execute(update(AgentRow).where(AgentRow.id == agent_id).values(token_sha256=token_sha256))
-            _add(session, reply)
+            await self._usage.remember(session, reply, await owner_of(session, agent_id))
 
     # Evaluations
 
@@ -190,6 +219,9 @@ class Store:
 
         Returns:
             The running evaluation: the new one, or the one that was there before.
+
+        Raises:
+            QuotaReachedError: What it can come to does not fit.
         """
         async with self._database.write() as session:
             of_agent = EvaluationRow.agent_id == evaluation.agent_id, EvaluationRow.suite == evaluation.suite
@@ -198,7 +230,11 @@ class Store:
             if found is not None:
                 return found
             await prepare_evaluation(session, evaluation)
-            _add(session, evaluation, None if remember is None else remember(evaluation))
+            owner = await owner_of(session, evaluation.agent_id)
+            evaluation.stored_bytes = evaluation.stored_bytes or ROW
+            await self._usage.take(session, owner, evaluation.stored_bytes)
+            session.add(evaluation)
+            await self._usage.remember(session, None if remember is None else remember(evaluation), owner)
         return evaluation
 
     async def evaluation(self, evaluation_id: str) -> EvaluationRow | None:
@@ -251,7 +287,10 @@ class Store:
                 EvaluationRow.state == EvaluationState.RUNNING,
             )
             values = {"state": EvaluationState.FINISHED, "finished": time.time(), "metrics": metrics}
-            return bool(getattr(await session.execute(query.values(**values)), "rowcount", 0))
+            if not getattr(await session.execute(query.values(**values)), "rowcount", 0):
+                return False
+            await self._usage.settle_evaluation(session, evaluation_id, size_of(metrics))
+            return True
 
     async def retire_evaluation(self, evaluation_id: str) -> None:
         """Cancel a running evaluation whose suite was retired. It has no end, because its agent did not cancel it."""
@@ -259,7 +298,8 @@ class Store:
             query = update(EvaluationRow).where(
                 EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.RUNNING
             )
-            await session.execute(query.values(state=EvaluationState.CANCELLED))
+            if getattr(await session.execute(query.values(state=EvaluationState.CANCELLED)), "rowcount", 0):
+                await self._usage.settle_evaluation(session, evaluation_id, ROW)
 
     async def delete_undriven(self, evaluation_id: str) -> bool:
         """Delete a running evaluation without any step, and keep its secret for the agent's next one on the suite.
@@ -272,10 +312,11 @@ class Store:
             if row is None or row.state != EvaluationState.RUNNING or row.driven is not None:
                 return False
             secret = UnusedSecretRow(agent_id=row.agent_id, suite=row.suite, secret=row.secret)
-            episodes = select(EpisodeRow.id).where(EpisodeRow.evaluation_id == evaluation_id)
-            await session.execute(delete(TrajectoryRow).where(TrajectoryRow.episode_id.in_(episodes)))
-            await session.execute(delete(EpisodeRow).where(EpisodeRow.evaluation_id == evaluation_id))
+            await self._usage.delete_episodes(session, EpisodeRow.evaluation_id == evaluation_id)
+            results = await session.get(ResultsRow, evaluation_id)
+            size = row.stored_bytes + (0 if results is None else results.stored_bytes)
             await session.execute(delete(ResultsRow).where(ResultsRow.evaluation_id == evaluation_id))
+            await self._usage.add(session, await owner_of(session, row.agent_id), -size)
             await session.delete(row)
             await session.merge(secret)
         return True
@@ -302,6 +343,7 @@ class Store:
             missing = [episode for episode in aborted if episode.trial_id not in done]
             for seq, episode in enumerate(missing, await _next_episode(session, evaluation_id)):
                 episode.seq = seq
+                episode.stored_bytes = size_of(episode.trial, episode.outcome)
             session.add_all(missing)
 
     async def finished_count(self, evaluation_id: str) -> int:
@@ -324,20 +366,26 @@ class Store:
         return {trial: Outcome.model_validate_json(outcome) for trial, outcome in rows if outcome is not None}
 
     async def put_results(self, evaluation_id: str, body: str) -> None:
-        """Store a worker's own record. A newer one replaces it."""
+        """Store a worker's own record. A newer one replaces it. Raises QuotaReachedError."""
         async with self._database.write() as session:
-            await session.merge(ResultsRow(evaluation_id=evaluation_id, body=body, created=time.time()))
+            evaluation = await session.get(EvaluationRow, evaluation_id)
+            if evaluation is None:
+                return
+            old = await session.get(ResultsRow, evaluation_id)
+            size, now = size_of(body), time.time()
+            owner = await owner_of(session, evaluation.agent_id)
+            await self._usage.take(session, owner, size - (0 if old is None else old.stored_bytes))
+            await session.merge(ResultsRow(evaluation_id=evaluation_id, body=body, created=now, stored_bytes=size))
 
     async def cancelled_counts(self, suite: str) -> dict[str, int]:
         """Return how many evaluations of a suite each agent cancelled after it had begun to drive."""
-        driven = select(EpisodeRow.evaluation_id).where(EpisodeRow.evaluation_id == EvaluationRow.id).exists()
         query = (
             select(EvaluationRow.agent_id, func.count())
             .where(
                 EvaluationRow.suite == suite,
                 EvaluationRow.state == EvaluationState.CANCELLED,
                 EvaluationRow.finished.is_not(None),  # the service itself cancels those of retired suites
-                driven,
+                EvaluationRow.driven.is_not(None),
             )
             .group_by(EvaluationRow.agent_id)
         )
@@ -377,6 +425,18 @@ class Store:
             rows = (await session.execute(query)).all()
         return {suite: (count, newest or 0.0) for suite, count, newest in rows}
 
+    async def check_room(self, owner_id: str, more: int) -> None:
+        """Make room for so many bytes of an owner, if need be by deleting its oldest practice.
+
+        Raises:
+            QuotaReachedError: There is none.
+        """
+        async with self._database.read() as session:
+            if await self._usage.fits(session, owner_id, more):
+                return
+        async with self._database.write() as session:
+            await self._usage.make_room(session, owner_id, more)
+
     # Episodes
 
     async def add_episode(self, episode: EpisodeRow, reply: IdempotencyRow | None) -> None:
@@ -384,6 +444,7 @@ class Store:
 
         Raises:
             EvaluationOverError: The evaluation takes no more episodes, or has a verdict of this trial.
+            QuotaReachedError: It is practice, and what it can come to does not fit.
         """
         async with self._database.write() as session:
             if episode.evaluation_id is not None:
@@ -405,7 +466,16 @@ class Store:
                 )
                 await session.execute(ghost.values(state=EpisodeState.LOST, finished=time.time()))
                 episode.seq = await _next_episode(session, episode.evaluation_id)
-            _add(session, episode, reply)
+            owner = await owner_of(session, episode.agent_id)
+            if reply is not None:
+                reply.episode_id = episode.id
+            if episode.evaluation_id is None:
+                episode.stored_bytes = episode.stored_bytes or ROW
+                await self._usage.take(session, owner, episode.stored_bytes)
+                await self._usage.remember(session, reply, owner)
+            else:
+                await self._usage.remember(session, reply, owner, evaluation_id=episode.evaluation_id)
+            session.add(episode)
 
     async def episode(self, episode_id: str) -> EpisodeRow | None:
         """Return an episode, or None."""
@@ -460,20 +530,27 @@ class Store:
                 session.add(
                     TrajectoryRow(episode_id=episode_id, sha256=sha256, size=len(trajectory), data=compressed),
                 )
+            await self._usage.settle_episode(session, episode_id, TRAJECTORY_ROW + len(compressed) if trajectory else 0)
         return True
 
     async def lose_episode(self, episode_id: str, verdict: Verdict | None = None) -> None:
         """Mark an open episode as lost, so that its trial runs again."""
         async with self._database.write() as session:
             query = update(EpisodeRow).where(EpisodeRow.id == episode_id, EpisodeRow.state == EpisodeState.OPEN)
-            await session.execute(query.values(state=EpisodeState.LOST, finished=time.time(), verdict=verdict))
+            values = {"state": EpisodeState.LOST, "finished": time.time(), "verdict": verdict}
+            if getattr(await session.execute(query.values(**values)), "rowcount", 0):
+                await self._usage.settle_episode(session, episode_id)
 
     async def lose_open_episodes(self) -> int:
         """Mark the episodes that were open when the service last stopped as lost, and return their number."""
         async with self._database.write() as session:
-            query = update(EpisodeRow).where(EpisodeRow.state == EpisodeState.OPEN)
-            result = await session.execute(query.values(state=EpisodeState.LOST, finished=time.time()))
-            return int(getattr(result, "rowcount", 0))
+            is_open = EpisodeRow.state == EpisodeState.OPEN
+            lost = (await session.scalars(select(EpisodeRow.id).where(is_open))).all()
+            values = {"state": EpisodeState.LOST, "finished": time.time()}
+            await session.execute(update(EpisodeRow).where(is_open).values(**values))
+            for episode in lost:
+                await self._usage.settle_episode(session, episode)
+            return len(lost)
 
     async def trajectory(self, episode_id: str) -> tuple[bytes, str] | None:
         """Return a trajectory's canonical JSON and its SHA-256, or None.
@@ -492,17 +569,23 @@ class Store:
         async with self._database.read() as session:
             return await session.get(IdempotencyRow, (scope, key_sha256))
 
-    async def purge(self, *, practice_before: float, replies_before: float) -> None:
-        """Delete practice episodes and stored replies from before these times, seconds since 1970."""
+    async def purge(
+        self, *, practice_before: float, replies_before: float, abandoned_before: float, unused_before: float
+    ) -> None:
+        """Delete what is old. All times are seconds since 1970.
+
+        Args:
+            practice_before: Practice that was over before.
+            replies_before: Replies to idempotency keys that were stored before.
+            abandoned_before: Lost episodes, and all episodes and records of cancelled evaluations, from before.
+            unused_before: Owners who registered themselves, have no evaluation and no submission, and have stored
+                nothing since; with their agents.
+        """
         async with self._database.write() as session:
-            old = select(EpisodeRow.id).where(
-                EpisodeRow.evaluation_id.is_(None),
-                EpisodeRow.state != EpisodeState.OPEN,
-                EpisodeRow.finished < practice_before,
-            )
-            await session.execute(delete(TrajectoryRow).where(TrajectoryRow.episode_id.in_(old)))
-            await session.execute(delete(EpisodeRow).where(EpisodeRow.id.in_(old)))
-            await session.execute(delete(IdempotencyRow).where(IdempotencyRow.created < replies_before))
+            await self._usage.delete_episodes(session, *over_practice(), EpisodeRow.finished < practice_before)
+            await self._usage.delete_replies(session, IdempotencyRow.created < replies_before)
+            await purging.delete_abandoned(session, self._usage, abandoned_before)
+            await purging.delete_unused(session, self._usage, unused_before)
 
 
 async def prepare_evaluation(session: AsyncSession, evaluation: EvaluationRow) -> None:
@@ -521,10 +604,6 @@ async def _next_episode(session: AsyncSession, evaluation_id: str) -> int:
     """Return the number of an evaluation's next episode."""
     last = select(func.max(EpisodeRow.seq)).where(EpisodeRow.evaluation_id == evaluation_id)
     return (await session.scalar(last) or 0) + 1
-
-
-def _add(session: AsyncSession, *rows: Base | None) -> None:
-    session.add_all([row for row in rows if row is not None])
 
 
 async def _check_owner_name(session: AsyncSession, owner: OwnerRow) -> None:

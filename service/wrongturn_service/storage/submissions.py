@@ -14,12 +14,13 @@ from wrongturn_service.storage.models import (
     EpisodeRow,
     EvaluationRow,
     IdempotencyRow,
+    OwnerRow,
     SubmissionLogRow,
     SubmissionRow,
-    TrajectoryRow,
     UnusedSecretRow,
 )
 from wrongturn_service.storage.store import AgentNameTakenError, prepare_evaluation
+from wrongturn_service.storage.usage import ROW, SUBMISSION, Quota, Usage, size_of
 
 OPEN: Final = tuple(state for state in SubmissionState if not state.over)
 """States of submissions that wait or run."""
@@ -50,8 +51,15 @@ class SubmissionStore:
     A runner's token ends whenever its submission changes its state. :attr:`token_ended` is awaited then.
     """
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, quota: Quota | None = None) -> None:
+        """Use a database.
+
+        Args:
+            database: The database.
+            quota: What owners and addresses may have. None for no limits.
+        """
         self._database = database
+        self._usage = Usage(quota)
         self.token_ended: Callable[[str], Awaitable[None]] = _nobody
         """Awaited with the submission's id after its token has ended, or its agent's id after that was deleted."""
 
@@ -67,17 +75,32 @@ class SubmissionStore:
             AgentNameTakenError: An agent or an open submission has the name of the agent that is to be made.
             SuiteBegunError: The agent that hands it in has begun the suite.
             TooManySubmissionsError: The owner has as many already.
+            QuotaReachedError: The model does not fit.
         """
         async with self._database.write() as session:
             if submission.agent_id is None:
                 await _check_name(session, submission.name_key)
+                owner = await session.get(OwnerRow, submission.owner_id)
+                assert owner is not None
+                await self._usage.check_accounts(session, owner, agents=1, owners=0)
             else:
                 await _check_not_begun(session, submission.agent_id, submission.suite)
             is_open = SubmissionRow.owner_id == submission.owner_id, SubmissionRow.state.in_(OPEN)
             if (await session.scalar(select(func.count()).where(*is_open)) or 0) >= most:
                 raise TooManySubmissionsError(submission.owner_id)
             submission.seq = (await session.scalar(select(func.max(SubmissionRow.seq))) or 0) + 1
-            session.add_all([submission] if reply is None else [submission, reply])
+            submission.stored_bytes = SUBMISSION + submission.size
+            await self._usage.take(session, submission.owner_id, submission.stored_bytes)
+            await self._usage.remember(session, reply, submission.owner_id)
+            session.add(submission)
+
+    async def forget_model(self, submission_id: str) -> None:
+        """Note that a submission's model was deleted, so its bytes count no more. Safe to call again."""
+        async with self._database.write() as session:
+            row = await session.get(SubmissionRow, submission_id)
+            if row is not None and row.stored_bytes > SUBMISSION:
+                await self._usage.add(session, row.owner_id, SUBMISSION - row.stored_bytes)
+                row.stored_bytes = SUBMISSION
 
     async def open_count(self, owner_id: str) -> int:
         """Return how many submissions of an owner wait or run."""
@@ -215,6 +238,8 @@ class SubmissionStore:
                 raise SubmissionOverError(submission_id)
             if await session.scalar(select(AgentRow.id).where(AgentRow.name_key == agent.name_key)) is not None:
                 raise AgentNameTakenError(agent.name)
+            agent.stored_bytes = size_of(agent.description)
+            await self._usage.add(session, row.owner_id, agent.stored_bytes, now=time.time())
             session.add(agent)
             await session.flush()
             row.agent_id, row.track = agent.id, agent.track
@@ -233,11 +258,11 @@ class SubmissionStore:
             begun = select(EvaluationRow.id).where(EvaluationRow.agent_id == agent).limit(1)
             if await session.scalar(begun) is not None:
                 return None
-            practice = select(EpisodeRow.id).where(EpisodeRow.agent_id == agent)
-            await session.execute(delete(TrajectoryRow).where(TrajectoryRow.episode_id.in_(practice)))
-            await session.execute(delete(EpisodeRow).where(EpisodeRow.agent_id == agent))
+            made = await session.get(AgentRow, agent)
+            await self._usage.delete_episodes(session, EpisodeRow.agent_id == agent)
+            await self._usage.delete_replies(session, IdempotencyRow.scope == agent)
+            await self._usage.add(session, row.owner_id, 0 if made is None else -made.stored_bytes)
             await session.execute(delete(UnusedSecretRow).where(UnusedSecretRow.agent_id == agent))
-            await session.execute(delete(IdempotencyRow).where(IdempotencyRow.scope == agent))
             await session.execute(delete(AgentRow).where(AgentRow.id == agent))
         return agent
 
@@ -258,6 +283,9 @@ class SubmissionStore:
             if await session.scalar(begun.limit(1)) is not None:
                 raise SuiteBegunError(evaluation.agent_id)
             await prepare_evaluation(session, evaluation)
+            # It is not refused: the submission was taken in, and the service itself drives it.
+            evaluation.stored_bytes = evaluation.stored_bytes or ROW
+            await self._usage.add(session, row.owner_id, evaluation.stored_bytes, now=time.time())
             session.add(evaluation)
             await session.flush()
             row.evaluation_id, row.state, row.started = evaluation.id, SubmissionState.RUNNING.value, time.time()

@@ -94,6 +94,7 @@ class ModelFiles:
         useless = [name for name, since in written.items() if _useless(known.get(name), since, before)]
         for name in useless:
             self.delete(name)
+            await rows.forget_model(name)
         return len(useless)
 
     def _part(self, submission_id: str) -> Path:

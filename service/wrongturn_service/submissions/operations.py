@@ -12,7 +12,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from wrongturn_protocol import AgentKind, FieldError, ProblemType, SubmissionState, Track
 from wrongturn_protocol.submissions import NAME, SUITE
 from wrongturn_service.episodes.manager import EpisodeManager
-from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError
+from wrongturn_service.errors import ConflictError, QuotaReachedError, ServiceError, UnavailableError
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.models import AgentRow, IdempotencyRow, SubmissionRow
 from wrongturn_service.storage.store import AgentNameTakenError
@@ -75,6 +75,9 @@ class Submissions:
         except (AgentNameTakenError, SuiteBegunError, TooManySubmissionsError) as error:
             await asyncio.to_thread(self.files.delete, row.id)
             raise _refused(row, error) from error
+        except QuotaReachedError:
+            await asyncio.to_thread(self.files.delete, row.id)
+            raise
         except SQLAlchemyError:
             # The commit may have succeeded before its connection broke. Then the row needs its model.
             if await self.rows.get(row.id) is None:
@@ -206,6 +209,7 @@ class Submissions:
         left = await self.rows.get(row.id)
         if left is not None and never_driven(left):
             await asyncio.to_thread(self.files.delete, row.id)
+            await self.rows.forget_model(row.id)
 
     async def tidy(self) -> None:
         """Do what an end of the service or a failure has kept from being done. Call it before the first runner.

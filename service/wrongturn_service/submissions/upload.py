@@ -32,6 +32,8 @@ _PART: Final = 1024 * 1024
 _THREADS: Final = 2
 _FULL: Final = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _COME_BACK_S: Final = 30
+_OWNERS: Final = 4
+"""Owners of one address that may upload as much as they like at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +63,14 @@ class Uploads:
             files: The folder of the models.
             limit: Largest model, bytes.
             patience_s: Seconds in which a client has to send 64 KiB.
-            each: Uploads of one owner at a time.
+            each: Uploads of one owner at a time. An address may have four times as many.
         """
         self._files = files
         self._limit = limit
         self._patience_s = patience_s
         self._each = each
-        self._owners: Counter[str] = Counter()
+        self._under_way: Counter[str] = Counter()
+        """Uploads by owner and by address. An id never looks like an address."""
         # Threads of its own: slow disks must not take those that other calls need.
         self._threads = ThreadPoolExecutor(_THREADS, "upload")
         self._closed = False
@@ -107,21 +110,24 @@ class Uploads:
         await self._work(self._files.check_room, size)
 
     @contextlib.contextmanager
-    def one(self, owner: str) -> Iterator[None]:
-        """Count an upload of an owner while the block runs. Raises UnavailableError beyond the limit."""
-        if self._owners[owner] >= self._each:
-            raise UnavailableError(
-                ProblemType.RATE_LIMITED,
-                f"{self._each} uploads of this owner are under way, which is the limit; send this one after them",
-                retry_after_s=_COME_BACK_S,
-                status=429,
-                position=1,
-            )
-        self._owners[owner] += 1
+    def one(self, owner: str, address: str) -> Iterator[None]:
+        """Count an upload of an owner and an address while the block runs. Raises UnavailableError beyond a limit."""
+        for who, name, most in ((owner, "owner", self._each), (address, "address", _OWNERS * self._each)):
+            if self._under_way[who] >= most:
+                raise UnavailableError(
+                    ProblemType.RATE_LIMITED,
+                    f"{most} uploads of this {name} are under way, which is the limit; send this one after them",
+                    retry_after_s=_COME_BACK_S,
+                    status=429,
+                    position=1,
+                )
+        self._under_way[owner] += 1
+        self._under_way[address] += 1
         try:
             yield
         finally:
-            one_less(self._owners, owner)
+            one_less(self._under_way, owner)
+            one_less(self._under_way, address)
 
     @contextlib.asynccontextmanager
     async def receive(self, submission_id: str, boundary: bytes, body: AsyncIterator[bytes]) -> AsyncIterator[Upload]:

@@ -1,0 +1,53 @@
+"""Names of the agents and algorithms that come with Wrongturn. A service keeps them for its operator."""
+
+from typing import Final
+
+SHIPPED_NAMES: Final = frozenset(
+    {
+        "always-stops",
+        "blocker",
+        "careful",
+        "clones",
+        "creeper",
+        "doubting",
+        "doubting-segmentation",
+        "head-on",
+        "ignores-commands",
+        "obeys-blindly",
+        "odometer",
+        "oncoming-lane",
+        "oncoming-lane-back",
+        "parked",
+        "pause-then-obey",
+        "ppo-auxiliary",
+        "ppo-image",
+        "ppo-segmentation",
+        "twin-tape",
+        "twitcher",
+        "u-turner",
+    }
+)
+"""Names of agents and algorithms."""
+OWNER_NAME: Final = "Wrongturn"
+"""Name of their owner."""
+_SEPARATORS: Final = str.maketrans("", "", "._ -")
+_ALIKE: Final = str.maketrans("015i", "olsl")
+
+
+def looks_like(name: str, reserved: frozenset[str] = SHIPPED_NAMES) -> str | None:
+    """Return the reserved name that a reader could take a name for, or None.
+
+    Case, dots, dashes, underscores and spaces make no difference; nor do ``0`` and ``o``, ``1``, ``i`` and ``l``,
+    ``5`` and ``s``, ``rn`` and ``m``, ``vv`` and ``w``.
+
+    Args:
+        name: A valid name of an agent or owner, which is ASCII.
+        reserved: The reserved names.
+    """
+    wanted = _skeleton(name)
+    return next((one for one in sorted(reserved) if _skeleton(one) == wanted), None)
+
+
+def _skeleton(name: str) -> str:
+    plain = name.lower().translate(_SEPARATORS).translate(_ALIKE)
+    return plain.replace("rn", "m").replace("vv", "w")

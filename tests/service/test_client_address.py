@@ -1,0 +1,138 @@
+"""Whose a request is: addresses as limits count them, and whose word about them is believed."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, cast
+
+import httpx
+import pytest
+from app_harness import application, play
+from fake_pool import FakePool
+from fastapi import FastAPI
+from service_harness import expect, problem
+from starlette.types import ASGIApp
+
+from wrongturn_service.client_address import counted
+from wrongturn_service.server import configuration
+
+PROXY, INNER = "10.0.0.1", "10.0.0.2"
+
+
+@pytest.mark.parametrize(
+    ("address", "as_counted"),
+    [
+        ("192.0.2.7", "192.0.2.7"),
+        ("::ffff:192.0.2.7", "192.0.2.7"),
+        ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
+        ("2001:db8:1:2::ffff", "2001:db8:1:2::/64"),
+        ("2001:db8:1:3::ffff", "2001:db8:1:3::/64"),
+        ("fe80::1%eth0", "fe80::/64"),
+        ("::1", "::1"),
+        ("testclient", "unknown"),
+        ("", "unknown"),
+    ],
+)
+def test_ipv6_counts_by_site(address: str, as_counted: str) -> None:
+    assert counted(address) == as_counted
+
+
+@asynccontextmanager
+async def caller(
+    http: httpx.AsyncClient, address: str, forwarded: str | None = None
+) -> AsyncIterator[httpx.AsyncClient]:
+    """A client at an address, before uvicorn's own handling of ``X-Forwarded-For``."""
+    app = cast(FastAPI, http.app)  # type: ignore[attr-defined]
+    config = configuration(app, app.state.service.settings)
+    config.load()
+    transport = httpx.ASGITransport(cast(ASGIApp, config.loaded_app), client=(address, 1))  # type: ignore[arg-type]
+    headers = {} if forwarded is None else {"X-Forwarded-For": forwarded}
+    async with httpx.AsyncClient(transport=transport, base_url="http://test", headers=headers) as client:
+        yield client
+
+
+async def _registered(http: httpx.AsyncClient, name: str, forwarded: str) -> bool:
+    """Register an agent through the proxy; return False if its address has registered too many."""
+    async with caller(http, PROXY, forwarded) as client:
+        response = await client.post("/v1/agents", json={"name": name, "track": "camera"})
+    if response.status_code == 429:
+        problem(response, 429, "rate-limited")
+        return False
+    expect(response, 201)
+    return True
+
+
+@pytest.mark.parametrize(
+    ("trusted", "forwarded", "same"),
+    [
+        # By default nobody is believed.
+        ("", ["192.0.2.1", "192.0.2.2"], True),
+        (PROXY, ["192.0.2.1", "192.0.2.2"], False),
+        # What a client writes into the header does not count, only what the proxy adds.
+        (PROXY, ["192.0.2.1, 192.0.2.9", "192.0.2.2, 192.0.2.9"], True),
+        (PROXY, ["192.0.2.1, 192.0.2.8", "192.0.2.1, 192.0.2.9"], False),
+        # An inner proxy that is not named counts as the client.
+        (PROXY, [f"192.0.2.1, {INNER}", f"192.0.2.2, {INNER}"], True),
+        (f"{PROXY}, {INNER}", [f"192.0.2.1, {INNER}", f"192.0.2.2, {INNER}"], False),
+        ("10.0.0.0/29", [f"192.0.2.1:5000, {INNER}", f"[2001:db8::1]:5000, {INNER}"], False),
+        (PROXY, ["2001:db8::1", "2001:db8::2"], True),
+        (PROXY, ["nonsense", "other nonsense"], True),
+    ],
+)
+def test_a_proxy_is_believed_if_it_is_named(tmp_path: Path, trusted: str, forwarded: list[str], same: bool) -> None:
+    async def story() -> None:
+        settings: dict[str, Any] = {"trusted_proxies": trusted, "registration_limit": 1}
+        async with application(tmp_path, FakePool(), **settings) as http:
+            assert await _registered(http, "first", forwarded[0])
+            assert await _registered(http, "second", forwarded[1]) is not same
+
+    play(story)
+
+
+def test_an_idempotency_key_belongs_to_its_sender(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool(), operator_token="secret") as http:
+            headers = {"Idempotency-Key": "guessed"}
+            agent = {"name": "mine", "track": "camera"}
+            async with caller(http, "192.0.2.1") as mine, caller(http, "192.0.2.2") as stranger:
+                registered = expect(await mine.post("/v1/agents", json=agent, headers=headers), 201)
+                assert expect(await mine.post("/v1/agents", json=agent, headers=headers), 201) == registered
+                answer = await stranger.post("/v1/agents", json=agent, headers=headers)
+                problem(answer, 409, "agent-name-taken")
+                operator = {**headers, "Authorization": "Bearer secret"}
+                problem(await mine.post("/v1/agents", json=agent, headers=operator), 409, "agent-name-taken")
+                owner = expect(
+                    await mine.post("/v1/owners", json={"name": "me"}, headers={"Idempotency-Key": "o"}), 201
+                )
+                theirs = await stranger.post("/v1/owners", json={"name": "me"}, headers={"Idempotency-Key": "o"})
+                problem(theirs, 409, "owner-name-taken")
+                assert owner["token"] not in theirs.text
+
+    play(story)
+
+
+def test_names_of_shipped_agents_are_for_the_operator(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with application(tmp_path, FakePool(), operator_token="secret") as http:
+            del http.headers["Authorization"]
+            for name in ("careful", "Carefu1", "PPO image"):
+                told = problem(
+                    await http.post("/v1/agents", json={"name": name, "track": "camera"}), 409, "agent-name-taken"
+                )
+                assert "comes with Wrongturn" in told["detail"]
+            problem(await http.post("/v1/owners", json={"name": "Wr0ng turn"}), 409, "owner-name-taken")
+            owner = expect(await http.post("/v1/owners", json={"name": "me"}), 201)
+            body = {"name": "Careful", "track": "privileged", "kind": "submitted"}
+            problem(
+                await http.post("/v1/agents", json=body, headers={"Authorization": f"Bearer {owner['token']}"}),
+                409,
+                "agent-name-taken",
+            )
+            expect(await http.post("/v1/agents", json=body, headers={"Authorization": "Bearer secret"}), 201)
+        folder = tmp_path / "without"
+        folder.mkdir()
+        async with application(folder, FakePool()) as http:
+            del http.headers["Authorization"]
+            expect(await http.post("/v1/agents", json={"name": "careful", "track": "camera"}), 201)
+
+    play(story)
