@@ -1,6 +1,5 @@
 """Where a replay's episode comes from: a service, the file of ``run --json``, or a file with a trajectory."""
 
-import gzip
 import json
 import zlib
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Final, NamedTuple
 from wrongturn_client.client import Client
 from wrongturn_client.errors import ReplayError
 from wrongturn_protocol import Outcome
-from wrongturn_protocol.run_file import GZIP, DrivenEpisode, RunFile
+from wrongturn_protocol.run_file import DrivenEpisode, RunFile, read_unpacked
 
 _REMEDY: Final = "give the file of 'run --json' or a trajectory"
 _NAMED: Final = 5
@@ -70,8 +69,7 @@ def _from_file(file: Path, episode: str | None) -> Replayed:
 
 def _read(file: Path) -> bytes:
     try:
-        content = file.read_bytes()
-        return gzip.decompress(content) if content.startswith(GZIP) else content
+        return read_unpacked(file)
     except (OSError, EOFError, zlib.error) as error:
         raise ReplayError(f"{file}: cannot be read ({error}); {_REMEDY}") from error
 

@@ -25,6 +25,8 @@ from wrongturn_protocol.vocabulary import (
 AgentName = Annotated[
     str, StringConstraints(pattern=r"^[A-Za-z0-9](?:[A-Za-z0-9._ -]{0,62}[A-Za-z0-9._-])?$", strip_whitespace=True)
 ]
+Text = Annotated[str, StringConstraints(pattern=r"^[^\x00]*$")]
+"""Text without the character NUL, which PostgreSQL does not take."""
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -128,7 +130,7 @@ class OwnerRegistration(Message):
     """``POST /v1/owners``."""
 
     name: AgentName
-    contact: Annotated[str, Field(max_length=300)] | None = None
+    contact: Annotated[Text, Field(max_length=300)] | None = None
     """How the operator reaches the owner; nobody else sees it."""
 
 
@@ -157,8 +159,8 @@ class AgentRegistration(Message):
 
     name: AgentName
     track: Track
-    description: Annotated[str, Field(max_length=2000)] | None = None
-    homepage: Annotated[str, Field(max_length=300, pattern=r"^https?://")] | None = None
+    description: Annotated[Text, Field(max_length=2000)] | None = None
+    homepage: Annotated[str, Field(max_length=300, pattern=r"^https?://[^\x00]*$")] | None = None
     kind: AgentKind = AgentKind.SUBMITTED
     """Kinds other than ``submitted`` need the operator's token."""
     trained_on_faults: bool = False

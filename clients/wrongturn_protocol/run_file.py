@@ -1,6 +1,8 @@
 """The file that ``wrongturn run --json`` writes: an evaluation with every episode."""
 
+import errno
 import gzip
+import io
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,11 +15,30 @@ from wrongturn_protocol.vocabulary import EvaluationState
 
 GZIP: Final = b"\x1f\x8b"
 """First bytes of a file that is compressed by gzip."""
+LARGEST: Final = 1 << 30
+"""Most bytes of a file, unpacked."""
 _REMEDY: Final = "write it with 'wrongturn run --json FILE', or again with 'wrongturn run --resume ID --json FILE'"
 
 
 class RunFormatError(ValueError):
     """A file of a run cannot be read, or is none. The text is one line for a user."""
+
+
+def read_unpacked(path: Path) -> bytes:
+    """Return the content of a file, plain or compressed by gzip.
+
+    Raises:
+        OSError, EOFError, zlib.error: The file cannot be read, or is larger than :data:`LARGEST` when it is unpacked.
+    """
+    with path.open("rb") as file:
+        content = file.read(LARGEST + 1)
+    if content.startswith(GZIP):
+        # Not all at once: a small file may unpack to any size.
+        with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
+            content = packed.read(LARGEST + 1)
+    if len(content) > LARGEST:
+        raise OSError(errno.EFBIG, f"unpacked it has more than {LARGEST >> 20} MiB")
+    return content
 
 
 class DrivenEpisode(EpisodeResult):
@@ -47,9 +68,7 @@ class RunFile(EvaluationDetail):
             RunFormatError: The file cannot be read, or is something else.
         """
         try:
-            content = path.read_bytes()
-            if content.startswith(GZIP):
-                content = gzip.decompress(content)
+            content = read_unpacked(path)
         except (OSError, EOFError, zlib.error) as error:
             reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
             raise RunFormatError(f"{path}: cannot be read ({reason}); {_REMEDY}") from error

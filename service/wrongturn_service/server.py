@@ -29,6 +29,8 @@ from wrongturn_service.socket.guards import Guard, GuardedHttp, GuardedWebSocket
 READY = "Wrongturn is ready at "
 _KEEP_ALIVE_S = 75
 """Seconds that an idle connection stays open: an agent may think between two steps."""
+_SWITCH_S = 0.001
+"""Seconds that a thread may compute while the event loop waits for it. Python's default is 0.005."""
 _SILENT_S = 1.0
 """A stop does not wait for agents that have been silent for so many seconds."""
 _LOOK_S = 0.05
@@ -155,6 +157,7 @@ def run(settings: Settings, bound: socket.socket) -> None:
     Raises:
         StartupError: The service cannot start.
     """
+    sys.setswitchinterval(_SWITCH_S)
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     descriptors.warn_if_few(descriptors.raise_limit(), settings.simulators, settings.max_connections)
     app = create_app(settings)

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import time
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
@@ -49,6 +50,8 @@ _PURGE_S = 3600.0
 _RETRY_S = 30.0
 _HOUR_S = 3600.0
 _DAY_S = 86400.0
+_DOCUMENTS = 32 << 20
+"""Bytes of the documents that are kept."""
 _WARM_UP_AFTER_S = 10.0
 """Seconds after the start, in which the first agents come."""
 
@@ -70,6 +73,8 @@ class Service:
     leaderboards: Leaderboards
     pages: RenderedPages
     kept: Kept
+    documents: Kept
+    """JSON that never changes, by what it shows: suites, towns and the OpenAPI document."""
     submissions: Submissions
     uploads: Uploads
     availability: Availability
@@ -184,6 +189,7 @@ async def run_service(
             leaderboards,
             RenderedPages(),
             Kept(),
+            Kept(_DOCUMENTS, size=len),
             submissions,
             uploads,
             availability,
@@ -241,6 +247,8 @@ async def _warm_up(replays: Replays) -> None:
     await asyncio.sleep(_WARM_UP_AFTER_S)
     await asyncio.to_thread(import_module, "scipy.stats")
     await replays.warm_up()
+    # What was loaded lives for ever. Frozen, it does not slow down garbage collection.
+    gc.freeze()
 
 
 async def _housekeeping(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from wrongturn_protocol import RunFile, RunFormatError, Verdict
+from wrongturn_protocol import RunFile, RunFormatError, Verdict, run_file
 
 COUNT = {"count": 0, "trials": 1, "rate": 0.0, "ci95": [0.0, 1.0]}
 CONTENT = {
@@ -68,6 +68,18 @@ def test_a_file_that_is_cut_off_is_told(tmp_path: Path, pack) -> None:
         path.write_bytes(whole[:kept])
         with pytest.raises(RunFormatError, match=r"run\.json: .*again with 'wrongturn run --resume ID --json FILE'"):
             RunFile.read(path)
+
+
+@pytest.mark.parametrize("pack", [bytes, gzip.compress])
+def test_a_file_that_is_too_large_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pack) -> None:
+    monkeypatch.setattr(run_file, "LARGEST", 1 << 20)
+    path = tmp_path / "run.json"
+    content = json.dumps(CONTENT).encode()
+    path.write_bytes(pack(content.ljust(1 << 20)))
+    assert RunFile.read(path).driver.name == "by hand"
+    path.write_bytes(pack(content.ljust((1 << 20) + 1)))
+    with pytest.raises(RunFormatError, match=r"run\.json: cannot be read \(unpacked it has more than 1 MiB\)"):
+        RunFile.read(path)
 
 
 def test_a_file_that_is_missing_is_told(tmp_path: Path) -> None:

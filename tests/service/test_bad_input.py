@@ -43,7 +43,10 @@ def raw_step(agent: Agent, episode: str, body: str | bytes, content_type: str = 
     [
         ("GET", "/v1/suites/nope@1", "unknown-suite"),
         ("GET", "/v1/suites/nope@1/trials", "unknown-suite"),
-        ("GET", "/v1/suites/%00", "unknown-suite"),
+        ("GET", "/v1/suites/%00", "unknown-route"),
+        ("GET", "/v1/agents/%00", "unknown-route"),
+        ("GET", "/v1/episodes/ep%00/trajectory", "unknown-route"),
+        ("GET", "/agents/%00", "unknown-route"),
         ("GET", "/v1/suites/..%2F..%2Fetc", "unknown-route"),
         ("GET", "/v1/towns/Town99", "unknown-town"),
         ("GET", "/v1/agents/nobody", "unknown-agent"),
@@ -73,6 +76,15 @@ def test_what_is_unknown_is_named(agent: Agent, method: str, path: str, kind: st
     else:
         response = agent.http.request(method, path)
     problem(response, status, kind)
+
+
+def test_text_that_no_database_takes_is_refused(agent: Agent) -> None:
+    problem(agent.http.get("/v1/leaderboards/smoke@2/compare?a=%00&b=x"), 422, "validation", "query")
+    nul = "a\0b"
+    problem(agent.http.post("/v1/owners", json={"name": "nul", "contact": nul}), 422, "validation", "contact")
+    for field, value in (("description", nul), ("homepage", "http://" + nul)):
+        body = {"name": "nul", "track": "state", field: value}
+        problem(agent.http.post("/v1/agents", json=body), 422, "validation", field)
 
 
 def test_a_step_of_an_unknown_episode(agent: Agent) -> None:

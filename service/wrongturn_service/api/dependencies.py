@@ -4,6 +4,7 @@ Declare them in the order in which they are to be checked: FastAPI resolves them
 :class:`~wrongturn_service.api.documents.Route` reads the OpenAPI document's entries from the same declarations.
 """
 
+import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import lru_cache
@@ -218,6 +219,18 @@ async def driven_by(service: Service, caller: Caller, evaluation_id: str) -> Eva
 def reply(message: BaseModel, status: int = 200) -> Response:
     """Return a response with a message as JSON."""
     return Response(message.model_dump_json(), status, media_type=Encoding.JSON)
+
+
+async def made_once(service: Service, name: str, make: Callable[[], BaseModel]) -> Response:
+    """Return a response with a message that never changes. It is made once, in a thread.
+
+    Args:
+        service: The service, which keeps the JSON.
+        name: What decides the message.
+        make: Makes the message.
+    """
+    body = await service.documents.get(name, lambda: asyncio.to_thread(lambda: make().model_dump_json().encode()))
+    return Response(body, media_type=Encoding.JSON)
 
 
 def stored_reply(error: StoredReplyError) -> Response:

@@ -1,5 +1,7 @@
 """The OpenAPI document. Routes add their bodies, problems and tokens from their dependencies."""
 
+import asyncio
+import json
 import re
 import threading
 from collections.abc import Callable
@@ -8,7 +10,6 @@ from typing import Any, Final, Literal
 
 from fastapi import FastAPI, Request, Response
 from fastapi.openapi.utils import get_openapi
-from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
@@ -23,9 +24,10 @@ from wrongturn_protocol import (
     ResultsRequest,
     StepRequest,
 )
-from wrongturn_service.api.dependencies import Body, Token, accepted, request_key
+from wrongturn_service.api.dependencies import Body, ServiceDep, Token, accepted, request_key
 from wrongturn_service.api.examples import add_examples
 from wrongturn_service.api.typed_observations import add_observations
+from wrongturn_service.encoding import Encoding
 
 _MAKING: Final = threading.Lock()
 _REFERENCE = "#/components/schemas/{model}"
@@ -153,9 +155,11 @@ def document(app: FastAPI) -> dict[str, Any]:
     return app.openapi_schema
 
 
-def serve_document(request: Request) -> Response:
-    """Serve ``GET /openapi.json``. It is a plain function, so that it runs in a thread."""
-    return JSONResponse(document(request.app))
+async def serve_document(request: Request, service: ServiceDep) -> Response:
+    """Serve ``GET /openapi.json``."""
+    app = request.app
+    body = await service.documents.get("openapi", lambda: asyncio.to_thread(lambda: json.dumps(document(app)).encode()))
+    return Response(body, media_type=Encoding.JSON)
 
 
 def _built(app: FastAPI) -> dict[str, Any]:

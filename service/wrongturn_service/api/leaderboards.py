@@ -32,7 +32,9 @@ async def leaderboard(service: ServiceDep, request: Request, suite: str) -> Resp
     """
     varies = {"Vary": "Accept"}
     if wants_csv(request.headers.get("accept", "")):
-        rows = await asyncio.to_thread(leaderboard_csv, await service.leaderboards.board(suite))
+        key = ("csv", service.leaderboards.generation, suite)
+        board = await service.leaderboards.board(suite)
+        rows = await service.kept.get(key, lambda: asyncio.to_thread(leaderboard_csv, board))
         return Response(rows, media_type=CSV, headers=varies)
     return Response(await service.leaderboards.body(suite), media_type=Encoding.JSON, headers=varies)
 
@@ -45,4 +47,5 @@ async def compare(
     b: Annotated[str, Query(description="Id or name of another agent.")],
 ) -> Response:
     """Compare two agents in the strict column, by an exact test within junction types and faults."""
-    return reply(await service.leaderboards.compare(suite, a, b))
+    key = ("comparison", service.leaderboards.generation, suite, a, b)
+    return reply(await service.kept.get(key, lambda: service.leaderboards.compare(suite, a, b)))

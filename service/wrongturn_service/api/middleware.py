@@ -7,12 +7,16 @@ import structlog
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from wrongturn_protocol import ProblemType
 from wrongturn_service import logs
 from wrongturn_service.api.errors import as_service_error, response_for
+from wrongturn_service.errors import InvalidRequestError, NotFoundError
 from wrongturn_service.telemetry import Telemetry
 
 _QUIET: Final = {"/health/live", "/health/ready", "/metrics"}
 """Routes that are logged at level debug, since programs call them again and again."""
+_METHODS: Final = {"GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"}
+"""Methods that have metrics of their own. HTTP's parser knows forty."""
 _STEP: Final = "/v1/episodes/{episode}/step"
 """Not logged at all: a line costs a tenth of a step."""
 
@@ -42,6 +46,7 @@ class Middleware:
             await send(message)
 
         try:
+            _check_text(scope)
             await self._app(scope, receive, watched)
         except Exception as error:
             if status:
@@ -51,7 +56,21 @@ class Middleware:
             # The route's pattern, never the path: a metric for each id would grow without end.
             route = getattr(scope.get("route"), "path", "unknown")
             seconds = time.perf_counter() - began
-            self._telemetry.answered(scope["method"], route, status, seconds)
+            method = scope["method"] if scope["method"] in _METHODS else "other"
+            self._telemetry.answered(method, route, status, seconds)
             if route != _STEP:
                 log = self._log.debug if route in _QUIET else self._log.info
                 log("request", method=scope["method"], route=route, status=status, seconds=round(seconds, 6))
+
+
+def _check_text(scope: Scope) -> None:
+    """Check that an address has no NUL, which no id and no name has and PostgreSQL does not take.
+
+    Raises:
+        NotFoundError: The path has one.
+        InvalidRequestError: The query has one.
+    """
+    if "\0" in scope["path"]:
+        raise NotFoundError(ProblemType.UNKNOWN_ROUTE, "there is no such call: its path has the character NUL")
+    if b"%00" in scope["query_string"] or b"\0" in scope["query_string"]:
+        raise InvalidRequestError("query", "has the character NUL; leave it out")

@@ -5,6 +5,7 @@ import contextlib
 import secrets
 import time
 from collections.abc import Callable, Iterator
+from weakref import WeakValueDictionary
 
 import structlog
 
@@ -35,7 +36,8 @@ class RunningEvaluations:
         self._on_finished = on_finished
         self._closing: set[str] = set()
         self._schedules: dict[str, Schedule] = {}
-        self._locks: dict[str, asyncio.Lock] = {}
+        # A lock lives as long as somebody holds it or waits for it.
+        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         self._log = structlog.get_logger("evaluations")
 
     async def schedule(self, evaluation: EvaluationRow) -> Schedule:
@@ -48,7 +50,7 @@ class RunningEvaluations:
             raise cancelled(evaluation)
         if evaluation.state == EvaluationState.FINISHED:
             raise finished(evaluation.id)
-        async with self._locks.setdefault(evaluation.id, asyncio.Lock()):
+        async with self._lock(evaluation.id):
             if evaluation.id in self._closing:
                 raise finished(evaluation.id)
             found = self._schedules.get(evaluation.id)
@@ -69,6 +71,9 @@ class RunningEvaluations:
                     self.drop(evaluation.id)
                     raise unknown(evaluation.id) if newest is None else finished(evaluation.id)
         return found
+
+    def _lock(self, evaluation_id: str) -> asyncio.Lock:
+        return self._locks.setdefault(evaluation_id, asyncio.Lock())
 
     def known(self, evaluation_id: str) -> Schedule | None:
         """Return the schedule if it was made already."""
@@ -99,7 +104,7 @@ class RunningEvaluations:
         schedule = self._schedules.get(evaluation_id)
         if schedule is None or not schedule.finished:
             return
-        async with self._locks.setdefault(evaluation_id, asyncio.Lock()):
+        async with self._lock(evaluation_id):
             if self._schedules.get(evaluation_id) is not schedule:
                 return
             try:
@@ -108,7 +113,6 @@ class RunningEvaluations:
                 self._log.exception("metrics failed", evaluation=evaluation_id)
                 return
             self.drop(evaluation_id)
-        self._locks.pop(evaluation_id, None)
 
     async def resume(self) -> None:
         """Finish evaluations whose last verdict was stored before the service stopped, and end those of old suites."""

@@ -82,6 +82,10 @@ class EpisodeManager:
         """Number of open episodes that have a simulator."""
         return self._registry.held
 
+    def is_open(self, episode_id: str) -> bool:
+        """Return whether an episode is open."""
+        return self._registry.get(episode_id) is not None
+
     def driven(self, within_s: float) -> int:
         """Return how many open episodes had a call within the last ``within_s`` seconds."""
         return sum(episode.lock.locked() or episode.lease.silence_s < within_s for episode in self._registry)

@@ -1,5 +1,7 @@
 """The calls of ``WS /v1/drive``: each means the same as its REST call, and has its own result or problem."""
 
+import asyncio
+import contextlib
 import json
 import time
 from collections.abc import Awaitable, Callable, Sequence
@@ -34,6 +36,8 @@ _SHAPES: Final = {
 }
 _NAMES: Final = {call.value: call for call in Call}
 _UNKNOWN: Final = "unknown"
+_READS: Final = 8
+"""Calls of a connection that are answered from the database at a time."""
 _STEP_ROUTE: Final = f"{PATH} {Call.STEP}"
 
 
@@ -44,6 +48,7 @@ class Calls:
         self._service = service
         self._caller = caller
         self._address = address
+        self._reading = asyncio.Semaphore(_READS)
         self._answers: dict[str, Callable[..., Awaitable[bytes]]] = {
             Call.STEP: self._step,
             Call.NEXT: self._next,
@@ -122,7 +127,10 @@ class Calls:
             request = StepRequest.model_validate(message, strict=True)
         except ValidationError as error:
             raise refused(error) from error
-        return await self._service.episodes.step(self._caller, _text("episode", episode), request, Encoding.RAW)
+        episodes, wanted = self._service.episodes, _text("episode", episode)
+        # A step of an open episode may wait for a simulator, and must not keep the others waiting.
+        async with contextlib.nullcontext() if episodes.is_open(wanted) else self._reading:
+            return await episodes.step(self._caller, wanted, request, Encoding.RAW)
 
     async def _next(self, evaluation: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
@@ -163,11 +171,12 @@ class Calls:
 
     async def _look(self, episode: Any) -> bytes:
         service, wanted = self._service, _text("episode", episode)
-        _, row = await service.episodes.look(self._caller, wanted)
-        self._caller.check_episode(row)
-        detail = episode_detail(service, row, shown=await is_shown(service, row), last_reply=False).model_dump(
-            mode="json"
-        )
+        async with self._reading:
+            _, row = await service.episodes.look(self._caller, wanted)
+            self._caller.check_episode(row)
+            detail = episode_detail(service, row, shown=await is_shown(service, row), last_reply=False).model_dump(
+                mode="json"
+            )
         last = service.episodes.last_reply(wanted, Encoding.RAW)
         if last is None:
             return pack_result(200, detail)
@@ -200,8 +209,8 @@ def _parsed(call: Any) -> tuple[Call, list[Any]]:
 
 
 def _text(path: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise InvalidRequestError(path, "has to be a string")
+    if not isinstance(value, str) or "\0" in value:
+        raise InvalidRequestError(path, "has to be a string without the character NUL")
     return value
 
 
