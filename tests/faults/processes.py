@@ -74,7 +74,8 @@ class Kept:
         while self._thread.is_alive():
             if self.pid is not None and self._process is not None:
                 self._process.terminate()
-            self._thread.join(5.0)
+            # Its handlers are gone for the last moment of its end, when another signal would be its status.
+            self._thread.join(60.0)
         return self._process.returncode if self._process is not None else 0
 
     def _keep(self) -> None:
