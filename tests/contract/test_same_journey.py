@@ -77,7 +77,7 @@ def test_in_process_and_over_http(service: RunningService, trial: Trial, track: 
         assert told.journey is not None
 
 
-@pytest.mark.parametrize("steps", [400, pytest.param(10_000, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("steps", [150, pytest.param(10_000, marks=pytest.mark.soak)])
 def test_a_long_journey_outlives_its_simulator(tmp_path: Path, steps: int) -> None:
     """Standing still: to the end of its time, or for so many steps."""
     assert LONGEST.journey is not None

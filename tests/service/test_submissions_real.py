@@ -21,15 +21,11 @@ pytestmark = pytest.mark.slow
 PATIENCE_S = 600.0
 SOME = (
     "a-gibibyte-and-more",
-    "external-data-parent",
     "zip-bomb",
     "cut-off",
     "loop-without-end",
-    "custom-domain",
     "memory-expand",
-    "time-at-a-step",
     "crash",
-    "not-a-number",
     "output-missing",
 )
 """Uploads of the corpus for every run of the tests."""

@@ -76,7 +76,11 @@ def _await_warm_up(service: RunningService) -> None:
     while "/cv2/" not in maps.read_text(encoding="utf-8"):
         assert time.monotonic() < deadline
         time.sleep(0.5)
-    time.sleep(3)
+    # A picture waits for the end of the warm-up.
+    with service.agent() as agent:
+        episode = agent.practise()["id"]
+        assert agent.http.delete(f"/v1/episodes/{episode}").status_code == 204
+        assert agent.http.get(f"/v1/episodes/{episode}/picture.png").status_code == 200
 
 
 def _resident(service: RunningService) -> int:
@@ -104,6 +108,7 @@ def _report(**figures: object) -> None:
     sys.stdout.write(json.dumps(figures) + "\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", SIZES)
 def test_connections_whose_clients_are_gone_without_a_word(tmp_path: Path, size: Size) -> None:
     """Each answers no ping, takes no reply, and has asked for a reset, by half or whole, over HTTP or the socket."""
@@ -209,6 +214,7 @@ def _pause(client: Client, response: httpx.Response) -> float:
     return int(response.headers["Retry-After"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", SIZES)
 def test_ten_times_more_clients_than_slots(tmp_path: Path, size: Size) -> None:
     """All is answered: an episode that comes to its end, or a place and when to come back."""

@@ -101,7 +101,7 @@ def test_the_readmes_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
 @pytest.mark.system
 @pytest.mark.timeout(1200)
 @pytest.mark.usefixtures("bubblewrap")
-@pytest.mark.parametrize("steps", ["8_192", pytest.param("80_000", marks=pytest.mark.soak)])
+@pytest.mark.parametrize("steps", ["2_048", pytest.param("80_000", marks=pytest.mark.soak)])
 def test_the_tutorials_agent_comes_to_the_leaderboard(tmp_path: Path, steps: str) -> None:
     """The few steps of CI go the whole way; only those that the page shows suffice to drive."""
     text = TUTORIAL.split("\n## 2. ")[1]
