@@ -67,7 +67,7 @@ class FinishedStore:
         )
         first: dict[str, str] = {}
         async with self._database.read() as session:
-            found = await session.execute(query.order_by(EvaluationRow.created, EvaluationRow.id))
+            found = await session.execute(query.order_by(EvaluationRow.seq))
         for suite, evaluation in found.tuples():
             first.setdefault(suite, evaluation)
         return set(first.values())
