@@ -1,7 +1,7 @@
 """Agents and their tokens, the tokens of runners, and the operator."""
 
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 
 from wrongturn_protocol import (
@@ -250,6 +250,19 @@ class Accounts:
         scheme, _, token = authorization.partition(" ")
         return scheme.lower() == "bearer" and self._settings.operator.is_(token.strip())
 
+    async def operator(self, authorization: str | None) -> str:
+        """Return who calls as the operator: with the first digits of the SHA-256 of its token, which tell tokens apart.
+
+        Raises:
+            UnauthenticatedError: There is no token, or nobody has it.
+            ForbiddenError: It is another's token.
+        """
+        token = bearer(authorization)
+        if self.is_operator(authorization):
+            return f"operator {digest(token)[:8]}"
+        await self.submitter(authorization)
+        raise ForbiddenError("this call needs the operator's token")
+
     async def agent(self, agent_id: str) -> AgentRow:
         """Return an agent. Raises NotFoundError."""
         row = await self._store.agent(agent_id)
@@ -299,6 +312,11 @@ class Accounts:
         """Replace an agent's token. None revokes it."""
         await self._store.set_token(agent_id, None if token is None else digest(token), reply)
         await self._forget(agent_id)
+
+    async def forget(self, holders: Iterable[str]) -> None:
+        """Forget the tokens of agents and runners that were ended in the database."""
+        for holder in holders:
+            await self._forget(holder)
 
     async def _forget(self, holder: str) -> None:
         """Forget whose tokens are known, and look at each connection's token again."""

@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator, Sequence
 from fastapi import FastAPI
 
 from wrongturn_service.api import (
+    admin,
     agents,
     episodes,
     errors,
@@ -77,8 +78,8 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
     app.add_middleware(Middleware, telemetry=telemetry)
     errors.install(app)
     # Starlette tries the routes in this order, and nearly all requests are steps of episodes.
-    parts = (episodes, health, suites, towns, agents, owners, evaluations, submissions, session, leaderboards, errors)
-    for part in parts:
+    parts = (episodes, health, suites, towns, agents, owners, evaluations, submissions, session, leaderboards)
+    for part in (*parts, admin, errors):
         app.include_router(part.router)
     for pages in (front, agent_pages, compare, episode_pages, rest, suite_pages, town_pages, submitting, static_files):
         app.include_router(pages.router)

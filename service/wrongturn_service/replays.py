@@ -60,6 +60,11 @@ class Replays:
         """
         await self._warm.get("pictures", _drawn_a_little)
 
+    def clear(self) -> None:
+        """Drop all that is kept."""
+        self._read.clear()
+        self._made.clear()
+
     async def trajectory(self, episode: str) -> Trajectory:
         """Return an episode's trajectory. Raises ConflictError if it has none."""
         return (await self._read.get(episode, lambda: self._load(episode))).trajectory

@@ -13,6 +13,7 @@ from prometheus_client import Gauge
 
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Accounts
+from wrongturn_service.administration import Administration
 from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.evaluations import RunningEvaluations
 from wrongturn_service.episodes.lease import Terms
@@ -31,6 +32,8 @@ from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.interface import SimulatorPool, SimulatorStartError
 from wrongturn_service.simulators.local_pool import LocalPool
 from wrongturn_service.socket.limits import ConnectionLimits
+from wrongturn_service.storage.administration import AdministrationStore
+from wrongturn_service.storage.audit import AuditLog
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.finished import FinishedStore
 from wrongturn_service.storage.store import Store
@@ -81,6 +84,7 @@ class Service:
     dispatcher: Dispatcher
     telemetry: Telemetry
     sockets: ConnectionLimits
+    administration: Administration
 
 
 @contextlib.asynccontextmanager
@@ -174,6 +178,17 @@ async def run_service(
         for work in (episodes.watch_leases(), chores, _warm_up(replays)):
             task = asyncio.create_task(work)
             stack.push_async_callback(_cancel, task)
+        kept = Kept()
+        administration = Administration(
+            AdministrationStore(database),
+            AuditLog(database),
+            accounts,
+            submissions,
+            episodes,
+            leaderboards,
+            replays,
+            kept,
+        )
         log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
         yield Service(
             settings,
@@ -188,7 +203,7 @@ async def run_service(
             Idempotency(store),
             leaderboards,
             RenderedPages(),
-            Kept(),
+            kept,
             Kept(_DOCUMENTS, size=len),
             submissions,
             uploads,
@@ -196,6 +211,7 @@ async def run_service(
             dispatcher,
             telemetry,
             sockets,
+            administration,
         )
 
 

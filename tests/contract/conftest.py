@@ -8,6 +8,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
 sys.path.insert(0, str(Path(__file__).parent))
 
+from example_story import OPERATOR
 from service_harness import RunningService
 
 
@@ -16,6 +17,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
     """A service that tests share."""
     running = RunningService(
         tmp_path_factory.mktemp("contract") / "wrongturn.db",
+        operator_token=OPERATOR,
         registration_limit=100_000,
         simulators=2,
         lease_release_s=0.5,

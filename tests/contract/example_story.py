@@ -14,6 +14,8 @@ import httpx
 
 from wrongturn_service.api import examples
 
+OPERATOR = "wt_token-of-the-operator"
+"""The operator's token of a service that plays the examples."""
 _MOST: dict[type, int] = {dict: 1, list: 2}
 """Items of a list that an example shows, by their kind. Of numbers and words it shows eight."""
 _NAMED = {"junctions", "lanes"}
@@ -22,7 +24,7 @@ _NAMED = {"junctions", "lanes"}
 
 def play(http: httpx.Client) -> Iterator[tuple[dict[str, Any], httpx.Response]]:
     """Send each example's request. What the examples call by an id or a token is what this service called so."""
-    live: dict[str, str] = {}
+    live = {OPERATOR: OPERATOR}
     for example in examples.load():
         method, path = example["call"].split()
         parameters = _swapped(example.get("parameters", {}), live)
@@ -81,7 +83,7 @@ if __name__ == "__main__":
     from service_harness import RunningService
 
     with tempfile.TemporaryDirectory() as folder:
-        service = RunningService(Path(folder) / "wrongturn.db")
+        service = RunningService(Path(folder) / "wrongturn.db", operator_token=OPERATOR)
         try:
             with httpx.Client(base_url=service.url, timeout=120) as client:
                 lines = [json.dumps(example) for example in record(client)]

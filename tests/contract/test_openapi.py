@@ -13,6 +13,14 @@ from wrongturn_client import Client
 from wrongturn_protocol import PracticeRequest, ProblemType, Track
 
 INTERFACE = {
+    "GET /v1/admin/usage",
+    "GET /v1/admin/audit",
+    "GET /v1/admin/{collection}",
+    "GET /v1/admin/{collection}/{item}",
+    "PUT /v1/admin/{collection}/{item}/hidden",
+    "DELETE /v1/admin/{collection}/{item}/hidden",
+    "DELETE /v1/admin/{collection}/{item}/tokens",
+    "DELETE /v1/admin/{collection}/{item}",
     "GET /health/live",
     "GET /health/ready",
     "GET /metrics",

@@ -6,6 +6,7 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Depends, Request, Response
 
 from wrongturn_protocol import AgentDetail, AgentList, AgentRegistration, RegisteredAgent
+from wrongturn_protocol.administration import AuditAction, Collection
 from wrongturn_service.accounts import bearer, detail
 from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, reply
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
@@ -71,21 +72,28 @@ async def agent(service: ServiceDep, authorization: AuthorizationDep, agent: str
 
 
 @router.post("/{agent}/token", **described(RegisteredAgent, 404, 507, status=201))
-async def rotate(service: ServiceDep, agent: str, authorization: AuthorizationDep, key: KeyDep) -> Response:
+async def rotate(
+    request: Request, service: ServiceDep, agent: str, authorization: AuthorizationDep, key: KeyDep
+) -> Response:
     """Make a new token and show it once. The old one ends. For the agent itself, its owner or the operator."""
     # The key belongs to the old token, which no longer opens anything when the request is repeated.
     async with key.once(digest(bearer(authorization))) as once:
-        found = detail(await service.accounts.owned_agent(agent, authorization))
+        row = await service.accounts.owned_agent(agent, authorization)
+        found = detail(row)
         token = new_token()
         remember = once.remember(201, Encoding.JSON, token)
         stored = remember(found.model_dump_json().encode()) if remember else None
         await service.accounts.set_token(agent, token, stored)
+        await service.administration.note(
+            authorization, address_of(request), AuditAction.ROTATE, Collection.AGENTS, row
+        )
     return reply(RegisteredAgent(**found.model_dump(), token=token), 201)
 
 
 @router.delete("/{agent}/token", **described(None, 404, status=204))
-async def revoke(service: ServiceDep, agent: str, authorization: AuthorizationDep) -> Response:
+async def revoke(request: Request, service: ServiceDep, agent: str, authorization: AuthorizationDep) -> Response:
     """End the agent's token. For the agent itself, its owner or the operator, who can also make a new one."""
-    await service.accounts.owned_agent(agent, authorization)
+    row = await service.accounts.owned_agent(agent, authorization)
     await service.accounts.set_token(agent, None)
+    await service.administration.note(authorization, address_of(request), AuditAction.REVOKE, Collection.AGENTS, row)
     return Response(status_code=204)

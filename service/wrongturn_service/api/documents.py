@@ -59,14 +59,20 @@ _MEANING = {
     507: "The disk of the service is full, or your quota is reached",
 }
 _NAMES = {
+    "action": "Only entries of this kind.",
     "agent": "Id of an agent, see GET /v1/agents.",
+    "collection": "Owners, agents, evaluations or submissions.",
     "episode": "Id of an episode.",
     "evaluation": "Id of an evaluation.",
+    "hidden": "Only those that are hidden themselves, or only those that are not.",
+    "item": "Id of an owner, an agent, an evaluation or a submission.",
     "kind": "What follows /problems/ in a problem's type.",
+    "name": "Part of the name, in upper or lower case.",
     "owner": "Id of an owner, see GET /v1/owners.",
     "state": "Only episodes in this state.",
     "submission": "Id of a submission.",
     "suite": "Id of a suite, see GET /v1/suites.",
+    "target": "Only entries about this id.",
     "town": "Name of a town, see GET /v1/towns.",
 }
 """What a parameter is, by its name."""

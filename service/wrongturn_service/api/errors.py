@@ -12,8 +12,15 @@ from starlette.requests import ClientDisconnect
 from wrongturn_protocol import FieldError, ProblemType
 from wrongturn_service.api.dependencies import StoredReplyError, reply, stored_reply
 from wrongturn_service.api.documents import described, methods_at
-from wrongturn_service.errors import InvalidRequestError, ServiceError, UnavailableError, title
+from wrongturn_service.errors import (
+    InvalidRequestError,
+    ServiceError,
+    UnauthenticatedError,
+    UnavailableError,
+    title,
+)
 from wrongturn_service.simulators.interface import EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError
+from wrongturn_service.storage.store import HolderGoneError
 from wrongturn_service.web.errors import error_page, page_without_slash, wants_page
 
 MEDIA_TYPE = "application/problem+json"
@@ -134,6 +141,8 @@ def as_service_error(error: Exception) -> ServiceError:
             return UnavailableError(ProblemType.SIMULATOR_FAILED, "no simulator could be started", retry_after_s=5)
         case EpisodeRefusedError():
             return _refused_episode(error)
+        case HolderGoneError():
+            return UnauthenticatedError("the holder of this token was deleted by the operator")
         case SQLAlchemyError():
             _log.error("storage failed", reason=str(getattr(error, "orig", None) or error))
             return UnavailableError(
@@ -198,6 +207,7 @@ def install(app: FastAPI) -> None:
         SimulatorsBusyError,
         SimulatorStartError,
         EpisodeRefusedError,
+        HolderGoneError,
         SQLAlchemyError,
         RequestValidationError,
         HTTPException,

@@ -5,6 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Request, Response
 
 from wrongturn_protocol import OwnerDetail, OwnerList, OwnerRegistration, RegisteredOwner
+from wrongturn_protocol.administration import AuditAction, Collection
 from wrongturn_service.accounts import bearer
 from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, reply
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
@@ -52,21 +53,28 @@ async def owner(service: ServiceDep, authorization: AuthorizationDep, owner: str
 
 
 @router.post("/{owner}/token", **described(RegisteredOwner, 404, 507, status=201))
-async def rotate(service: ServiceDep, owner: str, authorization: AuthorizationDep, key: KeyDep) -> Response:
+async def rotate(
+    request: Request, service: ServiceDep, owner: str, authorization: AuthorizationDep, key: KeyDep
+) -> Response:
     """Make a new token and show it once. The old one ends. For the owner itself or the operator."""
     # The key belongs to the old token, which no longer opens anything when the request is repeated.
     async with key.once(digest(bearer(authorization))) as once:
-        found = owner_detail(await service.registrations.own(owner, authorization))
+        row = await service.registrations.own(owner, authorization)
+        found = owner_detail(row)
         token = new_token()
         remember = once.remember(201, Encoding.JSON, token)
         stored = remember(found.model_dump_json().encode()) if remember else None
         await service.registrations.set_owner_token(owner, token, stored)
+        await service.administration.note(
+            authorization, address_of(request), AuditAction.ROTATE, Collection.OWNERS, row
+        )
     return reply(RegisteredOwner(**found.model_dump(), token=token), 201)
 
 
 @router.delete("/{owner}/token", **described(None, 404, status=204))
-async def revoke(service: ServiceDep, owner: str, authorization: AuthorizationDep) -> Response:
+async def revoke(request: Request, service: ServiceDep, owner: str, authorization: AuthorizationDep) -> Response:
     """End the owner's token. For the owner itself or the operator. Only the operator can make a new one then."""
-    await service.registrations.own(owner, authorization)
+    row = await service.registrations.own(owner, authorization)
     await service.registrations.set_owner_token(owner, None)
+    await service.administration.note(authorization, address_of(request), AuditAction.REVOKE, Collection.OWNERS, row)
     return Response(status_code=204)

@@ -18,11 +18,19 @@ from wrongturn_protocol import (
     SubmissionState,
     Track,
 )
+from wrongturn_protocol.administration import AuditAction, Collection
 from wrongturn_protocol.results import AgentName
 from wrongturn_protocol.submissions import MODEL, NAME, SUITE
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Submitter
-from wrongturn_service.api.dependencies import AuthorizationDep, KeyDep, RequestKey, ServiceDep, StoredReplyError, reply
+from wrongturn_service.api.dependencies import (
+    AuthorizationDep,
+    KeyDep,
+    RequestKey,
+    ServiceDep,
+    StoredReplyError,
+    reply,
+)
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.api.errors import as_service_error
 from wrongturn_service.client_address import address_of
@@ -210,7 +218,7 @@ async def log(service: ServiceDep, authorization: AuthorizationDep, submission: 
 
 
 @router.delete("/{submission}", **described(SubmissionDetail, 404))
-async def cancel(service: ServiceDep, authorization: AuthorizationDep, submission: str) -> Response:
+async def cancel(request: Request, service: ServiceDep, authorization: AuthorizationDep, submission: str) -> Response:
     """Cancel a submission. One that is over stays as it is.
 
     Before it runs, nothing remains but its record, and its name is free again. While it runs, its evaluation is closed:
@@ -219,7 +227,10 @@ async def cancel(service: ServiceDep, authorization: AuthorizationDep, submissio
     submitter = await service.accounts.submitter(authorization)
     row = await _seen(service, submitter, submission)
     by = "the operator" if submitter.owner is None else "its owner" if submitter.agent is None else "its agent"
-    await service.submissions.end(row.id, SubmissionState.CANCELLED, f"cancelled by {by}, as asked")
+    if await service.submissions.end(row.id, SubmissionState.CANCELLED, f"cancelled by {by}, as asked"):
+        await service.administration.note(
+            authorization, address_of(request), AuditAction.CANCEL, Collection.SUBMISSIONS, row
+        )
     return reply((await _details(service, [await _known(service, row.id)]))[0])
 
 

@@ -85,6 +85,18 @@ class Closings:
             # From here on every trial has a verdict. The next start finishes the evaluation if this one fails.
             await self._evaluations.finish_closed(evaluation_id)
 
+    async def drop(self, evaluations: Collection[str], holders: Collection[str]) -> None:
+        """Let go of what was deleted in the database: nobody drives it any more.
+
+        Args:
+            evaluations: Ids of evaluations.
+            holders: Ids of agents and submissions whose practice ends.
+        """
+        for evaluation_id in evaluations:
+            self._evaluations.drop(evaluation_id)
+            await self._endings.drop_evaluation(evaluation_id)
+        await self._endings.drop_holders(holders)
+
     async def close_overdue(self, spared: Collection[str] = ()) -> None:
         """Close the evaluations whose agents were idle for too long, and those that were begun too long ago.
 
@@ -111,7 +123,8 @@ class Closings:
     async def _aborted(self, evaluation: EvaluationRow) -> list[EpisodeRow]:
         """Return an episode for each trial and twin that ended before it began."""
         agent = await self._store.agent(evaluation.agent_id)
-        assert agent is not None
+        if agent is None:  # deleted meanwhile
+            return []
         draw = load_suite(evaluation.suite).draw(evaluation.secret)
         return [self._unbegun(evaluation, trial, Track(agent.track)) for trial in draw.episodes]
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import zlib
+from collections.abc import Collection
 
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
@@ -112,6 +113,19 @@ class Endings:
         """Close the open episodes of an evaluation that is over. Takes their locks."""
         for episode in self._registry:
             if episode.evaluation == evaluation_id:
+                async with episode.lock:
+                    if not episode.closed:
+                        self._telemetry.voided("cancelled")
+                    await self._close(episode)
+
+    async def drop_holders(self, holders: Collection[str]) -> None:
+        """Close the open episodes of agents and runners that were deleted. Takes their locks.
+
+        Args:
+            holders: Ids of agents and submissions.
+        """
+        for episode in self._registry:
+            if episode.holder in holders:
                 async with episode.lock:
                     if not episode.closed:
                         self._telemetry.voided("cancelled")

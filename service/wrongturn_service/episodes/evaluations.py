@@ -140,7 +140,8 @@ class RunningEvaluations:
 
     async def _finish(self, evaluation_id: str) -> None:
         evaluation = await self._store.evaluation(evaluation_id)
-        assert evaluation is not None
+        if evaluation is None:  # deleted meanwhile
+            return
         outcomes = await self._store.outcomes(evaluation_id)
         draw = load_suite(evaluation.suite).draw(evaluation.secret)
 

@@ -48,6 +48,12 @@ class Leaderboards:
         self._boards.pop(suite, None)
         self._bodies.pop(suite, None)
 
+    def forget_all(self) -> None:
+        """Drop all leaderboards, because the operator has hidden or deleted something."""
+        self._generation += 1
+        self._boards.clear()
+        self._bodies.clear()
+
     async def board(self, suite_id: str) -> Leaderboard:
         """Return a leaderboard. Raises NotFoundError."""
         catalogue.suite(suite_id)

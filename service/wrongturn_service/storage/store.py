@@ -11,7 +11,7 @@ from sqlalchemy import delete, func, inspect, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import AgentKind, EpisodeState, EvaluationState, Outcome, Verdict
-from wrongturn_service.storage import purging
+from wrongturn_service.storage import held, purging
 from wrongturn_service.storage.condition import FailureKind, StorageError
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import (
@@ -34,6 +34,10 @@ class AgentNameTakenError(Exception):
 
 class OwnerNameTakenError(Exception):
     """Another owner has this name."""
+
+
+class HolderGoneError(Exception):
+    """The owner or the agent that calls was deleted while its call was in progress."""
 
 
 class EvaluationOverError(Exception):
@@ -155,12 +159,13 @@ class Store:
         """
         owner = agent.owner
         async with self._database.write() as session:
-            taken = select(AgentRow.id).where(AgentRow.name_key == agent.name_key)
-            if await session.scalar(taken) is not None:
+            if await agent_name_taken(session, agent.name_key):
                 raise AgentNameTakenError(agent.name)
             new = inspect(owner).transient
             if new:
                 await _check_owner_name(session, owner)
+            else:
+                await check_there(session, OwnerRow, owner.id)
             await self._usage.check_accounts(session, owner, agents=1, owners=int(new))
             if new:
                 await self._add_owner(session, owner)
@@ -229,6 +234,7 @@ class Store:
             found = await session.scalar(running.order_by(EvaluationRow.seq).limit(1))
             if found is not None:
                 return found
+            await check_there(session, AgentRow, evaluation.agent_id)
             await prepare_evaluation(session, evaluation)
             owner = await owner_of(session, evaluation.agent_id)
             evaluation.stored_bytes = evaluation.stored_bytes or ROW
@@ -466,6 +472,7 @@ class Store:
                 )
                 await session.execute(ghost.values(state=EpisodeState.LOST, finished=time.time()))
                 episode.seq = await _next_episode(session, episode.evaluation_id)
+            await check_there(session, AgentRow, episode.agent_id)
             owner = await owner_of(session, episode.agent_id)
             if reply is not None:
                 reply.episode_id = episode.id
@@ -608,8 +615,20 @@ async def _next_episode(session: AsyncSession, evaluation_id: str) -> int:
 
 async def _check_owner_name(session: AsyncSession, owner: OwnerRow) -> None:
     taken = select(OwnerRow.id).where(OwnerRow.name_key == owner.name_key)
-    if await session.scalar(taken) is not None:
+    if await session.scalar(taken) is not None or await held.is_held(session, held.OWNER, owner.name_key):
         raise OwnerNameTakenError(owner.name)
+
+
+async def agent_name_taken(session: AsyncSession, name_key: str) -> bool:
+    """Return whether an agent has a name in lower case, or the operator has deleted one that had it."""
+    taken = select(AgentRow.id).where(AgentRow.name_key == name_key)
+    return await session.scalar(taken) is not None or await held.is_held(session, held.AGENT, name_key)
+
+
+async def check_there(session: AsyncSession, row: type[OwnerRow | AgentRow], holder_id: str) -> None:
+    """Check that the caller was not deleted since its token was looked up. Raises HolderGoneError."""
+    if await session.scalar(select(row.id).where(row.id == holder_id)) is None:
+        raise HolderGoneError(holder_id)
 
 
 def _unpacked(row: TrajectoryRow) -> bytes:

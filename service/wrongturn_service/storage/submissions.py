@@ -8,6 +8,7 @@ from sqlalchemy import and_, delete, func, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import EpisodeState, EvaluationState, SubmissionState, Verdict
+from wrongturn_service.storage import held
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import (
     AgentRow,
@@ -19,7 +20,7 @@ from wrongturn_service.storage.models import (
     SubmissionRow,
     UnusedSecretRow,
 )
-from wrongturn_service.storage.store import AgentNameTakenError, prepare_evaluation
+from wrongturn_service.storage.store import AgentNameTakenError, agent_name_taken, check_there, prepare_evaluation
 from wrongturn_service.storage.usage import ROW, SUBMISSION, Quota, Usage, size_of
 
 OPEN: Final = tuple(state for state in SubmissionState if not state.over)
@@ -78,11 +79,10 @@ class SubmissionStore:
             QuotaReachedError: The model does not fit.
         """
         async with self._database.write() as session:
+            await check_there(session, OwnerRow, submission.owner_id)
             if submission.agent_id is None:
                 await _check_name(session, submission.name_key)
-                owner = await session.get(OwnerRow, submission.owner_id)
-                assert owner is not None
-                await self._usage.check_accounts(session, owner, agents=1, owners=0)
+                await self._usage.check_accounts(session, submission.owner, agents=1, owners=0)
             else:
                 await _check_not_begun(session, submission.agent_id, submission.suite)
             is_open = SubmissionRow.owner_id == submission.owner_id, SubmissionRow.state.in_(OPEN)
@@ -236,7 +236,7 @@ class SubmissionStore:
             row = await session.get(SubmissionRow, submission_id)
             if row is None or row.state != SubmissionState.QUEUED or row.agent_id is not None:
                 raise SubmissionOverError(submission_id)
-            if await session.scalar(select(AgentRow.id).where(AgentRow.name_key == agent.name_key)) is not None:
+            if await agent_name_taken(session, agent.name_key):
                 raise AgentNameTakenError(agent.name)
             agent.stored_bytes = size_of(agent.description)
             await self._usage.add(session, row.owner_id, agent.stored_bytes, now=time.time())
@@ -308,8 +308,10 @@ class SubmissionStore:
             return (await session.scalars(query)).all()
 
     async def append_log(self, submission_id: str, message: str) -> None:
-        """Add a line to a submission's log."""
+        """Add a line to a submission's log, unless the submission was deleted."""
         async with self._database.write() as session:
+            if await session.get(SubmissionRow, submission_id) is None:
+                return
             last = select(func.max(SubmissionLogRow.number)).where(SubmissionLogRow.submission_id == submission_id)
             number = (await session.scalar(last) or 0) + 1
             text = storable(message) or ""
@@ -336,12 +338,14 @@ class SubmissionStore:
 
 async def _check_name(session: AsyncSession, name_key: str) -> None:
     handed_in = SubmissionRow.name_key == name_key, SubmissionRow.agent_made, SubmissionRow.state.in_(OPEN)
-    for taken in (select(AgentRow.id).where(AgentRow.name_key == name_key), select(SubmissionRow.id).where(*handed_in)):
-        if await session.scalar(taken.limit(1)) is not None:
-            raise AgentNameTakenError(name_key)
+    taken = select(SubmissionRow.id).where(*handed_in).limit(1)
+    if await agent_name_taken(session, name_key) or await session.scalar(taken) is not None:
+        raise AgentNameTakenError(name_key)
 
 
 async def _check_not_begun(session: AsyncSession, agent_id: str, suite: str) -> None:
+    if await held.is_held(session, held.EVALUATION, held.place(agent_id, suite)):
+        raise SuiteBegunError(agent_id)
     evaluation = select(EvaluationRow.id).where(EvaluationRow.agent_id == agent_id, EvaluationRow.suite == suite)
     waiting = select(SubmissionRow.id).where(
         SubmissionRow.agent_id == agent_id, SubmissionRow.suite == suite, SubmissionRow.state.in_(OPEN)

@@ -2,10 +2,8 @@
 
 from sqlalchemy import ColumnElement, and_, select
 
+from wrongturn_service.storage import held
 from wrongturn_service.storage.models import AgentRow, EvaluationRow, HeldRow, OwnerRow
-
-EVALUATION = "evaluation"
-"""Kind of a held row that keeps an agent's place on a suite."""
 
 
 def seen_owners() -> ColumnElement[bool]:
@@ -31,5 +29,5 @@ def counting_suites() -> ColumnElement[bool]:
     What is driven after such a deletion does not count, unless the operator has freed the place.
     """
     place = EvaluationRow.agent_id.concat(" ").concat(EvaluationRow.suite)
-    held = select(HeldRow.key).where(HeldRow.kind == EVALUATION, HeldRow.key == place)
-    return ~held.correlate(EvaluationRow).exists()
+    kept = select(HeldRow.key).where(HeldRow.kind == held.EVALUATION, HeldRow.key == place)
+    return ~kept.correlate(EvaluationRow).exists()

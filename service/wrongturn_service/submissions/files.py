@@ -66,6 +66,13 @@ class ModelFiles:
         finally:
             os.close(folder)
 
+    def size(self, submission_id: str) -> int | None:
+        """Return the bytes of a complete model; None without one."""
+        try:
+            return self.path(submission_id).stat().st_size
+        except FileNotFoundError:
+            return None
+
     def delete(self, submission_id: str) -> None:
         """Delete a complete model. Safe to call more than once."""
         self.path(submission_id).unlink(missing_ok=True)

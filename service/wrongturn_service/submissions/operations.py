@@ -171,6 +171,12 @@ class Submissions:
             if not others:
                 del self._ending[submission_id]
 
+    def cancelled(self, submission_id: str) -> None:
+        """Tell the dispatcher that the operator has cancelled a submission in the database."""
+        self._log.info("submission over", submission=submission_id, state=SubmissionState.CANCELLED.value)
+        self._telemetry.submission_over(SubmissionState.CANCELLED)
+        self.changed()
+
     async def settled(self, submission_ids: Iterable[str]) -> None:
         """Wait until submissions that are just being ended have left nothing behind.
 

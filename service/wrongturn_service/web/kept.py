@@ -25,6 +25,7 @@ class Kept:
         self._capacity = capacity
         self._size = size
         self._filled = 0
+        self._cleared = 0
         self._found: OrderedDict[Hashable, Any] = OrderedDict()
         self._making: dict[Hashable, asyncio.Task[Any]] = {}
         self._turn = asyncio.Semaphore(at_once)
@@ -44,16 +45,27 @@ class Kept:
             return found
         task = self._making.get(key)
         if task is None:
-            task = asyncio.ensure_future(self._make(key, make))
+            task = asyncio.ensure_future(self._make(key, make, self._cleared))
             self._making[key] = task
-            task.add_done_callback(lambda _: self._making.pop(key))
+            task.add_done_callback(lambda made: self._over(key, made))
         made: _T = await asyncio.shield(task)
         return made
 
-    async def _make(self, key: Hashable, make: Callable[[], Awaitable[_T]]) -> _T:
+    def _over(self, key: Hashable, task: "asyncio.Task[Any]") -> None:
+        if self._making.get(key) is task:
+            del self._making[key]
+
+    def clear(self) -> None:
+        """Drop all results. What is being made now is not kept either."""
+        self._cleared += 1
+        self._found.clear()
+        self._making.clear()
+        self._filled = 0
+
+    async def _make(self, key: Hashable, make: Callable[[], Awaitable[_T]], cleared: int) -> _T:
         async with self._turn:
             result = await make()
-        if self._size(result) <= self._capacity:
+        if cleared == self._cleared and self._size(result) <= self._capacity:
             self._found[key] = result
             self._filled += self._size(result)
         while self._filled > self._capacity:

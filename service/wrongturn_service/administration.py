@@ -1,0 +1,204 @@
+"""What the operator does: hiding, ending tokens, and deleting with all that hangs on it."""
+
+import asyncio
+from collections.abc import Iterable
+from typing import Final
+
+import structlog
+
+from wrongturn_protocol import ProblemType
+from wrongturn_protocol.administration import AuditAction, Collection, Contents, Deletion
+from wrongturn_service.accounts import Accounts
+from wrongturn_service.episodes.manager import EpisodeManager
+from wrongturn_service.errors import ForbiddenError, InvalidRequestError, NotFoundError
+from wrongturn_service.evaluation.leaderboards import Leaderboards
+from wrongturn_service.registration import SHIPPED
+from wrongturn_service.replays import Replays
+from wrongturn_service.storage.administration import AdministrationStore, Doomed, Found, Item
+from wrongturn_service.storage.audit import Act, AuditLog
+from wrongturn_service.storage.contents import total
+from wrongturn_service.storage.models import EvaluationRow, OwnerRow
+from wrongturn_service.submissions.operations import Submissions
+from wrongturn_service.web.kept import Kept
+
+_UNKNOWN: Final = {
+    Collection.OWNERS: ProblemType.UNKNOWN_OWNER,
+    Collection.AGENTS: ProblemType.UNKNOWN_AGENT,
+    Collection.EVALUATIONS: ProblemType.UNKNOWN_EVALUATION,
+    Collection.SUBMISSIONS: ProblemType.UNKNOWN_SUBMISSION,
+}
+
+
+class Administration:
+    """Changes what others own. Every change is in the audit log.
+
+    Attributes:
+        rows: The database.
+        audit: The audit log.
+    """
+
+    def __init__(
+        self,
+        rows: AdministrationStore,
+        audit: AuditLog,
+        accounts: Accounts,
+        submissions: Submissions,
+        episodes: EpisodeManager,
+        leaderboards: Leaderboards,
+        replays: Replays,
+        kept: Kept,
+    ) -> None:
+        self.rows = rows
+        self.audit = audit
+        self._accounts = accounts
+        self._submissions = submissions
+        self._episodes = episodes
+        self._leaderboards = leaderboards
+        self._replays = replays
+        self._kept = kept
+        self._deleting = asyncio.Lock()
+        self._log = structlog.get_logger("administration")
+
+    async def item(self, collection: Collection, item_id: str) -> Found:
+        """Return an item. Raises NotFoundError."""
+        found = None if "\0" in item_id else await self.rows.item(collection, item_id)
+        if found is None:
+            raise unknown(collection, item_id)
+        return found
+
+    async def contents(self, collection: Collection, item_id: str) -> Contents:
+        """Return what hangs on an item, and would be deleted with it."""
+        contents, submissions = await self.rows.contents(collection, item_id)
+        return total(contents, await asyncio.to_thread(self._models, submissions))
+
+    async def hide(self, collection: Collection, item_id: str, act: Act, *, hidden: bool) -> int:
+        """Hide an item from everybody but its owner and the operator, or show it again. Safe to call again.
+
+        Returns:
+            1 if that has changed anything, else 0.
+
+        Raises:
+            NotFoundError: There is no such item.
+            InvalidRequestError: It is a submission, which is never public.
+            ForbiddenError: It is the owner of the shipped agents.
+        """
+        if collection is Collection.SUBMISSIONS:
+            raise InvalidRequestError("collection", "submissions are never public; hide the agent or its evaluation")
+        _check_not_shipped(await self.item(collection, item_id))
+        changed = await self.rows.hide(collection, item_id, act, hidden=hidden)
+        if changed:
+            self._leaderboards.forget_all()
+            self._log.warning("hidden" if hidden else "shown again", kind=collection.one, id=item_id)
+        return changed
+
+    async def revoke(self, collection: Collection, item_id: str, act: Act) -> int:
+        """End an agent's token, or those of an owner and its agents. Safe to call again.
+
+        Returns:
+            The number of tokens that ended.
+
+        Raises:
+            NotFoundError: There is no such item.
+            InvalidRequestError: It is neither an owner nor an agent.
+        """
+        if collection not in {Collection.OWNERS, Collection.AGENTS}:
+            raise InvalidRequestError("collection", f"{collection} have no tokens; revoke those of owners or agents")
+        await self.item(collection, item_id)
+        changed, agents = await self.rows.revoke(collection, item_id, act)
+        await self._accounts.forget(agents)
+        if changed:
+            self._log.warning("tokens revoked", kind=collection.one, id=item_id, count=changed)
+        return changed
+
+    async def delete(self, collection: Collection, item_id: str, act: Act, *, free: bool) -> Deletion:
+        """Delete an item with all that hangs on it. Safe to call again, also after one that was cut short.
+
+        It is hidden first and what runs of it ends. Then it is deleted in small steps, so that others can go on.
+
+        Args:
+            collection: Kind of the item.
+            item_id: Id of the item.
+            act: Who deletes it.
+            free: Give back names and places on suites. Otherwise they stay taken.
+
+        Raises:
+            NotFoundError: There is no such item, and never was one.
+            ForbiddenError: It is the owner of the shipped agents.
+        """
+        if "\0" in item_id:
+            raise unknown(collection, item_id)
+        async with self._deleting:
+            found = await self.rows.item(collection, item_id)
+            if found is not None:
+                _check_not_shipped(found)
+            doomed = await self.rows.begin_deletion(collection, item_id, act)
+            if doomed is None:
+                before = await self.rows.deleted_before(collection, item_id, act, free=free)
+                if before is None:
+                    raise unknown(collection, item_id)
+                self._leaderboards.forget_all()  # a place may be free now
+                name, held = before
+                return Deletion(id=item_id, name=name, deleted=Contents(), held=held)
+            await self._let_go(doomed)
+            models = await asyncio.to_thread(self._delete_models, doomed.submissions)
+            more = True
+            while more:
+                more = await self.rows.delete_some(collection, item_id, doomed.seq)
+            deleted, held = await self.rows.finish_deletion(collection, item_id, doomed, models, free=free)
+            self._forget()
+        self._log.warning("deleted", kind=collection.one, id=item_id, **deleted.model_dump(exclude_defaults=True))
+        return Deletion(id=item_id, name=doomed.name, deleted=deleted, held=held)
+
+    async def note(
+        self, authorization: str | None, address: str, action: AuditAction, collection: Collection, row: Item
+    ) -> None:
+        """Write down what the operator did by a call that others have too. Calls of others are not written down.
+
+        Args:
+            authorization: The caller's ``Authorization`` header.
+            address: The caller's address.
+            action: What was done.
+            collection: What the target is.
+            row: The target, an owner, an agent or a submission.
+        """
+        if not self._accounts.is_operator(authorization) or isinstance(row, EvaluationRow):
+            return
+        act = Act(await self._accounts.operator(authorization), address)
+        await self.audit.note(act.entry(action, collection, row.id, row.name, Contents(**{collection.value: 1})))
+
+    async def _let_go(self, doomed: Doomed) -> None:
+        """End what runs of a target that is hidden and stopped in the database."""
+        self._forget()
+        holders = {*doomed.agents, *doomed.submissions, *doomed.cancelled}
+        await self._accounts.forget(holders)
+        for submission in doomed.cancelled:
+            self._submissions.cancelled(submission)
+        await self._episodes.closings.drop(doomed.evaluations, holders)
+
+    def _forget(self) -> None:
+        self._leaderboards.forget_all()
+        self._kept.clear()
+        self._replays.clear()
+
+    def _models(self, submissions: Iterable[str]) -> Contents:
+        """Return the number and bytes of the files with models. Use a thread."""
+        sizes = [size for one in submissions if (size := self._submissions.files.size(one)) is not None]
+        return Contents(models=len(sizes), bytes=sum(sizes))
+
+    def _delete_models(self, submissions: Iterable[str]) -> Contents:
+        """Delete the files with models, and return what they were. Use a thread."""
+        submissions = list(submissions)
+        found = self._models(submissions)
+        for submission in submissions:
+            self._submissions.files.delete(submission)
+        return found
+
+
+def unknown(collection: Collection, item_id: str) -> NotFoundError:
+    """Return the error for an item that does not exist."""
+    return NotFoundError(_UNKNOWN[collection], f"there is no {collection.one} {item_id[:64]!r}")
+
+
+def _check_not_shipped(found: Found) -> None:
+    if isinstance(found.row, OwnerRow) and found.row.name == SHIPPED:
+        raise ForbiddenError(f"owner {SHIPPED} has the shipped agents, and stays; hide or delete its agents one by one")

@@ -1,0 +1,249 @@
+"""The operator's calls: lists of everything, hiding, revoking, deleting, usage and the audit log."""
+
+import base64
+import binascii
+import math
+from datetime import UTC, datetime
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Query, Request, Response
+
+from wrongturn_protocol import AgentKind, Track
+from wrongturn_protocol.administration import (
+    AdminDetail,
+    AdminItem,
+    AdminList,
+    AuditAction,
+    AuditEntry,
+    AuditList,
+    Change,
+    Collection,
+    Contents,
+    Deletion,
+    OwnerUsage,
+    UsageList,
+)
+from wrongturn_service.api.dependencies import AuthorizationDep, ServiceDep, reply
+from wrongturn_service.api.documents import Route, described
+from wrongturn_service.client_address import address_of
+from wrongturn_service.errors import InvalidRequestError
+from wrongturn_service.service import Service
+from wrongturn_service.storage.administration import After, Filters, Found
+from wrongturn_service.storage.audit import Act
+from wrongturn_service.storage.models import AgentRow, AuditRow, EvaluationRow, OwnerRow, SubmissionRow
+
+router = APIRouter(prefix="/v1/admin", tags=["admin"], route_class=Route)
+_FILTERS: Final[dict[Collection, frozenset[str]]] = {
+    Collection.OWNERS: frozenset({"name", "hidden"}),
+    Collection.AGENTS: frozenset({"name", "owner", "hidden"}),
+    Collection.EVALUATIONS: frozenset({"name", "owner", "agent", "suite", "state", "hidden"}),
+    Collection.SUBMISSIONS: frozenset({"name", "owner", "agent", "suite", "state"}),
+}
+"""What each list can be narrowed to."""
+Limit = Annotated[int, Query(ge=1, le=1000, description="Most items of the page.")]
+Cursor = Annotated[str | None, Query(max_length=120, description="`next` of the page before.")]
+Word = Annotated[str | None, Query(max_length=160, pattern="^[^\\x00]*$")]
+Reason = Annotated[str | None, Query(max_length=500, pattern="^[^\\x00]*$", description="Why, for the audit log.")]
+
+
+@router.get("/usage", **described(UsageList, 422))
+async def usage(
+    service: ServiceDep, authorization: AuthorizationDep, limit: Limit = 100, cursor: Cursor = None
+) -> Response:
+    """Show what each owner has stored, those with the most bytes first. Its quota counts the same bytes."""
+    await service.accounts.operator(authorization)
+    begin = _number(cursor) or 0
+    page, everything = await service.administration.rows.usage(begin, limit)
+    return reply(
+        UsageList(
+            owners=tuple(OwnerUsage(id=owner, name=name, contents=contents) for owner, name, contents in page),
+            total=everything,
+            next=str(begin + limit) if begin + limit < everything.owners else None,
+        )
+    )
+
+
+@router.get("/audit", **described(AuditList, 422))
+async def audit(
+    service: ServiceDep,
+    authorization: AuthorizationDep,
+    target: Word = None,
+    action: AuditAction | None = None,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+) -> Response:
+    """List what the operator did, newest first: who, when, from where, what, and how many of each kind."""
+    await service.accounts.operator(authorization)
+    log = service.administration.audit
+    rows = await log.entries(before=_number(cursor), limit=limit + 1, target=target, action=action)
+    following = str(rows[limit - 1].seq) if len(rows) > limit else None
+    return reply(AuditList(entries=tuple(_entry(row) for row in rows[:limit]), next=following))
+
+
+@router.get("/{collection}", **described(AdminList, 422))
+async def items(
+    service: ServiceDep,
+    authorization: AuthorizationDep,
+    collection: Collection,
+    name: Word = None,
+    owner: Word = None,
+    agent: Word = None,
+    suite: Word = None,
+    state: Word = None,
+    hidden: bool | None = None,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+) -> Response:
+    """List owners, agents, evaluations or submissions, newest first, hidden ones too."""
+    await service.accounts.operator(authorization)
+    filters = Filters(name, owner, agent, suite, state, hidden)
+    for field, value in vars(filters).items():
+        if value is not None and field not in _FILTERS[collection]:
+            allowed = ", ".join(sorted(_FILTERS[collection]))
+            raise InvalidRequestError(f"query.{field}", f"{collection} cannot be narrowed to it; use {allowed}")
+    rows = await service.administration.rows.page(collection, filters, _after(cursor), limit + 1)
+    following = _cursor(rows[limit - 1]) if len(rows) > limit else None
+    return reply(AdminList(items=tuple(AdminItem(**_fields(row)) for row in rows[:limit]), next=following))
+
+
+@router.get("/{collection}/{item}", **described(AdminDetail, 404, 422))
+async def item(service: ServiceDep, authorization: AuthorizationDep, collection: Collection, item: str) -> Response:
+    """Show one of them, and what a deletion would delete with it."""
+    await service.accounts.operator(authorization)
+    found = await service.administration.item(collection, item)
+    contents = await service.administration.contents(collection, item)
+    return reply(AdminDetail(**_fields(found), contents=contents))
+
+
+@router.put("/{collection}/{item}/hidden", **described(Change, 404, 422))
+async def hide(
+    request: Request,
+    service: ServiceDep,
+    authorization: AuthorizationDep,
+    collection: Collection,
+    item: str,
+    reason: Reason = None,
+) -> Response:
+    """Hide an owner, an agent or an evaluation from everybody but its owner and the operator. Safe to send again.
+
+    What is hidden is on no leaderboard, page or list, and still counts as the agent's first evaluation.
+    """
+    act = await act_of(service, request, authorization, reason)
+    return reply(Change(id=item, changed=await service.administration.hide(collection, item, act, hidden=True)))
+
+
+@router.delete("/{collection}/{item}/hidden", **described(Change, 404, 422))
+async def unhide(
+    request: Request,
+    service: ServiceDep,
+    authorization: AuthorizationDep,
+    collection: Collection,
+    item: str,
+    reason: Reason = None,
+) -> Response:
+    """Show what was hidden again. Safe to send again."""
+    act = await act_of(service, request, authorization, reason)
+    return reply(Change(id=item, changed=await service.administration.hide(collection, item, act, hidden=False)))
+
+
+@router.delete("/{collection}/{item}/tokens", **described(Change, 404, 422))
+async def revoke(
+    request: Request,
+    service: ServiceDep,
+    authorization: AuthorizationDep,
+    collection: Collection,
+    item: str,
+    reason: Reason = None,
+) -> Response:
+    """End an agent's token, or those of an owner and all its agents. Safe to send again."""
+    act = await act_of(service, request, authorization, reason)
+    return reply(Change(id=item, changed=await service.administration.revoke(collection, item, act)))
+
+
+@router.delete("/{collection}/{item}", **described(Deletion, 404, 422))
+async def delete(
+    request: Request,
+    service: ServiceDep,
+    authorization: AuthorizationDep,
+    collection: Collection,
+    item: str,
+    free: Annotated[bool, Query(description="Give back the names, and the agent's place on the suite.")] = False,
+    reason: Reason = None,
+) -> Response:
+    """Delete one of them for good, with all that hangs on it. Safe to send again. What runs of it ends at once.
+
+    Names stay taken, and an agent whose first evaluation is deleted gets no other that counts, unless ``free`` says so.
+    """
+    act = await act_of(service, request, authorization, reason)
+    return reply(await service.administration.delete(collection, item, act, free=free))
+
+
+async def act_of(service: Service, request: Request, authorization: str | None, reason: str | None = None) -> Act:
+    """Return who acts as the operator, and from where. Raises UnauthenticatedError, ForbiddenError."""
+    return Act(await service.accounts.operator(authorization), address_of(request), reason)
+
+
+def _fields(found: Found) -> dict[str, Any]:
+    row = found.row
+    shared = {"id": row.id, "name": found.name, "created": _iso(row.created)}
+    match row:
+        case OwnerRow():
+            return {**shared, "hidden": row.hidden, "token": row.token_sha256 is not None, "contact": row.contact}
+        case AgentRow():
+            flags = {"hidden": row.hidden, "token": row.token_sha256 is not None}
+            return {**shared, **flags, "owner": found.owner, "track": Track(row.track), "kind": AgentKind(row.kind)}
+        case EvaluationRow():
+            told = {"owner": found.owner, "agent": row.agent_id, "suite": row.suite, "state": row.state}
+            return {**shared, **told, "hidden": row.hidden}
+        case SubmissionRow():
+            told = {"owner": found.owner, "agent": row.agent_id, "suite": row.suite, "state": row.state}
+            return {**shared, **told, "evaluation": row.evaluation_id, "reason": row.reason}
+
+
+def _entry(row: AuditRow) -> AuditEntry:
+    return AuditEntry(
+        seq=row.seq,
+        time=_iso(row.time),
+        actor=row.actor,
+        address=row.address,
+        action=AuditAction(row.action),
+        collection=Collection(row.kind),
+        target=row.target,
+        name=row.name,
+        reason=row.reason,
+        contents=Contents.model_validate_json(row.counts),
+        done=row.done,
+    )
+
+
+def _cursor(found: Found) -> str:
+    return base64.urlsafe_b64encode(f"{found.row.created!r} {found.row.id}".encode()).decode()
+
+
+def _after(cursor: str | None) -> After | None:
+    if cursor is None:
+        return None
+    try:
+        created, _, item_id = base64.urlsafe_b64decode(cursor.encode()).decode().partition(" ")
+        after = After(float(created), item_id)
+    except (binascii.Error, ValueError):
+        raise _no_cursor() from None
+    if not math.isfinite(after.created) or "\0" in item_id:
+        raise _no_cursor()
+    return after
+
+
+def _number(cursor: str | None) -> int | None:
+    if cursor is None:
+        return None
+    if not (cursor.isascii() and cursor.isdecimal() and len(cursor) <= 18):
+        raise _no_cursor()
+    return int(cursor)
+
+
+def _no_cursor() -> InvalidRequestError:
+    return InvalidRequestError("query.cursor", "is no cursor of this list; send `next` of the page before as it was")
+
+
+def _iso(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")

@@ -1,0 +1,94 @@
+"""The audit log: what the operator did, written in the transaction that does it."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sqlalchemy import func, select
+from sqlalchemy.ext.asyncio import AsyncSession
+
+from wrongturn_protocol.administration import AuditAction, Collection, Contents
+from wrongturn_service.storage.database import Database
+from wrongturn_service.storage.models import AuditRow
+
+_LONGEST_NAME = 160
+
+
+@dataclass(frozen=True)
+class Act:
+    """Who does something, from where, and why.
+
+    Attributes:
+        actor: ``operator``, and the first digits of the SHA-256 of the token that was sent.
+        address: Address of the client.
+        reason: Why, as the operator says.
+    """
+
+    actor: str
+    address: str
+    reason: str | None = None
+
+    def entry(
+        self,
+        action: AuditAction,
+        collection: Collection,
+        target: str,
+        name: str,
+        contents: Contents,
+        *,
+        done: bool = True,
+    ) -> AuditRow:
+        """Return the row of what is done. :func:`add` gives it its number."""
+        return AuditRow(
+            time=time.time(),
+            actor=self.actor,
+            address=self.address[:64],
+            action=action.value,
+            kind=collection.value,
+            target=target,
+            name=name[:_LONGEST_NAME],
+            reason=self.reason,
+            counts=contents.model_dump_json(exclude_defaults=True),
+            done=done,
+        )
+
+
+async def add(session: AsyncSession, entry: AuditRow | None) -> None:
+    """Add an entry as the last one. None adds nothing."""
+    if entry is None:
+        return
+    entry.seq = (await session.scalar(select(func.max(AuditRow.seq))) or 0) + 1
+    session.add(entry)
+
+
+class AuditLog:
+    """Reads the audit log. Each method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    async def note(self, entry: AuditRow) -> None:
+        """Add an entry about something that was done already."""
+        async with self._database.write() as session:
+            await add(session, entry)
+
+    async def entries(
+        self, *, before: int | None, limit: int, target: str | None = None, action: AuditAction | None = None
+    ) -> Sequence[AuditRow]:
+        """Return entries, newest first.
+
+        Args:
+            before: Only entries with a lower number. None for all.
+            limit: Most entries.
+            target: Only entries about this id.
+            action: Only entries of this kind.
+        """
+        query = select(AuditRow).order_by(AuditRow.seq.desc()).limit(limit)
+        if before is not None:
+            query = query.where(AuditRow.seq < before)
+        if target is not None:
+            query = query.where(AuditRow.target == target)
+        if action is not None:
+            query = query.where(AuditRow.action == action)
+        async with self._database.read() as session:
+            return (await session.scalars(query)).all()

@@ -1,0 +1,54 @@
+"""Names and places on suites that stay taken after their holder was deleted."""
+
+from sqlalchemy import delete, select
+from sqlalchemy.ext.asyncio import AsyncSession
+
+from wrongturn_service.storage.models import HeldRow
+
+OWNER = "owner"
+"""Kind of a held name of an owner. The key is the name in lower case."""
+AGENT = "agent"
+"""Kind of a held name of an agent. The key is the name in lower case."""
+EVALUATION = "evaluation"
+"""Kind of a held place on a suite. The key is the agent's id and the suite."""
+
+
+def place(agent_id: str, suite: str) -> str:
+    """Return the key of an agent's place on a suite."""
+    return f"{agent_id} {suite}"
+
+
+async def is_held(session: AsyncSession, kind: str, key: str) -> bool:
+    """Return whether a name or a place stays taken."""
+    return await session.scalar(select(HeldRow.key).where(HeldRow.kind == kind, HeldRow.key == key)) is not None
+
+
+async def hold(session: AsyncSession, kind: str, key: str, deleted: str) -> None:
+    """Keep a name or a place taken. Safe to call more than once.
+
+    Args:
+        session: The session.
+        kind: Kind of what is held.
+        key: The name or the place.
+        deleted: Id of what was deleted, by which it can be freed.
+    """
+    await session.merge(HeldRow(kind=kind, key=key, deleted=deleted))
+
+
+async def free(session: AsyncSession, deleted: str) -> int:
+    """Give back what a deletion kept taken, and return how much that was."""
+    result = await session.execute(delete(HeldRow).where(HeldRow.deleted == deleted))
+    return int(getattr(result, "rowcount", 0))
+
+
+async def held_by(session: AsyncSession, deleted: str) -> tuple[str, ...]:
+    """Return what a deletion keeps taken, in words."""
+    rows = (await session.scalars(select(HeldRow).where(HeldRow.deleted == deleted))).all()
+    return tuple(sorted(_words(row) for row in rows))
+
+
+def _words(row: HeldRow) -> str:
+    if row.kind == EVALUATION:
+        agent, _, suite = row.key.partition(" ")
+        return f"the place of agent {agent} on {suite}"
+    return f"the name {row.key!r} of an {row.kind}"
