@@ -51,8 +51,9 @@ def test_the_evaluation_that_was_begun_first_counts(database_url: str, tmp_path:
     async def counts(http: httpx.AsyncClient, known: str, first: str, later: str) -> None:
         (entry,) = (await board(http)).entries
         assert (entry.evaluation, entry.unsafe.count) == (first, 0)
-        rows = await http.app.state.service.finished.of_agent(known)  # type: ignore[attr-defined]
-        assert [row.id for row in rows] == [first, later]
+        finished = http.app.state.service.finished  # type: ignore[attr-defined]
+        assert [row.id for row in await finished.of_agent(known)] == [first, later]
+        assert await finished.counting(known) == {first}
 
     play(story)
 
