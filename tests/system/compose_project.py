@@ -45,7 +45,7 @@ def inspect(container: str, field: str) -> str:
 class Service:
     """One compose project of its own name, port and volume."""
 
-    def __init__(self, secrets: Path) -> None:
+    def __init__(self, secrets: Path, *overrides: Path) -> None:
         self.port = free_port()
         self.secrets = secrets
         self.settings = secrets.with_name("service.env")
@@ -58,7 +58,8 @@ class Service:
             "WRONGTURN_SUITE": "smoke@2",
         }
         project = f"wrongturntest{uuid.uuid4().hex[:8]}"
-        self.command = [*compose_program(), "-p", project, "-f", str(ROOT / "docker" / "compose.yaml")]
+        files = [option for file in (ROOT / "docker" / "compose.yaml", *overrides) for option in ("-f", str(file))]
+        self.command = [*compose_program(), "-p", project, *files]
 
     def compose(self, *arguments: str) -> str:
         done = subprocess.run(
