@@ -87,6 +87,7 @@ class ClockedService(Service):
         try:
             with bound:
                 self._loop.run_until_complete(serve())
+                self._loop.run_until_complete(_settled())  # the ends of connections that were open
                 self._loop.run_until_complete(self._loop.shutdown_asyncgens())
         finally:
             self._started.set()

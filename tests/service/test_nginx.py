@@ -40,6 +40,7 @@ http {{
     include {folder}/wrongturn.conf;
 }}
 """
+JSON = {"Content-Type": "application/json"}
 PRACTICE = {"town": "Town01", "approach": "J3-S", "seed": 3}
 
 
@@ -199,9 +200,15 @@ def context(proxied: Proxied) -> Any:
     return httpx.create_ssl_context(verify=str(proxied.authority))
 
 
-def test_what_is_too_large_is_refused(proxied: Proxied) -> None:
-    with proxied.http(headers={"Content-Type": "application/json"}) as http:
-        assert http.post("v1/owners", content=b"x" * (5 << 20)).status_code == 413
+def test_refusals_arrive_while_the_body_is_sent(proxied: Proxied) -> None:
+    with proxied.http() as http:
+        assert http.post("v1/owners", content=b"x" * (5 << 20), headers=JSON).status_code == 413, "nginx's own"
+        large = {"content": b"x" * (3 << 20), "headers": JSON}
+        problem(http.post("v1/owners", **large), 413, "body-too-large")
+        large["content"] = b"x" * (1 << 20)
+        problem(http.post(f"{proxied.service.url}/v1/owners", **large), 413, "body-too-large")
+        form = {"files": {"model": b"x" * (20 << 20)}, "data": {"suite": "smoke@2", "name": "large"}}
+        problem(http.post("v1/submissions", **form), 401, "unauthenticated")
 
 
 def test_the_pages_commands(proxied: Proxied) -> None:

@@ -10,7 +10,7 @@ import asyncio
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import structlog
 from typing_extensions import override
@@ -34,6 +34,9 @@ _PIECE: Final = 16384
 """Bytes that are parsed before the limits are looked at again."""
 _QUEUED: Final = 32
 """Most requests of a connection that wait for the reply to an earlier one."""
+_LINGER: Final = 1 << 20
+_LINGER_S: Final = 2.0
+"""Bytes and seconds of the rest of a refused body that are dropped. A reset at once would take away the reply."""
 _POLICY_CLOSE: Final = 1008
 _QUIET_S: Final = 10.0
 _PHRASES: Final = {
@@ -159,6 +162,15 @@ class GuardedWriting(asyncio.BaseProtocol):
         self.transport.abort()
 
 
+class _ReplyTransport:
+    """What a reply is written to. It is closed as the protocol says."""
+
+    def __init__(self, transport: asyncio.Transport, close: Callable[[], None]) -> None:
+        self.write = transport.write
+        self.is_closing = transport.is_closing
+        self.close = close
+
+
 class GuardedHttp(GuardedWriting, HttpToolsProtocol):
     """Uvicorn's HTTP within the limits."""
 
@@ -170,6 +182,8 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
         """Bytes of the request that are not its body, up to a piece more."""
         self._over = False
         """Whether nothing more is read here: the connection is refused, or it is a WebSocket now."""
+        self._rest: int | None = None
+        """Bytes that came after the last reply and were dropped. None before it."""
 
     @override
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -204,6 +218,11 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
 
     @override
     def data_received(self, data: bytes) -> None:
+        if self._rest is not None:
+            self._rest += len(data)
+            if self._rest > _LINGER:
+                self.transport.pause_reading()
+            return
         for at in range(0, len(data), _PIECE):
             if self._over or self.transport.is_closing():
                 return
@@ -236,7 +255,10 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
             self._too_large(f"a header has more than {_LINE} bytes")
         else:
             self._in_head = False
+            before = self.cycle
             super().on_headers_complete()
+            if self.cycle is not before:  # a WebSocket has none
+                self.cycle.transport = cast(asyncio.Transport, _ReplyTransport(self.transport, self._close))
             if len(self.pipeline) > _QUEUED:
                 self._drop("pipelined")
 
@@ -257,6 +279,15 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
         if not self._over:
             self._over = True
             super().handle_websocket_upgrade()
+
+    def _close(self) -> None:
+        """Close the connection after its last reply, but let a client that still sends its body read the reply."""
+        if self.pipeline or not self.cycle.more_body or self._over or self.transport.is_closing():
+            self.transport.close()
+            return
+        self._over, self._rest = True, 0
+        self.transport.write_eof()
+        asyncio.get_running_loop().call_later(_LINGER_S, self.transport.close)
 
     def _too_large(self, detail: str, status: int = 431) -> None:
         """Refuse a request, if it is the one that is to be answered next; else end the connection."""
