@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
+from wrongturn_client.admin_cli import admin
 from wrongturn_client.plugins import PluginGroup
 from wrongturn_client.replay_cli import replay
 from wrongturn_client.submit_cli import submissions, submit
@@ -116,6 +117,7 @@ def leaderboard(
 app.command()(submit)
 app.command()(submissions)
 app.command()(replay)
+app.add_typer(admin, name="admin")
 
 
 @app.command()

@@ -12,6 +12,8 @@ DEFAULT_URL = "http://127.0.0.1:8000"
 """Where ``wrongturn serve`` listens by default."""
 OWNER_TOKEN: Final = "WRONGTURN_OWNER_TOKEN"  # noqa: S105 - the variable's name
 """Environment variable with an owner's token, with which agents become that owner's."""
+OPERATOR_TOKEN: Final = "WRONGTURN_OPERATOR_TOKEN"  # noqa: S105 - the variable's name
+"""Environment variable with the operator's token."""
 
 
 def service_url() -> str | None:

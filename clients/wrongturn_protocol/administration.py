@@ -1,41 +1,9 @@
 """Messages of the operator's calls under ``/v1/admin``: lists, deletions, usage and the audit log."""
 
-from enum import StrEnum
-
 from pydantic import Field
 
 from wrongturn_protocol.episodes import Message, is_none
-from wrongturn_protocol.vocabulary import AgentKind, Track
-
-
-class Collection(StrEnum):
-    """What the operator administers."""
-
-    OWNERS = "owners"
-    AGENTS = "agents"
-    EVALUATIONS = "evaluations"
-    SUBMISSIONS = "submissions"
-
-    @property
-    def one(self) -> str:
-        """What a single one is called."""
-        return self.value[:-1]
-
-
-class AuditAction(StrEnum):
-    """What the operator did."""
-
-    HIDE = "hide"
-    UNHIDE = "unhide"
-    REVOKE = "revoke"
-    """Ended tokens."""
-    ROTATE = "rotate"
-    """Made a new token for an owner or an agent."""
-    CANCEL = "cancel"
-    """Cancelled a submission."""
-    DELETE = "delete"
-    FREE = "free"
-    """Gave back a name or a place that an earlier deletion had kept taken."""
+from wrongturn_protocol.vocabulary import AgentKind, AuditAction, Collection, Track
 
 
 class AdminItem(Message):

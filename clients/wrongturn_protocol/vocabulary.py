@@ -289,6 +289,36 @@ class SubmissionState(StrEnum):
         return self in {SubmissionState.FINISHED, SubmissionState.FAILED, SubmissionState.CANCELLED}
 
 
+class Collection(StrEnum):
+    """What the operator administers."""
+
+    OWNERS = "owners"
+    AGENTS = "agents"
+    EVALUATIONS = "evaluations"
+    SUBMISSIONS = "submissions"
+
+    @property
+    def one(self) -> str:
+        """What a single one is called."""
+        return self.value[:-1]
+
+
+class AuditAction(StrEnum):
+    """What the operator did."""
+
+    HIDE = "hide"
+    UNHIDE = "unhide"
+    REVOKE = "revoke"
+    """Ended tokens."""
+    ROTATE = "rotate"
+    """Made a new token for an owner or an agent."""
+    CANCEL = "cancel"
+    """Cancelled a submission."""
+    DELETE = "delete"
+    FREE = "free"
+    """Gave back a name or a place that an earlier deletion had kept taken."""
+
+
 class ProblemType(StrEnum):
     """Everything that can go wrong with a call: the last part of a problem's ``type`` (RFC 9457)."""
 

@@ -7,7 +7,8 @@ from typing import Final
 import structlog
 
 from wrongturn_protocol import ProblemType
-from wrongturn_protocol.administration import AuditAction, Collection, Contents, Deletion
+from wrongturn_protocol.administration import Contents, Deletion
+from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.episodes.manager import EpisodeManager
 from wrongturn_service.errors import ForbiddenError, InvalidRequestError, NotFoundError

@@ -13,16 +13,15 @@ from wrongturn_protocol.administration import (
     AdminDetail,
     AdminItem,
     AdminList,
-    AuditAction,
     AuditEntry,
     AuditList,
     Change,
-    Collection,
     Contents,
     Deletion,
     OwnerUsage,
     UsageList,
 )
+from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.api.dependencies import AuthorizationDep, ServiceDep, reply
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.client_address import address_of

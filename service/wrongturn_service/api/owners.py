@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Request, Response
 
 from wrongturn_protocol import OwnerDetail, OwnerList, OwnerRegistration, RegisteredOwner
-from wrongturn_protocol.administration import AuditAction, Collection
+from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.accounts import bearer
 from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, reply
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described

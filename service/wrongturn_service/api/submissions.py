@@ -18,9 +18,9 @@ from wrongturn_protocol import (
     SubmissionState,
     Track,
 )
-from wrongturn_protocol.administration import AuditAction, Collection
 from wrongturn_protocol.results import AgentName
 from wrongturn_protocol.submissions import MODEL, NAME, SUITE
+from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Submitter
 from wrongturn_service.api.dependencies import (

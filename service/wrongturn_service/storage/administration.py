@@ -9,7 +9,8 @@ from sqlalchemy import ColumnElement, and_, delete, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import EpisodeState, EvaluationState, SubmissionState
-from wrongturn_protocol.administration import AuditAction, Collection, Contents
+from wrongturn_protocol.administration import Contents
+from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.storage import audit, contents, held
 from wrongturn_service.storage.audit import Act
 from wrongturn_service.storage.contents import Scope, counted, counted_episodes, replies_about, scope_of, total

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from sqlalchemy import func, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wrongturn_protocol.administration import AuditAction, Collection, Contents
+from wrongturn_protocol.administration import Contents
+from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import AuditRow
 

@@ -8,7 +8,8 @@ from typing import Any, Final
 from sqlalchemy import ColumnElement, false, func, or_, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wrongturn_protocol.administration import Collection, Contents
+from wrongturn_protocol.administration import Contents
+from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service.storage.models import (
     AgentRow,
     EpisodeRow,

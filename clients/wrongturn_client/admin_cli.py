@@ -1,0 +1,336 @@
+"""``wrongturn admin``: what the operator of a service does. Slow imports wait until a command runs."""
+
+import contextlib
+import os
+import secrets
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from wrongturn_client.errors import WrongturnError
+from wrongturn_protocol.vocabulary import AuditAction, Collection
+
+if TYPE_CHECKING:
+    from wrongturn_client.administration import Administration
+    from wrongturn_protocol.administration import Contents
+
+admin = typer.Typer(
+    help="Administer a service: list, hide, revoke and delete owners, agents, evaluations and submissions.",
+    no_args_is_help=True,
+    epilog="They need the operator's token, in WRONGTURN_OPERATOR_TOKEN or in the file that "
+    "WRONGTURN_OPERATOR_TOKEN_FILE names. Example: wrongturn admin agents --name test",
+)
+_KINDS: Final = {
+    "ow_": Collection.OWNERS,
+    "ag_": Collection.AGENTS,
+    "ev_": Collection.EVALUATIONS,
+    "su_": Collection.SUBMISSIONS,
+}
+_NAMED: Final = {"owner": Collection.OWNERS, "agent": Collection.AGENTS}
+_TARGET: Final = "An id, or owner:NAME or agent:NAME. Example: agent:test-7"
+_Url = Annotated[
+    str | None,
+    typer.Option(
+        "--url", envvar="WRONGTURN_URL", metavar="URL", help="URL of the service. Example: --url http://127.0.0.1:8000"
+    ),
+]
+_Json = Annotated[bool, typer.Option("--json", help="Print only JSON.")]
+_Limit = Annotated[int, typer.Option(min=1, help="Most lines. Example: --limit 1000")]
+_Target = Annotated[str, typer.Argument(metavar="TARGET", help=_TARGET)]
+_Targets = Annotated[list[str], typer.Argument(metavar="TARGET...", help=_TARGET)]
+_Reason = Annotated[str | None, typer.Option(help="Why, for the audit log. Example: --reason 'asked by mail'")]
+_Name = Annotated[str | None, typer.Option(help="Part of the name. Example: --name test")]
+_Owner = Annotated[str | None, typer.Option(metavar="ID", help="Only those of this owner.")]
+_Agent = Annotated[str | None, typer.Option(metavar="ID", help="Only those of this agent.")]
+_Suite = Annotated[str | None, typer.Option(help="Only those on this suite. Example: --suite smoke@2")]
+_Hidden = Annotated[bool | None, typer.Option("--hidden/--shown", help="Only hidden ones, or only others.")]
+
+
+@admin.command()
+def owners(
+    name: _Name = None, hidden: _Hidden = None, limit: _Limit = 100, url: _Url = None, as_json: _Json = False
+) -> None:
+    """List owners, newest first, with how to reach them."""
+    _list(Collection.OWNERS, url, limit, as_json, name=name, hidden=hidden)
+
+
+@admin.command()
+def agents(
+    name: _Name = None,
+    owner: _Owner = None,
+    hidden: _Hidden = None,
+    limit: _Limit = 100,
+    url: _Url = None,
+    as_json: _Json = False,
+) -> None:
+    """List agents, newest first."""
+    _list(Collection.AGENTS, url, limit, as_json, name=name, owner=owner, hidden=hidden)
+
+
+@admin.command()
+def evaluations(
+    name: _Name = None,
+    owner: _Owner = None,
+    agent: _Agent = None,
+    suite: _Suite = None,
+    state: Annotated[str | None, typer.Option(help="running, finished or cancelled.")] = None,
+    hidden: _Hidden = None,
+    limit: _Limit = 100,
+    url: _Url = None,
+    as_json: _Json = False,
+) -> None:
+    """List evaluations, newest first."""
+    filters = {"name": name, "owner": owner, "agent": agent, "suite": suite, "state": state, "hidden": hidden}
+    _list(Collection.EVALUATIONS, url, limit, as_json, **filters)
+
+
+@admin.command()
+def submissions(
+    name: _Name = None,
+    owner: _Owner = None,
+    agent: _Agent = None,
+    suite: _Suite = None,
+    state: Annotated[str | None, typer.Option(help="queued, checked, running, finished, failed or cancelled.")] = None,
+    limit: _Limit = 100,
+    url: _Url = None,
+    as_json: _Json = False,
+) -> None:
+    """List submissions, newest first."""
+    filters = {"name": name, "owner": owner, "agent": agent, "suite": suite, "state": state}
+    _list(Collection.SUBMISSIONS, url, limit, as_json, **filters)
+
+
+@admin.command()
+def show(target: _Target, url: _Url = None, as_json: _Json = False) -> None:
+    """Show one of them, and what a deletion would delete with it."""
+    with _service(url) as service:
+        found = service.item(*_found(service, target))
+    if as_json:
+        _print_json(found.model_dump(mode="json"))
+        return
+    for field, value in found.model_dump(mode="json", exclude={"contents"}).items():
+        typer.echo(f"{field}: {value}")
+    typer.echo(f"holds: {_words(found.contents)}")
+
+
+@admin.command()
+def hide(targets: _Targets, reason: _Reason = None, url: _Url = None) -> None:
+    """Hide owners, agents or evaluations from everybody but their owner. They still count.
+
+    Example: wrongturn admin hide agent:test-7 --reason 'driven by hand'
+    """
+    with _service(url) as service:
+        for collection, item in [_found(service, target) for target in targets]:
+            changed = service.hide(collection, item, reason).changed
+            typer.echo(f"{item}: {'hidden' if changed else 'was hidden before'}")
+
+
+@admin.command()
+def unhide(targets: _Targets, reason: _Reason = None, url: _Url = None) -> None:
+    """Show again what was hidden."""
+    with _service(url) as service:
+        for collection, item in [_found(service, target) for target in targets]:
+            changed = service.unhide(collection, item, reason).changed
+            typer.echo(f"{item}: {'shown again' if changed else 'was not hidden'}")
+
+
+@admin.command()
+def revoke(targets: _Targets, reason: _Reason = None, url: _Url = None) -> None:
+    """End the tokens of owners and their agents, or of single agents."""
+    with _service(url) as service:
+        for collection, item in [_found(service, target) for target in targets]:
+            typer.echo(f"{item}: tokens ended: {service.revoke(collection, item, reason).changed}")
+
+
+@admin.command()
+def delete(
+    target: _Target,
+    *,
+    free: Annotated[
+        bool,
+        typer.Option(
+            "--free", help="Give back the names, or the agent's place on the suite. Otherwise they stay taken."
+        ),
+    ] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be deleted.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")] = False,
+    reason: _Reason = None,
+    url: _Url = None,
+    as_json: _Json = False,
+) -> None:
+    """Delete one of them for good, with all that hangs on it. It says what that is, and asks.
+
+    Example: wrongturn admin delete agent:test-7 --dry-run
+
+    To free later what a deletion keeps taken, repeat it with the id and --free.
+    """
+    from wrongturn_client.errors import NotFoundError  # noqa: PLC0415
+
+    with _service(url) as service:
+        collection, item = _found(service, target)
+        try:
+            found = service.item(collection, item)
+        except NotFoundError:  # it may have been deleted before
+            if dry_run:
+                raise
+        else:
+            typer.echo(f"{collection.one} {item} ({found.name}): {_words(found.contents)}", err=True)
+            if dry_run:
+                if as_json:
+                    _print_json(found.contents.model_dump(mode="json"))
+                return
+            if not yes:
+                typer.confirm("Delete all this for good?", abort=True, err=True)
+        deletion = service.delete(collection, item, free=free, reason=reason)
+    if as_json:
+        _print_json(deletion.model_dump(mode="json"))
+        return
+    typer.echo(f"Deleted: {_words(deletion.deleted)}.")
+    for held in deletion.held:
+        typer.echo(f"Stays taken: {held}. To free it: wrongturn admin delete {item} --free")
+
+
+@admin.command()
+def usage(limit: _Limit = 20, url: _Url = None, as_json: _Json = False) -> None:
+    """Show which owners have stored the most."""
+    with _service(url) as service:
+        found = service.usage(limit)
+    if as_json:
+        _print_json(found.model_dump(mode="json"))
+        return
+    rows = [(owner.name, owner.id, owner.contents) for owner in found.owners] + [("all", "", found.total)]
+    heads = ("owner", "id", "bytes", "agents", "evaluations", "episodes", "submissions")
+    _print_table(heads, [(name, item, *(str(getattr(held, head)) for head in heads[2:])) for name, item, held in rows])
+
+
+@admin.command()
+def audit(
+    target: Annotated[str | None, typer.Option(metavar="ID", help="Only what was done to this id.")] = None,
+    action: Annotated[AuditAction | None, typer.Option(help="Only this. Example: --action delete")] = None,
+    limit: _Limit = 100,
+    url: _Url = None,
+    as_json: _Json = False,
+) -> None:
+    """List what the operator did, newest first."""
+    with _service(url) as service:
+        entries = list(service.audit(limit, target=target, action=None if action is None else action.value))
+    if as_json:
+        _print_json([entry.model_dump(mode="json") for entry in entries])
+        return
+    heads = ("time", "by", "from", "did", "what", "name", "rows", "why")
+    rows = [
+        (
+            entry.time,
+            entry.actor,
+            entry.address,
+            entry.action.value if entry.done else f"{entry.action.value} (cut short)",
+            entry.target,
+            entry.name,
+            _words(entry.contents),
+            entry.reason or "",
+        )
+        for entry in entries
+    ]
+    _print_table(heads, rows)
+
+
+@admin.command()
+def rotate_token(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", envvar="WRONGTURN_OPERATOR_TOKEN_FILE", help="The file with the token.")
+    ],
+) -> None:
+    """Write a new token into the file of the operator's token, or of another one.
+
+    The service reads the file at each use, so the old token ends at once and nothing needs a restart. Run this where
+    the file can be written.
+
+    Example: wrongturn admin rotate-token docker/secrets/operator_token
+    """
+    new = f"wt_{secrets.token_urlsafe(32)}\n".encode()
+    try:
+        # In place: a container that has the file mounted would go on with a replaced one.
+        with contextlib.closing(os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT, 0o600), "wb", buffering=0)) as opened:
+            opened.write(new)
+            opened.truncate(len(new))
+            os.fsync(opened.fileno())
+    except OSError as error:
+        raise WrongturnError(f"FILE: {file} cannot be written ({error.strerror}); run this where it can be") from error
+    typer.echo(f"{file} has a new token. The old one has ended, for a service that reads this file.")
+
+
+@contextlib.contextmanager
+def _service(url: str | None) -> Iterator["Administration"]:
+    from wrongturn_client.administration import Administration  # noqa: PLC0415
+
+    service = Administration(url)
+    try:
+        yield service
+    finally:
+        service.close()
+
+
+def _found(service: "Administration", target: str) -> tuple[Collection, str]:
+    """Return what a target is, and its id. Raises WrongturnError."""
+    kind, separator, name = target.partition(":")
+    if separator and kind in _NAMED:
+        same = [one for one in service.items(_NAMED[kind], 1000, name=name) if one.name.lower() == name.lower()]
+        if not same:
+            raise WrongturnError(f"TARGET: there is no {kind} {name!r}; 'wrongturn admin {kind}s' lists them")
+        return _NAMED[kind], same[0].id
+    if target[:3] not in _KINDS:
+        raise WrongturnError(f"TARGET: {target!r} is neither an id, such as ag_…, nor owner:NAME or agent:NAME")
+    return _KINDS[target[:3]], target
+
+
+def _list(collection: Collection, url: str | None, limit: int, as_json: bool, **filters: object) -> None:
+    with _service(url) as service:
+        items = list(service.items(collection, limit, **filters))
+    if as_json:
+        _print_json([item.model_dump(mode="json") for item in items])
+    elif items:
+        fields = [
+            field for field in type(items[0]).model_fields if any(getattr(item, field) is not None for item in items)
+        ]
+        _print_table(fields, [[_cell(getattr(item, field)) for field in fields] for item in items])
+    else:
+        typer.echo(f"There are no such {collection.value}.")
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "" if value is None else str(value)
+
+
+def _words(contents: "Contents") -> str:
+    """Return what there is in words, such as ``1 agent, 12 episodes, 3.4 MB``."""
+    counts = contents.model_dump(exclude={"bytes"})
+    parts = [f"{number} {kind if number != 1 else _one(kind)}" for kind, number in counts.items() if number]
+    if contents.bytes:
+        parts.append(f"{contents.bytes / 1e6:.1f} MB" if contents.bytes >= 1e5 else f"{contents.bytes} bytes")
+    return ", ".join(parts) or "nothing"
+
+
+def _one(kind: str) -> str:
+    return {"replies": "reply", "trajectories": "trajectory", "results": "record of results"}.get(kind, kind[:-1])
+
+
+def _print_table(heads: Any, rows: Any) -> None:
+    from rich.table import Table  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
+    from wrongturn_client.tables import console  # noqa: PLC0415
+
+    table = Table(*heads, box=None, header_style="bold", pad_edge=False)
+    for row in rows:
+        table.add_row(*map(Text, row))
+    console().print(table)
+
+
+def _print_json(value: Any) -> None:
+    import json  # noqa: PLC0415
+
+    typer.echo(json.dumps(value, indent=2, ensure_ascii=False))
