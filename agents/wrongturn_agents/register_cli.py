@@ -66,7 +66,12 @@ def _token(client: Client, source: AgentSource, *, renew: bool) -> str:
             trained_on_faults=source.trained_on_faults,
         )
     except AgentNameTakenError as error:
-        (agent,) = [agent for agent in client.agents() if agent.name.lower() == source.name.lower()]
+        agent = next((agent for agent in client.agents() if agent.name.lower() == source.name.lower()), None)
+        if agent is None:
+            raise RunError(
+                f"{source.name}: the name is taken at {client.url}, but its list of agents does not show it; "
+                "'wrongturn admin agents' says who has it"
+            ) from error
         if agent.kind is not source.kind:
             raise RunError(
                 f"{source.name}: at {client.url} somebody's agent of kind {agent.kind} is called so"

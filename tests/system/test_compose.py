@@ -86,14 +86,15 @@ def test_only_the_operators_token_registers_a_baseline(composed: Service) -> Non
 
 def test_agents_from_outside_and_as_workers_come_on_the_leaderboard(composed: Service) -> None:
     url = f"http://127.0.0.1:{composed.port}"
-    program = [sys.executable, "-m", "wrongturn_client", "run", "always-stops", "--url", url, "--suite", "smoke@2"]
+    run = [sys.executable, "-m", "wrongturn_client", "run", "always-stops", "--name", "from outside"]
+    program = [*run, "--url", url, "--suite", "smoke@2"]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_")}
     done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     composed.compose("run", "--rm", "-T", "register", "careful")
     composed.compose("--profile", "careful", "up", "--no-recreate", "careful")
     found = {entry["agent"]["name"]: entry["agent"]["kind"] for entry in entries(composed)}
-    assert {"always-stops": "submitted", "careful": "baseline"}.items() <= found.items()
+    assert {"from outside": "submitted", "careful": "baseline"}.items() <= found.items()
     # As README shows it; the suite of a run elsewhere is named.
     shown = composed.compose("exec", "-T", "service", "wrongturn", "leaderboard")
     assert "wrongturn leaderboard smoke@2" in shown
