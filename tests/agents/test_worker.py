@@ -162,7 +162,7 @@ def test_a_run_whose_file_cannot_be_written_is_not_lost(url, tmp_path):
     written.write_text("another run's")
     # A folder in the way of the new file stands for a full disk.
     (tmp_path / ".run.json.new").mkdir()
-    done = run("parked", "--suite", SUITE, "--url", url, "--json", str(written))
+    done = run("always-stops", "--suite", SUITE, "--url", url, "--json", str(written))
     assert done.returncode == 1
     assert "twins" in done.stdout
     (command,) = re.findall(r"the run is finished: '(.*) --json FILE' writes it", done.stderr)
@@ -282,13 +282,17 @@ def test_a_retired_suite_registers_nobody(url):
 def closed(tmp_path_factory):
     """URL of a service where only the operator makes owners."""
     database = f"sqlite+aiosqlite:///{tmp_path_factory.mktemp('closed') / 'wrongturn.db'}"
-    environment = {"WRONGTURN_OPERATOR_TOKEN": OPERATOR, "WRONGTURN_REGISTRATION": "operator"}
+    environment = {
+        "WRONGTURN_OPERATOR_TOKEN": OPERATOR,
+        "WRONGTURN_REGISTRATION": "operator",
+        "WRONGTURN_SIMULATORS": "1",
+    }
     with LocalService(database=database, environment=environment) as service:
         yield service.url
 
 
 def test_a_run_with_an_owners_token_registers_the_owners_agent(closed):
-    arguments = ("careful", "--suite", SUITE, "--url", closed)
+    arguments = ("always-stops", "--suite", SUITE, "--url", closed, "--name", "ours")
     refused = run(*arguments)
     assert refused.returncode == 1
     assert f"WRONGTURN_OWNER_TOKEN: {closed} registers agents only for owners; ask its operator" in refused.stderr
@@ -299,7 +303,7 @@ def test_a_run_with_an_owners_token_registers_the_owners_agent(closed):
     assert done.returncode == 0, done.stderr
     with Client(closed) as client:
         (agent,) = client.agents()
-    assert (agent.name, agent.owner, agent.kind) == ("careful", "us", AgentKind.SUBMITTED)
+    assert (agent.name, agent.owner, agent.kind) == ("ours", "us", AgentKind.SUBMITTED)
 
 
 def test_an_owners_token_that_nobody_has_is_told(closed):
@@ -472,6 +476,7 @@ def test_another_agent_cannot_go_on_with_a_run(url):
 
 
 def test_without_a_url_a_service_is_started():
-    done = run("parked", "--suite", SUITE, NUMBA_CACHE_DIR=os.environ.get("NUMBA_CACHE_DIR", ""))
+    environment = {"NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", ""), "WRONGTURN_SIMULATORS": "1"}
+    done = run("always-stops", "--suite", SUITE, **environment)
     assert done.returncode == 0, done.stderr
     assert "12 of 12 episodes" in done.stderr
