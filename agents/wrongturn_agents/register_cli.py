@@ -11,6 +11,9 @@ from wrongturn_agents.errors import RunError
 from wrongturn_agents.registry import AgentSource, list_agents, resolve
 from wrongturn_agents.worker import OPERATOR_TOKEN
 from wrongturn_client import AgentNameTakenError, Client, settings
+from wrongturn_client.administration import Administration
+from wrongturn_protocol.administration import AdminItem
+from wrongturn_protocol.vocabulary import Collection
 
 
 def register(
@@ -51,11 +54,11 @@ def register(
                 typer.echo(f"{name} is registered already; its token is in {file}")
                 continue
             _ensure_folder(file.parent)  # before a name is taken whose token would be lost
-            _write(file, _token(client, resolve(name), renew=renew))
+            _write(file, _token(client, operator_token, resolve(name), renew=renew))
             typer.echo(f"{name} is registered; its token is in {file}")
 
 
-def _token(client: Client, source: AgentSource, *, renew: bool) -> str:
+def _token(client: Client, operator_token: str, source: AgentSource, *, renew: bool) -> str:
     """Register an agent and return its token, or a new token of the agent that is registered already."""
     try:
         registered = client.register(
@@ -66,11 +69,10 @@ def _token(client: Client, source: AgentSource, *, renew: bool) -> str:
             trained_on_faults=source.trained_on_faults,
         )
     except AgentNameTakenError as error:
-        agent = next((agent for agent in client.agents() if agent.name.lower() == source.name.lower()), None)
+        agent = _holder(client.url, operator_token, source.name)
         if agent is None:
             raise RunError(
-                f"{source.name}: the name is taken at {client.url}, but its list of agents does not show it; "
-                "'wrongturn admin agents' says who has it"
+                f"{source.name}: the name is kept at {client.url} after a deletion; delete with --free to use it again"
             ) from error
         if agent.kind is not source.kind:
             raise RunError(
@@ -83,6 +85,16 @@ def _token(client: Client, source: AgentSource, *, renew: bool) -> str:
             ) from error
         registered = client.rotate_token(agent.id)
     return registered.token
+
+
+def _holder(url: str, operator_token: str, name: str) -> AdminItem | None:
+    """Return the agent that has a name, whether or not the public lists show it."""
+    administration = Administration(url, operator_token)
+    try:
+        found = administration.items(Collection.AGENTS, 100, name=name)
+        return next((agent for agent in found if agent.name.lower() == name.lower()), None)
+    finally:
+        administration.close()
 
 
 def _ensure_folder(folder: Path) -> None:
