@@ -29,6 +29,8 @@ _KINDS: Final = {
     "su_": Collection.SUBMISSIONS,
 }
 _NAMED: Final = {"owner": Collection.OWNERS, "agent": Collection.AGENTS}
+_ID: Final = 27
+"""Characters of an id."""
 _TARGET: Final = "An id, or owner:NAME or agent:NAME. Example: agent:test-7"
 _Url = Annotated[
     str | None,
@@ -324,7 +326,10 @@ def _print_table(heads: Any, rows: Any) -> None:
 
     from wrongturn_client.tables import console  # noqa: PLC0415
 
-    table = Table(*heads, box=None, header_style="bold", pad_edge=False)
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for head in heads:
+        whole = head in {"id", "what"}  # an id is there to be copied
+        table.add_column(head, no_wrap=whole, min_width=_ID if whole else None, overflow="fold")
     for row in rows:
         table.add_row(*map(Text, row))
     console().print(table)

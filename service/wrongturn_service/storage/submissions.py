@@ -82,7 +82,10 @@ class SubmissionStore:
             await check_there(session, OwnerRow, submission.owner_id)
             if submission.agent_id is None:
                 await _check_name(session, submission.name_key)
-                await self._usage.check_accounts(session, submission.owner, agents=1, owners=0)
+                owner = await session.get(OwnerRow, submission.owner_id)
+                assert owner is not None
+                await self._usage.check_accounts(session, owner, agents=1, owners=0)
+                session.expunge(owner)  # the submission brings its own
             else:
                 await _check_not_begun(session, submission.agent_id, submission.suite)
             is_open = SubmissionRow.owner_id == submission.owner_id, SubmissionRow.state.in_(OPEN)
