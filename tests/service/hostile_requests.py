@@ -88,6 +88,19 @@ def _chunked(*pieces: Iterable[bytes]) -> Callable[[Target], int]:
     return _http(head, *pieces)
 
 
+def _halves(count: int) -> Callable[[Target], int]:
+    """Begin many requests, and leave before their bodies are there."""
+
+    def send(target: Target) -> int:
+        with contextlib.ExitStack() as stack:
+            for _ in range(count):
+                raw = stack.enter_context(connected(target.service))
+                raw.sendall(f"POST /v1/owners HTTP/1.1\r\nHost: x\r\n{_JSON}Content-Length: 99\r\n\r\n{{".encode())
+        return 0
+
+    return send
+
+
 def _socket(*pieces: Iterable[bytes]) -> Callable[[Target], int]:
     """Send frames on a connection to the drive; return the code of the service's close."""
 
@@ -178,6 +191,7 @@ def hostile_requests(size: int) -> list[Hostile]:
         hostile("a number of 8,000 digits", _post("/v1/owners", b"9" * 8000), 400, 422),
         hostile("msgpack that claims gigabytes", _post(step, _BOMB[:4000], _MSGPACK), 400),
         hostile("msgpack of 4 MB that claims more", _post(step, _BOMB * 800, _MSGPACK), 413),
+        hostile("100 bodies that do not come", _halves(100), 0),
         # Heads and framing
         hostile("a header without end", _http(open_head + "X-A: ", _times(b"a", size)), 431),
         hostile("headers without end", _http(open_head, _times(b"a: b\r\n", size)), 431),
@@ -252,5 +266,11 @@ HEAVY = (
     "/towns/Town02",
     "/agents",
     "/leaderboards/wrong-command@2",
+    "/v1/leaderboards/wrong-command@2/compare?a={one}&b={other}",
+    "/leaderboards/wrong-command@2/compare?a={one}&b={other}",
+    "/agents/{one}",
+    "/episodes/{episode}",
+    "/v1/episodes/{episode}/picture.png",
+    "/v1/episodes/{episode}/camera/0",
 )
 """Public addresses whose replies are large, or take long to make."""

@@ -36,7 +36,7 @@ _SHAPES: Final = {
 }
 _NAMES: Final = {call.value: call for call in Call}
 _UNKNOWN: Final = "unknown"
-_READS: Final = 8
+_READS: Final = 2
 """Calls of a connection that are answered from the database at a time."""
 _STEP_ROUTE: Final = f"{PATH} {Call.STEP}"
 
