@@ -1,10 +1,10 @@
 """The calls of a Wrongturn service, each a method."""
 
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 from urllib.parse import urlencode, urlsplit
 from urllib.request import getproxies, proxy_bypass
 
@@ -41,6 +41,7 @@ from wrongturn_protocol import (
     EpisodeDetail,
     EpisodeList,
     EpisodeRecord,
+    EpisodeState,
     EvaluationDetail,
     EvaluationState,
     Leaderboard,
@@ -71,6 +72,9 @@ from wrongturn_protocol.pixmap import PIXMAP, from_pixmap
 from wrongturn_protocol.submissions import MODEL, NAME, SUITE
 
 M = TypeVar("M", bound=BaseModel)
+L = TypeVar("L", AgentList, OwnerList, EpisodeList, SubmissionList)
+_PAGE: Final = "500"
+"""Items of a list that are asked for at a time."""
 Progress = Callable[[int, int], None]
 """Called with the numbers of finished and of all episodes, or of sent and of all bytes."""
 """Number of simulators among the service's Prometheus metrics."""
@@ -195,7 +199,7 @@ class Client(EpisodeCalls):
 
     def owners(self) -> tuple[OwnerDetail, ...]:
         """Return all owners."""
-        return self._get(OwnerList, "owners").owners
+        return tuple(owner for page in self._pages(OwnerList, "owners") for owner in page.owners)
 
     def owner(self, owner: str) -> OwnerDetail:
         """Return an owner by its id."""
@@ -234,9 +238,14 @@ class Client(EpisodeCalls):
         )
         return self._create(RegisteredAgent, registration.model_dump(mode="json"), "agents")
 
-    def agents(self) -> tuple[AgentDetail, ...]:
-        """Return all registered agents."""
-        return self._get(AgentList, "agents").agents
+    def agents(self, *, everybody: bool = False) -> tuple[AgentDetail, ...]:
+        """Return the agents that have begun an evaluation.
+
+        Args:
+            everybody: Whether to return those that have only practised too.
+        """
+        query = {"all": "true"} if everybody else {}
+        return tuple(agent for page in self._pages(AgentList, "agents", **query) for agent in page.agents)
 
     def agent(self, agent: str) -> AgentDetail:
         """Return an agent by its id."""
@@ -276,11 +285,15 @@ class Client(EpisodeCalls):
 
     def open_episodes(self, evaluation: str) -> tuple[EpisodeDetail, ...]:
         """Return the evaluation's open episodes, for example to continue after a crash."""
-        return self._get(EpisodeList, "evaluations", evaluation, "episodes", query="?state=open").episodes
+        return self._episodes(evaluation, EpisodeState.OPEN)
 
     def finished_episodes(self, evaluation: str) -> tuple[EpisodeDetail, ...]:
         """Return the evaluation's finished episodes; they show trial and outcome once the evaluation is finished."""
-        return self._get(EpisodeList, "evaluations", evaluation, "episodes", query="?state=finished").episodes
+        return self._episodes(evaluation, EpisodeState.FINISHED)
+
+    def _episodes(self, evaluation: str, state: EpisodeState) -> tuple[EpisodeDetail, ...]:
+        pages = self._pages(EpisodeList, "evaluations", evaluation, "episodes", state=state)
+        return tuple(episode for page in pages for episode in page.episodes)
 
     def put_results(
         self,
@@ -470,7 +483,7 @@ class Client(EpisodeCalls):
 
     def submissions(self) -> tuple[SubmissionDetail, ...]:
         """Return the submissions of this client's token, the newest first."""
-        return self._get(SubmissionList, "submissions").submissions
+        return tuple(found for page in self._pages(SubmissionList, "submissions") for found in page.submissions)
 
     def submission(self, submission: str) -> SubmissionDetail:
         """Return a submission: its state, its progress, and why it failed if it did."""
@@ -522,6 +535,16 @@ class Client(EpisodeCalls):
 
     def _get(self, kind: type[M], *path: str, query: str = "") -> M:
         return validated(kind, self._transport.call("GET", path_of("v1", *path) + query).message())
+
+    def _pages(self, kind: type[L], *path: str, **query: str) -> Iterator[L]:
+        """Yield the pages of a list, each when the one before was read."""
+        query = {"limit": _PAGE, **query}
+        while True:
+            page = self._get(kind, *path, query="?" + urlencode(query))
+            yield page
+            if page.next is None:
+                return
+            query["cursor"] = page.next
 
     def _create(self, kind: type[M], body: Any, *path: str) -> M:
         headers = {"Idempotency-Key": str(uuid.uuid4())}

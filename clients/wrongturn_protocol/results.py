@@ -145,6 +145,8 @@ class OwnerList(Message):
     """``GET /v1/owners``."""
 
     owners: tuple[OwnerDetail, ...]
+    next: str | None = None
+    """Cursor of the next page; None at the end."""
 
 
 class RegisteredOwner(OwnerDetail):
@@ -305,6 +307,8 @@ class EpisodeList(Message):
     """``GET /v1/evaluations/{id}/episodes``."""
 
     episodes: tuple[EpisodeDetail, ...]
+    next: str | None = None
+    """Cursor of the next page; None at the end."""
 
 
 class EpisodeResult(Message):
@@ -460,6 +464,8 @@ class AgentList(Message):
     """``GET /v1/agents``."""
 
     agents: tuple[AgentDetail, ...]
+    next: str | None = None
+    """Cursor of the next page; None at the end."""
 
 
 class FieldError(Message):

@@ -51,6 +51,8 @@ class SubmissionList(Message):
     """``GET /v1/submissions``: those of the caller, newest first."""
 
     submissions: tuple[SubmissionDetail, ...]
+    next: str | None = None
+    """Cursor of the next page; None at the end."""
 
 
 class SubmissionLogLine(Message):

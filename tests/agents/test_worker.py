@@ -206,7 +206,7 @@ def test_an_agent_that_met_wrong_commands_in_training_is_registered_as_that(url)
         for name, source in (("told", said), ("not told", resolve("parked")))
     ]
     with Client(url) as client:
-        marks = {agent.name: agent.trained_on_faults for agent in client.agents()}
+        marks = {agent.name: agent.trained_on_faults for agent in client.agents(everybody=True)}
     assert [marks[name] for name in names] == [True, False]
 
 
@@ -215,7 +215,7 @@ def test_only_the_operator_makes_baselines(url):
     request = RunRequest(agent="parked", suite=SUITE, url=url, name="parked by anybody")
     without = begin(request, resolve("parked"), url, None)
     with Client(url) as client:
-        kinds = {agent.name: agent.kind for agent in client.agents()}
+        kinds = {agent.name: agent.kind for agent in client.agents(everybody=True)}
     assert kinds[with_token.name] is AgentKind.BASELINE
     assert kinds[without.name] is AgentKind.SUBMITTED
 
@@ -266,7 +266,7 @@ def test_an_unknown_suite_registers_nobody(url):
     with pytest.raises(NotFoundError, match="no-such-suite@1"):
         begin(RunRequest("careful", "no-such-suite@1", url, name="unlucky"), resolve("careful"), url, OPERATOR)
     with Client(url) as client:
-        assert "unlucky" not in {agent.name for agent in client.agents()}
+        assert "unlucky" not in {agent.name for agent in client.agents(everybody=True)}
 
 
 def test_a_retired_suite_registers_nobody(url):
@@ -274,7 +274,7 @@ def test_a_retired_suite_registers_nobody(url):
     with pytest.raises(RunError, match=says):
         begin(RunRequest("careful", "smoke@1", url, name="too late"), resolve("careful"), url, OPERATOR)
     with Client(url) as client:
-        assert "too late" not in {agent.name for agent in client.agents()}
+        assert "too late" not in {agent.name for agent in client.agents(everybody=True)}
         assert "too late" not in {owner.name for owner in client.owners()}
 
 
@@ -302,7 +302,7 @@ def test_a_run_with_an_owners_token_registers_the_owners_agent(closed):
     done = run(*arguments, WRONGTURN_OWNER_TOKEN=owner.token, WRONGTURN_OPERATOR_TOKEN=OPERATOR)
     assert done.returncode == 0, done.stderr
     with Client(closed) as client:
-        (agent,) = client.agents()
+        (agent,) = client.agents(everybody=True)
     assert (agent.name, agent.owner, agent.kind) == ("ours", "us", AgentKind.SUBMITTED)
 
 
@@ -406,7 +406,7 @@ def test_what_cannot_be_gone_on_with_registers_nobody(url, home):
     with pytest.raises(AgentFailedError, match="own_agents:Unmade raised OSError when it was made: no weights"):
         cli.run("own_agents:Unmade", suite=SUITE, url=url)
     with Client(url) as client:
-        assert not {"nowhere to note it", "unmade"} & {agent.name for agent in client.agents()}
+        assert not {"nowhere to note it", "unmade"} & {agent.name for agent in client.agents(everybody=True)}
 
 
 def test_a_token_of_ones_own_stands_for_its_agent(url):

@@ -183,7 +183,9 @@ def real(service: RunningService, agent: Agent, request: pytest.FixtureRequest) 
     # Simulators may be held by other agents' episodes until those have been silent for a while.
     with Client(service.url, agent.token, patience=60) as client:
         episode = client.practise(PracticeRequest(town="Town01", approach="J1-E", track=Track.PRIVILEGED)).id
-    owner = next(owner["id"] for owner in agent.http.get("/v1/owners").json()["owners"] if owner["name"] == agent.name)
+    owner = next(
+        owner["id"] for owner in agent.http.get("/v1/owners?limit=500").json()["owners"] if owner["name"] == agent.name
+    )
     return {
         "owner": owner,
         "suite": "smoke@2",

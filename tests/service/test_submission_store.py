@@ -66,8 +66,8 @@ def test_they_wait_in_the_order_of_arrival(database_url: str) -> None:
         for name in ("x", "y", "z"):
             await submissions.add(submission(name, "ow_b" if name == "y" else "ow_a"), None, most=2)
         assert [row.id for row in await submissions.waiting(SubmissionState.QUEUED)] == ["su_x", "su_y", "su_z"]
-        assert [row.id for row in await submissions.of_owner("ow_a")] == ["su_z", "su_x"]
-        assert [row.owner.name for row in await submissions.all()] == ["a", "b", "a"]
+        assert [row.id for row in await submissions.newest(owner="ow_a")] == ["su_z", "su_x"]
+        assert [row.owner.name for row in await submissions.newest()] == ["a", "b", "a"]
         with pytest.raises(TooManySubmissionsError):
             await submissions.add(submission("w"), None, most=2)
         assert await submissions.set_state("su_x", SubmissionState.CANCELLED, reason="as asked")
@@ -190,7 +190,7 @@ def test_an_agent_that_was_there_before_stays(database_url: str) -> None:
         await store.add_agent(mine, None)
         row = submission("mine", mine.owner.id, agent_id="ag_mine", agent_made=False)
         await submissions.add(row, None, most=9)
-        assert [found.id for found in await submissions.of_agent("ag_mine")] == ["su_mine"]
+        assert [found.id for found in await submissions.newest(agent="ag_mine")] == ["su_mine"]
         assert await submissions.remove_agent("su_mine") is None
         assert await store.agent("ag_mine") is not None
 

@@ -121,7 +121,7 @@ def test_an_upgraded_database_is_all_there(database_url: str, tmp_path: Path) ->
             await seen(http)
 
     async def seen(http: Any) -> None:
-        listed = expect(await http.get("/v1/agents"), 200)["agents"]
+        listed = expect(await http.get("/v1/agents?all=true&limit=500"), 200)["agents"]
         assert {one["id"]: one["owner"] for one in listed} == OWNERS
         assert not any(one["trained_on_faults"] for one in listed)
         owners = expect(await http.get("/v1/owners"), 200)["owners"]
@@ -198,7 +198,7 @@ def test_a_stranger_that_has_the_reserved_name_loses_it(database_url: str, tmp_p
         await engine.dispose()
         for _ in range(2):
             async with application(tmp_path, FakePool(), **words) as http:
-                listed = expect(await http.get("/v1/agents"), 200)["agents"]
+                listed = expect(await http.get("/v1/agents?all=true&limit=500"), 200)["agents"]
                 assert {one["id"]: one["owner"] for one in listed if one["id"] in OWNERS} == OWNERS
                 body = {"name": f"baseline {len(listed)}", "track": "camera", "kind": "baseline"}
                 added = expect(await http.post("/v1/agents", json=body, headers=operator), 201)

@@ -3,13 +3,14 @@
 import time
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 
 from wrongturn_protocol import AgentDetail, AgentList, AgentRegistration, RegisteredAgent
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.accounts import bearer, detail
 from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, reply
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
+from wrongturn_service.api.paging import PageDep
 from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.storage.models import AgentRow
@@ -59,10 +60,18 @@ async def register(
     return reply(RegisteredAgent(**agent.model_dump(), token=token), 201)
 
 
-@router.get("", **described(AgentList))
-async def agents(service: ServiceDep) -> Response:
-    """List all agents by name."""
-    return reply(AgentList(agents=tuple(detail(row) for row in await service.store.agents())))
+@router.get("", **described(AgentList, 422))
+async def agents(
+    service: ServiceDep,
+    page: PageDep,
+    everybody: Annotated[
+        bool, Query(alias="all", description="Whether to list agents without an evaluation too")
+    ] = False,
+) -> Response:
+    """List the agents by name. Those that have only practised are left out unless you ask for all."""
+    rows = await service.store.agents(evaluated=not everybody, after=page.after, limit=page.limit + 1)
+    found, following = page.cut(rows, lambda row: row.name_key)
+    return reply(AgentList(agents=tuple(detail(row) for row in found), next=following))
 
 
 @router.get("/{agent}", **described(AgentDetail, 404), **WITHOUT_TOKEN_TOO)

@@ -35,6 +35,7 @@ from wrongturn_service.api.dependencies import (
 )
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.api.episodes import episode_detail
+from wrongturn_service.api.paging import PageDep
 from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.evaluations import new_evaluation, unknown
@@ -144,7 +145,11 @@ async def reset(
 
 @router.get("/{evaluation}/episodes", **described(EpisodeList, 404, 422), **WITHOUT_TOKEN_TOO)
 async def episodes(
-    service: ServiceDep, authorization: AuthorizationDep, evaluation: str, state: EpisodeState | None = None
+    service: ServiceDep,
+    authorization: AuthorizationDep,
+    evaluation: str,
+    page: PageDep,
+    state: EpisodeState | None = None,
 ) -> Response:
     """List the evaluation's episodes. After a crash, ``state=open`` tells which you can go on with.
 
@@ -153,9 +158,11 @@ async def episodes(
     row = await _visible(service, authorization, evaluation)
     if state is EpisodeState.OPEN:
         await service.episodes.openings.in_progress.over(evaluation)
-    rows = await service.store.episodes(evaluation, state)
+    rows = await service.store.episodes(evaluation, state, after=page.number, limit=page.limit + 1)
+    rows, following = page.cut(rows, lambda found: found.seq)
     shown = row.state == EvaluationState.FINISHED
-    return reply(EpisodeList(episodes=tuple(episode_detail(service, found, shown=shown) for found in rows)))
+    details = tuple(episode_detail(service, found, shown=shown) for found in rows)
+    return reply(EpisodeList(episodes=details, next=following))
 
 
 async def _results_limit(request: Request) -> int:

@@ -9,6 +9,7 @@ from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.accounts import bearer
 from wrongturn_service.api.dependencies import AuthorizationDep, Body, KeyDep, ServiceDep, reply
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
+from wrongturn_service.api.paging import PageDep
 from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.registration import owner_detail, owner_of
@@ -40,10 +41,12 @@ async def register(
     return reply(RegisteredOwner(**owner.model_dump(), token=token), 201)
 
 
-@router.get("", **described(OwnerList))
-async def owners(service: ServiceDep) -> Response:
-    """List all owners by name."""
-    return reply(OwnerList(owners=tuple(owner_detail(row) for row in await service.store.owners())))
+@router.get("", **described(OwnerList, 422))
+async def owners(service: ServiceDep, page: PageDep) -> Response:
+    """List the owners by name."""
+    rows = await service.store.owners(after=page.after, limit=page.limit + 1)
+    found, following = page.cut(rows, lambda row: row.name_key)
+    return reply(OwnerList(owners=tuple(owner_detail(row) for row in found), next=following))
 
 
 @router.get("/{owner}", **described(OwnerDetail, 404), **WITHOUT_TOKEN_TOO)

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any, Final
 
 from fastapi import APIRouter, Request, Response
@@ -33,6 +34,7 @@ from wrongturn_service.api.dependencies import (
 )
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.api.errors import as_service_error
+from wrongturn_service.api.paging import PageDep
 from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.evaluations import check_takes
@@ -186,20 +188,18 @@ def _row(submitter: Submitter, suite: Suite, submission: str, name: str, upload:
     )
 
 
-@router.get("", **described(SubmissionList))
-async def submissions(service: ServiceDep, authorization: AuthorizationDep) -> Response:
+@router.get("", **described(SubmissionList, 422))
+async def submissions(service: ServiceDep, authorization: AuthorizationDep, page: PageDep) -> Response:
     """List submissions, newest first: an owner's, an agent's, or all for the operator."""
     submitter = await service.accounts.submitter(authorization)
-    rows = service.submissions.rows
-
-    async def listed() -> Sequence[SubmissionRow]:
-        if submitter.agent is not None:
-            return await rows.of_agent(submitter.agent.id)
-        return await (rows.all() if submitter.owner is None else rows.of_owner(submitter.owner.id))
-
-    await service.submissions.settled([row.id for row in await listed()])
-    found = await listed()
-    return reply(SubmissionList(submissions=await _details(service, found)))
+    agent = None if submitter.agent is None else submitter.agent.id
+    owner = None if submitter.owner is None or agent is not None else submitter.owner.id
+    newest = partial(
+        service.submissions.rows.newest, owner=owner, agent=agent, before=page.number, limit=page.limit + 1
+    )
+    await service.submissions.settled([row.id for row in await newest()])
+    found, following = page.cut(await newest(), lambda row: row.seq)
+    return reply(SubmissionList(submissions=await _details(service, found), next=following))
 
 
 @router.get("/{submission}", **described(SubmissionDetail, 404))

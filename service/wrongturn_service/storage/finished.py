@@ -13,7 +13,7 @@ from sqlalchemy import Select, func, select
 from wrongturn_protocol import EpisodeState, EvaluationState, FaultKind, Outcome, Trial
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, TrajectoryRow
-from wrongturn_service.storage.visible import counting_suites, seen_agents, seen_evaluations
+from wrongturn_service.storage.visible import counting_suites, has_evaluation, seen_agents, seen_evaluations
 
 
 class FinishedEpisode(NamedTuple):
@@ -31,14 +31,24 @@ class FinishedStore:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    async def agent_count(self) -> int:
-        """Return the number of agents."""
+    async def agent_counts(self) -> tuple[int, int]:
+        """Return the number of agents that have begun an evaluation, and of all."""
+        everybody = select(func.count()).select_from(AgentRow).where(seen_agents())
         async with self._database.read() as session:
-            return await session.scalar(select(func.count()).select_from(AgentRow).where(seen_agents())) or 0
+            evaluated = await session.scalar(everybody.where(has_evaluation())) or 0
+            return evaluated, await session.scalar(everybody) or 0
 
-    async def agents(self, *, offset: int, limit: int) -> list[tuple[AgentRow, list[str]]]:
-        """Return some agents by name, each with the suites on which it has finished an evaluation."""
+    async def agents(self, *, everybody: bool, offset: int, limit: int) -> list[tuple[AgentRow, list[str]]]:
+        """Return some agents by name, each with the suites on which it has finished an evaluation.
+
+        Args:
+            everybody: Whether to return agents without an evaluation too.
+            offset: Number of agents to leave out at the beginning.
+            limit: Most agents.
+        """
         some = select(AgentRow).where(seen_agents()).order_by(AgentRow.name_key).offset(offset).limit(limit)
+        if not everybody:
+            some = some.where(has_evaluation())
         async with self._database.read() as session:
             agents = (await session.scalars(some)).all()
             query = select(EvaluationRow.agent_id, EvaluationRow.suite).where(

@@ -25,7 +25,13 @@ from wrongturn_service.storage.models import (
     UnusedSecretRow,
 )
 from wrongturn_service.storage.usage import ROW, TRAJECTORY_ROW, Quota, Usage, over_practice, owner_of, size_of
-from wrongturn_service.storage.visible import counting_suites, seen_agents, seen_evaluations, seen_owners
+from wrongturn_service.storage.visible import (
+    counting_suites,
+    has_evaluation,
+    seen_agents,
+    seen_evaluations,
+    seen_owners,
+)
 
 
 class AgentNameTakenError(Exception):
@@ -120,10 +126,18 @@ class Store:
                 await session.execute(shipped.values(owner_id=owner.id))
         return found
 
-    async def owners(self) -> Sequence[OwnerRow]:
-        """Return all owners by name, without hidden ones."""
+    async def owners(self, *, after: str | None = None, limit: int | None = None) -> Sequence[OwnerRow]:
+        """Return owners by name, without hidden ones.
+
+        Args:
+            after: Name in lower case after which to begin.
+            limit: Most owners. None for all.
+        """
+        query = select(OwnerRow).where(seen_owners()).order_by(OwnerRow.name_key).limit(limit)
+        if after is not None:
+            query = query.where(OwnerRow.name_key > after)
         async with self._database.read() as session:
-            return (await session.scalars(select(OwnerRow).where(seen_owners()).order_by(OwnerRow.name_key))).all()
+            return (await session.scalars(query)).all()
 
     async def owner(self, owner_id: str) -> OwnerRow | None:
         """Return an owner, or None."""
@@ -174,10 +188,23 @@ class Store:
             session.add(agent)
             await self._usage.remember(session, reply, owner.id)
 
-    async def agents(self) -> Sequence[AgentRow]:
-        """Return all agents by name, without hidden ones."""
+    async def agents(
+        self, *, evaluated: bool = False, after: str | None = None, limit: int | None = None
+    ) -> Sequence[AgentRow]:
+        """Return agents by name, without hidden ones.
+
+        Args:
+            evaluated: Leaves out those without an evaluation, which at most have practised.
+            after: Name in lower case after which to begin.
+            limit: Most agents. None for all.
+        """
+        query = select(AgentRow).where(seen_agents()).order_by(AgentRow.name_key).limit(limit)
+        if evaluated:
+            query = query.where(has_evaluation())
+        if after is not None:
+            query = query.where(AgentRow.name_key > after)
         async with self._database.read() as session:
-            return (await session.scalars(select(AgentRow).where(seen_agents()).order_by(AgentRow.name_key))).all()
+            return (await session.scalars(query)).all()
 
     async def agent(self, agent_id: str) -> AgentRow | None:
         """Return an agent, or None."""
@@ -489,13 +516,29 @@ class Store:
         async with self._database.read() as session:
             return await session.get(EpisodeRow, episode_id)
 
-    async def episodes(self, evaluation_id: str, state: EpisodeState | None = None) -> Sequence[EpisodeRow]:
-        """Return an evaluation's episodes in the order of their resets."""
+    async def episodes(
+        self,
+        evaluation_id: str,
+        state: EpisodeState | None = None,
+        *,
+        after: int | None = None,
+        limit: int | None = None,
+    ) -> Sequence[EpisodeRow]:
+        """Return an evaluation's episodes in the order of their resets.
+
+        Args:
+            evaluation_id: Id of the evaluation.
+            state: State of the episodes. None for all.
+            after: Their ``seq`` after which to begin.
+            limit: Most episodes. None for all.
+        """
+        query = select(EpisodeRow).where(EpisodeRow.evaluation_id == evaluation_id).order_by(EpisodeRow.seq)
+        if state is not None:
+            query = query.where(EpisodeRow.state == state)
+        if after is not None:
+            query = query.where(EpisodeRow.seq > after)
         async with self._database.read() as session:
-            query = select(EpisodeRow).where(EpisodeRow.evaluation_id == evaluation_id)
-            if state is not None:
-                query = query.where(EpisodeRow.state == state)
-            return (await session.scalars(query.order_by(EpisodeRow.seq))).all()
+            return (await session.scalars(query.limit(limit))).all()
 
     async def trials_by_state(self, evaluation_id: str) -> dict[EpisodeState, set[str]]:
         """Return an evaluation's trial ids by the state of their episodes."""

@@ -121,21 +121,26 @@ class SubmissionStore:
         async with self._database.read() as session:
             return await session.scalar(select(SubmissionRow).where(SubmissionRow.token_sha256 == token_sha256))
 
-    async def all(self) -> Sequence[SubmissionRow]:
-        """Return all submissions, newest first."""
-        return await self._list()
+    async def newest(
+        self, *, owner: str | None = None, agent: str | None = None, before: int | None = None, limit: int | None = None
+    ) -> Sequence[SubmissionRow]:
+        """Return submissions, newest first.
 
-    async def of_owner(self, owner_id: str) -> Sequence[SubmissionRow]:
-        """Return an owner's submissions, newest first."""
-        return await self._list(SubmissionRow.owner_id == owner_id)
-
-    async def of_agent(self, agent_id: str) -> Sequence[SubmissionRow]:
-        """Return an agent's submissions, newest first."""
-        return await self._list(SubmissionRow.agent_id == agent_id)
-
-    async def _list(self, *where: Any) -> Sequence[SubmissionRow]:
+        Args:
+            owner: Id of their owner. None for all.
+            agent: Id of their agent. None for all.
+            before: Their ``seq`` before which to begin.
+            limit: Most submissions. None for all.
+        """
+        query = select(SubmissionRow).order_by(SubmissionRow.seq.desc()).limit(limit)
+        if owner is not None:
+            query = query.where(SubmissionRow.owner_id == owner)
+        if agent is not None:
+            query = query.where(SubmissionRow.agent_id == agent)
+        if before is not None:
+            query = query.where(SubmissionRow.seq < before)
         async with self._database.read() as session:
-            return (await session.scalars(select(SubmissionRow).where(*where).order_by(SubmissionRow.seq.desc()))).all()
+            return (await session.scalars(query)).all()
 
     async def waiting(self, *states: SubmissionState) -> Sequence[SubmissionRow]:
         """Return the submissions in these states in the order of arrival. Without any, all that wait or run."""

@@ -17,6 +17,12 @@ def seen_agents() -> ColumnElement[bool]:
     return and_(AgentRow.hidden.is_(False), ~hidden.correlate(AgentRow).exists())
 
 
+def has_evaluation() -> ColumnElement[bool]:
+    """Return the condition of agents that have begun an evaluation. The others have practised at most."""
+    begun = select(EvaluationRow.id).where(EvaluationRow.agent_id == AgentRow.id)
+    return begun.correlate(AgentRow).exists()
+
+
 def seen_evaluations() -> ColumnElement[bool]:
     """Return the condition of evaluations that everybody may see once they are finished."""
     seen = select(AgentRow.id).where(AgentRow.id == EvaluationRow.agent_id, seen_agents())

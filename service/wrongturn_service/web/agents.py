@@ -29,16 +29,29 @@ Filter = Annotated[str, Query(max_length=80)]
 
 @router.api_route("/agents", methods=["GET", "HEAD"])
 async def agents(
-    request: Request, service: ServiceDep, wanted: Annotated[str, Query(alias="page", max_length=40)] = "1"
+    request: Request,
+    service: ServiceDep,
+    wanted: Annotated[str, Query(alias="page", max_length=40)] = "1",
+    everybody: Annotated[bool, Query(alias="all")] = False,
 ) -> Response:
-    """List all agents by name, some on each page."""
-    total = await service.finished.agent_count()
+    """List the agents by name, some on each page: those that have begun an evaluation, or all of them."""
+    evaluated, registered = await service.finished.agent_counts()
+    total = registered if everybody else evaluated
     pages = max(-(-total // _ROWS), 1)
     number = numbered_page(wanted, pages)
-    rows = await service.finished.agents(offset=(number - 1) * _ROWS, limit=_ROWS)
+    rows = await service.finished.agents(everybody=everybody, offset=(number - 1) * _ROWS, limit=_ROWS)
     found = [(detail(row), suites) for row, suites in rows]
     return await asyncio.to_thread(
-        page, request, "agents.html", agents=found, total=total, number=number, pages=pages, words=words
+        page,
+        request,
+        "agents.html",
+        agents=found,
+        total=total,
+        everybody=everybody,
+        unevaluated=registered - evaluated,
+        number=number,
+        pages=pages,
+        words=words,
     )
 
 

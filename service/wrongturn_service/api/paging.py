@@ -1,0 +1,78 @@
+"""Lists by pages: ``limit`` items at a time, from a ``cursor`` on that the page before named."""
+
+import binascii
+from base64 import urlsafe_b64decode, urlsafe_b64encode
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Final, TypeVar
+
+from fastapi import Depends, Query
+
+from wrongturn_service.errors import InvalidRequestError
+
+R = TypeVar("R")
+_MOST: Final = 500
+_USUAL: Final = 100
+_DIGITS: Final = 18
+"""Digits of a number that databases hold."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The page that a request asks for.
+
+    Attributes:
+        limit: Most items.
+        after: What the last item of the page before is sorted by. None for the first page.
+    """
+
+    limit: int
+    after: str | None
+
+    @property
+    def number(self) -> int | None:
+        """The same as a number, in lists that are sorted by one. Raises InvalidRequestError."""
+        if self.after is None:
+            return None
+        if not self.after.isdecimal() or len(self.after) > _DIGITS:
+            raise _no_cursor()
+        return int(self.after)
+
+    def cut(self, rows: Sequence[R], key: Callable[[R], str | int | None]) -> tuple[Sequence[R], str | None]:
+        """Return the rows of the page, and the cursor of the next one; None at the end.
+
+        Args:
+            rows: The rows from there on, one more than the limit if there are as many.
+            key: What a row is sorted by.
+        """
+        page = rows[: self.limit]
+        return page, _cursor(str(key(page[-1]))) if len(rows) > self.limit else None
+
+
+async def wanted(
+    limit: Annotated[int, Query(ge=1, le=_MOST, description="Most items of the page")] = _USUAL,
+    cursor: Annotated[
+        str | None, Query(max_length=200, description="`next` of the page before; without it the first page")
+    ] = None,
+) -> Wanted:
+    """Return the page that a request asks for. Raises InvalidRequestError."""
+    if cursor is None:
+        return Wanted(limit, None)
+    try:
+        after = urlsafe_b64decode(cursor.encode("ascii")).decode("ascii")
+    except (UnicodeError, binascii.Error, ValueError):
+        raise _no_cursor() from None
+    if not after or not after.isprintable() or _cursor(after) != cursor:
+        raise _no_cursor()
+    return Wanted(limit, after)
+
+
+PageDep = Annotated[Wanted, Depends(wanted)]
+
+
+def _cursor(after: str) -> str:
+    return urlsafe_b64encode(after.encode("ascii")).decode("ascii")
+
+
+def _no_cursor() -> InvalidRequestError:
+    return InvalidRequestError("cursor", "is none of this list; leave it out to begin anew")
