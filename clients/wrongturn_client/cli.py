@@ -57,7 +57,7 @@ def _program(
 
 @app.command()
 def agents(url: Url = None, as_json: AsJson = False) -> None:
-    """List the agents of a service (--url), or those installed here."""
+    """List the agents of a service that have begun an evaluation (--url), or those installed here."""
     _list("agents", url, as_json)
 
 

@@ -143,7 +143,7 @@ def test_an_upgraded_database_is_all_there(database_url: str, tmp_path: Path) ->
             for name in ("ev_begun", "ev_journeys", "ev_cut")
         }
         assert states == {"ev_begun": "cancelled", "ev_journeys": "running", "ev_cut": "finished"}
-        assert expect(await http.get("/v1/submissions"), 200) == {"submissions": []}
+        assert expect(await http.get("/v1/submissions"), 200) == {"submissions": [], "next": None}
         told = problem(await http.post("/v1/evaluations/ev_begun/episodes"), 409, "evaluation-cancelled")
         assert "smoke@2 replaces smoke@1; begin one on smoke@2" in told["detail"]
         assert expect(await http.get("/v1/episodes/ep_practice"), 200)["outcome"]["verdict"] == "exit_commanded"

@@ -79,7 +79,7 @@ def test_what_is_running_stays_hidden(tmp_path: Path):
             assert running not in page
             assert "/episodes/" not in page
             await shown(http, f"/agents/{agent}?evaluation={running}", 404)
-            assert "nothing yet" in await shown(http, "/agents")
+            assert "nothing yet" in await shown(http, "/agents?all=true")
             await shown(http, f"/leaderboards/{SUITE}/compare?a=busy&b=done", 404)
 
     play(story)
@@ -201,13 +201,13 @@ def test_many_agents_are_listed_page_by_page(tmp_path: Path):
         async with site(tmp_path, registration_limit=1000) as http:
             for number in range(100):
                 await new_agent(http, f"agent {number:03}")
-            first, second = await shown(http, "/agents"), await shown(http, "/agents?page=2")
+            first, second = await shown(http, "/agents?all=true"), await shown(http, "/agents?page=2&all=true")
             assert "101 agents by name, page 1 of 2" in first
             assert first.count('href="./agents/ag_') == 100
-            assert 'href="./agents?page=2"' in first
+            assert 'href="./agents?page=2&amp;all=true"' in first
             assert ">one</a>" in second
-            assert "from 1 to 2" in await shown(http, "/agents?page=3", 422)
-            await shown(http, "/agents?page=0", 422)
-            await shown(http, "/agents?page=99999999999999999999", 422)
+            assert "from 1 to 2" in await shown(http, "/agents?all=true&page=3", 422)
+            await shown(http, "/agents?all=true&page=0", 422)
+            await shown(http, "/agents?all=true&page=99999999999999999999", 422)
 
     play(story)
