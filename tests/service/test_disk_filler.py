@@ -21,9 +21,9 @@ from service_harness import GAS, RunningService, Service, expect
 
 ATTACKER = "127.0.0.2"
 MIB = 1 << 20
-QUOTA = 8 * MIB
+QUOTA = 3 * MIB
 LIMITS: dict[str, Any] = {
-    "bytes_per_owner": 4 * MIB,
+    "bytes_per_owner": 2 * MIB,
     "bytes_per_address": QUOTA,
     "accounts_per_address": 100_000,
     "agents_per_owner": 100_000,
