@@ -65,7 +65,7 @@ def test_the_public_calls(service: LocalService) -> None:
         assert town.sha256 == towns[town.name].sha256
         assert trials[0].approach in {approach.id for approach in town.approaches}
         agent = client.register("public", Track.PRIVILEGED)
-        assert client.agent(agent.id) in client.agents()
+        assert client.agent(agent.id) in client.agents(everybody=True)
         assert "smoke@2" in {board.suite for board in client.leaderboards()}
         assert client.leaderboard("smoke@2").suite == "smoke@2"
         with pytest.raises(NotFoundError, match="smoke@2"):
