@@ -224,17 +224,9 @@ def hostile_requests(size: int) -> list[Hostile]:
         hostile("a message of 8 MB", _socket([frame(bytes(8 * MIB))]), 1009),
         hostile("a message that claims gigabytes", _socket([frame(_BOMB)]), 1007),
         hostile("a request of errors over the socket", _socket([frame(_practise(20000))]), 1007),
-        hostile("steps of no episode", _socket(_times(frame(_steps(1)), size // 64), [_tiny(_CLOSE)]), 1005),
-        hostile(
-            "messages of 256 steps of no episode",
-            _socket(_times(frame(_steps(256)), size // 64), [_tiny(_CLOSE)]),
-            1005,
-        ),
-        hostile(
-            "looks at no episode",
-            _socket(_times(frame(b"\x92\x01\x91\x92\xa4look\xa0"), size // 64), [_tiny(_CLOSE)]),
-            1005,
-        ),
+        hostile("steps of no episode", _flood(_steps(1), size // 64), 0, 1005),
+        hostile("messages of 256 steps of no episode", _flood(_steps(256), size // 64), 0, 1005),
+        hostile("looks at no episode", _flood(b"\x92\x01\x91\x92\xa4look\xa0", size // 64), 0, 1005),
     ]
 
 
