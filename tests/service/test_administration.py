@@ -46,7 +46,7 @@ async def public(http: httpx.AsyncClient, path: str) -> httpx.Response:
 
 
 async def own_id(http: httpx.AsyncClient) -> str:
-    found: str = expect(await public(http, "/v1/agents"), 200)["agents"][0]["id"]
+    found: str = expect(await public(http, "/v1/agents?all=true"), 200)["agents"][0]["id"]
     return found
 
 
@@ -97,7 +97,7 @@ def test_what_is_hidden_is_seen_by_its_owner_alone(tmp_path: Path) -> None:
                     assert (await public(http, path)).status_code == 404, path
                 assert not await has_entry(http, mine)
                 assert mine not in (await public(http, "/agents")).text
-                assert expect(await public(http, "/v1/agents"), 200)["agents"] == []
+                assert expect(await public(http, "/v1/agents?all=true"), 200)["agents"] == []
                 summary = expect(await public(http, "/v1/leaderboards"), 200)["leaderboards"]
                 assert all(board["entries"] == 0 for board in summary if board["suite"] == SUITE)
                 for path in seen:
