@@ -66,10 +66,8 @@ INTERFACE = {
 PUBLIC = {
     "POST /v1/owners",
     "GET /v1/owners",
-    "GET /v1/owners/{owner}",
     "POST /v1/agents",
     "GET /v1/agents",
-    "GET /v1/agents/{agent}",
     "GET /v1/suites",
     "GET /v1/suites/{suite}",
     "GET /v1/suites/{suite}/trials",
