@@ -17,8 +17,9 @@ from wrongturn_service.errors import (
     UnavailableError,
 )
 from wrongturn_service.settings import Registration, Settings
+from wrongturn_service.storage.accounts import AgentNameTakenError, OwnerNameTakenError
 from wrongturn_service.storage.models import AgentRow, IdempotencyRow, OwnerRow
-from wrongturn_service.storage.store import AgentNameTakenError, OwnerNameTakenError, Store
+from wrongturn_service.storage.store import Store
 from wrongturn_service.tokens import digest, new_id
 
 SHIPPED: Final = OWNER_NAME

@@ -10,8 +10,8 @@ from wrongturn_networks import Suite, load_town
 from wrongturn_protocol import EvaluationState, JourneyOutcome, Outcome, Trial, Verdict
 from wrongturn_service.evaluation.metrics import compute
 from wrongturn_service.service import Service
+from wrongturn_service.storage.evaluations import prepare_evaluation
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, TrajectoryRow
-from wrongturn_service.storage.store import prepare_evaluation
 from wrongturn_service.tokens import new_id
 
 Judge = Callable[[Trial], Outcome]

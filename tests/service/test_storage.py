@@ -20,10 +20,13 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import create_async_engine
 
 from wrongturn_service.errors import StartupError
+from wrongturn_service.storage.accounts import AgentNameTakenError
 from wrongturn_service.storage.database import Database, DatabaseGoneError, migrations
+from wrongturn_service.storage.episodes import DamagedTrajectoryError
+from wrongturn_service.storage.evaluations import EvaluationOverError
 from wrongturn_service.storage.models import AgentRow, Base, EpisodeRow, EvaluationRow, OwnerRow, TrajectoryRow
 from wrongturn_service.storage.postgres import Ownership
-from wrongturn_service.storage.store import AgentNameTakenError, DamagedTrajectoryError, EvaluationOverError, Store
+from wrongturn_service.storage.store import Store
 
 FILES = ("a.db", "a.db-shm", "a.db-wal")
 

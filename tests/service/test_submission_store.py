@@ -10,9 +10,10 @@ from test_storage import episode_row
 
 from wrongturn_protocol import SubmissionState
 from wrongturn_service.registration import new_owner
+from wrongturn_service.storage.accounts import AgentNameTakenError
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import AgentRow, EvaluationRow, SubmissionRow
-from wrongturn_service.storage.store import AgentNameTakenError, Store
+from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.submissions import (
     SubmissionOverError,
     SubmissionStore,

@@ -20,7 +20,7 @@ from wrongturn_service.errors import (
     title,
 )
 from wrongturn_service.simulators.interface import EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError
-from wrongturn_service.storage.store import HolderGoneError
+from wrongturn_service.storage.accounts import HolderGoneError
 from wrongturn_service.web.errors import error_page, page_without_slash, wants_page
 
 MEDIA_TYPE = "application/problem+json"

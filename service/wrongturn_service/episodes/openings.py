@@ -21,8 +21,9 @@ from wrongturn_service.episodes.refusals import stopping
 from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError
 from wrongturn_service.simulators.shared_memory import ObservationView
+from wrongturn_service.storage.evaluations import EvaluationOverError
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
-from wrongturn_service.storage.store import EvaluationOverError, Store
+from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.usage import reserve_of
 from wrongturn_service.tokens import new_id
 

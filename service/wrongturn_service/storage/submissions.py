@@ -9,7 +9,9 @@ from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import EpisodeState, EvaluationState, SubmissionState, Verdict
 from wrongturn_service.storage import held
+from wrongturn_service.storage.accounts import AgentNameTakenError, agent_name_taken, check_there
 from wrongturn_service.storage.database import Database
+from wrongturn_service.storage.evaluations import prepare_evaluation
 from wrongturn_service.storage.models import (
     AgentRow,
     EpisodeRow,
@@ -20,7 +22,6 @@ from wrongturn_service.storage.models import (
     SubmissionRow,
     UnusedSecretRow,
 )
-from wrongturn_service.storage.store import AgentNameTakenError, agent_name_taken, check_there, prepare_evaluation
 from wrongturn_service.storage.usage import ROW, SUBMISSION, Quota, Usage, size_of
 
 OPEN: Final = tuple(state for state in SubmissionState if not state.over)

@@ -14,8 +14,8 @@ from wrongturn_protocol.submissions import NAME, SUITE
 from wrongturn_service.episodes.manager import EpisodeManager
 from wrongturn_service.errors import ConflictError, QuotaReachedError, ServiceError, UnavailableError
 from wrongturn_service.settings import Settings
+from wrongturn_service.storage.accounts import AgentNameTakenError
 from wrongturn_service.storage.models import AgentRow, IdempotencyRow, SubmissionRow
-from wrongturn_service.storage.store import AgentNameTakenError
 from wrongturn_service.storage.submissions import (
     SubmissionOverError,
     SubmissionStore,

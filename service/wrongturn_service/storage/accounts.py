@@ -1,0 +1,208 @@
+"""Queries about owners and agents."""
+
+from collections.abc import Sequence
+
+from sqlalchemy import inspect, or_, select, update
+from sqlalchemy.ext.asyncio import AsyncSession
+
+from wrongturn_protocol import AgentKind
+from wrongturn_service.storage import held
+from wrongturn_service.storage.models import (
+    AgentRow,
+    IdempotencyRow,
+    OwnerRow,
+)
+from wrongturn_service.storage.queries import Queries
+from wrongturn_service.storage.usage import owner_of, size_of
+from wrongturn_service.storage.visible import (
+    has_evaluation,
+    seen_agents,
+    seen_owners,
+)
+
+
+class AgentNameTakenError(Exception):
+    """Another agent has this name."""
+
+
+class OwnerNameTakenError(Exception):
+    """Another owner has this name."""
+
+
+class HolderGoneError(Exception):
+    """The owner or the agent that calls was deleted while its call was in progress."""
+
+
+class AccountStore(Queries):
+    """Reads and writes owners and agents."""
+
+    # Owners
+
+    async def add_owner(self, owner: OwnerRow, reply: IdempotencyRow | None) -> None:
+        """Store a new owner. Raises OwnerNameTakenError, QuotaReachedError."""
+        async with self._database.write() as session:
+            await _check_owner_name(session, owner)
+            await self._usage.check_accounts(session, owner, agents=0, owners=1)
+            await self._add_owner(session, owner)
+            await self._usage.remember(session, reply, owner.id)
+
+    async def _add_owner(self, session: AsyncSession, owner: OwnerRow) -> None:
+        owner.stored_bytes, owner.active = size_of(owner.contact), owner.created
+        session.add(owner)
+        await session.flush()
+        await self._usage.check(session, owner.id, 0)
+
+    async def reserve_owner(self, owner: OwnerRow) -> OwnerRow | None:
+        """Store a new owner, unless it is there already.
+
+        An owner of its name that an upgrade made of an agent is somebody else; the rest of its id is the agent's.
+        It gets a number behind its name, and the new owner gets its agents of other kinds than ``submitted``.
+
+        Returns:
+            The owner that has a new name now, or None.
+        """
+        async with self._database.write() as session:
+            found = await session.scalar(select(OwnerRow).where(OwnerRow.name_key == owner.name_key))
+            if found is None:
+                session.add(owner)
+            elif await session.get(AgentRow, f"ag{found.id[2:]}") is None:
+                return None
+            else:
+                taken = set((await session.scalars(select(OwnerRow.name_key))).all())
+                names = (f"{found.name}-{number}" for number in range(2, len(taken) + 3))
+                found.name = next(name for name in names if name.lower() not in taken)
+                found.name_key = found.name.lower()
+                await session.flush()  # the name has to be free before another has it
+                session.add(owner)
+                await session.flush()
+                shipped = update(AgentRow).where(AgentRow.owner_id == found.id, AgentRow.kind != AgentKind.SUBMITTED)
+                await session.execute(shipped.values(owner_id=owner.id))
+        return found
+
+    async def owners(self, *, after: str | None = None, limit: int | None = None) -> Sequence[OwnerRow]:
+        """Return owners by name, without hidden ones.
+
+        Args:
+            after: Name in lower case after which to begin.
+            limit: Most owners. None for all.
+        """
+        query = select(OwnerRow).where(seen_owners()).order_by(OwnerRow.name_key).limit(limit)
+        if after is not None:
+            query = query.where(OwnerRow.name_key > after)
+        async with self._database.read() as session:
+            return (await session.scalars(query)).all()
+
+    async def owner(self, owner_id: str) -> OwnerRow | None:
+        """Return an owner, or None."""
+        async with self._database.read() as session:
+            return await session.get(OwnerRow, owner_id)
+
+    async def owner_by_name(self, name_key: str) -> OwnerRow | None:
+        """Return the owner with a name in lower case, or None."""
+        async with self._database.read() as session:
+            return await session.scalar(select(OwnerRow).where(OwnerRow.name_key == name_key))
+
+    async def owner_by_token(self, token_sha256: str) -> OwnerRow | None:
+        """Return the owner with this token, or None."""
+        async with self._database.read() as session:
+            return await session.scalar(select(OwnerRow).where(OwnerRow.token_sha256 == token_sha256))
+
+    async def set_owner_token(
+        self, owner_id: str, token_sha256: str | None, reply: IdempotencyRow | None = None
+    ) -> None:
+        """Replace an owner's token. None revokes it."""
+        async with self._database.write() as session:
+            await session.execute(update(OwnerRow).where(OwnerRow.id == owner_id).values(token_sha256=token_sha256))
+            await self._usage.remember(session, reply, owner_id)
+
+    # Agents
+
+    async def add_agent(self, agent: AgentRow, reply: IdempotencyRow | None) -> None:
+        """Store a new agent, and its owner if that is new.
+
+        Raises:
+            AgentNameTakenError, OwnerNameTakenError.
+            QuotaReachedError: The owner or its address has too many agents or bytes.
+        """
+        owner = agent.owner
+        async with self._database.write() as session:
+            if await agent_name_taken(session, agent.name_key):
+                raise AgentNameTakenError(agent.name)
+            new = inspect(owner).transient
+            if new:
+                await _check_owner_name(session, owner)
+            else:
+                await check_there(session, OwnerRow, owner.id)
+            await self._usage.check_accounts(session, owner, agents=1, owners=int(new))
+            if new:
+                await self._add_owner(session, owner)
+            agent.stored_bytes = size_of(agent.description, agent.homepage)
+            await self._usage.take(session, owner.id, agent.stored_bytes)
+            session.add(agent)
+            await self._usage.remember(session, reply, owner.id)
+
+    async def agents(
+        self, *, evaluated: bool = False, after: str | None = None, limit: int | None = None
+    ) -> Sequence[AgentRow]:
+        """Return agents by name, without hidden ones.
+
+        Args:
+            evaluated: Leaves out those without an evaluation, which at most have practised.
+            after: Name in lower case after which to begin.
+            limit: Most agents. None for all.
+        """
+        query = select(AgentRow).where(seen_agents()).order_by(AgentRow.name_key).limit(limit)
+        if evaluated:
+            query = query.where(has_evaluation())
+        if after is not None:
+            query = query.where(AgentRow.name_key > after)
+        async with self._database.read() as session:
+            return (await session.scalars(query)).all()
+
+    async def agent(self, agent_id: str) -> AgentRow | None:
+        """Return an agent, or None."""
+        async with self._database.read() as session:
+            return await session.get(AgentRow, agent_id)
+
+    async def agent_called(self, wanted: str) -> AgentRow | None:
+        """Return the agent that has this id, or else this name in upper or lower case; None without either.
+
+        Hidden ones are left out.
+        """
+        if "\0" in wanted:  # which PostgreSQL refuses
+            return None
+        async with self._database.read() as session:
+            called = or_(AgentRow.id == wanted, AgentRow.name_key == wanted.lower())
+            query = select(AgentRow).where(called, seen_agents())
+            found = (await session.scalars(query)).all()
+        # A name may look like another agent's id.
+        return max(found, key=lambda agent: agent.id == wanted, default=None)
+
+    async def agent_by_token(self, token_sha256: str) -> AgentRow | None:
+        """Return the agent with this token, or None."""
+        async with self._database.read() as session:
+            return await session.scalar(select(AgentRow).where(AgentRow.token_sha256 == token_sha256))
+
+    async def set_token(self, agent_id: str, token_sha256: str | None, reply: IdempotencyRow | None = None) -> None:
+        """Replace an agent's token. None revokes it."""
+        async with self._database.write() as session:
+            await session.execute(update(AgentRow).where(AgentRow.id == agent_id).values(token_sha256=token_sha256))
+            await self._usage.remember(session, reply, await owner_of(session, agent_id))
+
+
+async def _check_owner_name(session: AsyncSession, owner: OwnerRow) -> None:
+    taken = select(OwnerRow.id).where(OwnerRow.name_key == owner.name_key)
+    if await session.scalar(taken) is not None or await held.is_held(session, held.OWNER, owner.name_key):
+        raise OwnerNameTakenError(owner.name)
+
+
+async def agent_name_taken(session: AsyncSession, name_key: str) -> bool:
+    """Return whether an agent has a name in lower case, or the operator has deleted one that had it."""
+    taken = select(AgentRow.id).where(AgentRow.name_key == name_key)
+    return await session.scalar(taken) is not None or await held.is_held(session, held.AGENT, name_key)
+
+
+async def check_there(session: AsyncSession, row: type[OwnerRow | AgentRow], holder_id: str) -> None:
+    """Check that the caller was not deleted since its token was looked up. Raises HolderGoneError."""
+    if await session.scalar(select(row.id).where(row.id == holder_id)) is None:
+        raise HolderGoneError(holder_id)

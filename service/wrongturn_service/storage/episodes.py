@@ -1,0 +1,178 @@
+"""Queries about episodes and trajectories."""
+
+import asyncio
+import hashlib
+import time
+import zlib
+from collections.abc import Sequence
+from typing import Any
+
+from sqlalchemy import select, update
+
+from wrongturn_protocol import EpisodeState, EvaluationState, Verdict
+from wrongturn_service.storage.accounts import check_there
+from wrongturn_service.storage.condition import FailureKind, StorageError
+from wrongturn_service.storage.evaluations import EvaluationOverError, next_episode
+from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, IdempotencyRow, TrajectoryRow
+from wrongturn_service.storage.queries import Queries
+from wrongturn_service.storage.usage import ROW, TRAJECTORY_ROW, owner_of
+
+
+class DamagedTrajectoryError(StorageError):
+    """A stored trajectory differs from what was written."""
+
+    kind = FailureKind.DAMAGED
+
+
+class EpisodeStore(Queries):
+    """Reads and writes episodes and their trajectories."""
+
+    async def add_episode(self, episode: EpisodeRow, reply: IdempotencyRow | None) -> None:
+        """Store an open episode. An older open episode of the same trial and evaluation is marked as lost.
+
+        Raises:
+            EvaluationOverError: The evaluation takes no more episodes, or has a verdict of this trial.
+            QuotaReachedError: It is practice, and what it can come to does not fit.
+        """
+        async with self._database.write() as session:
+            if episode.evaluation_id is not None:
+                evaluation = await session.get(EvaluationRow, episode.evaluation_id)
+                if evaluation is None or evaluation.state != EvaluationState.RUNNING:
+                    raise EvaluationOverError(episode.evaluation_id)
+                scored = select(EpisodeRow.id).where(
+                    EpisodeRow.evaluation_id == episode.evaluation_id,
+                    EpisodeRow.trial_id == episode.trial_id,
+                    EpisodeRow.state == EpisodeState.FINISHED,
+                )
+                if await session.scalar(scored) is not None:
+                    raise EvaluationOverError(episode.evaluation_id)
+                # The connection may have broken during an earlier commit that did succeed.
+                ghost = update(EpisodeRow).where(
+                    EpisodeRow.evaluation_id == episode.evaluation_id,
+                    EpisodeRow.trial_id == episode.trial_id,
+                    EpisodeRow.state == EpisodeState.OPEN,
+                )
+                await session.execute(ghost.values(state=EpisodeState.LOST, finished=time.time()))
+                episode.seq = await next_episode(session, episode.evaluation_id)
+            await check_there(session, AgentRow, episode.agent_id)
+            owner = await owner_of(session, episode.agent_id)
+            if reply is not None:
+                reply.episode_id = episode.id
+            if episode.evaluation_id is None:
+                episode.stored_bytes = episode.stored_bytes or ROW
+                await self._usage.take(session, owner, episode.stored_bytes)
+                await self._usage.remember(session, reply, owner)
+            else:
+                await self._usage.remember(session, reply, owner, evaluation_id=episode.evaluation_id)
+            session.add(episode)
+
+    async def episode(self, episode_id: str) -> EpisodeRow | None:
+        """Return an episode, or None."""
+        async with self._database.read() as session:
+            return await session.get(EpisodeRow, episode_id)
+
+    async def episodes(
+        self,
+        evaluation_id: str,
+        state: EpisodeState | None = None,
+        *,
+        after: int | None = None,
+        limit: int | None = None,
+    ) -> Sequence[EpisodeRow]:
+        """Return an evaluation's episodes in the order of their resets.
+
+        Args:
+            evaluation_id: Id of the evaluation.
+            state: State of the episodes. None for all.
+            after: Their ``seq`` after which to begin.
+            limit: Most episodes. None for all.
+        """
+        query = select(EpisodeRow).where(EpisodeRow.evaluation_id == evaluation_id).order_by(EpisodeRow.seq)
+        if state is not None:
+            query = query.where(EpisodeRow.state == state)
+        if after is not None:
+            query = query.where(EpisodeRow.seq > after)
+        async with self._database.read() as session:
+            return (await session.scalars(query.limit(limit))).all()
+
+    async def trials_by_state(self, evaluation_id: str) -> dict[EpisodeState, set[str]]:
+        """Return an evaluation's trial ids by the state of their episodes."""
+        async with self._database.read() as session:
+            query = select(EpisodeRow.state, EpisodeRow.trial_id).where(EpisodeRow.evaluation_id == evaluation_id)
+            rows = (await session.execute(query)).all()
+        found: dict[EpisodeState, set[str]] = {state: set() for state in EpisodeState}
+        for state, trial in rows:
+            found[EpisodeState(state)].add(trial)
+        return found
+
+    async def finish_episode(self, episode_id: str, values: dict[str, Any], trajectory: bytes, sha256: str) -> bool:
+        """Store an episode's end. Safe to call again with the same end.
+
+        Args:
+            episode_id: Id of the episode.
+            values: Columns of the episode's row.
+            trajectory: Canonical JSON, empty if there is none.
+            sha256: SHA-256 of the trajectory.
+
+        Returns:
+            False if the episode was given up or has another end.
+        """
+        # A journey with traffic has megabytes; in a thread its compression does not hold up other agents.
+        compressed = await asyncio.to_thread(zlib.compress, trajectory, 6)
+        async with self._database.write() as session:
+            query = update(EpisodeRow).where(EpisodeRow.id == episode_id, EpisodeRow.state == EpisodeState.OPEN)
+            result = await session.execute(
+                query.values(state=EpisodeState.FINISHED, finished=time.time(), **values),
+            )
+            if not getattr(result, "rowcount", 0):
+                row = await session.get(EpisodeRow, episode_id)
+                return (
+                    row is not None
+                    and row.state == EpisodeState.FINISHED
+                    and all(getattr(row, name) == value for name, value in values.items())
+                )
+            if trajectory:
+                session.add(
+                    TrajectoryRow(episode_id=episode_id, sha256=sha256, size=len(trajectory), data=compressed),
+                )
+            await self._usage.settle_episode(session, episode_id, TRAJECTORY_ROW + len(compressed) if trajectory else 0)
+        return True
+
+    async def lose_episode(self, episode_id: str, verdict: Verdict | None = None) -> None:
+        """Mark an open episode as lost, so that its trial runs again."""
+        async with self._database.write() as session:
+            query = update(EpisodeRow).where(EpisodeRow.id == episode_id, EpisodeRow.state == EpisodeState.OPEN)
+            values = {"state": EpisodeState.LOST, "finished": time.time(), "verdict": verdict}
+            if getattr(await session.execute(query.values(**values)), "rowcount", 0):
+                await self._usage.settle_episode(session, episode_id)
+
+    async def lose_open_episodes(self) -> int:
+        """Mark the episodes that were open when the service last stopped as lost, and return their number."""
+        async with self._database.write() as session:
+            is_open = EpisodeRow.state == EpisodeState.OPEN
+            lost = (await session.scalars(select(EpisodeRow.id).where(is_open))).all()
+            values = {"state": EpisodeState.LOST, "finished": time.time()}
+            await session.execute(update(EpisodeRow).where(is_open).values(**values))
+            for episode in lost:
+                await self._usage.settle_episode(session, episode)
+            return len(lost)
+
+    async def trajectory(self, episode_id: str) -> tuple[bytes, str] | None:
+        """Return a trajectory's canonical JSON and its SHA-256, or None.
+
+        Raises:
+            DamagedTrajectoryError: The stored bytes have changed.
+        """
+        async with self._database.read() as session:
+            row = await session.get(TrajectoryRow, episode_id)
+            return None if row is None else (await asyncio.to_thread(_unpacked, row), row.sha256)
+
+
+def _unpacked(row: TrajectoryRow) -> bytes:
+    try:
+        trajectory = zlib.decompress(row.data)
+    except zlib.error as error:
+        raise DamagedTrajectoryError(f"trajectory of {row.episode_id}: {error}") from error
+    if hashlib.sha256(trajectory).hexdigest() != row.sha256:
+        raise DamagedTrajectoryError(f"trajectory of {row.episode_id}: its SHA-256 is not what was stored")
+    return trajectory

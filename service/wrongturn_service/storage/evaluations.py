@@ -1,0 +1,282 @@
+"""Queries about evaluations."""
+
+import time
+from collections.abc import Callable, Sequence
+
+from sqlalchemy import delete, func, select, update
+from sqlalchemy.ext.asyncio import AsyncSession
+
+from wrongturn_protocol import EpisodeState, EvaluationState, Outcome
+from wrongturn_service.storage.accounts import check_there
+from wrongturn_service.storage.models import (
+    AgentRow,
+    EpisodeRow,
+    EvaluationRow,
+    IdempotencyRow,
+    ResultsRow,
+    UnusedSecretRow,
+)
+from wrongturn_service.storage.queries import Queries
+from wrongturn_service.storage.usage import ROW, owner_of, size_of
+from wrongturn_service.storage.visible import (
+    counting_suites,
+    seen_evaluations,
+)
+
+
+class EvaluationOverError(Exception):
+    """The evaluation takes no more episodes or steps: it is finished, cancelled or deleted."""
+
+
+class EvaluationStore(Queries):
+    """Reads and writes evaluations and what workers record of them."""
+
+    async def begin_evaluation(
+        self, evaluation: EvaluationRow, remember: Callable[[EvaluationRow], IdempotencyRow] | None
+    ) -> EvaluationRow:
+        """Store a new evaluation, unless one of the agent on the suite is running.
+
+        It takes the secret of the agent's last evaluation on the suite if that one was deleted before its first step.
+
+        Args:
+            evaluation: The new evaluation.
+            remember: Makes the reply for the idempotency key.
+
+        Returns:
+            The running evaluation: the new one, or the one that was there before.
+
+        Raises:
+            QuotaReachedError: What it can come to does not fit.
+        """
+        async with self._database.write() as session:
+            of_agent = EvaluationRow.agent_id == evaluation.agent_id, EvaluationRow.suite == evaluation.suite
+            running = select(EvaluationRow).where(*of_agent, EvaluationRow.state == EvaluationState.RUNNING)
+            found = await session.scalar(running.order_by(EvaluationRow.seq).limit(1))
+            if found is not None:
+                return found
+            await check_there(session, AgentRow, evaluation.agent_id)
+            await prepare_evaluation(session, evaluation)
+            owner = await owner_of(session, evaluation.agent_id)
+            evaluation.stored_bytes = evaluation.stored_bytes or ROW
+            await self._usage.take(session, owner, evaluation.stored_bytes)
+            session.add(evaluation)
+            await self._usage.remember(session, None if remember is None else remember(evaluation), owner)
+        return evaluation
+
+    async def evaluation(self, evaluation_id: str) -> EvaluationRow | None:
+        """Return an evaluation, or None."""
+        async with self._database.read() as session:
+            return await session.get(EvaluationRow, evaluation_id)
+
+    async def is_public(self, evaluation_id: str) -> bool:
+        """Return whether everybody may see an evaluation: it is finished, and the operator does not hide it."""
+        async with self._database.read() as session:
+            query = select(EvaluationRow.id).where(
+                EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations()
+            )
+            return await session.scalar(query) is not None
+
+    async def running_evaluations(self) -> Sequence[EvaluationRow]:
+        """Return the evaluations that are neither finished nor cancelled."""
+        async with self._database.read() as session:
+            query = select(EvaluationRow).where(EvaluationRow.state == EvaluationState.RUNNING)
+            return (await session.scalars(query)).all()
+
+    async def running_since(self) -> list[tuple[str, float, float]]:
+        """Return each running evaluation, when it was begun, and when it last had a reset or an episode's end."""
+        async with self._database.read() as session:
+            last = func.max(func.coalesce(EpisodeRow.finished, EpisodeRow.created))
+            query = (
+                select(EvaluationRow.id, EvaluationRow.created, last)
+                .outerjoin(EpisodeRow, EpisodeRow.evaluation_id == EvaluationRow.id)
+                .where(EvaluationRow.state == EvaluationState.RUNNING)
+                .group_by(EvaluationRow.id, EvaluationRow.created)
+            )
+            rows = (await session.execute(query)).all()
+        return [(evaluation, created, max(created, active or created)) for evaluation, created, active in rows]
+
+    async def drive_evaluation(self, evaluation_id: str) -> bool:
+        """Note an evaluation's first step, before it is taken. Return whether the evaluation is still running."""
+        async with self._database.write() as session:
+            row = await session.get(EvaluationRow, evaluation_id)
+            if row is None or row.state != EvaluationState.RUNNING:
+                return False
+            if row.driven is None:
+                row.driven = time.time()
+            return True
+
+    async def finish_evaluation(self, evaluation_id: str, metrics: str) -> bool:
+        """Store an evaluation's metrics. Return False if it was finished before."""
+        async with self._database.write() as session:
+            query = update(EvaluationRow).where(
+                EvaluationRow.id == evaluation_id,
+                EvaluationRow.state == EvaluationState.RUNNING,
+            )
+            values = {"state": EvaluationState.FINISHED, "finished": time.time(), "metrics": metrics}
+            if not getattr(await session.execute(query.values(**values)), "rowcount", 0):
+                return False
+            await self._usage.settle_evaluation(session, evaluation_id, size_of(metrics))
+            return True
+
+    async def retire_evaluation(self, evaluation_id: str) -> None:
+        """Cancel a running evaluation whose suite was retired. It has no end, because its agent did not cancel it."""
+        async with self._database.write() as session:
+            query = update(EvaluationRow).where(
+                EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.RUNNING
+            )
+            if getattr(await session.execute(query.values(state=EvaluationState.CANCELLED)), "rowcount", 0):
+                await self._usage.settle_evaluation(session, evaluation_id, ROW)
+
+    async def delete_undriven(self, evaluation_id: str) -> bool:
+        """Delete a running evaluation without any step, and keep its secret for the agent's next one on the suite.
+
+        Returns:
+            Whether it was deleted.
+        """
+        async with self._database.write() as session:
+            row = await session.get(EvaluationRow, evaluation_id)
+            if row is None or row.state != EvaluationState.RUNNING or row.driven is not None:
+                return False
+            secret = UnusedSecretRow(agent_id=row.agent_id, suite=row.suite, secret=row.secret)
+            await self._usage.delete_episodes(session, EpisodeRow.evaluation_id == evaluation_id)
+            results = await session.get(ResultsRow, evaluation_id)
+            size = row.stored_bytes + (0 if results is None else results.stored_bytes)
+            await session.execute(delete(ResultsRow).where(ResultsRow.evaluation_id == evaluation_id))
+            await self._usage.add(session, await owner_of(session, row.agent_id), -size)
+            await session.delete(row)
+            await session.merge(secret)
+        return True
+
+    async def abort_rest(self, evaluation_id: str, aborted: Sequence[EpisodeRow]) -> None:
+        """Give an ``aborted`` episode to every trial of a running evaluation that has no verdict.
+
+        Args:
+            evaluation_id: Id of the evaluation.
+            aborted: A finished episode of each trial and twin.
+        """
+        async with self._database.write() as session:
+            row = await session.get(EvaluationRow, evaluation_id)
+            if row is None or row.state != EvaluationState.RUNNING:
+                return
+            ghosts = update(EpisodeRow).where(
+                EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.state == EpisodeState.OPEN
+            )
+            await session.execute(ghosts.values(state=EpisodeState.LOST, finished=time.time()))
+            scored = select(EpisodeRow.trial_id).where(
+                EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.state == EpisodeState.FINISHED
+            )
+            done = set((await session.scalars(scored)).all())
+            missing = [episode for episode in aborted if episode.trial_id not in done]
+            for seq, episode in enumerate(missing, await next_episode(session, evaluation_id)):
+                episode.seq = seq
+                episode.stored_bytes = size_of(episode.trial, episode.outcome)
+            session.add_all(missing)
+
+    async def finished_count(self, evaluation_id: str) -> int:
+        """Return how many of an evaluation's episodes have a verdict."""
+        async with self._database.read() as session:
+            query = select(func.count()).where(
+                EpisodeRow.evaluation_id == evaluation_id,
+                EpisodeRow.state == EpisodeState.FINISHED,
+            )
+            return await session.scalar(query) or 0
+
+    async def outcomes(self, evaluation_id: str) -> dict[str, Outcome]:
+        """Return the outcomes of an evaluation's finished episodes, by trial id."""
+        async with self._database.read() as session:
+            query = select(EpisodeRow.trial_id, EpisodeRow.outcome).where(
+                EpisodeRow.evaluation_id == evaluation_id,
+                EpisodeRow.state == EpisodeState.FINISHED,
+            )
+            rows = (await session.execute(query)).all()
+        return {trial: Outcome.model_validate_json(outcome) for trial, outcome in rows if outcome is not None}
+
+    async def put_results(self, evaluation_id: str, body: str) -> None:
+        """Store a worker's own record. A newer one replaces it. Raises QuotaReachedError."""
+        async with self._database.write() as session:
+            evaluation = await session.get(EvaluationRow, evaluation_id)
+            if evaluation is None:
+                return
+            old = await session.get(ResultsRow, evaluation_id)
+            size, now = size_of(body), time.time()
+            owner = await owner_of(session, evaluation.agent_id)
+            await self._usage.take(session, owner, size - (0 if old is None else old.stored_bytes))
+            await session.merge(ResultsRow(evaluation_id=evaluation_id, body=body, created=now, stored_bytes=size))
+
+    async def cancelled_counts(self, suite: str) -> dict[str, int]:
+        """Return how many evaluations of a suite each agent cancelled after it had begun to drive."""
+        query = (
+            select(EvaluationRow.agent_id, func.count())
+            .where(
+                EvaluationRow.suite == suite,
+                EvaluationRow.state == EvaluationState.CANCELLED,
+                EvaluationRow.finished.is_not(None),  # the service itself cancels those of retired suites
+                EvaluationRow.driven.is_not(None),
+            )
+            .group_by(EvaluationRow.agent_id)
+        )
+        async with self._database.read() as session:
+            return dict((await session.execute(query)).tuples().all())
+
+    async def first_finished(self, suite: str) -> Sequence[tuple[EvaluationRow, AgentRow]]:
+        """Return the first evaluation that each agent began on a suite and that is finished: the one that counts.
+
+        If the operator hides it, the agent has none.
+        """
+        async with self._database.read() as session:
+            query = (
+                select(EvaluationRow, AgentRow, seen_evaluations())
+                .join(AgentRow, AgentRow.id == EvaluationRow.agent_id)
+                .where(EvaluationRow.suite == suite, EvaluationRow.state == EvaluationState.FINISHED, counting_suites())
+                .order_by(EvaluationRow.seq)
+            )
+            rows = (await session.execute(query)).tuples().all()
+        first: dict[str, tuple[EvaluationRow, AgentRow, bool]] = {}
+        for evaluation, agent, seen in rows:
+            first.setdefault(agent.id, (evaluation, agent, seen))
+        return [(evaluation, agent) for evaluation, agent, seen in first.values() if seen]
+
+    async def finished_summary(self) -> dict[str, tuple[int, float]]:
+        """Return for each suite how many agents have finished it, and when the last one did."""
+        async with self._database.read() as session:
+            query = (
+                select(
+                    EvaluationRow.suite,
+                    func.count(EvaluationRow.agent_id.distinct()),
+                    func.max(EvaluationRow.finished),
+                )
+                .where(EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations(), counting_suites())
+                .group_by(EvaluationRow.suite)
+            )
+            rows = (await session.execute(query)).all()
+        return {suite: (count, newest or 0.0) for suite, count, newest in rows}
+
+    async def check_room(self, owner_id: str, more: int) -> None:
+        """Make room for so many bytes of an owner, if need be by deleting its oldest practice.
+
+        Raises:
+            QuotaReachedError: There is none.
+        """
+        async with self._database.read() as session:
+            if await self._usage.fits(session, owner_id, more):
+                return
+        async with self._database.write() as session:
+            await self._usage.make_room(session, owner_id, more)
+
+
+async def prepare_evaluation(session: AsyncSession, evaluation: EvaluationRow) -> None:
+    """Number an evaluation that is about to be stored.
+
+    It takes the secret of the agent's last one on the suite if that was deleted before its first step.
+    """
+    evaluation.seq = (await session.scalar(select(func.max(EvaluationRow.seq))) or 0) + 1
+    unused = await session.get(UnusedSecretRow, (evaluation.agent_id, evaluation.suite))
+    if unused is not None:
+        evaluation.secret = unused.secret
+        await session.delete(unused)
+
+
+async def next_episode(session: AsyncSession, evaluation_id: str) -> int:
+    """Return the number of an evaluation's next episode."""
+    last = select(func.max(EpisodeRow.seq)).where(EpisodeRow.evaluation_id == evaluation_id)
+    return (await session.scalar(last) or 0) + 1
