@@ -1,4 +1,4 @@
-"""The configuration and the commands of docs/nginx.md, with a real nginx before a service."""
+"""The configurations and commands of nginx.md and administration.md, with a real nginx before a service."""
 
 import os
 import re
@@ -22,7 +22,11 @@ from service_harness import GAS, OPERATOR, expect, metrics, problem
 from wrongturn_client import Action, Client
 from wrongturn_protocol import EvaluationState
 
-PAGE = (Path(__file__).parents[2] / "docs/nginx.md").read_text("utf-8")
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = (DOCS / "nginx.md").read_text("utf-8")
+ADMINISTRATION = (DOCS / "administration.md").read_text("utf-8")
+INSIDE = "127.0.0.4"
+"""The operator's network."""
 NGINX = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")
 MAIN = """
 user {user};
@@ -95,10 +99,11 @@ def configuration(folder: Path, ports: dict[int, int | None]) -> str:
         port = int(re.search(r"\b(80|443|8000)\b", directive)[1])  # type: ignore[index]
         text = text.replace(directive, re.sub(rf"\b{port}\b", str(ports[port]), directive))
     text = text.replace("/etc/nginx/", f"{folder}/").replace("lab.example", "localhost")
+    (operators,) = re.findall(r"```nginx\n(.*?)```", ADMINISTRATION, re.DOTALL)
+    assert operators.count("10.0.0.0/8") == 1
     # As of the section on several proxies: here the outer one is this machine.
-    return text.replace(
-        "    proxy_http_version", inner.replace("192.0.2.10", "127.0.0.2") + "\n    proxy_http_version", 1
-    )
+    more = inner.replace("192.0.2.10", "127.0.0.2") + operators.replace("10.0.0.0/8", INSIDE)
+    return text.replace("    proxy_http_version", f"{more}\n    proxy_http_version", 1)
 
 
 def make_certificates(folder: Path) -> None:
@@ -153,6 +158,18 @@ def test_metrics_are_not_for_strangers(proxied: Proxied) -> None:
         assert http.get("metrics").status_code == 404
         assert expect(http.get("health/ready"), 200)["status"] == "ok"
     assert "wrongturn_steps_total" in httpx.get(f"{proxied.service.url}/metrics", headers=http.headers).text
+
+
+def test_the_operators_calls_stay_inside_the_network(proxied: Proxied) -> None:
+    def from_(address: str, path: str) -> int:
+        transport = httpx.HTTPTransport(verify=context(proxied), local_address=address)
+        with proxied.http(transport=transport, headers={"Authorization": f"Bearer {OPERATOR}"}) as http:
+            return http.get(path).status_code
+
+    assert from_(INSIDE, "v1/admin/owners") == 200
+    for path in ("v1/admin/owners", "v1/admin/usage", "v1//%61dmin/owners", "v1/admin%2Fowners"):
+        assert from_("127.0.0.5", path) == 403, path
+    assert from_("127.0.0.5", "v1/owners") == 200
 
 
 def test_an_agent_drives_over_both_ways(proxied: Proxied, monkeypatch: pytest.MonkeyPatch) -> None:
