@@ -1,5 +1,6 @@
-"""Names of the agents and algorithms that come with Wrongturn. A service keeps them for its operator."""
+"""Names that a service keeps for its operator: those of shipped agents and algorithms, and names that mislead."""
 
+import re
 from typing import Final
 
 SHIPPED_NAMES: Final = frozenset(
@@ -30,6 +31,10 @@ SHIPPED_NAMES: Final = frozenset(
 """Names of agents and algorithms."""
 OWNER_NAME: Final = "Wrongturn"
 """Name of their owner."""
+OPERATOR_NAMES: Final = frozenset({"admin", "administrator", "operator"})
+"""Names that a reader could take for the operator's."""
+_ID: Final = re.compile(r"(?:ow|ag|ev|ep|su)[._ -][0-9a-f]{8,}", re.IGNORECASE)
+"""Names that a reader could take for ids."""
 _SEPARATORS: Final = str.maketrans("", "", "._ -")
 _ALIKE: Final = str.maketrans("015i", "olsl")
 
@@ -46,6 +51,17 @@ def looks_like(name: str, reserved: frozenset[str] = SHIPPED_NAMES) -> str | Non
     """
     wanted = _skeleton(name)
     return next((one for one in sorted(reserved) if _skeleton(one) == wanted), None)
+
+
+def misleads(name: str) -> str | None:
+    """Return what a reader could take a name for, in words: the operator, or an id. None if it is neither.
+
+    Args:
+        name: A valid name of an agent or owner.
+    """
+    if looks_like(name, OPERATOR_NAMES) is not None:
+        return "it reads as if it were the operator's"
+    return "it reads like an id" if _ID.fullmatch(name) is not None else None
 
 
 def _skeleton(name: str) -> str:

@@ -1,8 +1,9 @@
 """Messages about agents, suites, towns, evaluations, leaderboards and problems."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import FailFast, Field, StringConstraints
+from pydantic import FailFast, Field, StringConstraints, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic_core import PydanticCustomError
 
 from wrongturn_protocol.episodes import Cell, EpisodeDetail, Fault, Journey, Message, Outcome, Start, Traffic, is_none
 from wrongturn_protocol.navigation import NavigationMetrics
@@ -22,8 +23,28 @@ from wrongturn_protocol.vocabulary import (
     Weather,
 )
 
+NAME_RULE: Final = (
+    "has to be 1 to 64 letters (A to Z, a to z), digits, dots, dashes, underscores and spaces, beginning with a letter "
+    "or digit"
+)
+"""What a name of an agent or an owner has to be, in words."""
+
+
+def _name_in_words(name: object, check: ValidatorFunctionWrapHandler) -> str:
+    """Return a valid name. The error for another one says the rule, not the pattern."""
+    try:
+        valid: str = check(name)
+    except ValidationError as error:
+        if error.errors()[0]["type"] != "string_pattern_mismatch":
+            raise
+        raise PydanticCustomError("name", NAME_RULE) from None
+    return valid
+
+
 AgentName = Annotated[
-    str, StringConstraints(pattern=r"^[A-Za-z0-9](?:[A-Za-z0-9._ -]{0,62}[A-Za-z0-9._-])?$", strip_whitespace=True)
+    str,
+    StringConstraints(pattern=r"^[A-Za-z0-9](?:[A-Za-z0-9._ -]{0,62}[A-Za-z0-9._-])?$", strip_whitespace=True),
+    WrapValidator(_name_in_words),
 ]
 Text = Annotated[str, StringConstraints(pattern=r"^[^\x00]*$")]
 """Text without the character NUL, which PostgreSQL does not take."""

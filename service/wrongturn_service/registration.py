@@ -7,7 +7,7 @@ from typing import Final
 import structlog
 
 from wrongturn_protocol import AgentKind, AgentRegistration, FieldError, OwnerDetail, OwnerRegistration, ProblemType
-from wrongturn_protocol.reserved_names import OWNER_NAME, looks_like
+from wrongturn_protocol.reserved_names import OWNER_NAME, looks_like, misleads
 from wrongturn_service.accounts import Accounts, bearer
 from wrongturn_service.errors import (
     ConflictError,
@@ -49,8 +49,9 @@ class AddressLimit:
             wait = int(_HOUR_S - (now - times[0])) + 1
             raise UnavailableError(
                 ProblemType.RATE_LIMITED,
-                f"this address has registered {self._limit} owners and agents within an hour, the limit; "
-                f"come back in {wait} s",
+                f"this address has registered {self._limit} owners and agents within an hour, the limit; come back in "
+                f"{wait} s, register agents with an owner's token, which does not count here, or ask the operator to "
+                "register you or to raise WRONGTURN_REGISTRATION_LIMIT",
                 retry_after_s=wait,
                 status=429,
             )
@@ -113,7 +114,8 @@ class Registrations:
         if owner is None:
             self._check_open("agents", "ask the operator for an owner's token")
         self.check_agent_name(registration.name)
-        self._limit.check(address)
+        if owner is None:  # an owner has a limit of its own on agents
+            self._limit.check(address)
 
     def check_agent_name(self, name: str) -> None:
         """Check that a name is not kept for the operator. Raises ConflictError.
@@ -121,8 +123,9 @@ class Registrations:
         Without an operator, nobody else could register the shipped agents.
         """
         shipped = looks_like(name) if self._accounts.has_operator else None
-        if shipped is not None:
-            message = f"{name!r} is reserved: the agent {shipped} comes with Wrongturn; choose another"
+        why = misleads(name) if shipped is None else f"the agent {shipped} comes with Wrongturn"
+        if why is not None:
+            message = f"{name!r} is reserved: {why}; choose another"
             raise ConflictError(
                 ProblemType.AGENT_NAME_TAKEN, f"name: {message}", errors=[FieldError(path="name", message=message)]
             )
@@ -221,11 +224,10 @@ def unknown_owner(owner_id: str) -> NotFoundError:
 
 
 def _check_owner_name(name: str) -> None:
-    if looks_like(name, frozenset({SHIPPED})) is not None:
-        raise ConflictError(
-            ProblemType.OWNER_NAME_TAKEN,
-            f"name: {name!r} is reserved: {SHIPPED} is the owner of the shipped agents; choose another",
-        )
+    shipped = looks_like(name, frozenset({SHIPPED})) is not None
+    why = f"{SHIPPED} is the owner of the shipped agents" if shipped else misleads(name)
+    if why is not None:
+        raise ConflictError(ProblemType.OWNER_NAME_TAKEN, f"name: {name!r} is reserved: {why}; choose another")
 
 
 def new_owner(name: str, contact: str | None = None, token: str | None = None, origin: str | None = None) -> OwnerRow:

@@ -59,7 +59,8 @@ class Settings(BaseSettings):
 
     Owners always register their agents by their token."""
     registration_limit: Annotated[int, Field(ge=1)] = 100
-    """Owners and agents that one address may register within an hour. The operator is exempt."""
+    """Owners and agents that one address may register within an hour. The operator is exempt, and so are agents that
+    register with their owner's token."""
     agents_per_owner: Annotated[int, Field(ge=1)] = 100
     """Agents of one owner. The owner of the shipped agents is exempt."""
     accounts_per_address: Annotated[int, Field(ge=2)] = 1000

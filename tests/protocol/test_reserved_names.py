@@ -2,7 +2,9 @@
 
 import pytest
 
-from wrongturn_protocol.reserved_names import looks_like
+from wrongturn_protocol.reserved_names import looks_like, misleads
+
+OPERATORS = "it reads as if it were the operator's"
 
 
 @pytest.mark.parametrize(
@@ -23,3 +25,21 @@ from wrongturn_protocol.reserved_names import looks_like
 )
 def test_a_name_that_looks_like_a_shipped_one(name: str, shipped: str | None) -> None:
     assert looks_like(name) == shipped
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("operator", OPERATORS),
+        ("0perat0r", OPERATORS),
+        ("Admin", OPERATORS),
+        ("ow_ae118531a1c30f924bef7819", "it reads like an id"),
+        ("AG-ae118531a1c3", "it reads like an id"),
+        ("ev_0123456789abcdef01234567", "it reads like an id"),
+        ("ag_robotics", None),
+        ("ep_2026", None),
+        ("admins", None),
+    ],
+)
+def test_a_name_that_misleads(name: str, told: str | None) -> None:
+    assert misleads(name) == told

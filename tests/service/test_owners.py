@@ -116,6 +116,16 @@ def test_shipped_agents_belong_to_wrongturn(http: httpx.Client) -> None:
     problem(http.post("/v1/agents", json={"name": "Wrongturn", "track": "camera"}), 409, "owner-name-taken")
 
 
+@pytest.mark.parametrize("taken", ["operator", "Admin", "ow_ae118531a1c30f924bef7819"])
+def test_names_that_mislead_are_reserved(http: httpx.Client, taken: str) -> None:
+    owner = expect(http.post("/v1/owners", json={"name": name()}), 201)
+    agent = {"name": taken, "track": "camera"}
+    problem(http.post("/v1/owners", json={"name": taken}), 409, "owner-name-taken")
+    problem(http.post("/v1/agents", json=agent), 409, "agent-name-taken")
+    told = problem(http.post("/v1/agents", json=agent, headers=bearer(owner)), 409, "agent-name-taken")
+    assert "is reserved" in told["detail"]
+
+
 def test_a_registration_again_by_its_key(service: RunningService, http: httpx.Client) -> None:
     key = {"Idempotency-Key": str(uuid.uuid4())}
     body = {"name": name()}

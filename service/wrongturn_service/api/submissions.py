@@ -19,7 +19,7 @@ from wrongturn_protocol import (
     SubmissionState,
     Track,
 )
-from wrongturn_protocol.results import AgentName
+from wrongturn_protocol.results import NAME_RULE, AgentName
 from wrongturn_protocol.submissions import MODEL, NAME, SUITE
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service import catalogue
@@ -158,10 +158,7 @@ def _name(service: Service, submitter: Submitter, upload: Upload) -> str:
     try:
         valid = _NAME.validate_python(name)
     except ValidationError:
-        raise InvalidRequestError(
-            NAME,
-            "has to be 1 to 64 letters, digits, dots, dashes, underscores and spaces, beginning with a letter or digit",
-        ) from None
+        raise InvalidRequestError(NAME, NAME_RULE) from None
     service.registrations.check_agent_name(valid)
     return valid
 
