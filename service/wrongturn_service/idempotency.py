@@ -76,7 +76,9 @@ class Idempotency:
         self._locks: WeakValueDictionary[tuple[str, str], asyncio.Lock] = WeakValueDictionary()
 
     @contextlib.asynccontextmanager
-    async def once(self, key: str | None, scope: str, call: str, body: bytes) -> AsyncIterator[Once]:
+    async def once(
+        self, key: str | None, scope: str, call: str, body: bytes, line: asyncio.Semaphore | None = None
+    ) -> AsyncIterator[Once]:
         """Handle a request in the block.
 
         Args:
@@ -84,6 +86,7 @@ class Idempotency:
             scope: Whose key it is. The same key in another scope is another key.
             call: Method and path.
             body: The request in canonical form.
+            line: What the look-up waits for.
 
         Raises:
             InvalidRequestError: The key has a wrong form.
@@ -102,7 +105,8 @@ class Idempotency:
         if lock is None:
             lock = self._locks[name] = asyncio.Lock()
         async with lock:
-            stored = await self._store.reply(scope, digest(key))
+            async with line or contextlib.nullcontext():
+                stored = await self._store.reply(scope, digest(key))
             if stored is not None and stored.request_sha256 != fingerprint:
                 message = "was used for another request; use a new key for each request"
                 raise ServiceError(

@@ -101,6 +101,19 @@ def _halves(count: int) -> Callable[[Target], int]:
     return send
 
 
+def _unread(count: int) -> Callable[[Target], int]:
+    """Ask on many connections for thirty large documents each, and read none of them."""
+
+    def send(target: Target) -> int:
+        with contextlib.ExitStack() as stack:
+            for _ in range(count):
+                raw = stack.enter_context(connected(target.service, 4096))
+                raw.sendall(b"GET /openapi.json HTTP/1.1\r\nHost: x\r\n\r\n" * 30)
+        return 0
+
+    return send
+
+
 def _socket(*pieces: Iterable[bytes]) -> Callable[[Target], int]:
     """Send frames on a connection to the drive; return the code of the service's close."""
 
@@ -205,6 +218,7 @@ def hostile_requests(size: int) -> list[Hostile]:
         hostile(
             "requests without waiting", _http("", _times(b"GET /health/live HTTP/1.1\r\nHost: x\r\n\r\n", size)), 0, 200
         ),
+        hostile("connections that ask without reading", _unread(max(2, size // 80_000)), 0),
         hostile(
             "a handshake with long headers",
             _http(
@@ -226,6 +240,7 @@ def hostile_requests(size: int) -> list[Hostile]:
         hostile("a request of errors over the socket", _socket([frame(_practise(20000))]), 1007),
         hostile("steps of no episode", _flood(_steps(1), size // 64), 0, 1005),
         hostile("messages of 256 steps of no episode", _flood(_steps(256), size // 64), 0, 1005),
+        hostile("messages of 256 aborts of no episode", _flood(_aborts(256), size // 64), 0, 1005),
         hostile("looks at no episode", _flood(b"\x92\x01\x91\x92\xa4look\xa0", size // 64), 0, 1005),
     ]
 
@@ -233,6 +248,10 @@ def hostile_requests(size: int) -> list[Hostile]:
 def _steps(count: int) -> bytes:
     step = b"\x96\xa4step\xa0\x01\x00\x00\x00"
     return b"\x92\x01" + (bytes([0x90 | count]) if count < 16 else b"\xdc" + count.to_bytes(2, "big")) + step * count
+
+
+def _aborts(count: int) -> bytes:
+    return b"\x92\x01\xdc" + count.to_bytes(2, "big") + b"\x92\xa5abort\xa0" * count
 
 
 def _practise(size: int) -> bytes:

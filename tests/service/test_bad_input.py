@@ -1,5 +1,6 @@
 """Each mistake of a caller gets its named problem and status, and nothing recorded is lost by it."""
 
+import gzip
 import json
 import socket
 import time
@@ -253,6 +254,17 @@ def test_another_content_type(agent: Agent, episode: str) -> None:
     # msgpack is for episodes alone.
     response = agent.http.post("/v1/evaluations", content=b"\x80", headers={"Content-Type": "application/msgpack"})
     problem(response, 415, "unsupported-media-type")
+
+
+def test_a_compressed_body(agent: Agent) -> None:
+    body = gzip.compress(b'{"suite": "smoke@2"}')
+    for sent in ({"Content-Encoding": "gzip"}, [("Content-Encoding", "identity"), ("Content-Encoding", "br")]):
+        response = agent.http.post("/v1/evaluations", content=body, headers=sent)
+        told = problem(response, 415, "unsupported-media-type")
+        assert "without compression" in str(told)
+        assert response.headers["Accept-Encoding"] == "identity"
+    plain = agent.http.post("/v1/evaluations", json={"suite": "nope@1"}, headers={"Content-Encoding": "Identity"})
+    problem(plain, 404, "unknown-suite")
 
 
 def test_an_encoding_that_is_not_spoken(agent: Agent, episode: str) -> None:

@@ -133,6 +133,17 @@ def test_who_asks_without_reading_is_not_read_either(service: RunningService, se
     assert resident < 700_000, f"{resident} kB"
 
 
+def test_an_id_longer_than_any_is_refused_and_not_repeated(service: RunningService, agent: Agent) -> None:
+    long = "x" * 65
+    with DriveSocket(service, agent.token) as drive:
+        results = drive.call(["look", long], ["abort", long], ["step", long, 1, *ACTION], ["next", long, None])
+        for (status, told), field in zip(results, ["episode"] * 3 + ["evaluation"], strict=True):
+            assert (status, told["type"]) == (422, "/problems/validation")
+            assert told["errors"][0]["path"] == field
+            assert long not in str(told)
+        assert drive.one("look", long[:64])[0] == 404
+
+
 def test_calls_are_counted_by_what_they_ask_for(service: RunningService, agent: Agent) -> None:
     with DriveSocket(service, agent.token) as drive:
         drive.one("look", "ep_none")

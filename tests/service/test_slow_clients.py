@@ -1,10 +1,14 @@
 """Clients that are too slow, too many, or silent; and a stop while agents drive."""
 
+import asyncio
 import contextlib
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 import httpx
 import pytest
@@ -15,6 +19,8 @@ from service_harness import COAST, Agent, expect, metrics, problem
 from websockets.exceptions import InvalidStatus
 
 from wrongturn_protocol import wire
+from wrongturn_service.storage.models import EpisodeRow
+from wrongturn_service.storage.store import Store
 
 PATIENCE_S, PING_INTERVAL_S, PING_TIMEOUT_S = 30.0, 20.0, 60.0
 
@@ -149,6 +155,38 @@ def test_who_never_reads_is_closed_and_its_replies_are_gone(strict: ClockedServi
             raw.settimeout(30)
             rest(raw)
         expect(agent.step(episode, 2), 200)
+
+
+@pytest.mark.parametrize("call", [["look"], ["abort"], ["step", 1, 0.0, 0.0, 0.0]])
+def test_a_batch_of_look_ups_does_not_keep_out_another_connection(strict: ClockedService, call: list[Any]) -> None:
+    begun: list[str] = []
+    released = threading.Event()
+    found = Store.episode
+
+    async def slow(store: Store, episode: str) -> EpisodeRow | None:
+        if episode.startswith("ep_slow"):
+            begun.append(episode)
+            while not released.is_set():  # noqa: ASYNC110 - the test is in another thread
+                await asyncio.sleep(0.001)
+        return await found(store, episode)
+
+    name, *rest_of_call = call
+    batch = [[name, f"ep_slow{number}", *rest_of_call] for number in range(wire.CALLS)]
+    with (
+        strict.agent() as one,
+        strict.agent() as two,
+        patch.object(Store, "episode", slow),
+        DriveSocket(strict, one.token) as many,
+        DriveSocket(strict, two.token) as other,
+    ):
+        many.send(*batch)
+        _until(lambda: bool(begun), "nothing is looked up")
+        assert other.one("look", "ep_none")[0] == 404
+        assert len(begun) == 2
+        released.set()
+        _, results = many.receive()
+        assert {status for status, *_ in results} == {404}
+        assert len(begun) == wire.CALLS
 
 
 def test_who_answers_no_ping_is_gone(strict: ClockedService) -> None:

@@ -41,6 +41,9 @@ def test_uvicorn_has_the_names_that_the_service_extends(base: type, ours: tuple[
         assert not missing, f"{what} has no {', '.join(sorted(missing))}; {advice}"
         for name, method in vars(kind).items():
             if getattr(method, "__override__", False):
+                of_ours = any(name in vars(each) for each in ours if each is not kind)
+                if name not in theirs and of_ours:
+                    continue
                 assert name in theirs, f"{what} has no {name}; {advice}"
                 parameters = list(inspect.signature(vars(base)[name]).parameters)
                 expected = list(inspect.signature(method).parameters)

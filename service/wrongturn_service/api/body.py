@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import TypeVar
 
@@ -37,9 +38,11 @@ async def parsed(request: Request, model: type[M], *, limit: int, binary: bool =
         binary: Whether msgpack is accepted too.
 
     Raises:
-        ServiceError: The body is too large (413), of another type (415), malformed (400) or invalid (422).
+        ServiceError: The body is too large (413), of another type or compressed (415), malformed (400), or invalid
+            (422).
     """
     encoding = _content_type(request, binary=binary)
+    check_uncompressed(request.headers.getlist("content-encoding"))
     body = await _read(request, limit)
     try:
         return model.model_validate_json(body if encoding is Encoding.JSON else _as_json(body), strict=True)
@@ -94,6 +97,17 @@ def _content_type(request: Request, *, binary: bool) -> Encoding:
             headers={"Accept": taken.replace(" or ", ", ")},
         )
     return encoding
+
+
+def check_uncompressed(encodings: Sequence[str]) -> None:
+    """Check the values of a request's ``Content-Encoding``. Raises ServiceError (415)."""
+    if any(encoding.strip().lower() not in {"", "identity"} for encoding in encodings):
+        raise ServiceError(
+            ProblemType.UNSUPPORTED_MEDIA_TYPE,
+            "the body has a Content-Encoding; send it as it is, without compression and without that header",
+            status=415,
+            headers={"Accept-Encoding": "identity"},
+        )
 
 
 @lru_cache(maxsize=256)

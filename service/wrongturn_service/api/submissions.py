@@ -24,6 +24,7 @@ from wrongturn_protocol.submissions import MODEL, NAME, SUITE
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Submitter
+from wrongturn_service.api.body import check_uncompressed
 from wrongturn_service.api.dependencies import (
     AuthorizationDep,
     KeyDep,
@@ -107,9 +108,8 @@ async def hand_in(request: Request, service: ServiceDep, authorization: Authoriz
             raise ForbiddenError("the operator's token hands nothing in; send an owner's, or an agent's")
         headers = request.headers
         length = headers.get("content-length", "")
-        boundary = service.uploads.boundary(
-            length, headers.get("content-type", ""), ",".join(headers.getlist("content-encoding"))
-        )
+        check_uncompressed(headers.getlist("content-encoding"))
+        boundary = service.uploads.boundary(length, headers.get("content-type", ""))
         if key.value is None:
             # A repeat has to get its stored reply, even if there is no more room.
             await service.submissions.check_room(submitter.owner.id)

@@ -29,6 +29,8 @@ from wrongturn_service.storage.store import Store
 from wrongturn_service.telemetry import Telemetry
 
 _LOOK_S: Final = 0.02
+_LOOKED_UP: Final = 4
+"""Episodes that are looked up in the database at a time. More at once would only delay everything else."""
 
 
 class EpisodeManager:
@@ -59,6 +61,7 @@ class EpisodeManager:
             longest_s: Seconds after its begin when a driven evaluation is closed in any case.
         """
         self._store = store
+        self._looking_up = asyncio.Semaphore(_LOOKED_UP)
         self._driver = driver
         self._registry = registry = Registry(limits)
         self._endings = endings = Endings(store, driver, evaluations, registry, telemetry)
@@ -154,9 +157,7 @@ class EpisodeManager:
             # A step may be in progress; an agent that comes back after a crash has to see its result.
             async with episode.lock:
                 pass
-        row = await self._store.episode(episode_id)
-        if row is None:
-            raise refusals.unknown_episode(episode_id)
+        row = await self._stored(episode_id)
         return self._registry.get(episode_id), row
 
     def last_reply(self, episode_id: str, encoding: Encoding) -> tuple[int, bytes] | None:
@@ -219,10 +220,15 @@ class EpisodeManager:
         raise refusals.episode_finished(episode_id)
 
     async def _row(self, caller: Caller, episode_id: str) -> EpisodeRow:
-        row = await self._store.episode(episode_id)
+        row = await self._stored(episode_id)
+        caller.check_episode(row)
+        return row
+
+    async def _stored(self, episode_id: str) -> EpisodeRow:
+        async with self._looking_up:
+            row = await self._store.episode(episode_id)
         if row is None:
             raise refusals.unknown_episode(episode_id)
-        caller.check_episode(row)
         return row
 
     async def _lost(self, row: EpisodeRow) -> GoneError | ConflictError:

@@ -38,6 +38,7 @@ _NAMES: Final = {call.value: call for call in Call}
 _UNKNOWN: Final = "unknown"
 _READS: Final = 2
 """Calls of a connection that are answered from the database at a time."""
+_LONGEST_ID: Final = 64
 _STEP_ROUTE: Final = f"{PATH} {Call.STEP}"
 
 
@@ -127,19 +128,20 @@ class Calls:
             request = StepRequest.model_validate(message, strict=True)
         except ValidationError as error:
             raise refused(error) from error
-        episodes, wanted = self._service.episodes, _text("episode", episode)
-        # A step of an open episode may wait for a simulator, and must not keep the others waiting.
-        async with contextlib.nullcontext() if episodes.is_open(wanted) else self._reading:
-            return await episodes.step(self._caller, wanted, request, Encoding.RAW)
+        wanted = _id("episode", episode)
+        async with self._in_line(wanted):
+            return await self._service.episodes.step(self._caller, wanted, request, Encoding.RAW)
 
     async def _next(self, evaluation: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
-        wanted = _text("evaluation", evaluation)
+        wanted = _id("evaluation", evaluation)
         with service.episodes.openings.in_progress.one(wanted):
-            async with service.idempotency.once(_key(key), caller.holder, f"WS {Call.NEXT} {wanted}", b"") as once:
+            call = f"WS {Call.NEXT} {wanted}"
+            async with service.idempotency.once(_key(key), caller.holder, call, b"", self._reading) as once:
                 if once.stored is not None:
                     return once.stored.body
-                row = await driven_by(service, caller, wanted)
+                async with self._reading:
+                    row = await driven_by(service, caller, wanted)
                 remember = once.remember(201, Encoding.RAW)
                 return await service.episodes.openings.next(
                     caller, self._address, row, Encoding.RAW, remember, once.key
@@ -155,7 +157,8 @@ class Calls:
             raise InvalidRequestError("request", "has to be a map of plain values") from error
         caller.check_practice()
         canonical = wanted.model_dump_json().encode()
-        async with service.idempotency.once(_key(key), caller.holder, f"WS {Call.PRACTISE}", canonical) as once:
+        call = f"WS {Call.PRACTISE}"
+        async with service.idempotency.once(_key(key), caller.holder, call, canonical, self._reading) as once:
             if once.stored is not None:
                 return once.stored.body
             caller.check_track(wanted)
@@ -170,7 +173,7 @@ class Calls:
             )
 
     async def _look(self, episode: Any) -> bytes:
-        service, wanted = self._service, _text("episode", episode)
+        service, wanted = self._service, _id("episode", episode)
         async with self._reading:
             _, row = await service.episodes.look(self._caller, wanted)
             self._caller.check_episode(row)
@@ -185,8 +188,14 @@ class Calls:
         return pack_result(200, detail, observation)
 
     async def _abort(self, episode: Any) -> bytes:
-        await self._service.episodes.abort(self._caller, _text("episode", episode))
+        wanted = _id("episode", episode)
+        async with self._in_line(wanted):
+            await self._service.episodes.abort(self._caller, wanted)
         return pack_result(204, {})
+
+    def _in_line(self, episode: str) -> contextlib.AbstractAsyncContextManager[None]:
+        """Return what a call on an episode waits for. One that is open may wait for a simulator, so it has no line."""
+        return contextlib.nullcontext() if self._service.episodes.is_open(episode) else self._reading
 
 
 def problem_result(error: ServiceError) -> bytes:
@@ -212,6 +221,13 @@ def _text(path: str, value: Any) -> str:
     if not isinstance(value, str) or "\0" in value:
         raise InvalidRequestError(path, "has to be a string without the character NUL")
     return value
+
+
+def _id(path: str, value: Any) -> str:
+    text = _text(path, value)
+    if len(text) > _LONGEST_ID:
+        raise InvalidRequestError(path, f"has more than {_LONGEST_ID} characters, which no id has")
+    return text
 
 
 def _key(value: Any) -> str | None:

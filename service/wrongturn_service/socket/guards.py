@@ -3,18 +3,22 @@
 Uvicorn waits for ever for a request's head, for the rest of a message, and for a client to read its reply. These
 protocols close such a connection. A client that moves 64 KiB within the time may go on, however long it takes in all.
 
-Uvicorn also takes heads, trailers and queues of requests of any size, and answers control frames without end.
+Uvicorn also takes heads, trailers and queues of requests of any size, and answers control frames without end. It begins
+all requests that came together in one turn of the event loop; here they take turns.
 """
 
 import asyncio
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final, cast
 
 import structlog
 from typing_extensions import override
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn._types import ASGI3Application
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.errors import ServiceError, UnavailableError
@@ -47,6 +51,34 @@ _PHRASES: Final = {
 }
 
 
+class Turns:
+    """Begins requests one after the other, one in each turn of the event loop.
+
+    All that came together in one turn would delay a step, which takes several turns, by several times their number.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: deque[Callable[[], None]] = deque()
+        self._taken = False
+
+    def take(self, begin: Callable[[], None]) -> None:
+        """Call a function: now, or once all earlier ones had their turns."""
+        if self._taken:
+            self._waiting.append(begin)
+        else:
+            self._begin(begin)
+
+    def _begin(self, begin: Callable[[], None]) -> None:
+        self._taken = True
+        asyncio.get_running_loop().call_soon(self._next)
+        begin()
+
+    def _next(self) -> None:
+        self._taken = False
+        if self._waiting:
+            self._begin(self._waiting.popleft())
+
+
 @dataclass(frozen=True)
 class Guard:
     """The limits.
@@ -56,12 +88,14 @@ class Guard:
         descriptors: file descriptors that the process may have with another connection.
         patience_s: seconds for a request's head, for a message, and for a reply to be read.
         closed: called with the reason whenever a connection is closed.
+        turns: of the requests of all connections.
     """
 
     most: int
     descriptors: int
     patience_s: float
     closed: Callable[[str], None]
+    turns: Turns = field(default_factory=Turns)
     _quiet: dict[str, tuple[float, int]] = field(default_factory=dict)
     """For each reason until when nothing is logged, and how many connections were closed meanwhile."""
 
@@ -184,6 +218,8 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
         """Whether nothing more is read here: the connection is refused, or it is a WebSocket now."""
         self._rest: int | None = None
         """Bytes that came after the last reply and were dropped. None before it."""
+        self._unread: Callable[[], None] | None = None
+        """Begins the request that waits until the replies before it are read."""
 
     @override
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -279,6 +315,25 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
         if not self._over:
             self._over = True
             super().handle_websocket_upgrade()
+
+    @override
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        begin, self._unread = self._unread, None
+        if begin is not None:
+            self._guard.turns.take(begin)
+
+    @override
+    def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
+        begin = partial(self._begin, cycle, app)
+        if self.flow.write_paused:
+            self._unread = begin
+        else:
+            self._guard.turns.take(begin)
+
+    def _begin(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
+        if not self.transport.is_closing():
+            super()._start_asgi_task(cycle, app)
 
     def _close(self) -> None:
         """Close the connection after its last reply, but let a client that still sends its body read the reply."""

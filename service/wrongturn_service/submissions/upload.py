@@ -80,21 +80,14 @@ class Uploads:
         self._closed = True
         self._threads.shutdown(wait=False)
 
-    def boundary(self, content_length: str, content_type: str, content_encoding: str = "") -> bytes:
+    def boundary(self, content_length: str, content_type: str) -> bytes:
         """Check the head of a request, before its body is read, and return the body's boundary.
 
         Raises:
-            ServiceError: The body is too large (413), of another type or compressed (415), or without a boundary (400).
+            ServiceError: The body is too large (413), of another type (415), or without a boundary (400).
         """
         if content_length.isdecimal() and int(content_length[:20]) > self._limit + AROUND:
             raise too_large(self._limit)
-        if content_encoding.strip().lower() not in {"", "identity"}:
-            raise ServiceError(
-                ProblemType.UNSUPPORTED_MEDIA_TYPE,
-                "the body has a Content-Encoding; send the form as it is, without compression and without that header",
-                status=415,
-                headers={"Accept-Encoding": "identity"},
-            )
         return boundary_of(content_type)
 
     async def check_disk(self, content_length: str) -> None:
