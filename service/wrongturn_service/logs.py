@@ -4,6 +4,8 @@ import itertools
 import logging
 import secrets
 import sys
+import time
+from collections.abc import Callable
 from typing import Final
 
 import structlog
@@ -30,6 +32,30 @@ def begin_request(path: str = "") -> str:
     about = {} if subject is None else {subject: parts[3][:_LONGEST]}
     structlog.contextvars.bind_contextvars(request=request_id, **about)
     return request_id
+
+
+class Seldom:
+    """Chooses what is logged of events that strangers can cause without end: one of a kind in so many seconds."""
+
+    def __init__(self, seconds: float = 10.0, clock: Callable[[], float] = time.monotonic) -> None:
+        self._seconds = seconds
+        self._clock = clock
+        self._quiet: dict[object, tuple[float, int]] = {}
+        """For each kind until when nothing is logged, and how many were not logged since."""
+
+    def others(self, kind: object) -> int | None:
+        """Return how many of a kind were not logged since the last that was; None if this one is not logged either.
+
+        Args:
+            kind: One of few: each takes memory for good.
+        """
+        now = self._clock()
+        until, unsaid = self._quiet.get(kind, (now, 0))
+        if now < until:
+            self._quiet[kind] = until, unsaid + 1
+            return None
+        self._quiet[kind] = now + self._seconds, 0
+        return unsaid
 
 
 _LEVELS = {"debug": logging.DEBUG, "info": logging.INFO, "warning": logging.WARNING, "error": logging.ERROR}

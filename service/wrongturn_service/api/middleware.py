@@ -17,6 +17,7 @@ _QUIET: Final = {"/health/live", "/health/ready", "/metrics"}
 """Routes that are logged at level debug, since programs call them again and again."""
 _METHODS: Final = {"GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"}
 """Methods that have metrics of their own. HTTP's parser knows forty."""
+_QUOTA_REACHED: Final = 507
 _STEP: Final = "/v1/episodes/{episode}/step"
 """Not logged at all: a line costs a tenth of a step."""
 
@@ -28,6 +29,7 @@ class Middleware:
         self._app = app
         self._telemetry = telemetry
         self._log = structlog.get_logger("requests")
+        self._refusals = logs.Seldom()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
@@ -59,8 +61,17 @@ class Middleware:
             method = scope["method"] if scope["method"] in _METHODS else "other"
             self._telemetry.answered(method, route, status, seconds)
             if route != _STEP:
-                log = self._log.debug if route in _QUIET else self._log.info
-                log("request", method=scope["method"], route=route, status=status, seconds=round(seconds, 6))
+                self._write_line(scope["method"], route, status, seconds)
+
+    def _write_line(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Log a request. Of refusals, which strangers can cause without end, only some have the level info."""
+        log = self._log.debug if route in _QUIET else self._log.info
+        others: int | None = 0
+        if 400 <= status < 500 or status == _QUOTA_REACHED:
+            others = self._refusals.others(status)
+            log = self._log.debug if others is None else log
+        more = {"others": others} if others else {}
+        log("request", method=method, route=route, status=status, seconds=round(seconds, 6), **more)
 
 
 def _check_text(scope: Scope) -> None:
