@@ -221,13 +221,18 @@ def test_what_does_not_fit_is_refused_and_leaves_nothing(tmp_path: Path, which: 
     async def story() -> None:
         async with application(tmp_path, FakePool(slots=4), **{which: MIB}) as http:
             told = problem(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 507, "quota-reached")
-            assert "WRONGTURN_BYTES_PER_OWNER" in told["detail"]
+            whose = "the address that registered this owner" if "address" in which else "this owner"
+            assert f": {whose} has 0.0" in told["detail"]
+            assert "of 1.05 MB, its quota; " in told["detail"]
+            assert told["detail"].endswith(f"to raise WRONGTURN_{which.upper()}")
+            assert told["detail"].startswith("an evaluation reserves 1.47 MB, which do not fit now (at its end")
             assert "retry-after" not in told
             held = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
             await inflate(http, held, MIB - 200_000)
             before = await stored(http)
             for _ in range(2):
-                problem(await http.post("/v1/episodes", json=PRACTICE), 507, "quota-reached")
+                told = problem(await http.post("/v1/episodes", json=PRACTICE), 507, "quota-reached")
+                assert told["detail"].startswith("0.123 MB more do not fit: ")
             assert await stored(http) == before
             async with at(http, "192.0.2.9") as elsewhere:
                 body = {"name": "other", "track": "privileged"}

@@ -58,7 +58,7 @@ class EvaluationStore(Queries):
             await prepare_evaluation(session, evaluation)
             owner = await owner_of(session, evaluation.agent_id)
             evaluation.stored_bytes = evaluation.stored_bytes or ROW
-            await self._usage.take(session, owner, evaluation.stored_bytes)
+            await self._usage.take(session, owner, evaluation.stored_bytes, reserve=True)
             session.add(evaluation)
             await self._usage.remember(session, None if remember is None else remember(evaluation), owner)
         return evaluation

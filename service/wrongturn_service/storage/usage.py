@@ -60,6 +60,44 @@ class Quota:
     accounts: int = _UNLIMITED
 
 
+@dataclass(frozen=True)
+class _Reached:
+    """A quota of bytes, and what would be stored with some bytes more.
+
+    Attributes:
+        whose: The owner or the address, in words.
+        setting: The quota's setting.
+        stored: Bytes that are stored.
+        more: Bytes that are wanted.
+        most: Bytes that may be stored.
+    """
+
+    whose: str
+    setting: str
+    stored: int
+    more: int
+    most: int
+
+    @property
+    def over(self) -> int:
+        """Bytes that would be too many; 0 or less if all fit."""
+        return self.stored + self.more - self.most
+
+    def sentence(self, *, reserve: bool) -> str:
+        """Return what is said to who wanted the bytes, which may be the reserve of an evaluation."""
+        wanted = f"{_megabytes(self.more)} more do not fit" if self.more else "nothing more fits"
+        if reserve:
+            wanted = (
+                f"an evaluation reserves {_megabytes(self.more)}, which do not fit now (at its end it keeps only what "
+                "it stored, and the rest comes back)"
+            )
+        return (
+            f"{wanted}: {self.whose} has {_megabytes(self.stored)} of {_megabytes(self.most)}, its quota; finish or "
+            "cancel running evaluations, wait until practice, models and stored replies are deleted with time, or ask "
+            f"the operator to raise {self.setting}"
+        )
+
+
 class Usage:
     """Counts what owners have. Each method works in the caller's transaction."""
 
@@ -80,46 +118,55 @@ class Usage:
             values["active"] = now
         await session.execute(update(OwnerRow).where(OwnerRow.id == owner_id).values(**values))
 
-    async def take(self, session: AsyncSession, owner_id: str, more: int) -> None:
+    async def take(self, session: AsyncSession, owner_id: str, more: int, *, reserve: bool = False) -> None:
         """Count bytes that an owner is about to store. If they do not fit, its oldest practice is deleted for them.
+
+        Args:
+            session: The transaction.
+            owner_id: Id of the owner.
+            more: Bytes.
+            reserve: They are what an evaluation can come to, which the error then says.
 
         Raises:
             QuotaReachedError: They do not fit even then.
         """
-        await self.make_room(session, owner_id, more)
+        await self.make_room(session, owner_id, more, reserve=reserve)
         await self.add(session, owner_id, more, now=time.time())
 
-    async def make_room(self, session: AsyncSession, owner_id: str, more: int) -> None:
-        """Make room for so many bytes, if need be by deleting the owner's oldest practice. Raises QuotaReachedError."""
-        over = await self._over(session, owner_id, more)
-        if over > 0:
-            await self._evict(session, owner_id, over)
-            await self.check(session, owner_id, more)
+    async def make_room(self, session: AsyncSession, owner_id: str, more: int, *, reserve: bool = False) -> None:
+        """Make room for so many bytes, if need be by deleting the owner's oldest practice. As :meth:`take` otherwise.
+
+        Raises:
+            QuotaReachedError: They do not fit even then.
+        """
+        reached = await self._reached(session, owner_id, more)
+        if reached is not None:
+            await self._evict(session, owner_id, reached.over)
+            await self.check(session, owner_id, more, reserve=reserve)
 
     async def fits(self, session: AsyncSession, owner_id: str, more: int) -> bool:
         """Return whether an owner may store so many bytes more."""
-        return await self._over(session, owner_id, more) <= 0
+        return await self._reached(session, owner_id, more) is None
 
-    async def check(self, session: AsyncSession, owner_id: str, more: int) -> None:
+    async def check(self, session: AsyncSession, owner_id: str, more: int, *, reserve: bool = False) -> None:
         """Check that an owner may store so many bytes more. Raises QuotaReachedError."""
-        if not await self.fits(session, owner_id, more):
-            raise QuotaReachedError(
-                f"this owner, or its address, has no room for {more} bytes more: an owner may have "
-                f"{self._quota.owner_bytes} and an address {self._quota.address_bytes}; practice, models and stored "
-                "replies are deleted with time, or ask the operator to raise WRONGTURN_BYTES_PER_OWNER or "
-                "WRONGTURN_BYTES_PER_ADDRESS"
-            )
+        reached = await self._reached(session, owner_id, more)
+        if reached is not None:
+            raise QuotaReachedError(reached.sentence(reserve=reserve))
 
-    async def _over(self, session: AsyncSession, owner_id: str, more: int) -> int:
-        """Return how many bytes would be too many; 0 or less if all fit."""
+    async def _reached(self, session: AsyncSession, owner_id: str, more: int) -> _Reached | None:
+        """Return the quota that so many bytes more would exceed, the one by most; None if they fit."""
         query = select(OwnerRow.name_key, OwnerRow.origin, OwnerRow.stored_bytes).where(OwnerRow.id == owner_id)
         found = (await session.execute(query)).first()
         if found is None or found.name_key == OWNER_NAME.lower():
-            return 0
-        over = found.stored_bytes + more - self._quota.owner_bytes
+            return None
+        sums = [_Reached("this owner", "WRONGTURN_BYTES_PER_OWNER", found.stored_bytes, more, self._quota.owner_bytes)]
         if found.origin is not None:
-            over = max(over, await self._of_address(session, found.origin) + more - self._quota.address_bytes)
-        return int(over)
+            all_of_it = await self._of_address(session, found.origin)
+            address = "the address that registered this owner"
+            sums.append(_Reached(address, "WRONGTURN_BYTES_PER_ADDRESS", all_of_it, more, self._quota.address_bytes))
+        worst = max(sums, key=lambda quota: quota.over)
+        return worst if worst.over > 0 else None
 
     async def _of_address(self, session: AsyncSession, origin: str) -> int:
         total = select(func.coalesce(func.sum(OwnerRow.stored_bytes), 0)).where(OwnerRow.origin == origin)
@@ -268,6 +315,10 @@ class Usage:
             total += int(await session.scalar(select(func.coalesce(func.sum(size), 0)).where(belongs)) or 0)
         await session.execute(update(OwnerRow).where(OwnerRow.id == owner_id).values(stored_bytes=total))
         return total
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:.3g} MB" if size < 1e9 else f"{size / 1e6:.0f} MB"
 
 
 async def owner_of(session: AsyncSession, agent_id: str) -> str:
