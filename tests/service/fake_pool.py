@@ -143,7 +143,7 @@ class FakePool(SimulatorPool):
         pass
 
     @override
-    async def acquire(self, town: str) -> Simulator:
+    async def acquire(self, town: str, agent: str) -> Simulator:
         if len(self.taken) >= self._slots:
             raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
         self.starts += 1

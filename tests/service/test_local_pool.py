@@ -10,7 +10,7 @@ import pytest
 
 from wrongturn_protocol import Track
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.simulators import frames, local_pool
+from wrongturn_service.simulators import frames
 from wrongturn_service.simulators.interface import (
     EpisodeRefusedError,
     SimulatorDiedError,
@@ -71,7 +71,7 @@ def test_a_process_inherits_no_secrets_and_no_files(monkeypatch: pytest.MonkeyPa
     async def story(pool: LocalPool) -> None:
         held = os.open(tmp_path, os.O_RDONLY)
         os.set_inheritable(held, True)
-        simulator = await pool.acquire("Town01")
+        simulator = await pool.acquire("Town01", "a")
         os.close(held)
         process = Path(f"/proc/{simulator.process.pid}")
         variables = dict(pair.split("=", 1) for pair in (process / "environ").read_text().split("\0") if pair)
@@ -102,7 +102,7 @@ def test_a_program_that_is_not_there() -> None:
     async def play() -> None:
         pool = LocalPool(1, start_timeout_s=1, timeout_s=1, command=("/no/such/program",))
         with pytest.raises(SimulatorStartError, match="could be started"):
-            await pool.acquire("Town01")
+            await pool.acquire("Town01", "a")
         assert pool.running == 0
 
     asyncio.run(play())
@@ -112,7 +112,7 @@ def test_who_waits_is_heard_when_the_other_ones_does_not_start() -> None:
     async def story(pool: LocalPool) -> None:
         async def acquire() -> None:
             with pytest.raises(SimulatorStartError, match="did not get ready"):
-                await pool.acquire("Town01")
+                await pool.acquire("Town01", "a")
 
         await asyncio.wait_for(asyncio.gather(acquire(), acquire(), acquire()), 20)
 
@@ -122,7 +122,7 @@ def test_who_waits_is_heard_when_the_other_ones_does_not_start() -> None:
 @pytest.mark.parametrize(("steer", "message"), [(0.25, "ended"), (0.5, "within 0.5 s"), (0.75, "ValueError: broken")])
 def test_one_that_dies_hangs_or_breaks(steer: float, message: str) -> None:
     async def story(pool: LocalPool) -> None:
-        first = await pool.acquire("Town01")
+        first = await pool.acquire("Town01", "a")
         await first.reset("trial", Track.STATE, b"", Encoding.JSON)
         with pytest.raises(SimulatorDiedError, match=message):
             await first.step((steer, 0.0, 0.0), Encoding.JSON)
@@ -131,7 +131,7 @@ def test_one_that_dies_hangs_or_breaks(steer: float, message: str) -> None:
             await first.step((0.0, 0.0, 0.0), Encoding.JSON)
         await pool.release(first)
         assert (pool.running, pool.busy) == (0, 0)
-        second = await pool.acquire("Town01")
+        second = await pool.acquire("Town01", "a")
         assert not second.dead
         await pool.release(second)
 
@@ -140,7 +140,7 @@ def test_one_that_dies_hangs_or_breaks(steer: float, message: str) -> None:
 
 def test_a_long_replay_has_longer() -> None:
     async def story(pool: LocalPool) -> None:
-        simulator = await pool.acquire("Town01")
+        simulator = await pool.acquire("Town01", "a")
         # Half a second, and as much again and more for fifty actions.
         assert (await simulator.reset("slow", Track.STATE, bytes(50 * 12), Encoding.JSON)).observation == b"slow"
         with pytest.raises(SimulatorDiedError, match=r"within 0\.5 s"):
@@ -151,7 +151,7 @@ def test_a_long_replay_has_longer() -> None:
 
 def test_one_that_refuses_goes_on() -> None:
     async def story(pool: LocalPool) -> None:
-        simulator = await pool.acquire("Town01")
+        simulator = await pool.acquire("Town01", "a")
         with pytest.raises(EpisodeRefusedError, match="not here"):
             await simulator.reset("bad", Track.STATE, b"", Encoding.JSON)
         frame = await simulator.reset("good", Track.STATE, b"", Encoding.JSON)
@@ -163,7 +163,7 @@ def test_one_that_refuses_goes_on() -> None:
 
 def test_a_call_that_is_given_up_does_not_leave_its_reply_to_the_next() -> None:
     async def story(pool: LocalPool) -> None:
-        simulator = await pool.acquire("Town01")
+        simulator = await pool.acquire("Town01", "a")
         call = asyncio.create_task(simulator.step((0.0, 0.0, 0.0), Encoding.JSON))
         await asyncio.sleep(0)
         call.cancel()
@@ -176,17 +176,17 @@ def test_a_call_that_is_given_up_does_not_leave_its_reply_to_the_next() -> None:
 
 def test_slots_and_what_is_warm() -> None:
     async def story(pool: LocalPool) -> None:
-        one, two = await asyncio.gather(pool.acquire("Town01"), pool.acquire("Town02"))
+        one, two = await asyncio.gather(pool.acquire("Town01", "a"), pool.acquire("Town02", "a"))
         assert (pool.running, pool.busy) == (2, 2)
         with pytest.raises(SimulatorsBusyError, match="all 2"):
-            await pool.acquire("Town01")
+            await pool.acquire("Town01", "a")
         await pool.release(two)
-        assert await pool.acquire("Town01") is two
+        assert await pool.acquire("Town01", "a") is two
         await pool.release(one)
         await pool.release(two)
         two.town = "Town02"
-        assert await pool.acquire("Town01") is one
-        assert await pool.acquire("Town02") is two
+        assert await pool.acquire("Town01", "a") is one
+        assert await pool.acquire("Town02", "a") is two
         assert pool.running == 2
 
     run(story, slots=2)
@@ -196,7 +196,7 @@ def test_no_process_outlives_the_pool() -> None:
     pids: list[int] = []
 
     async def story(pool: LocalPool) -> None:
-        pids.extend([(await pool.acquire("Town01")).process.pid for _ in range(2)])
+        pids.extend([(await pool.acquire("Town01", "a")).process.pid for _ in range(2)])
 
     run(story, slots=2)
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
@@ -213,7 +213,7 @@ def test_frames_in_any_pieces() -> None:
 
 def test_many_that_died_idle_are_found_by_many_at_once() -> None:
     async def story(pool: LocalPool) -> None:
-        idle = await asyncio.gather(*(pool.acquire("Town01") for _ in range(3)))
+        idle = await asyncio.gather(*(pool.acquire("Town01", "a") for _ in range(3)))
         for simulator in idle:
             await pool.release(simulator)
         for simulator in idle:
@@ -221,7 +221,7 @@ def test_many_that_died_idle_are_found_by_many_at_once() -> None:
             await asyncio.to_thread(simulator.process.wait)
         await asyncio.sleep(0.05)
         assert all(simulator.dead for simulator in idle)
-        fresh = await asyncio.gather(*(pool.acquire("Town01") for _ in range(3)))
+        fresh = await asyncio.gather(*(pool.acquire("Town01", "a") for _ in range(3)))
         assert not {*fresh} & {*idle}
         assert (pool.running, pool.busy) == (3, 3)
 
@@ -234,14 +234,14 @@ def test_a_spare_one_takes_the_place_of_one_that_dies() -> None:
         try:
             await pool.start()
             assert (pool.running, pool.busy) == (1, 0)
-            one, two = await pool.acquire("Town01"), await pool.acquire("Town01")
+            one, two = await pool.acquire("Town01", "a"), await pool.acquire("Town01", "a")
             await _until(lambda: pool.running == 3 and pool.idle == 1)
             with pytest.raises(SimulatorsBusyError, match="all 2"):
-                await pool.acquire("Town01")
+                await pool.acquire("Town01", "a")
             with pytest.raises(SimulatorDiedError):
                 await two.step((0.25, 0.0, 0.0), Encoding.JSON)
             await pool.release(two)
-            three = await pool.acquire("Town01")
+            three = await pool.acquire("Town01", "a")
             assert not three.dead
             # It was there before: nobody waited for a start.
             assert (pool.idle, pool.busy) == (0, 2)
@@ -260,7 +260,7 @@ def test_who_has_a_place_gets_the_spare_one_that_is_about_to_be_ready() -> None:
         pool = LocalPool(2, start_timeout_s=30, timeout_s=0.5, spare=1, command=(sys.executable, "-c", PROGRAM))
         try:
             await pool.start()
-            held = await asyncio.gather(*(pool.acquire("Town01") for _ in range(2)))
+            held = await asyncio.gather(*(pool.acquire("Town01", "a") for _ in range(2)))
             assert not any(simulator.dead for simulator in held)
             await _until(lambda: pool.idle == 1)
             assert pool.running == 3
@@ -294,8 +294,8 @@ except FileExistsError:
 """
 
     async def story(pool: LocalPool) -> None:
-        first = await pool.acquire("Town01")
-        second = asyncio.create_task(pool.acquire("Town01"))
+        first = await pool.acquire("Town01", "a")
+        second = asyncio.create_task(pool.acquire("Town01", "a"))
         await asyncio.sleep(0.3)
         assert not second.done()
         assert pool.busy == 2
@@ -303,15 +303,3 @@ except FileExistsError:
         assert await asyncio.wait_for(second, 10) is first
 
     run(story, program, slots=2)
-
-
-def test_who_waits_for_a_start_for_long_is_told_a_position(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(local_pool, "START_WAIT_S", 0.3)
-
-    async def story(pool: LocalPool) -> None:
-        told = await asyncio.gather(*(pool.acquire("Town01") for _ in range(2)), return_exceptions=True)
-        assert all(isinstance(one, SimulatorsBusyError) for one in told)
-        assert {one.position for one in told if isinstance(one, SimulatorsBusyError)} == {1, 2}
-        assert pool.busy == 0
-
-    run(story, "import time; time.sleep(60)", slots=2)

@@ -21,8 +21,8 @@ class HeldPool(FakePool):
         self.go_on = asyncio.Event()
         self.go_on.set()
 
-    async def acquire(self, town: str) -> Simulator:
-        simulator: Any = await super().acquire(town)
+    async def acquire(self, town: str, agent: str) -> Simulator:
+        simulator: Any = await super().acquire(town, agent)
         for name in ("reset", "step"):
             setattr(simulator, name, self._held(getattr(simulator, name)))
         return simulator

@@ -91,7 +91,7 @@ class EpisodeDriver:
 
     async def _begin(self, episode: OpenEpisode, encoding: Encoding) -> StepResult:
         trial = episode.trial.model_dump_json()
-        async for simulator in self._simulators(episode.trial.town):
+        async for simulator in self._simulators(episode):
             try:
                 result = await self._timed("reset", simulator.reset(trial, episode.track, b"", encoding))
             except SimulatorDiedError as error:
@@ -174,7 +174,7 @@ class EpisodeDriver:
         finally:
             self._on_simulated(call, time.perf_counter() - began)
 
-    async def _simulators(self, town: str) -> AsyncIterator[Simulator]:
+    async def _simulators(self, episode: OpenEpisode) -> AsyncIterator[Simulator]:
         """Yield up to :data:`ATTEMPTS` simulators. One that does not start counts as an attempt.
 
         Raises:
@@ -184,7 +184,7 @@ class EpisodeDriver:
         began = time.monotonic()
         for attempt in range(1, ATTEMPTS + 1):
             try:
-                simulator = await self._pool.acquire(town)
+                simulator = await self._pool.acquire(episode.trial.town, episode.holder)
             except SimulatorStartError as error:
                 if attempt == ATTEMPTS or time.monotonic() - began > START_PATIENCE_S:
                     raise
@@ -209,7 +209,7 @@ class EpisodeDriver:
             raise
 
     async def _replayed(self, episode: OpenEpisode, call: Callable[[Simulator], Awaitable[_T]]) -> _T:
-        async for simulator in self._simulators(episode.trial.town):
+        async for simulator in self._simulators(episode):
             episode.simulator = simulator
             try:
                 again = simulator.reset(

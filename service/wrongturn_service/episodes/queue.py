@@ -8,6 +8,7 @@ from typing import Final
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.errors import UnavailableError
+from wrongturn_service.simulators.turns import in_turn
 
 LONGEST_S: Final = 10
 """Longest Retry-After, seconds."""
@@ -28,24 +29,8 @@ class Limits:
     all: int
 
 
-@dataclass(slots=True)
-class _Place:
-    """A call's place in the queue."""
-
-    agent: str
-    since: int
-    """Number of the call, in order of arrival."""
-    until: float
-    """Time at which the place is lost unless the call comes back."""
-
-
 class SimulatorQueue:
-    """Decides which call gets the next simulator.
-
-    The agent with fewer simulators comes first; each of its waiting calls counts as one more simulator. Among equals
-    the call that arrived first wins. So an agent that asks for a hundred simulators does not block one that asks for
-    its first.
-    """
+    """Decides which call gets the next simulator, in the order of :func:`in_turn`."""
 
     def __init__(self, slots: int, limits: Limits, clock: Callable[[], float] = time.monotonic) -> None:
         """Create an empty queue.
@@ -60,8 +45,8 @@ class SimulatorQueue:
         self._clock = clock
         self._held: Counter[str] = Counter()
         self._taken = 0
-        self._places: dict[tuple[str, str], _Place] = {}
-        self._count = 0
+        # Waiting calls in order of arrival, with the time at which the place is lost unless the call comes back.
+        self._places: dict[tuple[str, str], float] = {}
 
     @property
     def waiting(self) -> int:
@@ -86,9 +71,8 @@ class SimulatorQueue:
             return
         self._forget()
         name = (agent, call)
-        place = self._places.get(name)
-        if place is None:
-            place = self._queue(name)
+        if name not in self._places:
+            self._queue(name)
         ahead = self._order().index(name)
         if ahead < free:
             del self._places[name]
@@ -96,7 +80,7 @@ class SimulatorQueue:
             return
         position = ahead - free + 1
         wait = min(LONGEST_S, 1 + (position - 1) // self._slots)
-        place.until = self._clock() + wait + SLACK_S
+        self._places[name] = self._clock() + wait + SLACK_S
         raise UnavailableError(
             ProblemType.SIMULATORS_BUSY,
             f"all {self._slots} simulators are busy; this call is number {position} in the queue and keeps its place "
@@ -116,9 +100,8 @@ class SimulatorQueue:
         self._taken += 1
         self._held[agent] += 1
 
-    def _queue(self, name: tuple[str, str]) -> _Place:
-        agent = name[0]
-        mine = sum(place.agent == agent for place in self._places.values())
+    def _queue(self, name: tuple[str, str]) -> None:
+        mine = sum(agent == name[0] for agent, _ in self._places)
         if mine >= self._limits.each:
             raise UnavailableError(
                 ProblemType.RATE_LIMITED,
@@ -135,21 +118,14 @@ class SimulatorQueue:
                 retry_after_s=LONGEST_S,
                 position=len(self._places) + 1,
             )
-        self._count += 1
-        place = self._places[name] = _Place(agent, self._count, self._clock() + LONGEST_S)
-        return place
+        self._places[name] = self._clock() + LONGEST_S
 
     def _order(self) -> list[tuple[str, str]]:
         """Return the waiting calls, the next one first."""
-        counted = Counter(self._held)
-        ranked = []
-        for name, place in self._places.items():  # in order of arrival
-            ranked.append((counted[place.agent], place.since, name))
-            counted[place.agent] += 1
-        return [name for _, _, name in sorted(ranked)]
+        return in_turn(self._held, ((name[0], name) for name in self._places))
 
     def _forget(self) -> None:
         now = self._clock()
-        late = [name for name, place in self._places.items() if place.until < now]
+        late = [name for name, until in self._places.items() if until < now]
         for name in late:
             del self._places[name]

@@ -214,11 +214,12 @@ class SimulatorPool(ABC):
         """End all simulators."""
 
     @abstractmethod
-    async def acquire(self, town: str) -> Simulator:
+    async def acquire(self, town: str, agent: str) -> Simulator:
         """Return a simulator for the caller alone, preferably one that has the town loaded.
 
         Args:
             town: where it will drive.
+            agent: for whom. Of two calls that wait for a start, that of the agent with fewer simulators comes first.
 
         Raises:
             SimulatorsBusyError, SimulatorStartError.

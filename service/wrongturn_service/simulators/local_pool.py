@@ -1,8 +1,11 @@
 """A pool of simulator processes on this machine. Each runs one libsumo; the web process runs none."""
 
 import asyncio
+import math
 import sys
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import structlog
@@ -18,12 +21,30 @@ from wrongturn_service.simulators.interface import (
 )
 from wrongturn_service.simulators.local_simulator import LocalSimulator
 from wrongturn_service.simulators.memory import memory_of
+from wrongturn_service.simulators.turns import in_turn
 
 COMMAND = (sys.executable, "-m", "wrongturn_service.simulators.worker")
 """Command of a simulator process; :meth:`LocalSimulator.start` adds its arguments."""
 
 START_WAIT_S: Final = 20.0
 """Seconds that a call waits for a simulator to start, before it is asked to come back."""
+FIRST_PAUSE_S: Final = 1.0
+"""Seconds without new spares after an idle one has died. If memory has run out, a new one dies too."""
+LONGEST_PAUSE_S: Final = 60.0
+"""Longest pause, seconds. Each is twice as long as the one before, unless so long a time without deaths is between."""
+
+
+@dataclass(slots=True, eq=False)
+class _Waiting:
+    """A call that waits for a simulator.
+
+    Attributes:
+        agent: for whom.
+        look: done when the call has to look again whether it is its turn.
+    """
+
+    agent: str
+    look: asyncio.Future[None]
 
 
 class LocalPool(SimulatorPool):
@@ -59,12 +80,14 @@ class LocalPool(SimulatorPool):
         self._command = tuple(command)
         self._on_death = on_death
         self._idle: list[LocalSimulator] = []
-        self._busy: set[LocalSimulator] = set()
-        self._reserved = 0
+        self._busy: dict[LocalSimulator, str] = {}
         self._starting: set[asyncio.Task[None]] = set()
         # A start takes a core for seconds. More starts than cores would all be late.
         self._starts = asyncio.Semaphore(Machine().processors())
-        self._waiting: list[asyncio.Future[None]] = []
+        self._waiting: list[_Waiting] = []
+        self._pause_s = 0.0
+        self._paused = False
+        self._resumed = -math.inf
         self._town = ""
         self._stopping = False
         self._failure: str | None = None
@@ -83,7 +106,7 @@ class LocalPool(SimulatorPool):
     @property
     @override
     def busy(self) -> int:
-        return len(self._busy) + self._reserved
+        return len(self._busy) + len(self._waiting)
 
     @property
     @override
@@ -113,22 +136,24 @@ class LocalPool(SimulatorPool):
         self._idle.clear()
 
     @override
-    async def acquire(self, town: str) -> LocalSimulator:
+    async def acquire(self, town: str, agent: str) -> LocalSimulator:
         # Remove all of them before the first await, so that no other call closes them too.
         dead = [simulator for simulator in self._idle if simulator.dead]
         self._idle = [simulator for simulator in self._idle if not simulator.dead]
+        if dead:
+            self._pause()
         for simulator in dead:
             await self._close_dead(simulator)
         if self.busy >= self._slots:
             raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
-        simulator = await self._reserve(town)
+        simulator = await self._reserve(town, agent)
         simulator.town = self._town = town
-        self._busy.add(simulator)
+        self._busy[simulator] = agent
         self._start_spare()
         return simulator
 
-    async def _reserve(self, town: str) -> LocalSimulator:
-        """Reserve a slot, and return the first simulator that is ready.
+    async def _reserve(self, town: str, agent: str) -> LocalSimulator:
+        """Reserve a slot, and return the first simulator that is ready when it is the agent's turn.
 
         Raises:
             SimulatorStartError: a simulator that was started meanwhile did not get ready.
@@ -136,34 +161,40 @@ class LocalPool(SimulatorPool):
         """
         loop = asyncio.get_running_loop()
         deadline = loop.time() + START_WAIT_S
-        self._reserved += 1
+        waiting = _Waiting(agent, loop.create_future())
+        self._waiting.append(waiting)
         try:
             while True:
-                simulator = self._take_idle(town)
+                simulator = self._take_idle(town, waiting)
                 if simulator is not None:
                     return simulator
-                if len(self._starting) < self._reserved and self.running < self._slots + self._spare:
+                if len(self._starting) < len(self._waiting) and self.running < self._slots + self._spare:
                     self._begin_start(spare=False)
-                waiter: asyncio.Future[None] = loop.create_future()
-                self._waiting.append(waiter)
+                waiting.look = loop.create_future()
                 try:
-                    await asyncio.wait_for(waiter, deadline - loop.time())
+                    await asyncio.wait_for(waiting.look, deadline - loop.time())
                 except TimeoutError:
                     raise SimulatorsBusyError(
-                        f"{self._reserved} calls wait for simulators that are being started", self._reserved
+                        f"{len(self._waiting)} calls wait for simulators that are being started",
+                        self._position(waiting),
                     ) from None
         except BaseException:
             self._wake()  # another call may have the slot
             raise
         finally:
-            self._reserved -= 1
+            self._waiting.remove(waiting)
+
+    def _position(self, waiting: _Waiting) -> int:
+        """Return how many simulators have to be ready until it is a call's turn."""
+        calls = ((call.agent, call) for call in self._waiting)
+        return in_turn(Counter(self._busy.values()), calls).index(waiting) + 1
 
     @override
     async def release(self, simulator: Simulator) -> None:
         assert isinstance(simulator, LocalSimulator)
         if simulator not in self._busy:
             return
-        self._busy.discard(simulator)
+        del self._busy[simulator]
         if simulator.dead:
             await self._close_dead(simulator)
         else:
@@ -172,16 +203,15 @@ class LocalPool(SimulatorPool):
 
     def _wake(self, error: SimulatorStartError | None = None) -> None:
         """Let all waiting calls look again; one of them fails if a start failed."""
-        waiting = [waiter for waiter in self._waiting if not waiter.done()]
-        self._waiting = []
-        if error is not None and waiting:
-            waiting.pop(0).set_exception(error)
-        for waiter in waiting:
-            waiter.set_result(None)
+        looks = [waiting.look for waiting in self._waiting if not waiting.look.done()]
+        if error is not None and looks:
+            looks.pop(0).set_exception(error)
+        for look in looks:
+            look.set_result(None)
 
-    def _take_idle(self, town: str) -> LocalSimulator | None:
+    def _take_idle(self, town: str, waiting: _Waiting) -> LocalSimulator | None:
         alive = [simulator for simulator in self._idle if not simulator.dead]
-        if not alive:
+        if self._position(waiting) > len(alive):
             return None
         # Prefer one that has the town loaded, then the one that was used last: its memory is still in the caches.
         loaded = [simulator for simulator in alive if simulator.town == town]
@@ -192,11 +222,27 @@ class LocalPool(SimulatorPool):
     def _start_spare(self) -> None:
         """Start missing spare processes in the background."""
         while (
-            len(self._idle) + len(self._starting) - self._reserved < self._spare
+            len(self._idle) + len(self._starting) - len(self._waiting) < self._spare
             and self.running < self._slots + self._spare
             and not self._stopping
+            and not self._paused
         ):
             self._begin_start(spare=True)
+
+    def _pause(self) -> None:
+        """Start no spare processes for a while."""
+        if self._paused:
+            return
+        loop = asyncio.get_running_loop()
+        quiet = loop.time() - self._resumed > LONGEST_PAUSE_S
+        self._pause_s = FIRST_PAUSE_S if quiet else min(2 * self._pause_s, LONGEST_PAUSE_S)
+        self._paused = True
+        loop.call_later(self._pause_s, self._resume)
+
+    def _resume(self) -> None:
+        self._paused = False
+        self._resumed = asyncio.get_running_loop().time()
+        self._start_spare()
 
     def _begin_start(self, *, spare: bool) -> None:
         self._starting.add(asyncio.create_task(self._start_one(spare=spare)))
@@ -209,6 +255,7 @@ class LocalPool(SimulatorPool):
                 await simulator.prepare(self._town)
         except SimulatorStartError as error:
             failed = error
+            self._pause()
             self._log.warning("simulator did not start", reason=str(error))
         except SimulatorDiedError as error:
             self._log.warning("spare simulator did not get ready", reason=str(error))

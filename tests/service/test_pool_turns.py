@@ -1,0 +1,160 @@
+"""Who gets a simulator first while they are being started, and when spare ones are started again after deaths."""
+
+import asyncio
+import contextlib
+import itertools
+import selectors
+from collections.abc import Awaitable, Callable
+from unittest.mock import Mock
+
+import pytest
+from typing_extensions import override
+
+from wrongturn_service.machine import Machine
+from wrongturn_service.simulators import local_pool
+from wrongturn_service.simulators.interface import Simulator, SimulatorsBusyError
+from wrongturn_service.simulators.local_pool import LONGEST_PAUSE_S, LocalPool
+from wrongturn_service.simulators.local_simulator import LocalSimulator
+
+START_S = 4.5
+
+
+class JumpingSelector(selectors.DefaultSelector):
+    """Waits for no timer: the time jumps there."""
+
+    now = 0.0
+
+    @override
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        self.now += timeout or 0
+        return super().select(0)
+
+
+class JumpingLoop(asyncio.SelectorEventLoop):
+    """An event loop without real time."""
+
+    def __init__(self) -> None:
+        self._times = JumpingSelector()
+        super().__init__(self._times)
+
+    @override
+    def time(self) -> float:
+        return self._times.now
+
+
+class Played(LocalSimulator):
+    """A simulator without a process. It lives until the test kills it."""
+
+    def __init__(self, stage: "Stage") -> None:
+        self.town = ""
+        self.killed = False
+        self._stage = stage
+
+    @property
+    @override
+    def dead(self) -> bool:
+        return self.killed
+
+    @override
+    async def prepare(self, town: str) -> None:
+        self._stage.spares.append(asyncio.get_running_loop().time())
+
+    @override
+    async def close(self) -> None:
+        self.killed = True
+
+
+class Stage:
+    """Simulators that start one after the other, each for :data:`START_S`."""
+
+    def __init__(self) -> None:
+        self.started: list[Played] = []
+        self.spares: list[float] = []
+        """Seconds at which spare ones were ready."""
+
+    async def start(self, *_: object, **__: object) -> Played:
+        await asyncio.sleep(START_S)
+        simulator = Played(self)
+        simulator.process = Mock(pid=0, returncode=-9)
+        self.started.append(simulator)
+        return simulator
+
+
+@pytest.fixture
+def stage(monkeypatch: pytest.MonkeyPatch) -> Stage:
+    stage = Stage()
+    monkeypatch.setattr(Machine, "processors", lambda _: 1)
+    monkeypatch.setattr(LocalSimulator, "start", stage.start)
+    return stage
+
+
+def play(story: Callable[[LocalPool], Awaitable[None]], slots: int, spare: int = 0) -> None:
+    async def played() -> None:
+        pool = LocalPool(slots, start_timeout_s=60, timeout_s=1, spare=spare)
+        try:
+            await story(pool)
+        finally:
+            await pool.stop()
+
+    with asyncio.Runner(loop_factory=JumpingLoop) as runner:
+        runner.run(played())
+
+
+@pytest.mark.usefixtures("stage")
+def test_a_rush_of_calls_does_not_keep_out_who_asks_for_one_while_simulators_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def story(pool: LocalPool) -> None:
+        served: list[str] = []
+
+        async def ask(agent: str) -> None:
+            with contextlib.suppress(SimulatorsBusyError):
+                await pool.acquire("Town01", agent)
+                served.append(agent)
+
+        calls = [asyncio.create_task(ask("greedy")) for _ in range(12)]
+        await asyncio.sleep(1)
+        with monkeypatch.context() as patch:
+            patch.setattr(local_pool, "START_WAIT_S", 0)
+            with pytest.raises(SimulatorsBusyError) as told:
+                await pool.acquire("Town01", "modest")
+            assert told.value.position == 2
+        calls += [asyncio.create_task(ask("modest")) for _ in range(2)]
+        await asyncio.gather(*calls)
+        # All have waited for 20 s, and no more than four simulators were ready in that time.
+        assert served == ["greedy", "modest", "greedy", "modest"]
+
+    play(story, slots=16)
+
+
+def test_spare_ones_that_die_again_and_again_are_started_ever_more_rarely(stage: Stage) -> None:
+    async def story(pool: LocalPool) -> None:
+        loop = asyncio.get_running_loop()
+
+        def kill(used: Simulator) -> None:
+            for simulator in stage.started:
+                simulator.killed |= simulator is not used
+
+        async def drive(seconds: float, *, deadly: bool) -> None:
+            """Drive for a second again and again."""
+            end = loop.time() + seconds
+            while loop.time() < end:
+                simulator = await pool.acquire("Town01", "b")
+                await asyncio.sleep(1)
+                if deadly:
+                    kill(simulator)
+                await pool.release(simulator)
+
+        await drive(600, deadly=True)
+        gaps = [after - before for before, after in itertools.pairwise(stage.spares)]
+        assert gaps[0] < 3 * START_S
+        assert all(gap >= LONGEST_PAUSE_S for gap in gaps[-5:])
+        # After a quiet time, one that dies is replaced soon.
+        await drive(3 * LONGEST_PAUSE_S, deadly=False)
+        kill(await pool.acquire("Town01", "a"))
+        stage.spares.clear()
+        died = loop.time()
+        await drive(LONGEST_PAUSE_S / 2, deadly=False)
+        assert stage.spares[0] - died < 3 * START_S
+
+    play(story, slots=2, spare=1)
