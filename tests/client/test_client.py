@@ -129,12 +129,13 @@ def test_an_owner_registers_and_renews_its_token() -> None:
     assert service.paths("DELETE") == ["/v1/owners/o1/token"]
 
 
-@pytest.mark.parametrize("kind", [ProblemType.UNAUTHENTICATED, ProblemType.UNKNOWN_ROUTE])
-def test_metrics_that_are_the_operators_alone_tell_no_slots(kind: ProblemType) -> None:
+@pytest.mark.parametrize(("told", "simulators"), [({"simulators": 3}, 3), ({}, None), ({"simulators": "many"}, None)])
+def test_a_ready_service_tells_its_simulators_or_nothing(told: dict[str, Any], simulators: int | None) -> None:
     service = FakeService()
-    service.inject = lambda _: problem(kind, 401 if kind is ProblemType.UNAUTHENTICATED else 404)
+    service.inject = lambda _: httpx.Response(200, json={"status": "ok", **told})
     with Client("http://fake", transport=service.transport) as client:
-        assert client.simulators() is None
+        assert client.simulators() == simulators
+    assert service.paths("GET") == ["/health/ready"]
 
 
 @pytest.mark.parametrize("patience", [0.0, 0.3])

@@ -97,7 +97,7 @@ _EXPLANATIONS = {
         "with fewer simulators come first."
     ),
     ProblemType.SIMULATOR_FAILED: "No simulator could begin the episode. The operator's log says why.",
-    ProblemType.STORAGE_FAILED: "The database failed, or the disk is full. Nothing was done by halves.",
+    ProblemType.STORAGE_FAILED: "The database failed, or the disk is full. Nothing of the call was stored.",
     ProblemType.SERVICE_FULL: "The service has too many connections. Come back after Retry-After seconds.",
     ProblemType.SHUTTING_DOWN: "The service is stopping. Come back once it runs again.",
     ProblemType.INTERNAL: "The service made a mistake. The operator's log has the details.",
