@@ -16,6 +16,7 @@ from service_harness import GAS, RunningService, expect, problem
 from sqlalchemy.exc import OperationalError
 from test_metrics import figures
 
+from wrongturn_service.errors import StartupError
 from wrongturn_service.storage import database as databases
 from wrongturn_service.storage.condition import Condition, FailureKind, kind_of, kind_of_state
 from wrongturn_service.storage.database import Database, DatabaseGoneError
@@ -151,3 +152,21 @@ def test_what_a_caller_sent_is_no_failure() -> None:
     assert condition.trouble == "its file was deleted, moved or replaced"
     condition.wrote()
     assert condition.trouble is None
+
+
+def test_a_file_that_is_moved_away(tmp_path: Path) -> None:
+    """Whoever is the first to notice hears what everybody hears, and nobody begins a new file beside the log."""
+
+    async def story() -> None:
+        async with application(tmp_path, FakePool()) as http:
+            file = (tmp_path / "a.db").rename(tmp_path / "moved.db")
+            for _ in range(2):
+                told = problem(await http.get("/health/ready"), 503, "storage-failed")
+                assert told["detail"] == "the database fails: its file was deleted, moved or replaced"
+            with pytest.raises(StartupError, match=r"a\.db was deleted or moved, but .*a\.db-wal is there: a service"):
+                await Database.open(f"sqlite+aiosqlite:///{tmp_path / 'a.db'}")
+            file.rename(tmp_path / "a.db")
+            while (await http.get("/health/ready")).status_code != 200:  # noqa: ASYNC110 - nobody tells of it
+                await asyncio.sleep(0.05)
+
+    play(story)

@@ -5,6 +5,7 @@ from typing import Final
 
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel
+from sqlalchemy.exc import SQLAlchemyError
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.api.dependencies import ServiceDep, reply
@@ -55,6 +56,12 @@ async def ready(service: ServiceDep) -> Response:
         raise UnavailableError(
             ProblemType.STORAGE_FAILED, f"the database did not answer within {_PATIENCE_S:g} s", retry_after_s=5
         ) from None
+    except SQLAlchemyError:
+        # Whoever is the first to notice hears the same as the next.
+        error = why_not_ready(service.episodes.openings, service.pool, service.store)
+        if error is None:
+            raise
+        raise error from None
     return reply(Readiness(submissions=str(service.availability), simulators=service.pool.slots))
 
 

@@ -75,9 +75,17 @@ def ensure_file(file: Path) -> None:
     """Create the file if it is missing, readable by its owner only. SQLite gives its other files the same mode.
 
     Raises:
-        StartupError: The file cannot be created.
+        StartupError: The file cannot be created, or is gone while its write-ahead log is there.
     """
+    log = file.with_name(f"{file.name}-wal")
     try:
+        if log.exists() and not (file.exists() and file.stat().st_size):
+            # SQLite would delete the log, under the service that still writes into it.
+            raise StartupError(
+                f"the database file {file} was deleted or moved, but its write-ahead log {log} is there: a service "
+                "still uses them, or was killed; stop it and put the file back, or move the log to where the file is; "
+                f"or name another by {NAMED_BY}"
+            )
         with contextlib.suppress(FileExistsError):
             os.close(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, OWNER_ALONE))
     except OSError as error:

@@ -23,8 +23,8 @@ class Store(AccountStore, EvaluationStore, EpisodeStore):
 
     async def ping(self) -> None:
         """Query the database. Raises SQLAlchemy's errors if it does not answer or belongs to another service."""
-        self._database.check()
         async with self._database.read() as session:
+            self._database.check()
             await session.execute(select(1))
 
     async def reply(self, scope: str, key_sha256: str) -> IdempotencyRow | None:
