@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from wrongturn_agents.errors import AgentFailedError, RunError
+from wrongturn_agents.errors import AgentFailedError, RunError, RunOverError
 from wrongturn_agents.practice_run import PracticeRun
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import AgentSource, resolve
@@ -208,6 +208,8 @@ def _evaluate(
             with show_progress(progress, shown) as update:
                 evaluation = drive(saved_run, source, at, update, parallel=parallel)
             place = _place(at, evaluation)
+        except RunOverError:
+            raise
         except BaseException:
             typer.echo(f"Not finished. To go on with it: {program()} run --resume {saved_run.evaluation}", err=True)
             raise

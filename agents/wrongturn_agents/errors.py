@@ -10,6 +10,7 @@
     ├── ModelFileError           an .onnx file is missing or broken, or breaks the contract
     ├── OnnxRuntimeMissingError  the extra ``onnx`` is not installed
     ├── RunError                 a run cannot begin: its name is taken, its track is not in the suite, ...
+    │   └── RunOverError         a run cannot go on: its evaluation is over or deleted, or its token has ended
     ├── RunFileError             the file of a saved run is missing, or cannot be read or written
     └── ResultsError             stored results, or a request about them, are not valid
         ├── MissingPackageError  a package of the extra ``figures`` or ``training`` is not installed
@@ -47,6 +48,10 @@ class OnnxRuntimeMissingError(AgentsError):
 
 class RunError(AgentsError):
     """A run cannot begin with the given options."""
+
+
+class RunOverError(RunError):
+    """A run cannot go on: its evaluation is over or was deleted, or its token has ended."""
 
 
 class RunFileError(AgentsError):

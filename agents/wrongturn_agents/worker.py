@@ -13,14 +13,16 @@ from gymnasium import spaces
 from pydantic import ValidationError
 
 from wrongturn_agents.agent import Agent
-from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError
+from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunOverError
 from wrongturn_agents.progress import Progress
 from wrongturn_agents.registry import AgentSource
 from wrongturn_agents.saved_run import SavedRun, ensure_directory
 from wrongturn_client import (
     AgentNameTakenError,
+    ApiError,
     AuthenticationError,
     Client,
+    ConflictError,
     LocalService,
     NotFoundError,
     OwnerNameTakenError,
@@ -28,7 +30,7 @@ from wrongturn_client import (
 )
 from wrongturn_client.actions import action_error, is_of_action, refusal
 from wrongturn_client.settings import OWNER_TOKEN
-from wrongturn_protocol import Action, AgentKind, EvaluationDetail, ProblemType, RegisteredAgent
+from wrongturn_protocol import Action, AgentKind, EvaluationDetail, EvaluationState, ProblemType, RegisteredAgent
 from wrongturn_protocol.observations import Observation
 
 _NAMES_TRIED: Final = 100
@@ -133,18 +135,43 @@ def drive(
 
     Raises:
         RunError: As :func:`episodes_side_by_side`.
+        RunOverError: Somebody ended or deleted the evaluation, or its token. It cannot be resumed.
         AgentFailedError: The agent failed. The episode counts as aborted, and the run can be resumed.
         WrongturnError: The service refuses, or cannot be reached any more. The run can be resumed.
     """
     agent = source.make()
     with Client(url, saved_run.token) as client:
-        return client.evaluate(
-            GuardedAgent(source.name, agent),
-            saved_run.suite,
-            evaluation=saved_run.evaluation,
-            progress=progress,
-            parallel=episodes_side_by_side(agent, parallel),
+        try:
+            return client.evaluate(
+                GuardedAgent(source.name, agent),
+                saved_run.suite,
+                evaluation=saved_run.evaluation,
+                progress=progress,
+                parallel=episodes_side_by_side(agent, parallel),
+            )
+        except (AuthenticationError, NotFoundError, ConflictError) as error:
+            why = _why_over(client, saved_run.evaluation, error)
+            if why is None:
+                raise
+            raise RunOverError(f"{why}; it cannot be resumed") from error
+
+
+def _why_over(client: Client, evaluation: str, error: ApiError) -> str | None:
+    """Return why an evaluation cannot be driven on after an error; None if it can, or nobody knows."""
+    if error.type == ProblemType.UNAUTHENTICATED:
+        return (
+            f"{client.url} does not take the token of evaluation {evaluation} any more: its owner or the operator has "
+            "ended the token or deleted the agent"
         )
+    try:
+        state = client.evaluation(evaluation).state
+    except NotFoundError:
+        return f"{client.url} has no evaluation {evaluation} any more: its owner or the operator has deleted it"
+    except WrongturnError:
+        return None
+    if state is EvaluationState.RUNNING:
+        return None
+    return f"evaluation {evaluation} is {state}: its owner, the operator or the service has ended it early"
 
 
 def _register(client: Client, request: RunRequest, source: AgentSource, operator_token: str | None) -> RegisteredAgent:

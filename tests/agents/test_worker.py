@@ -12,13 +12,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import httpx
 import pytest
 import typer
 from typer.testing import CliRunner
 
 import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
 from wrongturn_agents import cli, register_cli, resolve
-from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunFileError
+from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunFileError, RunOverError
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.worker import RunRequest, begin, drive
 from wrongturn_client import Client, LocalService, NotFinishedError, NotFoundError, SecretFileError, settings
@@ -335,6 +336,34 @@ def test_an_interrupted_run_goes_on(url):
     assert evaluation.state is EvaluationState.FINISHED
     assert seen[:4] == [0, 1, 2, 2]
     assert seen[-1] == 12
+
+
+@pytest.mark.parametrize(
+    ("path", "says"),
+    [
+        (
+            "evaluations/{0.id}",
+            "has no evaluation {0.id} any more: its owner or the operator has deleted it; it cannot",
+        ),
+        ("agents/{0.agent}/tokens", "does not take the token of evaluation {0.id} any more: its owner or the operator"),
+    ],
+)
+def test_a_run_that_the_operator_ends_cannot_be_resumed(url, path, says):
+    saved_run = started(url)
+    with Client(url, saved_run.token) as client:
+        evaluation = client.evaluation(saved_run.evaluation)
+
+    def ending(finished: int, total: int) -> None:
+        if finished == 1:
+            headers = {"Authorization": f"Bearer {OPERATOR}"}
+            httpx.delete(f"{url}/v1/admin/{path.format(evaluation)}", headers=headers).raise_for_status()
+
+    with pytest.raises(RunOverError, match=re.escape(says.format(evaluation))):
+        drive(saved_run, resolve("careful"), url, ending)
+    done = run("--resume", saved_run.evaluation)
+    assert done.returncode == 1
+    assert "To go on with it" not in done.stderr
+    assert says.format(evaluation) in done.stderr.rstrip().splitlines()[-1]
 
 
 def test_ctrl_c_says_how_to_go_on(url, tmp_path):
