@@ -8,7 +8,6 @@ all requests that came together in one turn of the event loop; here they take tu
 """
 
 import asyncio
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -22,6 +21,7 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResp
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.errors import ServiceError, UnavailableError
+from wrongturn_service.logs import Seldom
 from wrongturn_service.socket.protocol import DirectWebSocket
 
 PROGRESS: Final = 65536
@@ -42,7 +42,6 @@ _LINGER: Final = 1 << 20
 _LINGER_S: Final = 2.0
 """Bytes and seconds of the rest of a refused body that are dropped. A reset at once would take away the reply."""
 _POLICY_CLOSE: Final = 1008
-_QUIET_S: Final = 10.0
 _PHRASES: Final = {
     408: "Request Timeout",
     414: "URI Too Long",
@@ -96,24 +95,20 @@ class Guard:
     patience_s: float
     closed: Callable[[str], None]
     turns: Turns = field(default_factory=Turns)
-    _quiet: dict[str, tuple[float, int]] = field(default_factory=dict)
-    """For each reason until when nothing is logged, and how many connections were closed meanwhile."""
+    _seldom: Seldom = field(default_factory=Seldom)
 
     def report(self, reason: str, transport: asyncio.BaseTransport) -> None:
         """Count a connection that is being closed, and log it, but each reason at most once in ten seconds."""
         self.closed(reason)
-        now = time.monotonic()
-        until, unsaid = self._quiet.get(reason, (0.0, 0))
-        if now < until:
-            self._quiet[reason] = until, unsaid + 1
+        others = self._seldom.others(reason)
+        if others is None:
             return
-        self._quiet[reason] = now + _QUIET_S, 0
         peer = transport.get_extra_info("peername")
         structlog.get_logger("connections").warning(
             "connection closed",
             reason=reason,
             address=peer[0] if isinstance(peer, tuple) else None,
-            **({"others": unsaid} if unsaid else {}),
+            **({"others": others} if others else {}),
         )
 
 
