@@ -202,7 +202,8 @@ def test_a_database_whose_file_is_gone_is_not_written_to(tmp_path: Path) -> None
             problem(await http.get("/health/ready"), 503, "storage-failed")
             file.unlink()
             (tmp_path / "elsewhere.db").rename(file)
-            while (await http.get("/health/ready")).status_code != 200:  # until the service's next try to write
+            # Until the service's next try to write.
+            while (await http.get("/health/ready")).status_code != 200:  # noqa: ASYNC110 - another's state is no event
                 await asyncio.sleep(0.05)
             expect(await http.post(reset), 201)
             assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
