@@ -29,8 +29,9 @@ _KINDS: Final = {
     "su_": Collection.SUBMISSIONS,
 }
 _NAMED: Final = {"owner": Collection.OWNERS, "agent": Collection.AGENTS}
-_ID: Final = 27
-"""Characters of an id."""
+_FREE: Final = frozenset({"contact", "reason", "rows", "why"})
+"""Columns of tables with long texts, which are broken."""
+_BROADEST: Final = 1000
 _TARGET: Final = "An id, or owner:NAME or agent:NAME. Example: agent:test-7"
 _Url = Annotated[
     str | None,
@@ -44,8 +45,13 @@ _Target = Annotated[str, typer.Argument(metavar="TARGET", help=_TARGET)]
 _Targets = Annotated[list[str], typer.Argument(metavar="TARGET...", help=_TARGET)]
 _Reason = Annotated[str | None, typer.Option(help="Why, for the audit log. Example: --reason 'asked by mail'")]
 _Name = Annotated[str | None, typer.Option(help="Part of the name. Example: --name test")]
-_Owner = Annotated[str | None, typer.Option(metavar="ID", help="Only those of this owner.")]
-_Agent = Annotated[str | None, typer.Option(metavar="ID", help="Only those of this agent.")]
+_Owner = Annotated[
+    str | None, typer.Option(metavar="OWNER", help="Only those of this owner, by its id or name. Example: --owner lab")
+]
+_Agent = Annotated[
+    str | None,
+    typer.Option(metavar="AGENT", help="Only those of this agent, by its id or name. Example: --agent test-7"),
+]
 _Suite = Annotated[str | None, typer.Option(help="Only those on this suite. Example: --suite smoke@2")]
 _Hidden = Annotated[bool | None, typer.Option("--hidden/--shown", help="Only hidden ones, or only others.")]
 
@@ -195,10 +201,20 @@ def delete(
 
 
 @admin.command()
-def usage(limit: _Limit = 20, url: _Url = None, as_json: _Json = False) -> None:
-    """Show which owners have stored the most."""
+def usage(
+    limit: _Limit = 20,
+    cursor: Annotated[
+        str | None, typer.Option(metavar="NEXT", help="Go on after an earlier list: `next` of its --json.")
+    ] = None,
+    url: _Url = None,
+    as_json: _Json = False,
+) -> None:
+    """Show which owners have stored the most, as their quotas count it.
+
+    An evaluation that still runs counts at all that it can come to.
+    """
     with _service(url) as service:
-        found = service.usage(limit)
+        found = service.usage(limit, cursor)
     if as_json:
         _print_json(found.model_dump(mode="json"))
         return
@@ -209,7 +225,10 @@ def usage(limit: _Limit = 20, url: _Url = None, as_json: _Json = False) -> None:
 
 @admin.command()
 def audit(
-    target: Annotated[str | None, typer.Option(metavar="ID", help="Only what was done to this id.")] = None,
+    target: Annotated[
+        str | None,
+        typer.Option(metavar="TARGET", help=f"Only what was done to it, also if it is deleted. {_TARGET}"),
+    ] = None,
     action: Annotated[AuditAction | None, typer.Option(help="Only this. Example: --action delete")] = None,
     limit: _Limit = 100,
     url: _Url = None,
@@ -221,10 +240,13 @@ def audit(
     if as_json:
         _print_json([entry.model_dump(mode="json") for entry in entries])
         return
+    if not entries:
+        typer.echo("There are no such entries.")
+        return
     heads = ("time", "by", "from", "did", "what", "name", "rows", "why")
     rows = [
         (
-            entry.time,
+            _minute(entry.time),
             entry.actor,
             entry.address,
             entry.action.value if entry.done else f"{entry.action.value} (cut short)",
@@ -243,15 +265,23 @@ def rotate_token(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", envvar="WRONGTURN_OPERATOR_TOKEN_FILE", help="The file with the token.")
     ],
+    *,
+    create: Annotated[bool, typer.Option("--create", help="Make the file if it does not exist.")] = False,
 ) -> None:
     """Write a new token into the file of the operator's token, or of another one.
 
     The service reads the file at each use, so the old token ends at once and nothing needs a restart. Run this where
     the file can be written.
 
+    A file that does not exist may be a mistake, so --create makes one.
+
     Example: wrongturn admin rotate-token docker/secrets/operator_token
     """
     new = f"wt_{secrets.token_urlsafe(32)}\n".encode()
+    if not create and not file.exists():
+        raise WrongturnError(
+            f"FILE: there is no {file}, so no token has changed; name the file that the service reads, or send --create"
+        )
     try:
         # In place: a container that has the file mounted would go on with a replaced one.
         with contextlib.closing(os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT, 0o600), "wb", buffering=0)) as opened:
@@ -260,7 +290,8 @@ def rotate_token(
             os.fsync(opened.fileno())
     except OSError as error:
         raise WrongturnError(f"FILE: {file} cannot be written ({error.strerror}); run this where it can be") from error
-    typer.echo(f"{file} has a new token. The old one has ended, for a service that reads this file.")
+    typer.echo(f"{file} has a new token. For a service that reads this file, the old one has ended.")
+    typer.echo("See whether yours does: 'wrongturn admin usage' with the old token has to fail.")
 
 
 @contextlib.contextmanager
@@ -293,18 +324,28 @@ def _list(collection: Collection, url: str | None, limit: int, as_json: bool, **
     if as_json:
         _print_json([item.model_dump(mode="json") for item in items])
     elif items:
+        always = {"contact"} if collection is Collection.OWNERS else set()
         fields = [
-            field for field in type(items[0]).model_fields if any(getattr(item, field) is not None for item in items)
+            field
+            for field in type(items[0]).model_fields
+            if field in always or any(getattr(item, field) is not None for item in items)
         ]
-        _print_table(fields, [[_cell(getattr(item, field)) for field in fields] for item in items])
+        _print_table(fields, [[_cell(field, getattr(item, field)) for field in fields] for item in items])
     else:
         typer.echo(f"There are no such {collection.value}.")
 
 
-def _cell(value: object) -> str:
+def _cell(field: str, value: object) -> str:
+    if field == "created":
+        return _minute(str(value))
     if isinstance(value, bool):
         return "yes" if value else "no"
     return "" if value is None else str(value)
+
+
+def _minute(time: str) -> str:
+    """Return an ISO 8601 time in UTC as tables show it, such as ``2026-11-22 16:13``."""
+    return time[:16].replace("T", " ")
 
 
 def _words(contents: "Contents") -> str:
@@ -321,18 +362,23 @@ def _one(kind: str) -> str:
 
 
 def _print_table(heads: Any, rows: Any) -> None:
+    from rich.measure import Measurement  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
     from rich.text import Text  # noqa: PLC0415
 
     from wrongturn_client.tables import console  # noqa: PLC0415
 
     table = Table(box=None, header_style="bold", pad_edge=False)
-    for head in heads:
-        whole = head in {"id", "what"}  # an id is there to be copied
-        table.add_column(head, no_wrap=whole, min_width=_ID if whole else None, overflow="fold")
+    for head, cells in zip(heads, zip(*rows, strict=True), strict=True):
+        whole = head not in _FREE
+        table.add_column(head, no_wrap=whole, min_width=max(map(len, cells)) if whole else None, overflow="fold")
     for row in rows:
         table.add_row(*map(Text, row))
-    console().print(table)
+    screen = console()
+    # What can be copied, such as an id, is never broken: on a narrow terminal the lines are longer than it is.
+    broad = screen.options.update(max_width=_BROADEST)
+    screen.width = max(screen.width, Measurement.get(screen, broad, table).minimum)
+    screen.print(table)
 
 
 def _print_json(value: Any) -> None:

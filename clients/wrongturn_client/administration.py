@@ -61,11 +61,16 @@ class Administration:
         for page in self._pages(AdminList, (collection.value,), limit, filters):
             yield from page.items
 
-    def usage(self, limit: int) -> UsageList:
-        """Return the owners with the most bytes, and the sum over all."""
-        pages: list[UsageList] = list(self._pages(UsageList, ("usage",), limit, {}))
+    def usage(self, limit: int, cursor: str | None = None) -> UsageList:
+        """Return the owners with the most bytes, and the sum over all.
+
+        Args:
+            limit: Most owners.
+            cursor: ``next`` of an earlier reply, to go on from there.
+        """
+        pages: list[UsageList] = list(self._pages(UsageList, ("usage",), limit, {}, cursor))
         owners = tuple(owner for page in pages for owner in page.owners)
-        return UsageList(owners=owners, total=pages[0].total)
+        return UsageList(owners=owners, total=pages[0].total, next=pages[-1].next)
 
     def audit(self, limit: int, **filters: object) -> Iterator[AuditEntry]:
         """Yield what the operator did, newest first. Filters are ``target`` and ``action``."""
@@ -96,9 +101,10 @@ class Administration:
     def _call(self, method: str, collection: Collection, *path: str, **query: str | None) -> Any:
         return self._transport.call(method, _path((collection.value, *path), query)).message()
 
-    def _pages(self, kind: Any, path: tuple[str, ...], limit: int, filters: dict[str, object]) -> Iterator[Any]:
+    def _pages(
+        self, kind: Any, path: tuple[str, ...], limit: int, filters: dict[str, object], cursor: str | None = None
+    ) -> Iterator[Any]:
         """Yield pages until there are ``limit`` items."""
-        cursor: str | None = None
         while limit > 0:
             size = min(limit, 500)
             query = {**filters, "limit": size, "cursor": cursor}

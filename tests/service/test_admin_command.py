@@ -71,6 +71,39 @@ def test_an_operators_commands(http: httpx.Client, run: Run) -> None:
     log = json.loads(run("audit", "--json").stdout)
     assert [entry["action"] for entry in log] == ["free", "delete", "revoke", "unhide", "hide"]
     assert "a test" in run("audit", "--action", "hide").stdout
+    # By a name too, also of what is deleted.
+    named = json.loads(run("audit", "--target", "agent:HERS", "--json").stdout)
+    assert named == json.loads(run("audit", "--target", hers, "--json").stdout)
+    assert len(named) == 4
+    assert "There are no such entries." in run("audit", "--target", "owner:nobody").stdout
+    assert "her other" in run("agents", "--owner", "ADA").stdout
+    assert "contact" in run("owners", "--name", "ada").stdout
+
+
+def test_what_is_copied_from_a_table_is_never_broken(
+    http: httpx.Client, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "a name of many letters that goes on to the end"
+    made = expect(http.post("/v1/agents", json={"name": name, "track": "camera"}), 201)
+    owner = json.loads(run("owners", "--name", "ada", "--json").stdout)[0]
+    monkeypatch.setattr("wrongturn_client.tables.WIDTH", 80)
+    table = run("agents", "--owner", "ada").stdout
+    day, time = owner["created"][:10], owner["created"][11:16]
+    for whole in (made["id"], owner["id"], name, f"{day} {time}"):
+        assert whole in table
+    assert run("agents", "--owner", "owner:ada").stdout == table
+    assert f"{day} {time} " in run("owners").stdout
+
+
+def test_usage_goes_on_where_a_list_ended(http: httpx.Client, run: Run) -> None:
+    key = {"Idempotency-Key": "again"}
+    expect(http.post("/v1/agents", json={"name": "hers", "track": "camera"}, headers=key), 201)
+    first = json.loads(run("usage", "--json", "--limit", "1").stdout)
+    assert [(one["name"], one["contents"]["replies"]) for one in first["owners"]] == [("ada", 1)]
+    assert first["total"]["replies"] == 1
+    rest = json.loads(run("usage", "--json", "--cursor", first["next"]).stdout)
+    assert len(rest["owners"]) == first["total"]["owners"] - 1
+    assert rest["next"] is None
 
 
 def test_what_is_wrong_is_said(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -79,7 +112,14 @@ def test_what_is_wrong_is_said(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_pa
         (("show", "agent:nobody"), "there is no agent 'nobody'"),
         (("delete", "ag_none", "--yes"), "there is no agent 'ag_none'"),
         (("delete", "ag_none", "--dry-run"), "there is no agent 'ag_none'"),
-        (("rotate-token", str(tmp_path / "no folder" / "token")), "cannot be written"),
+        (("rotate-token", str(tmp_path / "a typo")), "no token has changed"),
+        (("rotate-token", str(tmp_path / "no folder" / "token"), "--create"), "cannot be written"),
+        (("agents", "--owner", "nobody"), "there is no owner 'nobody'"),
+        (("evaluations", "--agent", "agent:nobody"), "there is no agent 'nobody'"),
+        (("evaluations", "--state", "nonsense"), "running, finished or cancelled"),
+        (("submissions", "--state", "nonsense"), "queued, checked, running, finished, failed or cancelled"),
+        (("evaluations", "--suite", "nonsense"), "nonsense"),
+        (("audit", "--target", "dog:rex"), "owner:NAME or agent:NAME"),
     ):
         found = run(*arguments)
         assert found.exit_code == 1
@@ -101,5 +141,5 @@ def test_a_token_is_rotated_in_its_file(run: Run, tmp_path: Path) -> None:
     assert len(new.strip()) == 46
     assert new.count("\n") == 1
     assert file.stat().st_ino == before  # a container that has it mounted sees the new token
-    assert run("rotate-token", str(tmp_path / "fresh")).exit_code == 0
+    assert run("rotate-token", str(tmp_path / "fresh"), "--create").exit_code == 0
     assert (tmp_path / "fresh").stat().st_mode & 0o777 == 0o600

@@ -3,12 +3,14 @@
 import base64
 import binascii
 import math
+import re
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Query, Request, Response
 
-from wrongturn_protocol import AgentKind, Track
+from wrongturn_protocol import AgentKind, EvaluationState, SubmissionState, Track
 from wrongturn_protocol.administration import (
     AdminDetail,
     AdminItem,
@@ -22,6 +24,8 @@ from wrongturn_protocol.administration import (
     UsageList,
 )
 from wrongturn_protocol.vocabulary import AuditAction, Collection
+from wrongturn_service import catalogue
+from wrongturn_service.administration import unknown
 from wrongturn_service.api.dependencies import AuthorizationDep, ServiceDep, reply
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.client_address import address_of
@@ -39,6 +43,9 @@ _FILTERS: Final[dict[Collection, frozenset[str]]] = {
     Collection.SUBMISSIONS: frozenset({"name", "owner", "agent", "suite", "state"}),
 }
 """What each list can be narrowed to."""
+_STATES: Final = {Collection.EVALUATIONS: EvaluationState, Collection.SUBMISSIONS: SubmissionState}
+_NAMED: Final = {one.one: one for one in (Collection.OWNERS, Collection.AGENTS)}
+_ID: Final = re.compile(r"(?:ow|ag|ev|su)_[0-9a-z]+")
 Limit = Annotated[int, Query(ge=1, le=1000, description="Most items of the page.")]
 Cursor = Annotated[str | None, Query(max_length=120, description="`next` of the page before.")]
 Word = Annotated[str | None, Query(max_length=160, pattern="^[^\\x00]*$")]
@@ -71,15 +78,19 @@ async def audit(
     limit: Limit = 100,
     cursor: Cursor = None,
 ) -> Response:
-    """List what the operator did, newest first: who, when, from where, what, and how many of each kind."""
+    """List what the operator did, newest first: who, when, from where, what, and how many of each kind.
+
+    A target is an id, or ``owner:NAME`` or ``agent:NAME``, also of one that was deleted.
+    """
     await service.accounts.operator(authorization)
     log = service.administration.audit
-    rows = await log.entries(before=_number(cursor), limit=limit + 1, target=target, action=action)
+    item, named = _target(target)
+    rows = await log.entries(before=_number(cursor), limit=limit + 1, target=item, named=named, action=action)
     following = str(rows[limit - 1].seq) if len(rows) > limit else None
     return reply(AuditList(entries=tuple(_entry(row) for row in rows[:limit]), next=following))
 
 
-@router.get("/{collection}", **described(AdminList, 422))
+@router.get("/{collection}", **described(AdminList, 404, 422))
 async def items(
     service: ServiceDep,
     authorization: AuthorizationDep,
@@ -93,13 +104,17 @@ async def items(
     limit: Limit = 100,
     cursor: Cursor = None,
 ) -> Response:
-    """List owners, agents, evaluations or submissions, newest first, hidden ones too."""
+    """List owners, agents, evaluations or submissions, newest first, hidden ones too.
+
+    An owner or an agent is named by its id or its name.
+    """
     await service.accounts.operator(authorization)
-    filters = Filters(name, owner, agent, suite, state, hidden)
-    for field, value in vars(filters).items():
+    given = Filters(name, owner, agent, suite, state, hidden)
+    for field, value in vars(given).items():
         if value is not None and field not in _FILTERS[collection]:
             allowed = ", ".join(sorted(_FILTERS[collection]))
             raise InvalidRequestError(f"query.{field}", f"{collection} cannot be narrowed to it; use {allowed}")
+    filters = await _checked(service, collection, given)
     rows = await service.administration.rows.page(collection, filters, _after(cursor), limit + 1)
     following = _cursor(rows[limit - 1]) if len(rows) > limit else None
     return reply(AdminList(items=tuple(AdminItem(**_fields(row)) for row in rows[:limit]), next=following))
@@ -180,6 +195,39 @@ async def delete(
 async def act_of(service: Service, request: Request, authorization: str | None, reason: str | None = None) -> Act:
     """Return who acts as the operator, and from where. Raises UnauthenticatedError, ForbiddenError."""
     return Act(await service.accounts.operator(authorization), address_of(request), reason)
+
+
+async def _checked(service: Service, collection: Collection, given: Filters) -> Filters:
+    """Return filters with ids instead of names. Raises InvalidRequestError, NotFoundError for what does not exist."""
+    if given.state is not None:
+        states = [state.value for state in _STATES[collection]]
+        if given.state not in states:
+            raise InvalidRequestError("query.state", f"has to be {', '.join(states[:-1])} or {states[-1]}")
+    if given.suite is not None:
+        catalogue.suite(given.suite)
+    owner = await _id(service, Collection.OWNERS, given.owner)
+    return replace(given, owner=owner, agent=await _id(service, Collection.AGENTS, given.agent))
+
+
+async def _id(service: Service, collection: Collection, word: str | None) -> str | None:
+    """Return the id of an owner or an agent by its id or its name. Raises NotFoundError."""
+    if word is None:
+        return None
+    name = word.removeprefix(f"{collection.one}:")
+    found = await service.administration.rows.id_of(collection, name)
+    if found is None:
+        raise unknown(collection, name)
+    return found
+
+
+def _target(target: str | None) -> tuple[str | None, tuple[Collection, str] | None]:
+    """Return the id, or the kind and the name, of a target of the audit log. Raises InvalidRequestError."""
+    if target is None or _ID.fullmatch(target):
+        return target, None
+    kind, separator, name = target.partition(":")
+    if not separator or kind not in _NAMED:
+        raise InvalidRequestError("query.target", "has to be an id, such as ag_…, or owner:NAME or agent:NAME")
+    return None, (_NAMED[kind], name)
 
 
 def _fields(found: Found) -> dict[str, Any]:

@@ -134,6 +134,14 @@ class AdministrationStore:
         one = found.tuples().first()
         return None if one is None else Found(*one)
 
+    async def id_of(self, collection: Collection, word: str) -> str | None:
+        """Return the id of the owner or agent that has this id, or else this name in upper or lower case; or None."""
+        row: Any = ROWS[collection]
+        called = or_(row.id == word, row.name_key == word.lower())
+        async with self._database.read() as session:
+            found = (await session.scalars(select(row.id).where(called))).all()
+        return max(found, key=lambda one: one == word, default=None)
+
     async def contents(self, collection: Collection, item_id: str) -> tuple[Contents, tuple[str, ...]]:
         """Return what hangs on an item, without its models, and the ids of the submissions that may have some."""
         async with self._database.read() as session:

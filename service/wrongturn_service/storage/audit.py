@@ -74,7 +74,13 @@ class AuditLog:
             await add(session, entry)
 
     async def entries(
-        self, *, before: int | None, limit: int, target: str | None = None, action: AuditAction | None = None
+        self,
+        *,
+        before: int | None,
+        limit: int,
+        target: str | None = None,
+        named: tuple[Collection, str] | None = None,
+        action: AuditAction | None = None,
     ) -> Sequence[AuditRow]:
         """Return entries, newest first.
 
@@ -82,6 +88,7 @@ class AuditLog:
             before: Only entries with a lower number. None for all.
             limit: Most entries.
             target: Only entries about this id.
+            named: Only entries about a target of this kind that has, or had, this name in upper or lower case.
             action: Only entries of this kind.
         """
         query = select(AuditRow).order_by(AuditRow.seq.desc()).limit(limit)
@@ -89,6 +96,9 @@ class AuditLog:
             query = query.where(AuditRow.seq < before)
         if target is not None:
             query = query.where(AuditRow.target == target)
+        if named is not None:
+            collection, name = named
+            query = query.where(AuditRow.kind == collection, func.lower(AuditRow.name) == name.lower())
         if action is not None:
             query = query.where(AuditRow.action == action)
         async with self._database.read() as session:

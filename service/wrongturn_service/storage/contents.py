@@ -21,6 +21,7 @@ from wrongturn_service.storage.models import (
     SubmissionRow,
     TrajectoryRow,
 )
+from wrongturn_service.storage.usage import SUBMISSION
 
 _HEAD: Final = 512
 """Bytes of a stored reply in which the ids of what it made stand."""
@@ -225,9 +226,22 @@ def _numbers() -> list[tuple[str, Any, Any]]:
     """Return queries that count all of a kind, each with the kind and the column of the owner."""
     evaluations = select(func.count(EvaluationRow.id)).join(AgentRow, AgentRow.id == EvaluationRow.agent_id)
     episodes = select(func.count(EpisodeRow.id)).join(AgentRow, AgentRow.id == EpisodeRow.agent_id)
+    trajectories = select(func.count(TrajectoryRow.episode_id)).join(
+        EpisodeRow, EpisodeRow.id == TrajectoryRow.episode_id
+    )
+    trajectories = trajectories.join(AgentRow, AgentRow.id == EpisodeRow.agent_id)
+    results = select(func.count(ResultsRow.evaluation_id)).join(
+        EvaluationRow, EvaluationRow.id == ResultsRow.evaluation_id
+    )
+    results = results.join(AgentRow, AgentRow.id == EvaluationRow.agent_id)
+    models = select(func.count(SubmissionRow.id)).where(SubmissionRow.stored_bytes > SUBMISSION)
     return [
         ("agents", select(func.count(AgentRow.id)), AgentRow.owner_id),
         ("evaluations", evaluations, AgentRow.owner_id),
         ("episodes", episodes, AgentRow.owner_id),
+        ("trajectories", trajectories, AgentRow.owner_id),
+        ("results", results, AgentRow.owner_id),
         ("submissions", select(func.count(SubmissionRow.id)), SubmissionRow.owner_id),
+        ("models", models, SubmissionRow.owner_id),
+        ("replies", select(func.count(IdempotencyRow.key_sha256)), IdempotencyRow.owner_id),
     ]
