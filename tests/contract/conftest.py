@@ -19,6 +19,8 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
         tmp_path_factory.mktemp("contract") / "wrongturn.db",
         operator_token=OPERATOR,
         registration_limit=100_000,
+        max_practice_per_address=1000,  # each example practises, and their leases end late
+        max_open_per_address=1000,
         simulators=2,
         lease_release_s=0.5,
     )
