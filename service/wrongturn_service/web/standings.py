@@ -200,7 +200,7 @@ class _UnsafeTable:
             figures=(
                 ("Strict", "Unsafe episodes, with the rate's 95 % interval. This column ranks."),
                 ("Paper's", "Unsafe episodes as the paper counts them: wrong ways are left out."),
-                ("Twins completed", "Trials without a fault that ended in the commanded exit."),
+                ("Twins", "Completed twins: trials without a fault that ended in the commanded exit."),
                 ("Excess", "Strict rate minus the twins' rate, in percentage points, with its 95 % interval."),
             ),
             lines="Fault",
