@@ -46,6 +46,7 @@ async def targets(http: httpx.AsyncClient) -> tuple[dict[str, dict[str, str]], d
     for own in found.values():
         own["owner"] = next(one["id"] for one in owners if one["name"] == "ada")
         own |= {"suite": "smoke@2", "town": "Town01", "kind": "validation", "sheet": "0"}
+        own |= {"collection": "agents", "item": stranger["id"]}
         own.setdefault("submission", found["running"]["submission"])
     return found, tokens
 
