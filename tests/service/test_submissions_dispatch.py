@@ -295,8 +295,11 @@ def test_one_who_comes_late_does_not_wait_for_all_others(stage: Stage) -> None:
     service = stage.serve(submissions=1)
     ann, ben = stage.owner(service), stage.owner(service)
     models = [stage.model(drive=[{"after": 0, "then": "hang"}]) for _ in range(3)]
-    first, *others = [ann.hand_in(model) for model in models]
-    ann.until(first, "running")
+    first = ann.hand_in(models[0])
+    ann.until(first, "running")  # models are checked side by side, and the next is the one that is checked first
+    others = [ann.hand_in(model) for model in models[1:]]
+    for other in others:
+        ann.until(other, "checked")
     late = ben.hand_in(stage.model())
     ben.until(late, "checked")
     assert ben.get(late)["position"] == 0
