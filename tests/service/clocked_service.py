@@ -6,6 +6,7 @@ import gc
 import signal
 import socket
 import threading
+import warnings
 from collections.abc import Coroutine, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -141,6 +142,10 @@ class ClockedService(Service):
         self.join()
         self._exit.close()
         gc.unfreeze()
+        # Uvicorn abandons its connections at the second signal. No later test is to hear of them.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ResourceWarning)
+            gc.collect()
 
 
 async def _settled() -> None:

@@ -23,20 +23,34 @@ class Wanted:
 
     Attributes:
         limit: Most items.
-        after: What the last item of the page before is sorted by. None for the first page.
+        cursor: As the request names it. It is read once the list is, after the check of the caller's token.
     """
 
     limit: int
-    after: str | None
+    cursor: str | None
+
+    @property
+    def after(self) -> str | None:
+        """What the last item of the page before is sorted by; None for the first page. Raises InvalidRequestError."""
+        if self.cursor is None:
+            return None
+        try:
+            after = urlsafe_b64decode(self.cursor.encode("ascii")).decode("ascii")
+        except (UnicodeError, binascii.Error, ValueError):
+            raise _no_cursor() from None
+        if not after or not after.isprintable() or _cursor(after) != self.cursor:
+            raise _no_cursor()
+        return after
 
     @property
     def number(self) -> int | None:
         """The same as a number, in lists that are sorted by one. Raises InvalidRequestError."""
-        if self.after is None:
+        after = self.after
+        if after is None:
             return None
-        if not self.after.isdecimal() or len(self.after) > _DIGITS:
+        if not after.isdecimal() or len(after) > _DIGITS:
             raise _no_cursor()
-        return int(self.after)
+        return int(after)
 
     def cut(self, rows: Sequence[R], key: Callable[[R], str | int | None]) -> tuple[Sequence[R], str | None]:
         """Return the rows of the page, and the cursor of the next one; None at the end.
@@ -55,16 +69,8 @@ async def wanted(
         str | None, Query(max_length=200, description="`next` of the page before; without it the first page")
     ] = None,
 ) -> Wanted:
-    """Return the page that a request asks for. Raises InvalidRequestError."""
-    if cursor is None:
-        return Wanted(limit, None)
-    try:
-        after = urlsafe_b64decode(cursor.encode("ascii")).decode("ascii")
-    except (UnicodeError, binascii.Error, ValueError):
-        raise _no_cursor() from None
-    if not after or not after.isprintable() or _cursor(after) != cursor:
-        raise _no_cursor()
-    return Wanted(limit, after)
+    """Return the page that a request asks for."""
+    return Wanted(limit, cursor)
 
 
 PageDep = Annotated[Wanted, Depends(wanted)]
