@@ -23,7 +23,7 @@ COPY constraints.txt docker/requirements.py ./
 COPY clients/pyproject.toml clients/
 COPY networks/pyproject.toml networks/
 COPY service/pyproject.toml service/
-RUN python requirements.py clients networks service > requirements.txt \
+RUN python requirements.py clients networks service[server] > requirements.txt \
     && pip install -c constraints.txt -r requirements.txt \
     && find "$(python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" \
         -type d -name tests -prune -exec rm -rf {} +

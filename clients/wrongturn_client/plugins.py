@@ -4,6 +4,7 @@ import ast
 import importlib
 import importlib.util
 import inspect
+import shlex
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
@@ -21,7 +22,8 @@ CHECKS: Final = "wrongturn.checks"
 _USAGE: Final = 2
 _PARTS: Final = {
     "wrongturn-networks": ("trials",),
-    "wrongturn-service": ("backup", "picture", "restore", "serve"),
+    "wrongturn-service": ("picture",),
+    "wrongturn-service[server]": ("backup", "restore", "serve"),
     "wrongturn-agents": ("export", "register", "results", "run", "score", "train"),
 }
 """Commands that our other parts add, to tell which part is missing."""
@@ -127,7 +129,7 @@ class PluginGroup(TyperGroup):
         if self.get_command(ctx, args[0]) is None:
             for part, commands in _PARTS.items():
                 if args[0] in commands:
-                    ctx.fail(f"No such command '{args[0]}' here. It comes with {part}: pip install {part}")
+                    ctx.fail(f"No such command '{args[0]}' here. It comes with {part}: pip install {shlex.quote(part)}")
         return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:

@@ -87,7 +87,7 @@ setup() {
   fi
   pip() { .venv/bin/python -m pip -qq --disable-pip-version-check "$@"; }
   pip install --upgrade 'pip>=25.1' setuptools || fail "pip could not upgrade itself; see its message above"
-  local -a wanted=(-c constraints.txt -e clients -e networks -e service -e agents)
+  local -a wanted=(-c constraints.txt -e clients -e networks -e 'service[server]' -e agents)
   if [[ $level == test ]]; then
     # Install torch first and alone, so that no other package's range picks another build of it.
     pip install -c constraints.txt torch || fail "pip could not install torch; see its message above"

@@ -10,6 +10,8 @@ from typing import Annotated, Any, Final
 
 import typer
 
+from wrongturn_service.extra import require_server
+
 _STREAM: Final = Path("-")
 
 Url = Annotated[
@@ -30,6 +32,7 @@ def backup(
     database: Url = None,
 ) -> None:
     """Write a consistent backup of the database. The service may run meanwhile."""
+    require_server("backup")
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
     from wrongturn_service.storage.backup import back_up  # noqa: PLC0415 - imports SQLAlchemy
 
@@ -57,6 +60,7 @@ def restore(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask. Everything in the database now is lost.")] = False,
 ) -> None:
     """Replace the database by a backup. Stop the service first."""
+    require_server("restore")
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
     from wrongturn_service.storage import backup as backups  # noqa: PLC0415 - imports SQLAlchemy
 

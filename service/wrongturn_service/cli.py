@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from wrongturn_service.extra import REMEDY, missing_modules, require_server
+
 if TYPE_CHECKING:
     from wrongturn_service.settings import Settings
 
@@ -36,6 +38,7 @@ def serve(
 
     It prints its URL once it is ready. Other settings come from WRONGTURN_* variables, see docs/settings.md.
     """
+    require_server("serve")
     from pydantic import ValidationError  # noqa: PLC0415
 
     from wrongturn_service.address import AddressError, bind  # noqa: PLC0415
@@ -74,6 +77,9 @@ def serve(
 
 def checks() -> Iterator[tuple[str, bool, str, str]]:
     """Yield each check as its name, whether it passed, what it found, and the remedy if it failed."""
+    if missing_modules():
+        yield "service", True, f"not installed; to run one: {REMEDY}", ""
+        return
     from pydantic import ValidationError  # noqa: PLC0415
 
     from wrongturn_service.errors import StartupError  # noqa: PLC0415

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -122,19 +123,19 @@ def test_an_unknown_command_is_a_usage_error() -> None:
 
 @pytest.mark.parametrize(
     ("command", "part"),
-    [("trials", "wrongturn-networks"), ("serve", "wrongturn-service"), ("run", "wrongturn-agents")],
+    [("trials", "wrongturn-networks"), ("serve", "wrongturn-service[server]"), ("run", "wrongturn-agents")],
 )
 def test_a_command_of_a_part_that_is_missing_names_the_part(
     command: str, part: str, points: dict[tuple[str, str], str]
 ) -> None:
     result = runner.invoke(cli.app, [command], env={"COLUMNS": "200"})
     assert result.exit_code == 2
-    assert f"No such command '{command}' here. It comes with {part}: pip install {part}" in result.output
+    assert f"No such command '{command}' here. It comes with {part}: pip install {shlex.quote(part)}" in result.output
 
 
 def test_the_parts_commands_are_those_that_they_add() -> None:
     added = {point.name: point.dist.name for point in plugins.entry_points(plugins.COMMANDS).values() if point.dist}
-    known = {command: part for part, commands in plugins._PARTS.items() for command in commands}
+    known = {command: part.partition("[")[0] for part, commands in plugins._PARTS.items() for command in commands}
     assert known == {name: part for name, part in added.items() if part.startswith("wrongturn-")}
 
 

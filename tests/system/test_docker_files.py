@@ -24,7 +24,7 @@ def test_the_image_installs_what_the_parts_need_and_constraints_know_it(tmp_path
     for part in ("clients", "networks", "service"):
         (tmp_path / part).mkdir()
         shutil.copy(ROOT / part / "pyproject.toml", tmp_path / part)
-    script = [sys.executable, str(DOCKER / "requirements.py"), "clients", "networks", "service"]
+    script = [sys.executable, str(DOCKER / "requirements.py"), "clients", "networks", "service[server]"]
     printed = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split("\n")
     names = {re.split(r"[<>=\[~! ]", line)[0].lower() for line in printed if line}
     assert {"fastapi", "libsumo", "numba", "shapely", "pydantic", "typer"} <= names
