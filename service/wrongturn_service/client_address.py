@@ -1,7 +1,7 @@
 """The client's address, as limits and quotas count it."""
 
 from functools import lru_cache
-from ipaddress import IPv6Address, ip_address, ip_network
+from ipaddress import IPv4Address, IPv6Address, ip_address, ip_network
 from typing import Final
 
 import structlog
@@ -29,25 +29,27 @@ def counted(host: str) -> str:
     IPv4 stays as it is, also inside IPv6 (``::ffff:192.0.2.1``). IPv6 is counted by its /64, for example
     ``2001:db8::/64``. What is no address is :data:`UNKNOWN`.
     """
+    address = parsed(host)
+    if address is None:
+        return UNKNOWN
+    if isinstance(address, IPv6Address) and not address.is_loopback:
+        return str(ip_network((int(address), _SITE_BITS), strict=False))
+    return str(address)
+
+
+def parsed(host: str) -> IPv4Address | IPv6Address | None:
+    """Return an address without its zone, and IPv4 out of IPv6; None for what is no address."""
     try:
         address = ip_address(host.partition("%")[0])
     except ValueError:
-        return UNKNOWN
-    if isinstance(address, IPv6Address):
-        if address.ipv4_mapped is not None:
-            return str(address.ipv4_mapped)
-        if not address.is_loopback:
-            return str(ip_network((int(address), _SITE_BITS), strict=False))
-    return str(address)
+        return None
+    return getattr(address, "ipv4_mapped", None) or address
 
 
 def _check_proxy(host: str) -> None:
     """Log that a neighbour's ``X-Forwarded-For`` is not believed, since all its clients then share one limit."""
-    try:
-        near = not ip_address(host).is_global
-    except ValueError:
-        return
-    if near:
+    address = parsed(host)
+    if address is not None and not address.is_global:
         _warn(host)
 
 

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import ipaddress
 import socket
 from collections.abc import AsyncIterator, Iterator
 from typing import Final
@@ -15,6 +14,7 @@ from starlette.routing import Route
 from typing_extensions import override
 
 from wrongturn_service.accounts import bearer
+from wrongturn_service.client_address import parsed
 from wrongturn_service.errors import StartupError, UnauthenticatedError
 from wrongturn_service.settings import Settings
 from wrongturn_service.telemetry import CONTENT_TYPE, Telemetry
@@ -51,12 +51,8 @@ def _local(request: HTTPConnection) -> bool:
     """Return whether a program of this machine asks, and no proxy passed the request on."""
     if request.client is None or any(name in request.headers for name in _FORWARDED):
         return False
-    try:
-        address = ipaddress.ip_address(request.client.host)
-    except ValueError:
-        return False
-    mapped = getattr(address, "ipv4_mapped", None)
-    return (mapped or address).is_loopback
+    address = parsed(request.client.host)
+    return address is not None and address.is_loopback
 
 
 @contextlib.asynccontextmanager

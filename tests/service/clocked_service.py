@@ -6,10 +6,9 @@ import gc
 import signal
 import socket
 import threading
-import warnings
 from collections.abc import Coroutine, Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import structlog
 from app_harness import Clock
@@ -61,7 +60,8 @@ class ClockedService(Service):
         **settings: Any,
     ) -> None:
         given = Settings(database=f"sqlite+aiosqlite:///{database}", home=database.parent, simulators=slots, **settings)
-        self._loop = ClockedLoop()
+        self._runner = asyncio.Runner(loop_factory=ClockedLoop)
+        self._loop = cast(ClockedLoop, self._runner.get_loop())
         self._clock = Clock()
         self._exit = contextlib.ExitStack()
         self._exit.enter_context(self._clock.used())
@@ -84,15 +84,15 @@ class ClockedService(Service):
                 await asyncio.sleep(0.001)
             self._started.set()
             await serving
+            for connection in self._server.server_state.connections:  # uvicorn abandons them at the second signal
+                connection.transport.abort()
+            await _settled()
 
         try:
-            with bound:
-                self._loop.run_until_complete(serve())
-                self._loop.run_until_complete(_settled())  # the ends of connections that were open
-                self._loop.run_until_complete(self._loop.shutdown_asyncgens())
+            with bound, self._runner:
+                self._runner.run(serve())
         finally:
             self._started.set()
-            self._loop.close()
 
     def pass_time(self, seconds: float) -> None:
         """Let so many seconds go by for the service, after it has dealt with all that has arrived."""
@@ -141,11 +141,7 @@ class ClockedService(Service):
                 self.signal()
         self.join()
         self._exit.close()
-        gc.unfreeze()
-        # Uvicorn abandons its connections at the second signal. No later test is to hear of them.
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ResourceWarning)
-            gc.collect()
+        gc.unfreeze()  # a service freezes all objects at its start; those of this one are to be collected
 
 
 async def _settled() -> None:

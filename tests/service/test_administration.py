@@ -316,6 +316,7 @@ def test_who_may_administer_and_what_is_refused(tmp_path: Path) -> None:
                 ("agents", {"cursor": "nonsense"}, "query.cursor"),
                 ("agents", {"cursor": "bmFuIGFnXzE="}, "query.cursor"),
                 ("audit", {"cursor": "-1"}, "query.cursor"),
+                ("audit", {"cursor": "bmFuIGFnXzE="}, "query.cursor"),
                 ("agents", {"limit": 0}, "query.limit"),
                 ("agents", {"name": "a\0b"}, "query"),
                 ("cars", {}, "path.collection"),

@@ -7,7 +7,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -128,10 +128,9 @@ def test_prometheus_reads_a_service_and_answers_the_dashboard(service: ClockedSe
 
 def await_result(http: httpx.Client, query: str) -> None:
     for _ in range(1200):
-        try:
-            if http.get("query", params={"query": query}).json().get("data", {}).get("result"):
+        with suppress(httpx.TransportError):  # it starts
+            answer = http.get("query", params={"query": query})
+            if answer.status_code == 200 and answer.json()["data"]["result"]:  # 503 until it is ready
                 return
-        except httpx.TransportError:
-            pass  # it starts
         time.sleep(0.1)
     raise AssertionError(f"{query}: nothing within two minutes")

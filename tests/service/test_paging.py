@@ -91,7 +91,7 @@ def test_a_cursor_of_another_list(service: ClockedService) -> None:
         for cursor in ("YWJj", "OTk5OTk5OTk5OTk5OTk5OTk5OTk5OTk5"):
             headers = {"Authorization": f"Bearer {agent.token}"}
             answer = httpx.get(f"{service.url}/v1/submissions", params={"cursor": cursor}, headers=headers)
-            assert problem(answer, 422, "validation")["errors"][0]["path"] == "cursor"
+            assert problem(answer, 422, "validation")["errors"][0]["path"] == "query.cursor"
 
 
 def test_the_client_follows_the_pages(service: ClockedService, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,5 @@
 """The operator's calls: lists of everything, hiding, revoking, deleting, usage and the audit log."""
 
-import base64
-import binascii
 import math
 import re
 from dataclasses import replace
@@ -28,6 +26,7 @@ from wrongturn_service import catalogue
 from wrongturn_service.administration import unknown
 from wrongturn_service.api.dependencies import AuthorizationDep, ServiceDep, reply
 from wrongturn_service.api.documents import Route, described
+from wrongturn_service.api.paging import PageDep, Wanted, not_of_this_list
 from wrongturn_service.client_address import address_of
 from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.service import Service
@@ -46,37 +45,28 @@ _FILTERS: Final[dict[Collection, frozenset[str]]] = {
 _STATES: Final = {Collection.EVALUATIONS: EvaluationState, Collection.SUBMISSIONS: SubmissionState}
 _NAMED: Final = {one.one: one for one in (Collection.OWNERS, Collection.AGENTS)}
 _ID: Final = re.compile(r"(?:ow|ag|ev|su)_[0-9a-z]+")
-Limit = Annotated[int, Query(ge=1, le=1000, description="Most items of the page.")]
-Cursor = Annotated[str | None, Query(max_length=120, description="`next` of the page before.")]
 Word = Annotated[str | None, Query(max_length=160, pattern="^[^\\x00]*$")]
 Reason = Annotated[str | None, Query(max_length=500, pattern="^[^\\x00]*$", description="Why, for the audit log.")]
 
 
 @router.get("/usage", **described(UsageList, 422))
-async def usage(
-    service: ServiceDep, authorization: AuthorizationDep, limit: Limit = 100, cursor: Cursor = None
-) -> Response:
+async def usage(service: ServiceDep, authorization: AuthorizationDep, wanted: PageDep) -> Response:
     """Show what each owner has stored, those with the most bytes first. Its quota counts the same bytes."""
     await service.accounts.operator(authorization)
-    begin = _number(cursor) or 0
-    page, everything = await service.administration.rows.usage(begin, limit)
-    return reply(
-        UsageList(
-            owners=tuple(OwnerUsage(id=owner, name=name, contents=contents) for owner, name, contents in page),
-            total=everything,
-            next=str(begin + limit) if begin + limit < everything.owners else None,
-        )
-    )
+    begin = wanted.number or 0
+    found, everything = await service.administration.rows.usage(begin, wanted.limit + 1)
+    page, following = wanted.cut(found, lambda _: begin + wanted.limit)
+    owners = tuple(OwnerUsage(id=owner, name=name, contents=contents) for owner, name, contents in page)
+    return reply(UsageList(owners=owners, total=everything, next=following))
 
 
 @router.get("/audit", **described(AuditList, 422))
 async def audit(
     service: ServiceDep,
     authorization: AuthorizationDep,
+    wanted: PageDep,
     target: Word = None,
     action: AuditAction | None = None,
-    limit: Limit = 100,
-    cursor: Cursor = None,
 ) -> Response:
     """List what the operator did, newest first: who, when, from where, what, and how many of each kind.
 
@@ -85,9 +75,10 @@ async def audit(
     await service.accounts.operator(authorization)
     log = service.administration.audit
     item, named = _target(target)
-    rows = await log.entries(before=_number(cursor), limit=limit + 1, target=item, named=named, action=action)
-    following = str(rows[limit - 1].seq) if len(rows) > limit else None
-    return reply(AuditList(entries=tuple(_entry(row) for row in rows[:limit]), next=following))
+    before, most = wanted.number, wanted.limit + 1
+    rows = await log.entries(before=before, limit=most, target=item, named=named, action=action)
+    page, following = wanted.cut(rows, lambda row: row.seq)
+    return reply(AuditList(entries=tuple(_entry(row) for row in page), next=following))
 
 
 @router.get("/{collection}", **described(AdminList, 404, 422))
@@ -95,14 +86,13 @@ async def items(
     service: ServiceDep,
     authorization: AuthorizationDep,
     collection: Collection,
+    wanted: PageDep,
     name: Word = None,
     owner: Word = None,
     agent: Word = None,
     suite: Word = None,
     state: Word = None,
     hidden: bool | None = None,
-    limit: Limit = 100,
-    cursor: Cursor = None,
 ) -> Response:
     """List owners, agents, evaluations or submissions, newest first, hidden ones too.
 
@@ -115,9 +105,9 @@ async def items(
             allowed = ", ".join(sorted(_FILTERS[collection]))
             raise InvalidRequestError(f"query.{field}", f"{collection} cannot be narrowed to it; use {allowed}")
     filters = await _checked(service, collection, given)
-    rows = await service.administration.rows.page(collection, filters, _after(cursor), limit + 1)
-    following = _cursor(rows[limit - 1]) if len(rows) > limit else None
-    return reply(AdminList(items=tuple(AdminItem(**_fields(row)) for row in rows[:limit]), next=following))
+    rows = await service.administration.rows.page(collection, filters, _after(wanted), wanted.limit + 1)
+    page, following = wanted.cut(rows, lambda found: f"{found.row.created!r} {found.row.id}")
+    return reply(AdminList(items=tuple(AdminItem(**_fields(row)) for row in page), next=following))
 
 
 @router.get("/{collection}/{item}", **described(AdminDetail, 404, 422))
@@ -263,33 +253,18 @@ def _entry(row: AuditRow) -> AuditEntry:
     )
 
 
-def _cursor(found: Found) -> str:
-    return base64.urlsafe_b64encode(f"{found.row.created!r} {found.row.id}".encode()).decode()
-
-
-def _after(cursor: str | None) -> After | None:
-    if cursor is None:
+def _after(wanted: Wanted) -> After | None:
+    """Return where a page begins. Raises InvalidRequestError."""
+    if wanted.after is None:
         return None
+    created, _, item_id = wanted.after.partition(" ")
     try:
-        created, _, item_id = base64.urlsafe_b64decode(cursor.encode()).decode().partition(" ")
         after = After(float(created), item_id)
-    except (binascii.Error, ValueError):
-        raise _no_cursor() from None
-    if not math.isfinite(after.created) or "\0" in item_id:
-        raise _no_cursor()
+    except ValueError:
+        raise not_of_this_list() from None
+    if not math.isfinite(after.created):
+        raise not_of_this_list()
     return after
-
-
-def _number(cursor: str | None) -> int | None:
-    if cursor is None:
-        return None
-    if not (cursor.isascii() and cursor.isdecimal() and len(cursor) <= 18):
-        raise _no_cursor()
-    return int(cursor)
-
-
-def _no_cursor() -> InvalidRequestError:
-    return InvalidRequestError("query.cursor", "is no cursor of this list; send `next` of the page before as it was")
 
 
 def _iso(seconds: float) -> str:

@@ -37,9 +37,9 @@ class Wanted:
         try:
             after = urlsafe_b64decode(self.cursor.encode("ascii")).decode("ascii")
         except (UnicodeError, binascii.Error, ValueError):
-            raise _no_cursor() from None
+            raise not_of_this_list() from None
         if not after or not after.isprintable() or _cursor(after) != self.cursor:
-            raise _no_cursor()
+            raise not_of_this_list()
         return after
 
     @property
@@ -49,7 +49,7 @@ class Wanted:
         if after is None:
             return None
         if not after.isdecimal() or len(after) > _DIGITS:
-            raise _no_cursor()
+            raise not_of_this_list()
         return int(after)
 
     def cut(self, rows: Sequence[R], key: Callable[[R], str | int | None]) -> tuple[Sequence[R], str | None]:
@@ -80,5 +80,6 @@ def _cursor(after: str) -> str:
     return urlsafe_b64encode(after.encode("ascii")).decode("ascii")
 
 
-def _no_cursor() -> InvalidRequestError:
-    return InvalidRequestError("cursor", "is none of this list; leave it out to begin anew")
+def not_of_this_list() -> InvalidRequestError:
+    """Return the error of a cursor that the list did not make."""
+    return InvalidRequestError("query.cursor", "is none of this list; leave it out to begin anew")

@@ -8,7 +8,6 @@ all requests that came together in one turn of the event loop; here they take tu
 """
 
 import asyncio
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -23,6 +22,7 @@ from wrongturn_protocol import ProblemType
 from wrongturn_service.errors import ServiceError, UnavailableError
 from wrongturn_service.logs import Seldom
 from wrongturn_service.socket.protocol import DirectWebSocket
+from wrongturn_service.socket.request_turns import RequestTurns
 
 PROGRESS: Final = 65536
 """Bytes that a client has to move within the time."""
@@ -50,34 +50,6 @@ _PHRASES: Final = {
 }
 
 
-class Turns:
-    """Begins requests one after the other, one in each turn of the event loop.
-
-    All that came together in one turn would delay a step, which takes several turns, by several times their number.
-    """
-
-    def __init__(self) -> None:
-        self._waiting: deque[Callable[[], None]] = deque()
-        self._taken = False
-
-    def take(self, begin: Callable[[], None]) -> None:
-        """Call a function: now, or once all earlier ones had their turns."""
-        if self._taken:
-            self._waiting.append(begin)
-        else:
-            self._begin(begin)
-
-    def _begin(self, begin: Callable[[], None]) -> None:
-        self._taken = True
-        asyncio.get_running_loop().call_soon(self._next)
-        begin()
-
-    def _next(self) -> None:
-        self._taken = False
-        if self._waiting:
-            self._begin(self._waiting.popleft())
-
-
 @dataclass(frozen=True)
 class Guard:
     """The limits.
@@ -94,7 +66,7 @@ class Guard:
     descriptors: int
     patience_s: float
     closed: Callable[[str], None]
-    turns: Turns = field(default_factory=Turns)
+    turns: RequestTurns = field(default_factory=RequestTurns)
     _seldom: Seldom = field(default_factory=Seldom)
 
     def report(self, reason: str, transport: asyncio.BaseTransport) -> None:

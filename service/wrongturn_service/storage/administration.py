@@ -312,13 +312,12 @@ def _found(collection: Collection) -> Any:
 
 def _conditions(collection: Collection, filters: Filters) -> list[ColumnElement[bool]]:
     row: Any = ROWS[collection]
-    named = AgentRow if collection is Collection.EVALUATIONS else row
-    owned = AgentRow if collection is Collection.EVALUATIONS else row
+    agent = AgentRow if collection is Collection.EVALUATIONS else row
     found: list[ColumnElement[bool]] = []
     if filters.name is not None:
-        found.append(named.name_key.contains(filters.name.lower(), autoescape=True))
+        found.append(agent.name_key.contains(filters.name.lower(), autoescape=True))
     if filters.owner is not None:
-        found.append(owned.owner_id == filters.owner)
+        found.append(agent.owner_id == filters.owner)
     if filters.agent is not None:
         found.append(row.agent_id == filters.agent)
     found += [
