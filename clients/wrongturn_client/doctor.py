@@ -19,7 +19,7 @@ _LEAST_PYTHON: Final = (3, 11)
 _PARTS: Final = {
     "wrongturn-client": "the client and this program",
     "wrongturn-networks": "towns and suites",
-    "wrongturn-service": "the service: 'wrongturn serve'",
+    "wrongturn-service": "the simulation, the judge and the service",
     "wrongturn-agents": "agents: 'wrongturn run'",
 }
 

@@ -21,6 +21,7 @@ def _load(name: str) -> ModuleType:
 
 
 compose_project = _load("compose_project")
+_load("bare_environment")
 
 
 @pytest.fixture(scope="session")
