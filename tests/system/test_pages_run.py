@@ -15,6 +15,7 @@ from wrongturn_client import LocalService
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text("utf-8")
 TUTORIAL = (ROOT / "docs/tutorial.md").read_text("utf-8")
+INSTALLING = (ROOT / "docs/installing.md").read_text("utf-8")
 SERVE = "wrongturn serve"
 SERVED_AT = "http://127.0.0.1:8000"
 
@@ -30,6 +31,10 @@ def files(text: str) -> dict[str, str]:
 def commands(text: str) -> list[str]:
     blocks = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
     return [line.removeprefix(".venv/bin/") for block in blocks for line in block.splitlines()]
+
+
+def extras_of(part: Path) -> set[str]:
+    return {*tomllib.loads((part / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]}
 
 
 def run(command: str, folder: Path) -> str:
@@ -69,8 +74,12 @@ def test_what_is_installed_exists(text: str) -> None:
     parts = re.findall(r"-e '?(\w+)(?:\[([\w,]+)\])?'?", text)
     assert [part for part, _ in parts] == ["clients", "networks", "service", "agents"]
     for part, extras in parts:
-        project = tomllib.loads((ROOT / part / "pyproject.toml").read_text("utf-8"))["project"]
-        assert set(filter(None, extras.split(","))) <= project.get("optional-dependencies", {}).keys()
+        assert set(filter(None, extras.split(","))) <= extras_of(ROOT / part)
+
+
+def test_the_extras_that_the_pages_install_are_those_of_wrongturn() -> None:
+    shown = re.findall(r"wrongturn\[([\w,]+)\]", TUTORIAL + INSTALLING)
+    assert {extra for extras in shown for extra in extras.split(",")} == extras_of(ROOT)
 
 
 @pytest.mark.slow
