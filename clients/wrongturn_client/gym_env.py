@@ -68,6 +68,11 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._seq = 0
         self._seen: Observation = {}
 
+    @property
+    def episode(self) -> str | None:
+        """The service's id of the episode that is open or was the last; None before the first reset."""
+        return self._episode
+
     def reset(
         self,
         *,

@@ -1,0 +1,196 @@
+"""The calls of an OpenEnv server: ``/ws`` for sessions; ``/reset``, ``/step`` and ``/state`` to try it with curl."""
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from importlib.metadata import version
+from typing import Any, Final, TypeVar
+
+from fastapi import FastAPI, HTTPException, WebSocket, WebSocketDisconnect
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+
+from wrongturn_openenv.messages import (
+    ErrorCode,
+    RefusedError,
+    Reply,
+    ResetRequest,
+    State,
+    StepRequest,
+    action_of,
+    read,
+    reset_request,
+)
+from wrongturn_openenv.session import Service, Session
+from wrongturn_protocol import Action, Track
+from wrongturn_protocol.observations import json_schema
+
+T = TypeVar("T")
+_TRY_AGAIN: Final = 1013
+"""The WebSocket's code for a server that is full."""
+_DESCRIPTION: Final = "Drive towns whose navigation command may be wrong: steer, throttle and brake, 10 times a second."
+_NO_TOOLS: Final = {"code": -32601, "message": "this environment has no tools; use reset, step and state"}
+_STATUSES: Final = {ErrorCode.VALIDATION_ERROR: 422, ErrorCode.EXECUTION_ERROR: 409}
+
+
+class OpenEnvServer:
+    """Sessions of a service's practice.
+
+    Args:
+        service: The service.
+        sessions: Most sessions at a time; each takes a thread.
+    """
+
+    def __init__(self, service: Service, sessions: int) -> None:
+        self.service = service
+        self._most = sessions
+        self._open: set[Session] = set()
+        self._threads = ThreadPoolExecutor(sessions + 1, thread_name_prefix="session")
+        self._by_http = Session(service)
+        self._http = asyncio.Lock()
+
+    async def in_thread(self, function: Callable[[], T]) -> T:
+        """Return what a function returns that waits for the service."""
+        return await asyncio.get_running_loop().run_in_executor(self._threads, function)
+
+    async def by_http(self, function: Callable[[Session], T]) -> T:
+        """Return what a function makes of the session that all HTTP calls share."""
+        async with self._http:
+            try:
+                return await self.in_thread(lambda: function(self._by_http))
+            except RefusedError as error:
+                raise HTTPException(_STATUSES[error.code], str(error)) from None
+
+    async def converse(self, websocket: WebSocket) -> None:
+        """Answer one client until it leaves."""
+        await websocket.accept()
+        if len(self._open) >= self._most:
+            full = RefusedError(
+                ErrorCode.CAPACITY_REACHED,
+                f"all {self._most} sessions are taken; close one, or start the server with more (--sessions)",
+            )
+            await websocket.send_text(_error(full))
+            await websocket.close(_TRY_AGAIN)
+            return
+        session = Session(self.service)
+        self._open.add(session)
+        try:
+            while (text := await _received(websocket)) is not None:
+                answer = await self.in_thread(partial(_answer, session, text))
+                if answer is None:
+                    await websocket.close()
+                    break
+                await websocket.send_text(answer)
+        except WebSocketDisconnect:
+            pass
+        finally:
+            self._open.discard(session)
+            await self.in_thread(session.close)
+
+    def close(self) -> None:
+        """End what is open."""
+        self._threads.shutdown()
+        for session in (*self._open, self._by_http):
+            session.close()
+
+
+def create_app(service: Service, sessions: int) -> FastAPI:
+    """Return the ASGI application of an OpenEnv server.
+
+    Args:
+        service: The service that the sessions practise on.
+        sessions: Most sessions at a time.
+    """
+    server = OpenEnvServer(service, sessions)
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        yield
+        await asyncio.to_thread(server.close)
+
+    app = FastAPI(
+        title="Wrongturn for OpenEnv",
+        version="1.0.0",  # of OpenEnv's standard for HTTP, which its validator reads here
+        description=_DESCRIPTION,
+        docs_url=None,
+        redoc_url=None,
+        lifespan=lifespan,
+    )
+    app.websocket("/ws")(server.converse)
+
+    @app.get("/health")
+    async def health() -> JSONResponse:
+        """Tell whether the service behind can take episodes."""
+        ready = await server.in_thread(service.ready)
+        return JSONResponse({"status": "healthy" if ready else "unhealthy"}, 200 if ready else 503)
+
+    @app.get("/metadata")
+    async def metadata() -> dict[str, str]:
+        """Describe the environment."""
+        return {"name": "Wrongturn", "description": _DESCRIPTION, "version": version("wrongturn-client")}
+
+    @app.get("/schema")
+    async def schema() -> dict[str, Any]:
+        """Return the JSON Schemas of action, observation and state."""
+        track = Track(service.defaults.get("track") or Track.STATE)
+        return {
+            "action": Action.model_json_schema(),
+            "observation": json_schema(track),
+            "state": State.model_json_schema(),
+        }
+
+    @app.post("/reset")
+    async def reset(request: ResetRequest | None = None) -> Reply:
+        """Begin an episode in the session that all HTTP calls share."""
+        return await server.by_http(lambda session: session.reset(request or ResetRequest()))
+
+    @app.post("/step")
+    async def step(request: StepRequest) -> Reply:
+        """Drive that episode on for 0.1 s."""
+        return await server.by_http(lambda session: session.step(action_of(request.action)))
+
+    @app.get("/state")
+    async def state() -> State:
+        """Return the state of that episode."""
+        return await server.by_http(lambda session: session.state)
+
+    @app.post("/mcp")
+    async def mcp() -> dict[str, Any]:
+        """Say that there are no tools."""
+        return {"jsonrpc": "2.0", "id": None, "error": _NO_TOOLS}
+
+    return app
+
+
+async def _received(websocket: WebSocket) -> str | None:
+    """Return the text of a client's next message, empty for a binary one; None once the client is gone."""
+    message = await websocket.receive()
+    return None if message["type"] == "websocket.disconnect" else message.get("text") or ""
+
+
+def _answer(session: Session, text: str) -> str | None:
+    """Do what a message asks for and return the answer's text; None if it asks to close."""
+    try:
+        message = read(text)
+        match message.type:
+            case "reset":
+                return _reply("observation", session.reset(reset_request(message.data)))
+            case "step":
+                return _reply("observation", session.step(action_of(message.data)))
+            case "state":
+                return _reply("state", session.state)
+            case "close":
+                return None
+    except RefusedError as error:
+        return _error(error)
+
+
+def _reply(kind: str, data: BaseModel) -> str:
+    return json.dumps({"type": kind, "data": data.model_dump(mode="json")}, separators=(",", ":"))
+
+
+def _error(error: RefusedError) -> str:
+    return json.dumps({"type": "error", "data": {"message": str(error), "code": error.code}})

@@ -1,0 +1,152 @@
+"""One client's environment: the Gymnasium environment over the wire, in OpenEnv's words."""
+
+import contextlib
+import secrets
+import threading
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import httpx
+import numpy as np
+from gymnasium.error import ResetNeeded
+from pydantic import ValidationError
+
+from wrongturn_client import Client, WrongturnError
+from wrongturn_client.closing import Closing
+from wrongturn_client.gym_env import RemoteEnv
+from wrongturn_openenv.messages import ErrorCode, RefusedError, Reply, ResetRequest, State, first_error
+from wrongturn_protocol import Action, Track, TrialOptions
+from wrongturn_protocol.observations import Observation, encode
+
+PATIENCE_S: Final = 45.0
+"""Seconds to wait for a busy service. OpenEnv's client waits 60 s for an answer, so it hears why there is none."""
+
+
+@dataclass
+class Service:
+    """The service that the sessions practise on, with an agent for practice in each track that was asked for."""
+
+    url: str
+    token: str | None = None
+    """An agent's token; its track is then the only one. Without it, agents for practice are registered."""
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+    """Options of trials where a reset names none; see :class:`~wrongturn_protocol.TrialOptions`."""
+    transport: httpx.BaseTransport | None = None
+    """An httpx transport, for tests."""
+    _tokens: dict[Track, str] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def environment(self, options: Mapping[str, Any]) -> RemoteEnv:
+        """Return an environment that draws its trials by these options.
+
+        Raises:
+            ValueError: A name does not exist, or options do not go together.
+            WrongturnError: The service does not answer, or refuses to register an agent.
+        """
+        track = TrialOptions.of(**options).track
+        token = self.token or self._registered(track)
+        return RemoteEnv(self.url, token, patience=PATIENCE_S, transport=self.transport, **options)
+
+    def ready(self) -> bool:
+        """Tell whether the service can take episodes."""
+        with contextlib.suppress(WrongturnError), self._client(patience=0) as client:
+            return client.ready()
+        return False
+
+    def _registered(self, track: Track) -> str:
+        with self._lock:
+            if track not in self._tokens:
+                with self._client(PATIENCE_S) as client:
+                    name = f"openenv-{secrets.token_hex(6)}"
+                    agent = client.register(name, track, description="Registered for practice through OpenEnv.")
+                self._tokens[track] = agent.token
+            return self._tokens[track]
+
+    def _client(self, patience: float) -> Client:
+        return Client(self.url, transport=self.transport, patience=patience)
+
+
+class Session(Closing):
+    """The episodes of one client, one after the other. One thread may use it at a time."""
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+        self._env: RemoteEnv | None = None
+        self._options: dict[str, Any] = {}
+        self.state = State()
+        """What the client may know of its episode beside the observation."""
+
+    def reset(self, asked: ResetRequest) -> Reply:
+        """Begin the next episode. An episode that is open is ended.
+
+        Args:
+            asked: Its parameters. One that is None takes back what the server was started with.
+
+        Raises:
+            RefusedError: A parameter is wrong, or the service cannot begin the episode.
+        """
+        given = {name: getattr(asked, name) for name in asked.model_fields_set - {"seed", "episode_id", "trial"}}
+        options = {name: value for name, value in {**self._service.defaults, **given}.items() if value is not None}
+        with _refusals():
+            env = self._environment(options)
+            chosen = None if asked.trial is None else {"trial": asked.trial}
+            observation, info = env.reset(seed=asked.seed, options=chosen)
+        self.state = State(
+            episode_id=asked.episode_id or env.episode, track=env.track, town=info["town"], trial=info["trial"]
+        )
+        return Reply(observation=self._plain(observation))
+
+    def step(self, action: Action) -> Reply:
+        """Drive on for 0.1 s.
+
+        Raises:
+            RefusedError: No episode is open, or the service does not answer. After the latter you can repeat the step:
+                it is driven only once.
+        """
+        if self._env is None:
+            raise RefusedError(ErrorCode.EXECUTION_ERROR, "step before the first reset; call reset")
+        with _refusals():
+            observation, reward, terminated, truncated, info = self._env.step(
+                np.array([action.steer, action.throttle, action.brake])
+            )
+        self.state = self.state.model_copy(
+            update={
+                "step_count": self.state.step_count + ("lost" not in info),
+                "terminated": terminated,
+                "truncated": truncated,
+                "verdict": info.get("verdict"),
+                "lost": info.get("lost"),
+            }
+        )
+        return Reply(observation=self._plain(observation), reward=float(reward), done=terminated or truncated)
+
+    def close(self) -> None:
+        """End an open episode and close the connection."""
+        if self._env is not None:
+            self._env.close()
+        self._env = None
+
+    def _environment(self, options: dict[str, Any]) -> RemoteEnv:
+        if self._env is None or options != self._options:
+            env = self._service.environment(options)
+            self.close()
+            self._env, self._options, self.state = env, options, State()
+        return self._env
+
+    def _plain(self, observation: Observation) -> dict[str, Any]:
+        assert self._env is not None
+        return encode(observation, self._env.track)
+
+
+@contextlib.contextmanager
+def _refusals() -> Iterator[None]:
+    """Turn errors of the environment into refusals."""
+    try:
+        yield
+    except ValidationError as error:
+        raise RefusedError(ErrorCode.VALIDATION_ERROR, first_error(error)) from None
+    except ValueError as error:
+        raise RefusedError(ErrorCode.VALIDATION_ERROR, str(error)) from None
+    except (WrongturnError, ResetNeeded) as error:
+        raise RefusedError(ErrorCode.EXECUTION_ERROR, str(error)) from None

@@ -1,0 +1,105 @@
+"""OpenEnv's own client against ``wrongturn openenv`` before a real service."""
+
+import asyncio
+import importlib
+import importlib.util
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from wrongturn_client import LocalService
+from wrongturn_openenv.server import READY
+from wrongturn_protocol import Track, Verdict
+from wrongturn_protocol.observations import decode, observation_space
+
+pytestmark = pytest.mark.skipif(importlib.util.find_spec("openenv") is None, reason="openenv-core is not installed")
+GAS = {"steer": 0.0, "throttle": 1.0, "brake": 0.0}
+
+
+@pytest.fixture(scope="module")
+def openenv() -> ModuleType:
+    """The module of ``GenericEnvClient``, without OpenEnv's server, which imports many packages that we do not have."""
+    spec = importlib.util.find_spec("openenv")
+    assert spec is not None
+    (folder,) = spec.submodule_search_locations or ()
+    core = ModuleType("openenv.core")
+    core.__path__ = [str(Path(folder, "core"))]
+    sys.modules["openenv.core"] = core
+    return importlib.import_module("openenv.core.generic_client")
+
+
+@pytest.fixture(scope="module")
+def server(service: LocalService) -> Iterator[str]:
+    command = [sys.executable, "-m", "wrongturn_client", "openenv", "--url", service.url, "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        line = process.stdout.readline()
+        assert line.startswith(READY), process.stderr.read()
+        yield line.removeprefix(READY).strip()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30) == 0, process.stderr.read()
+        assert process.stderr.read() == ""
+
+
+def test_an_episode_from_reset_to_its_verdict(openenv: ModuleType, server: str) -> None:
+    with openenv.GenericEnvClient(base_url=server).sync() as env:
+        result = env.reset(seed=7, track="camera", fault="infeasible")
+        rewards = []
+        while not result.done:
+            assert observation_space(Track.CAMERA).contains(decode(result.observation, Track.CAMERA))
+            result = env.step(GAS)
+            rewards.append(result.reward)
+        state = env.state()
+        assert state["step_count"] == len(rewards) > 5
+        assert state["terminated"]
+        assert state["verdict"] in set(Verdict)
+        assert len(set(rewards)) > 1
+        with pytest.raises(RuntimeError, match="call reset"):
+            env.step(GAS)
+        again = env.reset(seed=7)
+        assert env.state()["episode_id"] != state["episode_id"]
+        assert not again.done
+
+
+def test_the_same_seed_drives_the_same_episode(openenv: ModuleType, server: str) -> None:
+    def drive() -> list[Any]:
+        with openenv.GenericEnvClient(base_url=server).sync() as env:
+            results = [env.reset(seed=3, town="junctions")]
+            results += [env.step(GAS) for _ in range(5)]
+            return [env.state()["trial"], results]
+
+    first, second = drive(), drive()
+    assert first == second
+
+
+def test_several_sessions_drive_side_by_side(openenv: ModuleType, server: str) -> None:
+    async def drive(seed: int) -> dict[str, Any]:
+        async with openenv.GenericEnvClient(base_url=server) as env:
+            await env.reset(seed=seed)
+            for _ in range(seed):
+                await env.step(GAS)
+            state: dict[str, Any] = await env.state()
+            return state
+
+    async def all_of_them() -> list[dict[str, Any]]:
+        return await asyncio.gather(*(drive(seed) for seed in range(1, 4)))
+
+    states = asyncio.run(all_of_them())
+    assert [state["step_count"] for state in states] == [1, 2, 3]
+    assert len({state["episode_id"] for state in states}) == 3
+
+
+def test_errors_reach_the_trainer(openenv: ModuleType, server: str) -> None:
+    with openenv.GenericEnvClient(base_url=server).sync() as env:
+        with pytest.raises(RuntimeError, match=r"Town99.*VALIDATION_ERROR|Town99.*EXECUTION_ERROR"):
+            env.reset(town="Town99")
+        with pytest.raises(RuntimeError, match=r"action\.throttle.*VALIDATION_ERROR"):
+            env.step({"steer": 0, "throttle": 7, "brake": 0})
+        assert not env.reset().done
