@@ -1,38 +1,20 @@
 """Pages and their scripts behind a proxy that serves the service below a path."""
 
-import shutil
-import socket
-import subprocess
-import time
 from collections.abc import Iterator
-from contextlib import closing
-from pathlib import Path
 
 import pytest
 from all_pages import unsafe_episode
 from filled_site import Site
+from nginx_program import free_port, nginx
 from playwright.sync_api import Browser, Page
 
-NGINX = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")
 CONFIGURATION = """
-daemon off;
-pid {folder}/pid;
-error_log {folder}/error.log;
-events {{}}
-http {{
-    access_log off;
-    client_body_temp_path {folder}/body;
-    proxy_temp_path {folder}/proxy;
-    fastcgi_temp_path {folder}/fastcgi;
-    uwsgi_temp_path {folder}/uwsgi;
-    scgi_temp_path {folder}/scgi;
-    server {{
-        listen 127.0.0.1:{port};
-        location /deep/path/ {{
-            proxy_pass {service}/;
-            proxy_set_header Host $http_host;
-            proxy_buffering off;
-        }}
+server {{
+    listen 127.0.0.1:{port};
+    location /deep/path/ {{
+        proxy_pass {service}/;
+        proxy_set_header Host $http_host;
+        proxy_buffering off;
     }}
 }}
 """
@@ -41,28 +23,10 @@ http {{
 @pytest.fixture(scope="module")
 def below(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """URL of the site below a path."""
-    if NGINX is None:
-        pytest.skip("there is no nginx; apt-get install nginx")
-    folder = tmp_path_factory.mktemp("nginx")
-    with closing(socket.create_server(("127.0.0.1", 0))) as taken:
-        port = taken.getsockname()[1]
-    file = folder / "nginx.conf"
-    file.write_text(CONFIGURATION.format(folder=folder, port=port, service=site.url))
-    nginx = subprocess.Popen([NGINX, "-p", str(folder), "-c", str(file)], stderr=subprocess.DEVNULL)
-    try:
-        await_file(folder / "pid")
+    port = free_port()
+    written = CONFIGURATION.format(port=port, service=site.url)
+    with nginx(tmp_path_factory.mktemp("nginx"), written, port):
         yield f"http://127.0.0.1:{port}/deep/path"
-    finally:
-        nginx.terminate()
-        nginx.wait(60)
-
-
-def await_file(path: Path) -> None:
-    for _ in range(1200):
-        if path.exists():
-            return
-        time.sleep(0.05)
-    raise AssertionError("nginx does not start")
 
 
 @pytest.fixture

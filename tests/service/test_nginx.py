@@ -2,13 +2,9 @@
 
 import os
 import re
-import shutil
-import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +13,7 @@ import httpx
 import pytest
 from clocked_service import ClockedService
 from fake_pool import FakePool
+from nginx_program import free_port, nginx
 from service_harness import GAS, OPERATOR, expect, metrics, problem
 
 from wrongturn_client import Action, Client
@@ -27,23 +24,6 @@ PAGE = (DOCS / "nginx.md").read_text("utf-8")
 ADMINISTRATION = (DOCS / "administration.md").read_text("utf-8")
 INSIDE = "127.0.0.4"
 """The operator's network."""
-NGINX = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")
-MAIN = """
-user {user};
-daemon off;
-pid {folder}/nginx.pid;
-error_log {folder}/error.log;
-events {{ worker_connections 256; }}
-http {{
-    access_log off;
-    client_body_temp_path {folder}/body;
-    proxy_temp_path {folder}/proxy;
-    fastcgi_temp_path {folder}/fastcgi;
-    uwsgi_temp_path {folder}/uwsgi;
-    scgi_temp_path {folder}/scgi;
-    include {folder}/wrongturn.conf;
-}}
-"""
 JSON = {"Content-Type": "application/json"}
 PRACTICE = {"town": "Town01", "approach": "J3-S", "seed": 3}
 
@@ -66,8 +46,6 @@ class Proxied:
 
 @pytest.fixture(scope="module")
 def proxied(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proxied]:
-    if NGINX is None:
-        pytest.skip("there is no nginx; apt-get install nginx")
     folder = tmp_path_factory.mktemp("nginx")
     make_certificates(folder)
     plain, secure = free_port(), free_port()
@@ -75,19 +53,10 @@ def proxied(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proxied]:
     settings = {"trusted_proxies": "127.0.0.1,::1", "public_url": url, "operator_token": OPERATOR}
     service = ClockedService(folder / "wrongturn.db", pool=FakePool(4), registration_limit=4, **settings)
     written = configuration(folder, {80: plain, 443: secure, 8000: httpx.URL(service.url).port})
-    (folder / "wrongturn.conf").write_text(written)
-    user = "root" if os.geteuid() == 0 else "nobody"
-    (folder / "nginx.conf").write_text(MAIN.format(folder=folder, user=user))
-    command = [NGINX, "-p", str(folder), "-c", str(folder / "nginx.conf")]
-    checked = subprocess.run([*command, "-t"], capture_output=True, text=True, check=False)
-    assert checked.returncode == 0, checked.stderr
-    nginx = subprocess.Popen(command, stderr=subprocess.PIPE)
     try:
-        await_port(secure)
-        yield Proxied(service, url, f"http://localhost:{plain}", folder / "lab-ca.crt", folder / "error.log")
+        with nginx(folder, written, secure):
+            yield Proxied(service, url, f"http://localhost:{plain}", folder / "lab-ca.crt", folder / "error.log")
     finally:
-        nginx.terminate()
-        nginx.communicate(timeout=60)
         service.close()
 
 
@@ -114,23 +83,6 @@ def make_certificates(folder: Path) -> None:
         subprocess.run(["sh", "-euc", told], cwd=folder, capture_output=True, check=True)
     for name in ("crt", "key"):
         (folder / f"lab.example.{name}").rename(folder / f"localhost.{name}")
-
-
-def free_port() -> int:
-    with closing(socket.create_server(("127.0.0.1", 0))) as taken:
-        port: int = taken.getsockname()[1]
-        return port
-
-
-def await_port(port: int) -> None:
-    for _ in range(1200):
-        try:
-            socket.create_connection(("127.0.0.1", port)).close()
-        except ConnectionRefusedError:
-            time.sleep(0.05)
-        else:
-            return
-    raise AssertionError("nginx does not listen")
 
 
 def test_pages_their_files_and_their_commands(proxied: Proxied) -> None:
