@@ -34,7 +34,9 @@ def register(
 ) -> None:
     """Register shipped agents with the operator's token, and write each one's own token into a file.
 
-    A worker needs only its agent's token. Example: WRONGTURN_TOKEN_FILE=agents/careful/token wrongturn run careful
+    Example: wrongturn register careful parked --tokens agents
+
+    A worker then needs only its agent's token: WRONGTURN_TOKEN_FILE=agents/careful/token wrongturn run careful
 
     WRONGTURN_OPERATOR_TOKEN, or the file that WRONGTURN_OPERATOR_TOKEN_FILE names: the operator's token.
 

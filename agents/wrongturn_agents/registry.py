@@ -41,6 +41,7 @@ from wrongturn_agents.exploits.u_turner import UTurner
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, ShippedAgent
 from wrongturn_client.invocation import program
 from wrongturn_protocol import AgentKind, Track
+from wrongturn_protocol.suggestions import did_you_mean
 
 AGENTS: Final = MappingProxyType(
     {agent.name: agent for agent in (Parked, AlwaysStops, IgnoresCommands, ObeysBlindly, Careful)},
@@ -121,7 +122,7 @@ def resolve(named: str) -> AgentSource:
         UnknownAgentError: No agent is registered under the name.
         AgentImportError: The class cannot be imported.
         NotAnAgentError: The class lacks ``reset``, ``act`` or ``track``.
-        ModelFileError: The file is missing or broken, or breaks the contract.
+        ModelFileError: The file is missing or broken, breaks the contract, or fails on a made-up observation.
         OnnxRuntimeMissingError: The extra ``onnx`` is not installed. A trained agent raises it only when it is made.
     """
     if named in AGENTS:
@@ -135,9 +136,10 @@ def resolve(named: str) -> AgentSource:
         return _model(Path(named))
     if ":" in named:
         return _source(named, _import(named))
-    known = ", ".join((*AGENTS, *SHIPPED_AGENTS, *DOUBTING_AGENTS, *EXPLOITS))
+    known = (*AGENTS, *SHIPPED_AGENTS, *DOUBTING_AGENTS, *EXPLOITS)
     raise UnknownAgentError(
-        f"agent: there is no agent called {named!r}; known are {known}; or name package.module:Class or a .onnx file",
+        f"agent: there is no agent called {named!r}; known are {', '.join(known)}; or name package.module:Class or a "
+        f".onnx file{did_you_mean(named, known)}",
     )
 
 
@@ -200,5 +202,6 @@ def _model(file: Path) -> AgentSource:
     from wrongturn_agents.onnx_agent import OnnxAgent  # noqa: PLC0415 - loads an optional extra
 
     agent = OnnxAgent(file)
+    agent.try_out()
     make = partial(copy, agent)
     return AgentSource(agent.name, agent.track, agent.kind, agent.description, make, agent.trained_on_faults)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from wrongturn_client.errors import WrongturnError
+from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 
 if TYPE_CHECKING:
@@ -39,7 +40,6 @@ _Url = Annotated[
         "--url", envvar="WRONGTURN_URL", metavar="URL", help="URL of the service. Example: --url http://127.0.0.1:8000"
     ),
 ]
-_Json = Annotated[bool, typer.Option("--json", help="Print only JSON.")]
 _Limit = Annotated[int, typer.Option(min=1, help="Most lines. Example: --limit 1000")]
 _Target = Annotated[str, typer.Argument(metavar="TARGET", help=_TARGET)]
 _Targets = Annotated[list[str], typer.Argument(metavar="TARGET...", help=_TARGET)]
@@ -58,10 +58,13 @@ _Hidden = Annotated[bool | None, typer.Option("--hidden/--shown", help="Only hid
 
 @admin.command()
 def owners(
-    name: _Name = None, hidden: _Hidden = None, limit: _Limit = 100, url: _Url = None, as_json: _Json = False
+    name: _Name = None, hidden: _Hidden = None, limit: _Limit = 100, url: _Url = None, json_to: JsonTo = None
 ) -> None:
-    """List owners, newest first, with how to reach them."""
-    _list(Collection.OWNERS, url, limit, as_json, name=name, hidden=hidden)
+    """List owners, newest first, with how to reach them.
+
+    Example: wrongturn admin owners --name lab
+    """
+    _list(Collection.OWNERS, url, limit, json_to, name=name, hidden=hidden)
 
 
 @admin.command()
@@ -71,10 +74,13 @@ def agents(
     hidden: _Hidden = None,
     limit: _Limit = 100,
     url: _Url = None,
-    as_json: _Json = False,
+    json_to: JsonTo = None,
 ) -> None:
-    """List agents, newest first."""
-    _list(Collection.AGENTS, url, limit, as_json, name=name, owner=owner, hidden=hidden)
+    """List agents, newest first.
+
+    Example: wrongturn admin agents --owner lab --json agents.json
+    """
+    _list(Collection.AGENTS, url, limit, json_to, name=name, owner=owner, hidden=hidden)
 
 
 @admin.command()
@@ -83,15 +89,18 @@ def evaluations(
     owner: _Owner = None,
     agent: _Agent = None,
     suite: _Suite = None,
-    state: Annotated[str | None, typer.Option(help="running, finished or cancelled.")] = None,
+    state: Annotated[str | None, typer.Option(help="running, finished or cancelled. Example: --state running")] = None,
     hidden: _Hidden = None,
     limit: _Limit = 100,
     url: _Url = None,
-    as_json: _Json = False,
+    json_to: JsonTo = None,
 ) -> None:
-    """List evaluations, newest first."""
+    """List evaluations, newest first.
+
+    Example: wrongturn admin evaluations --agent test-7 --state running
+    """
     filters = {"name": name, "owner": owner, "agent": agent, "suite": suite, "state": state, "hidden": hidden}
-    _list(Collection.EVALUATIONS, url, limit, as_json, **filters)
+    _list(Collection.EVALUATIONS, url, limit, json_to, **filters)
 
 
 @admin.command()
@@ -100,23 +109,33 @@ def submissions(
     owner: _Owner = None,
     agent: _Agent = None,
     suite: _Suite = None,
-    state: Annotated[str | None, typer.Option(help="queued, checked, running, finished, failed or cancelled.")] = None,
+    state: Annotated[
+        str | None,
+        typer.Option(help="queued, checked, running, finished, failed or cancelled. Example: --state failed"),
+    ] = None,
     limit: _Limit = 100,
     url: _Url = None,
-    as_json: _Json = False,
+    json_to: JsonTo = None,
 ) -> None:
-    """List submissions, newest first."""
+    """List submissions, newest first.
+
+    Example: wrongturn admin submissions --state failed
+    """
     filters = {"name": name, "owner": owner, "agent": agent, "suite": suite, "state": state}
-    _list(Collection.SUBMISSIONS, url, limit, as_json, **filters)
+    _list(Collection.SUBMISSIONS, url, limit, json_to, **filters)
 
 
 @admin.command()
-def show(target: _Target, url: _Url = None, as_json: _Json = False) -> None:
-    """Show one of them, and what a deletion would delete with it."""
+def show(target: _Target, url: _Url = None, json_to: JsonTo = None) -> None:
+    """Show one of them, and what a deletion would delete with it.
+
+    Example: wrongturn admin show agent:test-7
+    """
+    check_json_file(json_to)
     with _service(url) as service:
         found = service.item(*_found(service, target))
-    if as_json:
-        _print_json(found.model_dump(mode="json"))
+    give_json(found.model_dump(mode="json"), json_to)
+    if json_to == STDOUT:
         return
     for field, value in found.model_dump(mode="json", exclude={"contents"}).items():
         typer.echo(f"{field}: {value}")
@@ -137,7 +156,10 @@ def hide(targets: _Targets, reason: _Reason = None, url: _Url = None) -> None:
 
 @admin.command()
 def unhide(targets: _Targets, reason: _Reason = None, url: _Url = None) -> None:
-    """Show again what was hidden."""
+    """Show again what was hidden.
+
+    Example: wrongturn admin unhide agent:test-7
+    """
     with _service(url) as service:
         for collection, item in [_found(service, target) for target in targets]:
             changed = service.unhide(collection, item, reason).changed
@@ -146,7 +168,10 @@ def unhide(targets: _Targets, reason: _Reason = None, url: _Url = None) -> None:
 
 @admin.command()
 def revoke(targets: _Targets, reason: _Reason = None, url: _Url = None) -> None:
-    """End the tokens of owners and their agents, or of single agents."""
+    """End the tokens of owners and their agents, or of single agents.
+
+    Example: wrongturn admin revoke owner:lab --reason 'token was published'
+    """
     with _service(url) as service:
         for collection, item in [_found(service, target) for target in targets]:
             typer.echo(f"{item}: tokens ended: {service.revoke(collection, item, reason).changed}")
@@ -166,7 +191,7 @@ def delete(
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")] = False,
     reason: _Reason = None,
     url: _Url = None,
-    as_json: _Json = False,
+    json_to: JsonTo = None,
 ) -> None:
     """Delete one of them for good, with all that hangs on it. It says what that is, and asks.
 
@@ -176,6 +201,7 @@ def delete(
     """
     from wrongturn_client.errors import NotFoundError  # noqa: PLC0415
 
+    check_json_file(json_to)
     with _service(url) as service:
         collection, item = _found(service, target)
         try:
@@ -186,14 +212,13 @@ def delete(
         else:
             typer.echo(f"{collection.one} {item} ({found.name}): {_words(found.contents)}", err=True)
             if dry_run:
-                if as_json:
-                    _print_json(found.contents.model_dump(mode="json"))
+                give_json(found.contents.model_dump(mode="json"), json_to)
                 return
             if not yes:
                 typer.confirm("Delete all this for good?", abort=True, err=True)
         deletion = service.delete(collection, item, free=free, reason=reason)
-    if as_json:
-        _print_json(deletion.model_dump(mode="json"))
+    give_json(deletion.model_dump(mode="json"), json_to)
+    if json_to == STDOUT:
         return
     typer.echo(f"Deleted: {_words(deletion.deleted)}.")
     for held in deletion.held:
@@ -204,19 +229,23 @@ def delete(
 def usage(
     limit: _Limit = 20,
     cursor: Annotated[
-        str | None, typer.Option(metavar="NEXT", help="Go on after an earlier list: `next` of its --json.")
+        str | None,
+        typer.Option(metavar="NEXT", help="Go on after an earlier list: `next` of its --json. Example: --cursor dDE3"),
     ] = None,
     url: _Url = None,
-    as_json: _Json = False,
+    json_to: JsonTo = None,
 ) -> None:
     """Show which owners have stored the most, as their quotas count it.
 
     An evaluation that still runs counts at all that it can come to.
+
+    Example: wrongturn admin usage --limit 50
     """
+    check_json_file(json_to)
     with _service(url) as service:
         found = service.usage(limit, cursor)
-    if as_json:
-        _print_json(found.model_dump(mode="json"))
+    give_json(found.model_dump(mode="json"), json_to)
+    if json_to == STDOUT:
         return
     rows = [(owner.name, owner.id, owner.contents) for owner in found.owners] + [("all", "", found.total)]
     heads = ("owner", "id", "bytes", "agents", "evaluations", "episodes", "submissions")
@@ -232,13 +261,17 @@ def audit(
     action: Annotated[AuditAction | None, typer.Option(help="Only this. Example: --action delete")] = None,
     limit: _Limit = 100,
     url: _Url = None,
-    as_json: _Json = False,
+    json_to: JsonTo = None,
 ) -> None:
-    """List what the operator did, newest first."""
+    """List what the operator did, newest first.
+
+    Example: wrongturn admin audit --target agent:test-7
+    """
+    check_json_file(json_to)
     with _service(url) as service:
         entries = list(service.audit(limit, target=target, action=None if action is None else action.value))
-    if as_json:
-        _print_json([entry.model_dump(mode="json") for entry in entries])
+    give_json([entry.model_dump(mode="json") for entry in entries], json_to)
+    if json_to == STDOUT:
         return
     if not entries:
         typer.echo("There are no such entries.")
@@ -263,7 +296,12 @@ def audit(
 @admin.command()
 def rotate_token(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", envvar="WRONGTURN_OPERATOR_TOKEN_FILE", help="The file with the token.")
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            envvar="WRONGTURN_OPERATOR_TOKEN_FILE",
+            help="The file with the token. Example: docker/secrets/operator_token",
+        ),
     ],
     *,
     create: Annotated[bool, typer.Option("--create", help="Make the file if it does not exist.")] = False,
@@ -318,12 +356,14 @@ def _found(service: "Administration", target: str) -> tuple[Collection, str]:
     return _KINDS[target[:3]], target
 
 
-def _list(collection: Collection, url: str | None, limit: int, as_json: bool, **filters: object) -> None:
+def _list(collection: Collection, url: str | None, limit: int, json_to: Path | None, **filters: object) -> None:
+    check_json_file(json_to)
     with _service(url) as service:
         items = list(service.items(collection, limit, **filters))
-    if as_json:
-        _print_json([item.model_dump(mode="json") for item in items])
-    elif items:
+    give_json([item.model_dump(mode="json") for item in items], json_to)
+    if json_to == STDOUT:
+        return
+    if items:
         always = {"contact"} if collection is Collection.OWNERS else set()
         fields = [
             field
@@ -379,9 +419,3 @@ def _print_table(heads: Any, rows: Any) -> None:
     broad = screen.options.update(max_width=_BROADEST)
     screen.width = max(screen.width, Measurement.get(screen, broad, table).minimum)
     screen.print(table)
-
-
-def _print_json(value: Any) -> None:
-    import json  # noqa: PLC0415
-
-    typer.echo(json.dumps(value, indent=2, ensure_ascii=False))

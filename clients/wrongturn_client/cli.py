@@ -4,10 +4,10 @@ Other packages name their commands by entry points in the group ``wrongturn.comm
 Slow imports wait until a command needs them.
 """
 
-import json
 import os
 import signal
 import sys
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -16,6 +16,7 @@ from wrongturn_client.admin_cli import admin
 from wrongturn_client.plugins import PluginGroup
 from wrongturn_client.replay_cli import replay
 from wrongturn_client.submit_cli import submissions, submit
+from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
 
 app = typer.Typer(
     name="wrongturn",
@@ -35,7 +36,6 @@ Url = Annotated[
         "--url", help="URL of the service. Example: --url http://127.0.0.1:8000", envvar="WRONGTURN_URL", metavar="URL"
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print only JSON.")]
 
 
 def _version(wanted: bool) -> None:
@@ -56,21 +56,46 @@ def _program(
 
 
 @app.command()
-def agents(url: Url = None, as_json: AsJson = False) -> None:
-    """List the agents of a service that have begun an evaluation (--url), or those installed here."""
-    _list("agents", url, as_json)
+def agents(url: Url = None, json_to: JsonTo = None) -> None:
+    """List the agents of a service that have begun an evaluation (--url), or those installed here.
+
+    Example: wrongturn agents --url http://127.0.0.1:8000
+    """
+    _list("agents", url, json_to)
 
 
 @app.command()
-def suites(url: Url = None, as_json: AsJson = False) -> None:
-    """List the suites of trials of a service (--url), or those installed here."""
-    _list("suites", url, as_json)
+def suites(url: Url = None, json_to: JsonTo = None) -> None:
+    """List the suites of trials of a service (--url), or those installed here.
+
+    Example: wrongturn suites --json suites.json
+    """
+    _list("suites", url, json_to)
 
 
 @app.command()
-def towns(url: Url = None, as_json: AsJson = False) -> None:
-    """List the towns of a service (--url), or those installed here, with their approaches by type."""
-    _list("towns", url, as_json)
+def towns(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="A town, to list its approaches. Example: Town01")
+    ] = None,
+    url: Url = None,
+    json_to: JsonTo = None,
+) -> None:
+    """List the towns of a service (--url), or those installed here; or the approaches of one town by type.
+
+    Example: wrongturn towns Town01
+    """
+    if name is None:
+        _list("towns", url, json_to)
+        return
+    from wrongturn_client.listings import approaches, approaches_table  # noqa: PLC0415
+    from wrongturn_client.tables import console  # noqa: PLC0415
+
+    check_json_file(json_to)
+    town = approaches(name, url)
+    give_json(town, json_to)
+    if json_to != STDOUT:
+        console().print(approaches_table(town))
 
 
 @app.command()
@@ -85,32 +110,34 @@ def leaderboard(
             metavar="A B",
         ),
     ] = None,
-    as_json: AsJson = False,
+    json_to: JsonTo = None,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print only CSV, a row for each agent.")] = False,
 ) -> None:
-    """Show a service's ranking on a suite, or compare two of its agents (--compare)."""
+    """Show a service's ranking on a suite, or compare two of its agents (--compare).
+
+    Example: wrongturn leaderboard smoke@2 --url http://127.0.0.1:8000
+    """
     from wrongturn_client.client import Client  # noqa: PLC0415
     from wrongturn_client.errors import WrongturnError  # noqa: PLC0415
     from wrongturn_client.tables import comparison_table, console, leaderboard_table  # noqa: PLC0415
 
-    if as_csv and (as_json or compare is not None):
+    if as_csv and (json_to is not None or compare is not None):
         raise WrongturnError("--csv: it prints the whole ranking as CSV; leave out --json and --compare")
+    check_json_file(json_to)
     with Client(url, patience=0) as client:
         if as_csv:
             typer.echo(client.leaderboard_csv(suite), nl=False)
             return
         if compare is not None:
             comparison = client.compare(suite, *compare)
-            if as_json:
-                _print_json(comparison.model_dump(mode="json"))
-            else:
+            give_json(comparison.model_dump(mode="json"), json_to)
+            if json_to != STDOUT:
                 console().print(comparison_table(comparison))
             return
         ranking = client.leaderboard(suite)
-        others = () if ranking.entries or as_json else client.leaderboards()
-    if as_json:
-        _print_json(ranking.model_dump(mode="json"))
-    else:
+        others = () if ranking.entries or json_to == STDOUT else client.leaderboards()
+    give_json(ranking.model_dump(mode="json"), json_to)
+    if json_to != STDOUT:
         console().print(leaderboard_table(ranking, [other.suite for other in others if other.entries], url))
 
 
@@ -122,7 +149,10 @@ app.add_typer(admin, name="admin")
 
 @app.command()
 def doctor(url: Url = None) -> None:
-    """Check this installation, and a service (--url); say how to fix what fails."""
+    """Check this installation, and a service (--url); say how to fix what fails.
+
+    Example: wrongturn doctor --url http://127.0.0.1:8000
+    """
     from wrongturn_client.doctor import diagnose, report  # noqa: PLC0415
     from wrongturn_client.tables import console  # noqa: PLC0415
 
@@ -135,21 +165,19 @@ def doctor(url: Url = None) -> None:
     typer.echo("All is well.")
 
 
-def _list(what: Any, url: str | None, as_json: bool) -> None:
+def _list(what: Any, url: str | None, json_to: Path | None) -> None:
     from wrongturn_client.listings import listing, listing_table  # noqa: PLC0415
     from wrongturn_client.tables import console  # noqa: PLC0415
 
+    check_json_file(json_to)
     items = listing(what, url)
-    if as_json:
-        _print_json(items)
-    elif items:
+    give_json(items, json_to)
+    if json_to == STDOUT:
+        return
+    if items:
         console().print(listing_table(what, items))
     else:
         typer.echo(f"There are no {what}.")
-
-
-def _print_json(value: Any) -> None:
-    typer.echo(json.dumps(value, indent=2, ensure_ascii=False))
 
 
 def _terminated(_signal: int, _frame: object) -> None:

@@ -29,7 +29,7 @@ from wrongturn_client.evaluation_driver import EvaluationDriver
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy, PolicyMaker
 from wrongturn_client.recorder import EpisodeRecorder, installed_versions
-from wrongturn_client.run_files import run_lines, write_run
+from wrongturn_client.run_files import run_lines
 from wrongturn_client.transport import CSV, JSON, MSGPACK, Transport, path_of
 from wrongturn_client.uploads import Upload
 from wrongturn_protocol import (
@@ -68,6 +68,7 @@ from wrongturn_protocol import (
     TrialDetail,
     TrialList,
 )
+from wrongturn_protocol.json_output import write_whole
 from wrongturn_protocol.pixmap import PIXMAP, from_pixmap
 from wrongturn_protocol.submissions import MODEL, NAME, SUITE
 
@@ -399,7 +400,7 @@ class Client(EpisodeCalls):
             NotFinishedError: The evaluation is not finished, or was cancelled.
             OSError: The file cannot be written.
         """
-        write_run(run_lines(self, evaluation), Path(file))
+        write_whole(run_lines(self, evaluation), Path(file))
 
     # Episodes
 

@@ -16,6 +16,7 @@ from wrongturn_client.practice import Practice
 from wrongturn_protocol import Action, Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, Screen, check_render_mode
+from wrongturn_protocol.trial_options import check_options
 
 
 class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -85,7 +86,7 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             WrongturnError: The service does not answer, or refuses.
         """
         super().reset(seed=seed)
-        call = self._practice.call(self.np_random, (options or {}).get("trial"))
+        call = self._practice.call(self.np_random, check_options(options, ("trial",)).get("trial"))
         self._abort()
         (result,) = self._practice.exchange([call])
         reply = granted(result)

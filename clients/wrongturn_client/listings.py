@@ -6,9 +6,9 @@ from rich.table import Table
 
 from wrongturn_client.client import Client
 from wrongturn_client.errors import WrongturnError
-from wrongturn_client.plugins import LISTINGS, entry_points, load
+from wrongturn_client.plugins import LISTINGS, TOWNS, entry_points, load
 from wrongturn_client.tables import type_head
-from wrongturn_protocol import JunctionType
+from wrongturn_protocol import Command, JunctionType
 
 Listed = Literal["agents", "suites", "towns"]
 _PART = {"agents": "wrongturn-agents", "suites": "wrongturn-networks", "towns": "wrongturn-networks"}
@@ -29,10 +29,46 @@ def listing(what: Listed, url: str | None) -> list[dict[str, Any]]:
             return [item.model_dump(mode="json", exclude_none=True) for item in getattr(client, what)()]
     point = entry_points(LISTINGS).get(what)
     if point is None:
-        raise WrongturnError(
-            f"no {what} are installed here; install {_PART[what]}, or name a service by --url or WRONGTURN_URL",
-        )
+        raise _not_installed(what)
     return [item.model_dump(mode="json", exclude_none=True) for item in load(point)()]
+
+
+def approaches(town: str, url: str | None) -> dict[str, Any]:
+    """Return a town's name, checksum and approaches as plain values, the approaches by type.
+
+    Args:
+        town: The town's name.
+        url: The service's URL; None for the packages installed here.
+
+    Raises:
+        WrongturnError: The service does not answer or has no such town, or the package with the towns is not installed.
+    """
+    if url is not None:
+        with Client(url, patience=0) as client:
+            found = client.town(town)
+    else:
+        point = entry_points(TOWNS).get("shipped")
+        if point is None:
+            raise _not_installed("towns")
+        found = load(point)(town).detail({})
+    kinds = list(JunctionType)
+    ordered = sorted(found.approaches, key=lambda one: kinds.index(one.type))
+    # Which faults suit an approach is known to a service alone, and the same list is given without one.
+    return {
+        "name": found.name,
+        "sha256": found.sha256,
+        "approaches": [one.model_dump(mode="json", exclude={"faults"}) for one in ordered],
+    }
+
+
+def approaches_table(town: dict[str, Any]) -> Table:
+    """Return a town's approaches, as :func:`approaches` gives them, as a table: a row for each."""
+    table = _table("type", "approach", "exits", "lane m")
+    table.columns[-1].justify = "right"
+    for one in town["approaches"]:
+        exits = ", ".join(Command(direction).name for direction in one["exits"])
+        table.add_row(one["type"], one["id"], exits, f"{one['lane_length']:.0f}")
+    return table
 
 
 def listing_table(what: Listed, items: list[dict[str, Any]]) -> Table:
@@ -65,6 +101,12 @@ def _towns(items: list[dict[str, Any]]) -> Table:
         counts = (str(item["approaches"].get(kind.value, 0)) for kind in JunctionType)
         table.add_row(item["name"], str(item["junctions"]), *counts, item["sha256"][:12])
     return table
+
+
+def _not_installed(what: Listed) -> WrongturnError:
+    return WrongturnError(
+        f"no {what} are installed here; install {_PART[what]}, or name a service by --url or WRONGTURN_URL",
+    )
 
 
 def _table(*heads: str) -> Table:

@@ -1,11 +1,13 @@
-"""A look at a model's file before it is handed in: the mistakes that its first bytes show."""
+"""A look at a model's file before it is handed in: the mistakes that its first bytes, inputs and outputs show."""
 
 import shlex
+from collections.abc import Collection
 from pathlib import Path
 from typing import Final
 
 from wrongturn_client.errors import ModelFileError
 from wrongturn_client.invocation import program
+from wrongturn_protocol import ContractError, Track, contract_of, signature_of
 
 _HEAD: Final = 64
 """Bytes that tell the kinds below apart."""
@@ -42,6 +44,26 @@ def check_model_file(path: Path) -> None:
         raise ModelFileError(f"FILE: {path} has no name before .onnx; rename it, for example to my_agent.onnx")
     if path.suffix.lower() != ".onnx":
         raise ModelFileError(f"FILE: {path} is not called .onnx; hand in a model in ONNX's format, named so")
+
+
+def check_contract(path: Path, tracks: Collection[Track]) -> None:
+    """Check by the file alone that a model's inputs and outputs keep the contract of ``docs/models.md``.
+
+    The service checks it again, with onnxruntime.
+
+    Args:
+        path: The model.
+        tracks: Tracks that the suite takes.
+
+    Raises:
+        ModelFileError: The file is no ONNX model, or breaks the contract. The message names each input and output.
+    """
+    try:
+        contract_of(signature_of(path), tracks)
+    except OSError as error:
+        raise ModelFileError(f"FILE: {path} cannot be read: {error.strerror or error}") from error
+    except ContractError as error:
+        raise ModelFileError(f"FILE: {path}: {error}") from error
 
 
 def _of_zip(path: Path) -> str:

@@ -15,10 +15,12 @@ from typer.core import TyperCommand, TyperGroup
 
 from wrongturn_client.errors import PluginError
 from wrongturn_client.option_errors import describe_option_error
+from wrongturn_protocol.json_output import with_stdout
 
 COMMANDS: Final = "wrongturn.commands"
 LISTINGS: Final = "wrongturn.listings"
 CHECKS: Final = "wrongturn.checks"
+TOWNS: Final = "wrongturn.towns"
 _USAGE: Final = 2
 _PARTS: Final = {
     "wrongturn-networks": ("trials",),
@@ -113,6 +115,10 @@ class LazyCommand(TyperCommand):
 
 class PluginGroup(TyperGroup):
     """Commands of the program: its own, then those of other packages."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Take a command line apart, once each ``--json`` without a file stands for stdout."""
+        return super().parse_args(ctx, with_stdout(args))
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command. For an invalid option value, print one line on stderr and exit with status 2."""

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from wrongturn_client.client import Client
-from wrongturn_protocol import ApproachDetail, PracticeRequest, Trial, TrialOptions
+from wrongturn_protocol import ApproachDetail, OptionError, PracticeRequest, Trial, TrialOptions
 
 _DEFAULT_TOWN: Final = "Town01"
 
@@ -20,12 +20,12 @@ class PracticeSource:
             options: What to draw.
 
         Raises:
-            ValueError: An option works in process only.
+            OptionError: An option works in process only.
         """
         if options.journeys is not None:
-            raise ValueError("journeys: the service draws cruises its own way; leave it out, or drive in process")
+            raise OptionError("journeys: the service draws cruises its own way; leave it out, or drive in process")
         if isinstance(options.trial, Trial):
-            raise ValueError(f"trial: a service takes no Trial; give suite and trial={options.trial.id!r}")
+            raise OptionError(f"trial: a service takes no Trial; give suite and trial={options.trial.id!r}")
         self._options = options
         self._town = options.town or _DEFAULT_TOWN
         self._approaches: tuple[str, ...] = () if options.approach is None else (options.approach,)
@@ -40,7 +40,7 @@ class PracticeSource:
             trial: The id of one of the suite's trials to drive instead.
 
         Raises:
-            ValueError: No approach suits the options, or there is no suite to take a trial from.
+            OptionError: No approach suits the options, or there is no suite to take a trial from.
             WrongturnError: The service does not answer, or refuses.
         """
         options = self._options
@@ -50,7 +50,7 @@ class PracticeSource:
             chosen = trial or self._trials[int(random.integers(len(self._trials)))]
             return PracticeRequest(suite=options.suite, trial=chosen, track=options.track)
         if trial is not None:
-            raise ValueError(f"options: the trial {trial!r} needs an environment that was made with its suite")
+            raise OptionError(f"options: the trial {trial!r} needs an environment that was made with its suite")
         if options.task is not None:  # a journey may begin anywhere
             approach, weather = options.approach, options.draw_weather(random)
             seed = options.draw_seed(random)
@@ -73,12 +73,18 @@ class PracticeSource:
         )
 
     def _suitable(self, client: Client) -> tuple[str, ...]:
-        """Return the town's approaches that have the route and where the fault can be applied."""
+        """Return the town's approaches that have the route and where the fault can be applied.
+
+        If the fault can be applied nowhere, it returns all approaches: the service then says why it refuses the fault,
+        for example that it is not built yet.
+        """
         approaches = client.town(self._town).approaches
+        if all(self._options.fault.kind not in one.faults for one in approaches):
+            return tuple(sorted(one.id for one in approaches))
         found = tuple(sorted(one.id for one in approaches if self._suits(one)))
         if not found:
             offered = ", ".join(sorted({kind for one in approaches for kind in one.faults}))
-            raise ValueError(
+            raise OptionError(
                 f"fault: {self._options.fault.kind} can be applied at no such approach of {self._town}, "
                 f"whose approaches offer {offered}; take another",
             )
@@ -93,5 +99,5 @@ def _trials(client: Client, suite: str) -> tuple[str, ...]:
     """Return the ids of a suite's open trials and of their twins."""
     found = tuple(name for one in client.trials(suite) for name in (one.id, one.twin) if name)
     if not found:
-        raise ValueError(f"suite: {suite} shows no trials for practice; take another")
+        raise OptionError(f"suite: {suite} shows no trials for practice; take another")
     return found

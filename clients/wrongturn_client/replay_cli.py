@@ -17,7 +17,8 @@ def replay(
         str,
         typer.Argument(
             metavar="EPISODE|FILE",
-            help="Id of an episode of a service, the file of 'run --json', or a file with a trajectory.",
+            help="Id of an episode of a service, the file of 'run --json', or a file with a trajectory. "
+            "Example: run.json",
         ),
     ],
     *,
@@ -27,10 +28,18 @@ def replay(
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write a picture of the whole episode from above, as .png."),
+        typer.Option(
+            metavar="FILE",
+            help="Write a picture of the whole episode from above, as .png. Example: --picture drive.png",
+        ),
     ] = None,
     episode: Annotated[
-        str | None, typer.Option(metavar="ID", help="Episode of the file of 'run --json', by its id or its trial's.")
+        str | None,
+        typer.Option(
+            metavar="ID",
+            help="Episode of the file of 'run --json', by its id or its trial's. "
+            "Example: --episode Town01.J3-S.infeasible.s17",
+        ),
     ] = None,
     size: Annotated[
         int | None, typer.Option(help="Side of the view from above, pixels: 160 to 2160. Example: --size 360")

@@ -1,10 +1,7 @@
-"""Writes the file of a finished evaluation: ``wrongturn_protocol.RunFile``, with a line for each episode."""
+"""Lines of the file of a finished evaluation: ``wrongturn_protocol.RunFile``, with a line for each episode."""
 
-import contextlib
-import gzip
 import json
-from collections.abc import Iterable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from wrongturn_client.errors import NotFinishedError
@@ -33,34 +30,6 @@ def run_lines(client: "Client", evaluation: str) -> Iterator[bytes]:
         yield between + _line(client, episode)
         between = b",\n"
     yield b"\n]}\n"
-
-
-def write_run(lines: Iterable[bytes], file: Path) -> None:
-    """Write a run file, all at once or not at all; compressed if its name ends in ``.gz``.
-
-    The same lines give the same bytes.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
-    if file.exists() and not file.is_file():  # a pipe or a device, which nothing can replace
-        with file.open("wb") as out:
-            out.writelines(lines)
-        return
-    target = file.resolve()  # a link stays a link
-    new = target.with_name(f".{target.name}.new")
-    try:
-        with new.open("wb") as out:
-            if target.suffix == ".gz":
-                with gzip.GzipFile(filename="", mode="wb", fileobj=out, mtime=0) as packed:
-                    packed.writelines(lines)
-            else:
-                out.writelines(lines)
-        new.replace(target)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            new.unlink(missing_ok=True)
-        raise
 
 
 def _check_finished(evaluation: EvaluationDetail) -> None:

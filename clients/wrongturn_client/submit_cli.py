@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from wrongturn_client.errors import WrongturnError
+from wrongturn_protocol.json_output import JsonTo, check_json_file
 
 _Url = Annotated[
     str | None,
@@ -22,7 +23,10 @@ def submit(
     *,
     suite: Annotated[str, typer.Option(help="Suite to drive. Example: --suite smoke@2")] = "wrong-command@2",
     name: Annotated[
-        str | None, typer.Option(help="Name on the leaderboard; by default the file's name without .onnx.")
+        str | None,
+        typer.Option(
+            help="Name on the leaderboard; by default the file's name without .onnx. Example: --name my-agent"
+        ),
     ] = None,
     url: _Url = None,
     owner_name: Annotated[
@@ -33,21 +37,24 @@ def submit(
         ),
     ] = None,
     follow: Annotated[
-        str | None, typer.Option(metavar="ID", help="Follow a submission that was handed in before.")
+        str | None,
+        typer.Option(metavar="ID", help="Follow a submission that was handed in before. Example: --follow su_…"),
     ] = None,
-    cancel: Annotated[str | None, typer.Option(metavar="ID", help="Cancel a submission.")] = None,
+    cancel: Annotated[
+        str | None, typer.Option(metavar="ID", help="Cancel a submission. Example: --cancel su_…")
+    ] = None,
     wait: Annotated[
         bool, typer.Option("--wait/--no-wait", help="Follow the submission to its end, or only hand it in.")
     ] = True,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the submission and its leaderboard entry as JSON.")
-    ] = False,
+    json_to: JsonTo = None,
 ) -> None:
     """Hand in a model, which the service checks, drives and ranks.
 
     Example: wrongturn submit my_agent.onnx --suite wrong-command@2
 
     Ctrl-C leaves the submission running. To come back: wrongturn submit --follow ID
+
+    The JSON of --json is the submission and its entry on the leaderboard.
 
     The exit status is 0 if the submission finished, and 1 if it failed or was cancelled.
 
@@ -62,9 +69,10 @@ def submit(
         raise WrongturnError("FILE: name the model, or an earlier submission by --follow ID or --cancel ID")
     if len(given) > 1:
         raise WrongturnError(f"{' and '.join(given)}: give only one of them")
+    check_json_file(json_to)
     from wrongturn_client.submitting import Order  # noqa: PLC0415
 
-    order = Order(url, owner_name, as_json=as_json)
+    order = Order(url, owner_name, json_to)
     if file is not None:
         order.hand_in(file, suite, name, wait=wait)
     elif follow is not None:
@@ -77,14 +85,16 @@ def submissions(
     *,
     url: _Url = None,
     owner_name: Annotated[
-        str | None, typer.Option(help="Owner whose submissions to list; by default the one used last.")
+        str | None,
+        typer.Option(help="Owner whose submissions to list; by default the one used last. Example: --owner-name lab"),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    json_to: JsonTo = None,
 ) -> None:
     """List your submissions at a service, the newest first.
 
     Example: wrongturn submissions --url http://127.0.0.1:8000
     """
+    check_json_file(json_to)
     from wrongturn_client.submitting import Order  # noqa: PLC0415
 
-    Order(url, owner_name, as_json=as_json).list_all()
+    Order(url, owner_name, json_to).list_all()

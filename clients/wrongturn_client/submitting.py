@@ -1,6 +1,5 @@
 """Hand in a model, follow its submission to the end and say what became of it, or cancel it."""
 
-import json
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -25,7 +24,7 @@ from wrongturn_client.errors import (
 )
 from wrongturn_client.following import Display, display_of, follow, whereabouts
 from wrongturn_client.invocation import program
-from wrongturn_client.model_file import check_model_file
+from wrongturn_client.model_file import check_contract, check_model_file
 from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_client.submitter import (
     NAME_RULE,
@@ -37,7 +36,8 @@ from wrongturn_client.submitter import (
     unknown,
 )
 from wrongturn_client.tables import console, evaluation_table, standing
-from wrongturn_protocol import Leaderboard, SubmissionDetail, SubmissionState
+from wrongturn_protocol import Leaderboard, SubmissionDetail, SubmissionState, Track
+from wrongturn_protocol.json_output import STDOUT, give_json
 from wrongturn_protocol.submissions import NAME
 
 _INTERRUPTED = 130
@@ -46,10 +46,10 @@ _INTERRUPTED = 130
 class Order:
     """What ``wrongturn submit`` was asked to do, and where."""
 
-    def __init__(self, url: str | None, owner_name: str | None, *, as_json: bool) -> None:
+    def __init__(self, url: str | None, owner_name: str | None, json_to: Path | None) -> None:
         self.url = (url or settings.DEFAULT_URL).rstrip("/")
         self.owner_name = owner_name
-        self.as_json = as_json
+        self.json_to = json_to
 
     def hand_in(self, file: Path, suite: str, name: str | None, *, wait: bool) -> None:
         """Check a file, hand it in and, if asked to, follow it to its end."""
@@ -61,7 +61,7 @@ class Order:
                     f"FILE: {wanted!r} cannot be the agent's name; choose another by --name. Example: --name my-agent"
                 )
             raise WrongturnError(f"--name: {wanted!r} cannot be a name; {NAME_RULE}")
-        self._check_suite(suite)
+        check_contract(file, self._tracks_of(suite))
         self._check_open()
         who = submitter(self.url, self.owner_name, _say)
         with self._client(who) as client, display_of(wanted) as display:
@@ -75,9 +75,8 @@ class Order:
                 detail = self._follow(client, detail.id, display)
         if wait:
             self._end(who, detail)
-        elif self.as_json:
-            _print_json({"submission": _plain(detail), "entry": None})
-        else:
+        give_json({"submission": _plain(detail), "entry": None}, self.json_to)
+        if self.json_to != STDOUT:
             _say(f"To follow it: {self._again('--follow', detail.id)}")
 
     def come_back(self, submission: str) -> None:
@@ -93,9 +92,10 @@ class Order:
         """Cancel a submission and say what it is now."""
         with self._client(self._known()) as client:
             detail = client.cancel_submission(submission)
-        if self.as_json:
-            _print_json({"submission": _plain(detail), "entry": None})
-        elif detail.state is SubmissionState.CANCELLED:
+        give_json({"submission": _plain(detail), "entry": None}, self.json_to)
+        if self.json_to == STDOUT:
+            return
+        if detail.state is SubmissionState.CANCELLED:
             typer.echo(f"Cancelled: {detail.name} on {detail.suite}.")
         else:
             typer.echo(f"Nothing is left to cancel: {detail.name} on {detail.suite} is {detail.state}.")
@@ -104,20 +104,24 @@ class Order:
         """Print the submissions of the owner or agent, the newest first."""
         with self._client(self._known()) as client:
             found = client.submissions()
-        if self.as_json:
-            _print_json([_plain(detail) for detail in found])
-        elif found:
+        give_json([_plain(detail) for detail in found], self.json_to)
+        if self.json_to == STDOUT:
+            return
+        if found:
             console().print(_listing(found))
         else:
             typer.echo("There are no submissions.")
 
-    def _check_suite(self, suite: str) -> None:
+    def _tracks_of(self, suite: str) -> tuple[Track, ...]:
+        """Return the tracks of a suite that takes evaluations. Raises WrongturnError."""
         with Client(self.url, "") as client:
-            successor = client.suite(suite).successor
-        if successor is not None:
+            found = client.suite(suite)
+        if found.successor is not None:
             raise WrongturnError(
-                f"--suite: {suite} is retired and takes no new evaluations; give --suite {successor}, which replaces it"
+                f"--suite: {suite} is retired and takes no new evaluations; give --suite {found.successor}, which "
+                "replaces it"
             )
+        return found.tracks
 
     def _check_open(self) -> None:
         """Check that the service takes submissions, before an owner is registered for one."""
@@ -170,9 +174,8 @@ class Order:
             if detail.state is SubmissionState.FINISHED and detail.evaluation is not None:
                 metrics = client.evaluation(detail.evaluation).metrics
         entry = _entry(board, detail)
-        if self.as_json:
-            _print_json({"submission": _plain(detail), "entry": entry})
-        else:
+        give_json({"submission": _plain(detail), "entry": entry}, self.json_to)
+        if self.json_to != STDOUT:
             if metrics is not None:
                 console().print(evaluation_table(detail.name, metrics))
             if detail.state is not SubmissionState.FINISHED:
@@ -239,10 +242,6 @@ def _entry(board: Leaderboard, detail: SubmissionDetail) -> dict[str, Any] | Non
 
 def _plain(detail: SubmissionDetail) -> dict[str, Any]:
     return detail.model_dump(mode="json")
-
-
-def _print_json(value: object) -> None:
-    typer.echo(json.dumps(value, indent=2, ensure_ascii=False))
 
 
 def _say(text: str) -> None:

@@ -24,7 +24,15 @@ from wrongturn_client.errors import (
 from wrongturn_client.practice import Practice
 from wrongturn_protocol import Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import Observation, action_space, observation_space
-from wrongturn_protocol.vectors import Flags, checked_actions, mask_of, seeds_of, trials_of, whole_number
+from wrongturn_protocol.vectors import (
+    Flags,
+    autoreset_mode_of,
+    checked_actions,
+    mask_of,
+    seeds_of,
+    trials_of,
+    whole_number,
+)
 from wrongturn_protocol.wire import Call
 
 _BRIEFLY: Final = 5.0
@@ -78,7 +86,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             raise ValueError(f"render_mode: {render_mode!r} is not supported; leave it None, pictures are observations")
         self.render_mode = None
         self.num_envs = count = whole_number("num_envs", num_envs)
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = autoreset_mode_of(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         trials = TrialOptions.of(town, track, **options)
         self.track = trials.track

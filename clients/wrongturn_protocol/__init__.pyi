@@ -23,6 +23,7 @@ from .model_contract import contract_of as contract_of
 from .navigation import Infractions as Infractions
 from .navigation import NavigationCount as NavigationCount
 from .navigation import NavigationMetrics as NavigationMetrics
+from .onnx_file import signature_of as signature_of
 from .paper import PAPER as PAPER
 from .paper import PaperAgent as PaperAgent
 from .results import AgentDetail as AgentDetail
@@ -74,6 +75,7 @@ from .submissions import SubmissionDetail as SubmissionDetail
 from .submissions import SubmissionList as SubmissionList
 from .submissions import SubmissionLog as SubmissionLog
 from .submissions import SubmissionLogLine as SubmissionLogLine
+from .trial_options import OptionError as OptionError
 from .trial_options import TrialKeywords as TrialKeywords
 from .trial_options import TrialOptions as TrialOptions
 from .vocabulary import CORL_TASKS as CORL_TASKS

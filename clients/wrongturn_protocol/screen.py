@@ -6,6 +6,9 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
+from wrongturn_protocol.suggestions import did_you_mean
+from wrongturn_protocol.trial_options import OptionError
+
 RENDER_MODES: Final = ("human", "rgb_array")
 FRAMES_A_SECOND: Final = 10
 """Pictures a second of an environment that is watched: a decision takes 0.1 s."""
@@ -15,11 +18,12 @@ def check_render_mode(render_mode: str | None) -> None:
     """Check an environment's render mode.
 
     Raises:
-        ValueError: It is not known.
+        OptionError: It is not known.
     """
     if render_mode is not None and render_mode not in RENDER_MODES:
-        raise ValueError(
+        raise OptionError(
             f"render_mode: {render_mode!r} is not known; take {' or '.join(RENDER_MODES)}, or leave it None"
+            f"{did_you_mean(render_mode, RENDER_MODES)}"
         )
 
 

@@ -1,19 +1,25 @@
 """What an environment's trials are drawn from: the same options in process and over the wire."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, TypedDict, TypeVar, Unpack
 
 import numpy as np
+from pydantic import ValidationError
 
 from wrongturn_protocol.episodes import Fault, Traffic, Trial
+from wrongturn_protocol.suggestions import did_you_mean
 from wrongturn_protocol.vocabulary import DIRECTIONS, Command, FaultKind, Task, Track, Weather
 
 E = TypeVar("E", bound=Enum)
 _SEEDS: Final = 2**31
 _NO_FAULT: Final = Fault(kind=FaultKind.NONE)
 _NO_TRAFFIC: Final = Traffic()
+
+
+class OptionError(ValueError):
+    """An option of an environment or of its ``reset`` is unknown or invalid; the message names it and the remedy."""
 
 
 class TrialKeywords(TypedDict, total=False):
@@ -65,10 +71,13 @@ class TrialOptions:
 
         Raises:
             TypeError: There is no option of that name.
-            ValueError: A name does not exist, or options do not go together.
+            OptionError: A value has the wrong type, a name does not exist, or options do not go together.
         """
         if unknown := given.keys() - TrialKeywords.__annotations__.keys():
-            raise TypeError(f"{min(unknown)}: there is no such option; give {', '.join(TrialKeywords.__annotations__)}")
+            raise TypeError(_no_option(min(unknown), ("town", "track", *TrialKeywords.__annotations__)))
+        _check_text("town", town)
+        for name in ("approach", "suite"):
+            _check_text(name, given.get(name))
         fault, task, route = given.get("fault", FaultKind.NONE), given.get("task"), given.get("route")
         options = cls(
             town=town,
@@ -79,9 +88,9 @@ class TrialOptions:
             journeys=given.get("journeys"),
             route=None if route is None else _direction(route),
             weathers=_weathers(given.get("weather", Weather.CLEAR_NOON)),
-            traffic=Traffic.model_validate(given.get("traffic", _NO_TRAFFIC)),
+            traffic=_traffic(given.get("traffic", _NO_TRAFFIC)),
             suite=given.get("suite"),
-            trial=given.get("trial"),
+            trial=_trial(given.get("trial")),
         )
         options._check_suite()
         options._check_journeys()
@@ -98,40 +107,86 @@ class TrialOptions:
 
     def _check_suite(self) -> None:
         if self.suite is not None and (self.town is not None or self.approach is not None):
-            raise ValueError("suite: its trials name their towns; leave town and approach out")
+            raise OptionError("suite: its trials name their towns; leave town and approach out")
         if self.suite is not None and self.task is not None:
-            raise ValueError("suite: its trials have their own tasks; leave task out")
+            raise OptionError("suite: its trials have their own tasks; leave task out")
         if isinstance(self.trial, str) and self.suite is None:
-            raise ValueError(
+            raise OptionError(
                 f"trial: the id {self.trial!r} needs the suite that has it; give suite too, or in process a Trial"
             )
 
     def _check_journeys(self) -> None:
         if self.journeys is not None and self.task is not Task.CRUISE:
-            raise ValueError("journeys: these are arguments of cruises; give task='cruise' with them")
+            raise OptionError("journeys: these are arguments of cruises; give task='cruise' with them")
         if self.journeys is not None and not isinstance(self.journeys, Mapping):
-            raise ValueError(f"journeys: {self.journeys!r} holds no arguments by name; give a dict of them")
+            raise OptionError(f"journeys: {self.journeys!r} holds no arguments by name; give a dict of them")
         if self.task is None:
             return
         if self.fault.kind is not FaultKind.NONE:
-            raise ValueError(f"fault: journeys are drawn without one, and {self.fault.kind} was named; leave it out")
+            raise OptionError(f"fault: journeys are drawn without one, and {self.fault.kind} was named; leave it out")
         if self.route is not None:
-            raise ValueError("route: a journey's leads to its goal; leave it out, or task")
+            raise OptionError("route: a journey's leads to its goal; leave it out, or task")
         if self.task is Task.CRUISE and self.approach is not None:
-            raise ValueError("approach: cruises begin anywhere in the town; leave it out")
+            raise OptionError("approach: cruises begin anywhere in the town; leave it out")
+
+
+def check_options(options: Mapping[str, Any] | None, known: Collection[str]) -> Mapping[str, Any]:
+    """Return the ``options`` of an environment's ``reset``; without options, an empty mapping.
+
+    Args:
+        options: What ``reset`` was given.
+        known: Names of the options that this environment knows.
+
+    Raises:
+        OptionError: They are no mapping, or one of them is not known.
+    """
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        raise OptionError(f"options: is {options!r}; give a dict with {' or '.join(known)}")
+    for name in options:
+        if name not in known:
+            raise OptionError(_no_option(f"options.{name}", known))
+    return options
 
 
 def _direction(route: Command | int) -> Command:
-    if route not in DIRECTIONS:
+    if isinstance(route, bool) or not isinstance(route, int | np.integer) or route not in DIRECTIONS:
         choices = ", ".join(f"{one.value} ({one.name})" for one in DIRECTIONS)
-        raise ValueError(f"route: {route!r} is no direction; give one of {choices}")
+        raise OptionError(f"route: {route!r} is no direction; give one of {choices}")
     return Command(route)
+
+
+def _traffic(traffic: object) -> Traffic:
+    try:
+        return Traffic.model_validate(traffic)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+    if not first["loc"]:
+        raise OptionError(
+            f"traffic: is {traffic!r}; give numbers by name, such as {{'vehicles': 20, 'pedestrians': 10}}"
+        )
+    name = str(first["loc"][0])
+    if first["type"] == "extra_forbidden":
+        raise OptionError(_no_option(f"traffic.{name}", Traffic.model_fields))
+    raise OptionError(f"traffic.{name}: is {first['input']!r}; give a whole number from 0 to 200")
+
+
+def _trial(trial: object) -> Trial | str | None:
+    if trial is None or isinstance(trial, Trial | str):
+        return trial
+    raise OptionError(f"trial: is {trial!r}; give the id of one of the suite's trials, or in process a Trial")
+
+
+def _check_text(name: str, value: object) -> None:
+    if value is not None and not isinstance(value, str):
+        raise OptionError(f"{name}: is {value!r}; give its name as text")
 
 
 def _weathers(weather: object) -> tuple[Weather, ...]:
     names = tuple(weather) if isinstance(weather, Iterable) and not isinstance(weather, str) else (weather,)
     if not names:
-        raise ValueError("weather: none is named; name one or more")
+        raise OptionError("weather: none is named; name one or more")
     return tuple(_one_of("weather", Weather, name) for name in names)
 
 
@@ -139,5 +194,13 @@ def _one_of(name: str, kind: type[E], value: object) -> E:
     try:
         return kind(value)
     except ValueError:
-        choices = ", ".join(str(one.value) for one in kind)
-        raise ValueError(f"{name}: {value!r} is unknown; give one of {choices}") from None
+        choices = [str(one.value) for one in kind]
+        meant = did_you_mean(value, choices)
+        raise OptionError(f"{name}: {value!r} is unknown; give one of {', '.join(choices)}{meant}") from None
+
+
+def _no_option(name: str, known: Iterable[str]) -> str:
+    """Return what to say of an option that does not exist. The part of its name after the last dot is the wrong one."""
+    options = list(known)
+    meant = did_you_mean(name.rpartition(".")[2], options)
+    return f"{name}: there is no such option; give {', '.join(options)}{meant}"

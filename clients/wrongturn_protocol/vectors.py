@@ -4,25 +4,42 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
+
+from wrongturn_protocol.suggestions import did_you_mean
+from wrongturn_protocol.trial_options import OptionError, check_options
 
 Flags = NDArray[np.bool_]
 
+_OPTIONS: Final = ("trial", "reset_mask")
+"""What ``options`` of a vector environment's ``reset`` may hold."""
 _FIELDS: Final = ("steer", "throttle", "brake")
 
 
 def whole_number(name: str, value: object) -> int:
-    """Return an argument that counts something; raise ValueError if it is not a whole number, 1 or more."""
+    """Return an argument that counts something; raise OptionError if it is not a whole number, 1 or more."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise ValueError(f"{name}: is {value!r}; give a whole number, 1 or more")
+        raise OptionError(f"{name}: is {value!r}; give a whole number, 1 or more")
     return int(value)
+
+
+def autoreset_mode_of(mode: AutoresetMode | str) -> AutoresetMode:
+    """Return a mode by its name, such as ``SameStep``; raise OptionError if it is not known."""
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        names = [one.value for one in AutoresetMode]
+        raise OptionError(
+            f"autoreset_mode: {mode!r} is not known; give {', '.join(names)}{did_you_mean(mode, names)}"
+        ) from None
 
 
 def seeds_of(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
     """Return a seed for each environment. A single seed is the first one's; each next one is 1 higher.
 
     Raises:
-        ValueError: The number of seeds differs from ``count``.
+        OptionError: The number of seeds differs from ``count``.
     """
     seeds = [None if seed is None else seed + i for i in range(count)] if not isinstance(seed, Sequence) else list(seed)
     _check_number("seed", len(seeds), count)
@@ -33,13 +50,14 @@ def trials_of(options: dict[str, Any] | None, count: int, single: type | tuple[t
     """Return the trial in ``options`` for each environment: one for all, of a type in ``single``, or one for each.
 
     Raises:
-        ValueError: The number of trials differs from ``count``, or it is not a trial.
+        OptionError: ``options`` holds something unknown, the number of trials differs from ``count``, or it is not a
+            trial.
     """
-    given = (options or {}).get("trial")
+    given = check_options(options, _OPTIONS).get("trial")
     if given is None or isinstance(given, single):
         return [given] * count
     if not isinstance(given, Sequence):
-        raise ValueError(f"options.trial: is {given!r}; give one trial, or one for each environment")
+        raise OptionError(f"options.trial: is {given!r}; give one trial, or one for each environment")
     trials = list(given)
     _check_number("options.trial", len(trials), count)
     return trials
@@ -49,11 +67,11 @@ def mask_of(options: dict[str, Any] | None, count: int) -> list[int]:
     """Return the indices of the environments in ``options["reset_mask"]``; all of them by default.
 
     Raises:
-        ValueError: It is not a mask of (count,), or it is empty.
+        OptionError: It is not a mask of (count,), or it is empty.
     """
     mask = np.asarray((options or {}).get("reset_mask", np.ones(count, np.bool_)))
     if mask.shape != (count,) or mask.dtype != np.bool_ or not mask.any():
-        raise ValueError(f"options.reset_mask: give ({count},) of bool, one of them True at least")
+        raise OptionError(f"options.reset_mask: give ({count},) of bool, one of them True at least")
     chosen: list[int] = np.flatnonzero(mask).tolist()
     return chosen
 
@@ -83,4 +101,4 @@ def checked_actions(actions: Any, driven: Flags, error: type[Exception]) -> NDAr
 
 def _check_number(name: str, number: int, count: int) -> None:
     if number != count:
-        raise ValueError(f"{name}: has {number} entries; give one for each of {count} environments")
+        raise OptionError(f"{name}: has {number} entries; give one for each of {count} environments")

@@ -18,13 +18,15 @@ NetworkError
 
 from collections.abc import Iterable
 
+from wrongturn_protocol.suggestions import did_you_mean
+
 
 class NetworkError(ValueError):
     """Base class of this package's errors; the message names the field and the remedy."""
 
 
 class _UnknownNameError(NetworkError):
-    """An unknown name; the message lists the known ones."""
+    """An unknown name; the message lists the known ones, and the one that may be meant."""
 
     what = "name"
 
@@ -32,7 +34,8 @@ class _UnknownNameError(NetworkError):
         self.name = name
         self.known = tuple(known)
         shown = ", ".join(self.known[:40]) + (" …" if len(self.known) > 40 else "")
-        super().__init__(f"{field or self.what}: {name!r} is not known; there are: {shown or 'none'}")
+        meant = did_you_mean(name, self.known)
+        super().__init__(f"{field or self.what}: {name!r} is not known; there are: {shown or 'none'}{meant}")
 
 
 class UnknownTownError(_UnknownNameError):

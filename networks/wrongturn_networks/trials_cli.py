@@ -1,6 +1,5 @@
 """``wrongturn trials``: the trials that a secret draws of a suite."""
 
-import json
 import re
 from typing import Annotated, Final
 
@@ -12,6 +11,7 @@ from wrongturn_networks.draws import Draw, commitment_of
 from wrongturn_networks.errors import CommitmentError, SecretError
 from wrongturn_networks.suites import Suite, load_suite
 from wrongturn_protocol import Trial
+from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
 
 _WIDTH: Final = 160
 """Columns of a table that goes to a file or a pipe."""
@@ -28,7 +28,8 @@ def trials(
     secret: Annotated[
         str | None,
         typer.Option(
-            metavar="TEXT", help="Secret of a finished evaluation. Without it you get the open draw. Example: 5f0c…"
+            metavar="TEXT",
+            help="Secret of a finished evaluation. Without it you get the open draw. Example: --secret 5f0c…",
         ),
     ] = None,
     commitment: Annotated[
@@ -36,21 +37,25 @@ def trials(
         typer.Option(
             metavar="HEX",
             callback=_hexadecimal,
-            help="What the evaluation told at its beginning. Fails if it is not the secret's SHA-256.",
+            help="What the evaluation told at its beginning. Fails if it is not the secret's SHA-256. "
+            "Example: --commitment 91ab…",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the whole trials and twins, as JSON only.")] = False,
+    json_to: JsonTo = None,
 ) -> None:
     """Show the trials that a secret draws, to rebuild and check an evaluation.
 
-    Example: wrongturn trials wrong-command@2 --secret 5f0c… --commitment 91ab…
+    Example: wrongturn trials wrong-command@2 --secret 5f0c… --json trials.json
+
+    The JSON of --json has every field of the trials and twins.
     """
+    check_json_file(json_to)
     chosen = load_suite(suite)
     draw = _drawn(chosen, secret)
     if commitment is not None:
         _check(secret, commitment)
-    if as_json:
-        typer.echo(json.dumps(_content(chosen, draw), indent=1))
+    give_json(_content(chosen, draw), json_to)
+    if json_to == STDOUT:
         return
     for line in _head(chosen, draw):
         typer.echo(line)

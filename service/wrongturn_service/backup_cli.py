@@ -17,7 +17,8 @@ _STREAM: Final = Path("-")
 Url = Annotated[
     str | None,
     typer.Option(
-        help="SQLAlchemy URL. Default: WRONGTURN_DATABASE, or wrongturn.db in WRONGTURN_HOME.",
+        help="SQLAlchemy URL. Default: WRONGTURN_DATABASE, or wrongturn.db in WRONGTURN_HOME. "
+        "Example: --database sqlite+aiosqlite:////data/w.db",
         metavar="URL",
         show_default=False,
     ),
@@ -31,7 +32,10 @@ def backup(
     ],
     database: Url = None,
 ) -> None:
-    """Write a consistent backup of the database. The service may run meanwhile."""
+    """Write a consistent backup of the database. The service may run meanwhile.
+
+    Example: wrongturn backup wrongturn-2026-11-22.backup
+    """
     require_server("backup")
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
     from wrongturn_service.storage.backup import back_up  # noqa: PLC0415 - imports SQLAlchemy
@@ -55,11 +59,17 @@ def backup(
 
 
 def restore(
-    file: Annotated[Path, typer.Argument(help="A file that 'wrongturn backup' wrote; - reads it from stdin.")],
+    file: Annotated[
+        Path,
+        typer.Argument(help="A file that 'wrongturn backup' wrote; - reads it from stdin. Example: wrongturn.backup"),
+    ],
     database: Url = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask. Everything in the database now is lost.")] = False,
 ) -> None:
-    """Replace the database by a backup. Stop the service first."""
+    """Replace the database by a backup. Stop the service first.
+
+    Example: wrongturn restore wrongturn-2026-11-22.backup
+    """
     require_server("restore")
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
     from wrongturn_service.storage import backup as backups  # noqa: PLC0415 - imports SQLAlchemy

@@ -22,19 +22,25 @@ def serve(
     port: Annotated[
         int | None,
         typer.Option(
-            help="Port to listen on. Default: 8000. 0 takes a free port.", min=0, max=65535, show_default=False
+            help="Port to listen on. Default: 8000. 0 takes a free port. Example: --port 8080",
+            min=0,
+            max=65535,
+            show_default=False,
         ),
     ] = None,
     database: Annotated[
         str | None,
         typer.Option(
-            help="SQLAlchemy URL. Default: wrongturn.db in WRONGTURN_HOME. Example: sqlite+aiosqlite:////data/w.db",
+            help="SQLAlchemy URL. Default: wrongturn.db in WRONGTURN_HOME. "
+            "Example: --database sqlite+aiosqlite:////data/w.db",
             metavar="URL",
             show_default=False,
         ),
     ] = None,
 ) -> None:
     """Run the service until SIGTERM or Ctrl-C.
+
+    Example: wrongturn serve --port 8000
 
     It prints its URL once it is ready. Other settings come from WRONGTURN_* variables, see docs/settings.md.
     """

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from wrongturn_protocol import Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
 from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, Screen, check_render_mode
+from wrongturn_protocol.trial_options import check_options
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.errors import EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.simulator import Simulator
@@ -74,7 +75,7 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             SimError: as :class:`~wrongturn_sim.episode.Episode`.
         """
         super().reset(seed=seed)
-        given = (options or {}).get("trial")
+        given = check_options(options, ("trial",)).get("trial")
         trial = self._source.draw(self.np_random) if given is None else self._source.find(given)
         self.episode = Episode(trial, self.track, simulator=self._simulator, camera=self._camera, strict=self.strict)
         observation = self.episode.reset()

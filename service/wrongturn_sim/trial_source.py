@@ -3,7 +3,7 @@
 import numpy as np
 
 from wrongturn_networks import NetworkError, draw_cruise, draw_journey, draw_trial, load_suite, load_town
-from wrongturn_protocol import Task, Trial, TrialOptions, Weather
+from wrongturn_protocol import OptionError, Task, Trial, TrialOptions, Weather
 from wrongturn_sim.faults import FaultNotApplicableError, check_fault, fault_class
 
 
@@ -11,10 +11,10 @@ def a_flag(name: str, value: bool) -> bool:
     """Return the value of a flag.
 
     Raises:
-        ValueError: It is neither True nor False, such as ``"no"``, which would count as true.
+        OptionError: It is neither True nor False, such as ``"no"``, which would count as true.
     """
     if not isinstance(value, bool | np.bool_):
-        raise ValueError(f"{name}: is {value!r}; give True or False")
+        raise OptionError(f"{name}: is {value!r}; give True or False")
     return bool(value)
 
 
@@ -28,12 +28,12 @@ class TrialSource:
             options: What to draw.
 
         Raises:
-            ValueError: A town, suite or trial does not exist, or there is none to draw from.
+            OptionError: A town, suite or trial does not exist, or there is none to draw from.
         """
         if options.suite is None and options.town is None and options.trial is None:
-            raise ValueError("town: missing; name a town, or a suite, or give a trial")
+            raise OptionError("town: missing; name a town, or a suite, or give a trial")
         if options.task is not None and options.town is None:
-            raise ValueError("task: journeys are drawn in a town; name one, and leave suite and trial out")
+            raise OptionError("task: journeys are drawn in a town; name one, and leave suite and trial out")
         fault_class(options.fault.kind)
         self._options = options
         self._suite = None if options.suite is None else load_suite(options.suite)
@@ -66,12 +66,12 @@ class TrialSource:
 
         Raises:
             UnknownTrialError: The suite has no such trial.
-            ValueError: There is no suite to look in.
+            OptionError: There is no suite to look in.
         """
         if isinstance(trial, Trial):
             return trial
         if self._suite is None:
-            raise ValueError(f"trial: the id {trial!r} needs an environment that was made with its suite")
+            raise OptionError(f"trial: the id {trial!r} needs an environment that was made with its suite")
         return self._suite.trial(trial)
 
     def draw(self, random: np.random.Generator) -> Trial:
@@ -102,7 +102,7 @@ class TrialSource:
         try:
             self._journey(np.random.default_rng(0))
         except TypeError as error:
-            raise ValueError(f"journeys: {error}; see wrongturn_networks.draw_cruise") from None
+            raise OptionError(f"journeys: {error}; see wrongturn_networks.draw_cruise") from None
 
     def _made(self, approach: str, seed: int, weather: Weather) -> Trial:
         assert self._town is not None

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from control_onnx import write_adder, write_identity
+from onnx import TensorProto, helper
 from tiny_onnx import write_concat_model
 
 from wrongturn_agents import resolve
@@ -134,6 +135,28 @@ def test_a_model_against_the_contract(tmp_path, inputs, extra, says):
     with pytest.raises(ModelFileError) as caught:
         resolve(str(file))
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("node", "says"),
+    [
+        (helper.make_node("Concat", ["speed", "speed"], ["action"], axis=1), r"output action: is .*float32 \(1, 2\)"),
+        (helper.make_node("MatMul", ["speed", "weight"], ["action"]), "the model fails on an observation: .*MatMul"),
+    ],
+)
+def test_a_graph_that_cannot_drive_is_told_before_anything_is_begun(tmp_path, node, says):
+    """Its declared shapes are free, so only a step shows the mistake."""
+    graph = helper.make_graph(
+        [node],
+        "graph",
+        [helper.make_tensor_value_info("speed", TensorProto.FLOAT, [None, None])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [None, None])],
+        initializer=[helper.make_tensor("weight", TensorProto.FLOAT, [2, 3], [0.0] * 6)],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    (tmp_path / "free.onnx").write_bytes(model.SerializeToString())
+    with pytest.raises(ModelFileError, match=says):
+        resolve(str(tmp_path / "free.onnx"))
 
 
 def test_an_action_that_is_not_finite(tmp_path):

@@ -1,5 +1,6 @@
 """The program as a new user would try it."""
 
+import gzip
 import json
 import os
 import shlex
@@ -215,6 +216,54 @@ def test_local_suites_as_table_and_json(points: dict[tuple[str, str], str]) -> N
     assert "mine@1" in runner.invoke(cli.app, ["suites"]).output
     (item,) = json.loads(runner.invoke(cli.app, ["suites", "--json"]).stdout)
     assert SuiteSummary.model_validate(item) == SUITE
+
+
+def test_a_town_lists_its_approaches_by_type(served: FakeService) -> None:
+    here = runner.invoke(cli.app, ["towns", "Town01", "--json"]).stdout
+    found = json.loads(here)
+    assert found["name"] == "Town01"
+    types = [one["type"] for one in found["approaches"]]
+    assert set(types) == {"STRAIGHT_LEFT", "STRAIGHT_RIGHT", "LEFT_RIGHT"}
+    assert types == sorted(types, key=types.index)
+    assert {one["id"]: one["exits"] for one in found["approaches"] if one["type"] == "LEFT_RIGHT"}["J1-N"] == [1, 2]
+    shown = runner.invoke(cli.app, ["towns", "Town01"]).stdout
+    assert any(line.split()[:4] == ["LEFT_RIGHT", "J1-N", "LEFT,", "RIGHT"] for line in shown.splitlines())
+    served_town = runner.invoke(cli.app, ["towns", "Town01", "--json", "--url", "http://fake"]).stdout
+    assert json.loads(served_town)["approaches"][0].keys() == found["approaches"][0].keys()
+
+
+def test_an_unknown_town_is_told_with_the_one_that_is_meant() -> None:
+    done = runner.invoke(cli.app, ["towns", "Town1"])
+    assert str(done.exception).endswith(". Did you mean Town01?")
+
+
+@pytest.mark.parametrize("name", ["found.json", "found.json.gz"])
+def test_json_goes_to_stdout_or_beside_the_table_into_a_file(
+    name: str, points: dict[tuple[str, str], str], tmp_path: Path
+) -> None:
+    points["wrongturn.listings", "suites"] = "client_cli_plugin:local_suites"
+    printed = json.loads(runner.invoke(cli.app, ["suites", "--json"]).stdout)
+    assert json.loads(runner.invoke(cli.app, ["suites", "--json", "-"]).stdout) == printed
+    shown = runner.invoke(cli.app, ["suites", "--json", str(tmp_path / name)]).stdout
+    assert shown == runner.invoke(cli.app, ["suites"]).stdout
+    content = (tmp_path / name).read_bytes()
+    assert json.loads(gzip.decompress(content) if name.endswith(".gz") else content) == printed
+
+
+def test_json_takes_only_what_looks_like_its_file(
+    points: dict[tuple[str, str], str], served: FakeService, tmp_path: Path
+) -> None:
+    words = ["leaderboard", "--json", "wrong-command@2", "--url", "http://fake"]
+    assert json.loads(runner.invoke(cli.app, words).stdout)["suite"] == "wrong-command@2"
+    runner.invoke(cli.app, ["leaderboard", f"--json={tmp_path / 'any'}", "wrong-command@2", "--url", "http://fake"])
+    assert json.loads((tmp_path / "any").read_text())["suite"] == "wrong-command@2"
+
+
+@pytest.mark.parametrize("name", ["no/found.json", "folder.json"])
+def test_a_file_for_json_that_cannot_be_written_is_told_first(name: str, tmp_path: Path) -> None:
+    (tmp_path / "folder.json").mkdir()
+    done = runner.invoke(cli.app, ["suites", "--json", str(tmp_path / name), "--url", "http://127.0.0.1:9"])
+    assert str(done.exception) == f"--json: {tmp_path / name} cannot be written; name a file in a folder that exists"
 
 
 def test_without_local_suites_it_says_what_to_do(points: dict[tuple[str, str], str]) -> None:

@@ -12,6 +12,7 @@ import httpx
 import pytest
 import stamina
 from client_fake_submissions import TIME, WAY, FakeSubmissions
+from onnx import TensorProto, helper
 from rich.console import Console
 from typer.testing import CliRunner, Result
 
@@ -46,8 +47,21 @@ def served(monkeypatch: pytest.MonkeyPatch, home: Path) -> Iterator[FakeSubmissi
 
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
-    path = tmp_path / "my_agent.onnx"
-    path.write_bytes(b"\x08\x08" + bytes(5000))
+    return write_model(tmp_path / "my_agent.onnx")
+
+
+def write_model(path: Path, speed: int = TensorProto.FLOAT, wide: int = 1, **metadata: str) -> Path:
+    """Write a model of 5 kB for the camera track; its input ``speed`` has this type and this many numbers."""
+    graph = helper.make_graph(
+        [helper.make_node("Identity", ["speed"], ["steer"]), helper.make_node("Identity", ["speed"], ["accelerate"])],
+        "graph",
+        [helper.make_tensor_value_info("speed", speed, ["N", wide])],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", 1]) for name in ("steer", "accelerate")],
+        doc_string="x" * 4800,
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(model, {"track": "camera", **metadata})
+    path.write_bytes(model.SerializeToString())
     return path
 
 
@@ -252,6 +266,32 @@ def test_a_file_that_stable_baselines_saved_is_told(served: FakeSubmissions, tmp
         archive.writestr("data", "{}")
     assert " export sb3 " in refused(tmp_path / "agent.zip")
     assert "is a folder" in refused(tmp_path)
+
+
+def test_what_breaks_the_contract_is_told_before_anything_is_registered(
+    served: FakeSubmissions, tmp_path: Path
+) -> None:
+    said = refused(write_model(tmp_path / "ints.onnx", TensorProto.INT64, 2))
+    assert "ints.onnx: input speed: takes int64; let it take float32" in said
+    assert "input speed: takes (N, 2); let it take (N, 1)" in said
+    said = refused(write_model(tmp_path / "expert.onnx", track="privileged"))
+    assert "inputs: the suite does not take the model's track, privileged; set the metadata's track to camera" in said
+    (tmp_path / "noise.onnx").write_bytes(bytes(range(8, 200)))
+    assert "noise.onnx: the file is no ONNX model, or is cut off" in refused(tmp_path / "noise.onnx")
+    assert served.owners == {}
+    assert served.paths("POST") == []
+
+
+def test_json_goes_into_a_file_beside_what_is_printed(served: FakeSubmissions, model: Path, tmp_path: Path) -> None:
+    done = submit(model, "--json", tmp_path / "done.json")
+    assert "Rank 1 of 1" in done.stdout
+    assert json.loads((tmp_path / "done.json").read_text())["entry"]["rank"] == 1
+    before = model.read_bytes()
+    assert json.loads(submit("--json", model, "--name", "two", "--no-wait").stdout)["submission"]["name"] == "two"
+    assert model.read_bytes() == before
+    done = submit(model, "--name", "three", "--json", tmp_path / "no" / "done.json")
+    assert "--json: " in str(done.exception)
+    assert [form["name"][1] for form in served.forms] == [b"my_agent", b"two"]
 
 
 def test_what_is_wrong_is_told_before_an_owner_is_registered(served: FakeSubmissions, model: Path) -> None:

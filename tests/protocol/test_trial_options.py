@@ -5,7 +5,17 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from wrongturn_protocol import Command, FaultKind, Task, Track, Traffic, TrialKeywords, TrialOptions, Weather
+from wrongturn_protocol import (
+    Command,
+    FaultKind,
+    OptionError,
+    Task,
+    Track,
+    Traffic,
+    TrialKeywords,
+    TrialOptions,
+    Weather,
+)
 
 
 def test_each_keyword_is_an_option():
@@ -34,7 +44,22 @@ def test_plain_values_are_read():
         ({"weather": "Fog"}, "weather: 'Fog' is unknown; give one of ClearNoon"),
         ({"weather": []}, "weather: none"),
         ({"route": 4}, r"route: 4 is no direction; give one of 1 \(LEFT\)"),
-        ({"traffic": {"vehicles": -1}}, "vehicles"),
+        ({"track": "cam"}, r"track: 'cam' is unknown; .*\. Did you mean camera\?"),
+        ({"fault": "infeasable"}, r"fault: 'infeasable' .*\. Did you mean infeasible\?"),
+        ({"weather": "clearnoon"}, r"weather: .*\. Did you mean ClearNoon\?"),
+        ({"track": ["camera"]}, r"track: \['camera'\] is unknown"),
+        ({"town": 5}, "town: is 5; give its name as text"),
+        ({"town": "Town01", "approach": ["J1-S"]}, r"approach: is \['J1-S'\]; give its name as text"),
+        ({"suite": 2}, "suite: is 2; give its name as text"),
+        ({"suite": "smoke@2", "trial": 7}, "trial: is 7; give the id of one of the suite's trials"),
+        ({"route": "LEFT"}, r"route: 'LEFT' is no direction; give one of 1 \(LEFT\)"),
+        ({"route": True}, "route: True is no direction"),
+        ({"route": np.array([1, 2])}, "route: array"),
+        ({"traffic": 20}, r"traffic: is 20; give numbers by name, such as \{'vehicles': 20, 'pedestrians': 10}"),
+        ({"traffic": {"cars": 20}}, r"traffic\.cars: there is no such option; give vehicles, pedestrians$"),
+        ({"traffic": {"vehicle": 20}}, r"traffic\.vehicle: there is no such option; .* Did you mean vehicles\?"),
+        ({"traffic": {"vehicles": -1}}, r"traffic\.vehicles: is -1; give a whole number from 0 to 200"),
+        ({"traffic": {"vehicles": "many"}}, r"traffic\.vehicles: is 'many'; give a whole number from 0 to 200"),
         ({"suite": "smoke@2", "town": "Town01"}, "leave town and approach out"),
         ({"suite": "smoke@2", "task": "straight"}, "leave task out"),
         ({"trial": "Town01.J1-S.none.s1"}, "give suite too"),
@@ -46,13 +71,15 @@ def test_plain_values_are_read():
     ],
 )
 def test_what_does_not_go_together_says_why(given, named):
-    with pytest.raises(ValueError, match=named):
+    with pytest.raises(OptionError, match=named):
         TrialOptions.of(**given)
 
 
 def test_an_option_that_does_not_exist_is_named():
-    with pytest.raises(TypeError, match=r"wether: .* weather"):
+    with pytest.raises(TypeError, match=r"wether: there is no such option; .*\. Did you mean weather\?"):
         TrialOptions.of(wether="WetNoon")
+    with pytest.raises(TypeError, match=r"twon: .*\. Did you mean town\?"):
+        TrialOptions.of(twon="Town01")
 
 
 def test_a_single_weather_takes_no_draw():

@@ -1,6 +1,5 @@
 """``wrongturn results``: the paper's tables from the stored results, with our figures beside the paper's."""
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
@@ -18,6 +17,7 @@ from wrongturn_agents.reporting.order import order_in_words
 from wrongturn_agents.reporting.report import Report, check_page, find_pages, write_page
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_client.tables import console
+from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
 
 
 def results(
@@ -26,15 +26,19 @@ def results(
         typer.Argument(
             metavar="[RUN]...",
             help="For --figures, --latex and --csv: files of 'wrongturn run --json', or names of agents with results, "
-            "stored or on a service (--url). NAME=RUN shows it under another name. By default all shipped agents.",
+            "stored or on a service (--url). NAME=RUN shows it under another name. By default all shipped agents. "
+            "Example: run.json.gz",
         ),
     ] = None,
     *,
     directory: Annotated[
         Path | None,
-        typer.Option(metavar="DIRECTORY", help="Directory of the results; by default the package's own."),
+        typer.Option(
+            metavar="DIRECTORY",
+            help="Directory of the results; by default the package's own. Example: --directory my-results",
+        ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON, and nothing else.")] = False,
+    json_to: JsonTo = None,
     write: Annotated[
         list[Path] | None,
         typer.Option(metavar="PAGE", help="Write the tables into a page. Example: --write docs/results.md"),
@@ -76,14 +80,16 @@ def results(
         str | None,
         typer.Option(
             help="Agent of the import, which replaces the one in the file; or the agents to drive for --sensitivity "
-            "and --draws, all shipped ones by default. Example: ppo-image"
+            "and --draws, all shipped ones by default. Example: --agent ppo-image"
         ),
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Training seed of the import. Example: 3", min=0)] = None,
-    variant: Annotated[str | None, typer.Option(help="Ablation of the import. Example: without-augmentation")] = None,
+    seed: Annotated[int | None, typer.Option(help="Training seed of the import. Example: --seed 3", min=0)] = None,
+    variant: Annotated[
+        str | None, typer.Option(help="Ablation of the import. Example: --variant without-augmentation")
+    ] = None,
     steps: Annotated[
         int | None,
-        typer.Option(help="Training steps of the import. Example: 2000000", min=0),
+        typer.Option(help="Training steps of the import. Example: --steps 2000000", min=0),
     ] = None,
     figures: Annotated[
         Path | None,
@@ -96,23 +102,34 @@ def results(
     ] = None,
     latex: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write the paper's table of the runs for LaTeX (booktabs); - prints it."),
+        typer.Option(
+            metavar="FILE",
+            help="Write the paper's table of the runs for LaTeX (booktabs); - prints it. Example: --latex table.tex",
+        ),
     ] = None,
     csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write a row for each trial and twin; - prints them.")
+        Path | None,
+        typer.Option(
+            "--csv",
+            metavar="FILE",
+            help="Write a row for each trial and twin; - prints them. Example: --csv trials.csv",
+        ),
     ] = None,
     width: Annotated[
-        Width, typer.Option(help="Width of the figures: one column of a paper, or the page.")
+        Width, typer.Option(help="Width of the figures: one column of a paper, or the page. Example: --width page")
     ] = Width.COLUMN,
     formats: Annotated[
-        list[Format] | None, typer.Option("--format", help="Format of the figures; give it again for another.")
+        list[Format] | None,
+        typer.Option("--format", help="Format of the figures; give it again for another. Example: --format svg"),
     ] = None,
     paper: Annotated[bool, typer.Option("--paper", help="Put the paper's agents first in the LaTeX table.")] = False,
     url: Annotated[
         str | None,
         typer.Option(metavar="URL", help="Service with the agents and towns. Example: --url http://127.0.0.1:8000"),
     ] = None,
-    suite: Annotated[str, typer.Option(help="Suite of the agents that you name without a file.")] = WRONG_COMMAND,
+    suite: Annotated[
+        str, typer.Option(help="Suite of the agents that you name without a file. Example: --suite smoke@2")
+    ] = WRONG_COMMAND,
 ) -> None:
     """Show the tables of results: ours beside the paper's, with their spread over training seeds.
 
@@ -120,9 +137,10 @@ def results(
 
     For a paper: wrongturn results --figures figures --latex table.tex --csv trials.csv run.json.gz
     """
+    check_json_file(json_to)
     directory = STORED if directory is None else directory
     if figures is not None or latex is not None or csv is not None:
-        if any((as_json, write, check, curves, sources, sensitivity, draws is not None)):
+        if any((json_to, write, check, curves, sources, sensitivity, draws is not None)):
             raise ResultsError("--figures, --latex, --csv: they are of runs; run the command once more for the rest")
         kinds = formats or [Format.PDF, Format.PNG]
         make(Wanted(runs or [], directory, url, suite, figures, latex, csv, width, kinds, paper))
@@ -151,9 +169,11 @@ def results(
         typer.echo(f"{PICTURE}: {len(report.curves)} curves", err=True)
     for page in write or ():
         typer.echo(f"{page}: {'written' if write_page(page, report) else 'unchanged'}", err=True)
-    if as_json:
-        typer.echo(json.dumps(report.as_json(), indent=2, ensure_ascii=False))
-    elif studied:
+    if json_to is not None:
+        give_json(report.as_json(), json_to)
+    if json_to == STDOUT:
+        return
+    if studied:
         _print_tables(report, (*(("sensitivity", "versions") if sensitivity else ()), *(("draws",) if draws else ())))
     elif not (curves or write or sources):
         _print(report)

@@ -10,28 +10,44 @@ import typer
 
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_protocol.json_output import STDOUT, JsonTo, give_json
 
-_Threads = Annotated[int | None, typer.Option(min=1, help="Threads of simulation and torch; all cores by default.")]
-_ALGORITHM = "Algorithm: ppo-segmentation, ppo-image, ppo-auxiliary, lbc, marln, doubting or doubting-segmentation."
-_Device = Annotated[str, typer.Option(help="Device: cpu, cuda or auto.")]
+_Threads = Annotated[
+    int | None, typer.Option(min=1, help="Threads of simulation and torch; all cores by default. Example: --threads 2")
+]
+_ALGORITHM = (
+    "Algorithm: ppo-segmentation, ppo-image, ppo-auxiliary, lbc, marln, doubting or doubting-segmentation. "
+    "Example: ppo-image"
+)
+_Device = Annotated[str, typer.Option(help="Device: cpu, cuda or auto. Example: --device cpu")]
 
 
 def train(
     algorithm: Annotated[str, typer.Argument(help=_ALGORITHM)],
     seed: Annotated[
-        int | None, typer.Option(help="Seed of weights, drives and actions; 1 by default.", show_default=False)
+        int | None,
+        typer.Option(help="Seed of weights, drives and actions; 1 by default. Example: --seed 3", show_default=False),
     ] = None,
     steps: Annotated[
         int | None,
-        typer.Option(min=1, help="Environment steps; samples of lbc, pictures of doubting. Example: 2000000"),
+        typer.Option(min=1, help="Environment steps; samples of lbc, pictures of doubting. Example: --steps 2000000"),
     ] = None,
-    minutes: Annotated[float | None, typer.Option(help="Wall clock for everything, in minutes. Example: 60")] = None,
+    minutes: Annotated[
+        float | None, typer.Option(help="Wall clock for everything, in minutes. Example: --minutes 60")
+    ] = None,
     device: _Device = "auto",
-    directory: Annotated[Path | None, typer.Option(help="Run's directory; runs/ALGORITHM-SEED by default.")] = None,
+    directory: Annotated[
+        Path | None,
+        typer.Option(help="Run's directory; runs/ALGORITHM-SEED by default. Example: --directory runs/first"),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run in the directory.")] = False,
-    num_envs: Annotated[int | None, typer.Option(min=1, help="Number of cars that drive side by side.")] = None,
+    num_envs: Annotated[
+        int | None, typer.Option(min=1, help="Number of cars that drive side by side. Example: --num-envs 8")
+    ] = None,
     threads: _Threads = None,
-    option: Annotated[list[str] | None, typer.Option(help="A setting of the algorithm. Example: gamma=0.98")] = None,
+    option: Annotated[
+        list[str] | None, typer.Option(help="A setting of the algorithm. Example: --option gamma=0.98")
+    ] = None,
 ) -> None:
     """Train one of the shipped agents: overnight on a laptop, in minutes on a GPU.
 
@@ -143,11 +159,11 @@ def score(
             help="A run's best.pt, last.pt or privileged.pt, a .onnx file, or an agent's name. Example: ppo-image"
         ),
     ],
-    suite: Annotated[str, typer.Option(help="Id of the suite.")] = WRONG_COMMAND,
-    json: Annotated[Path | None, typer.Option(help="File to write the results to. Example: results.json")] = None,
+    suite: Annotated[str, typer.Option(help="Id of the suite. Example: --suite navigation@1")] = WRONG_COMMAND,
+    json_to: JsonTo = None,
     device: _Device = "auto",
     threads: _Threads = None,
-    batch: Annotated[int | None, typer.Option(min=1, help="Number of trials at once.")] = None,
+    batch: Annotated[int | None, typer.Option(min=1, help="Number of trials at once. Example: --batch 30")] = None,
     traffic: Annotated[
         bool,
         typer.Option(
@@ -171,23 +187,26 @@ def score(
     )
     from wrongturn_agents.training.score import score as run  # noqa: PLC0415
 
-    if json is not None and traffic:
+    if json_to is not None and traffic:
         raise TrainingError(
             "--json: an estimate beside simple traffic is no result; leave it out, or drive these trials over a "
             "service with `wrongturn run AGENT --suite navigation@1 --task navigation_dynamic --json FILE`"
         )
-    if json is not None:
-        check_writable(json)
+    if json_to is not None and json_to != STDOUT:
+        check_writable(json_to)
     begin = time.monotonic()
     if checkpoint.endswith(".onnx") or checkpoint in {agent.name for agent in list_agents()}:
         results = score_agent(checkpoint, suite, threads=threads, traffic=traffic)
     else:
         results = run(checkpoint, suite, device=device, threads=threads, batch=batch, traffic=traffic)
+    if json_to == STDOUT:
+        give_json(results, json_to)
+        return
     for line in summary(results):
         typer.echo(line)
     typer.echo(f"{len(results['trials'])} trials in {time.monotonic() - begin:.0f} s.")
-    if json is not None:
-        write_results(json, results)
+    if json_to is not None:
+        write_results(json_to, results)
 
 
 def _require_extra() -> None:

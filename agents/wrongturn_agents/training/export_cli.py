@@ -12,7 +12,10 @@ _Out = Annotated[
     Path,
     typer.Option("--out", help="File to write. Example: --out agent.onnx", metavar="FILE.onnx", show_default=False),
 ]
-_Name = Annotated[str | None, typer.Option(help="Name on the leaderboard; the file's by default.", show_default=False)]
+_Name = Annotated[
+    str | None,
+    typer.Option(help="Name on the leaderboard; the file's by default. Example: --name my-agent", show_default=False),
+]
 
 
 class _Exports(TyperGroup):
@@ -39,21 +42,37 @@ export = typer.Typer(
 
 @export.command(_CHECKPOINT)
 def export_checkpoint(
-    checkpoint: Annotated[Path, typer.Argument(help="A run's best.pt, last.pt or privileged.pt.", show_default=False)],
-    file: Annotated[Path, typer.Argument(metavar="FILE.onnx", help="File to write.", show_default=False)],
+    checkpoint: Annotated[
+        Path,
+        typer.Argument(
+            help="A run's best.pt, last.pt or privileged.pt. Example: runs/ppo-image-3/best.pt", show_default=False
+        ),
+    ],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.onnx", help="File to write. Example: ppo-image.onnx", show_default=False)
+    ],
     *,
     precision: Annotated[
         Literal["fp32", "fp16", "int8"],
-        typer.Option(help="Weights: as trained (fp32), stored in 16 bits (fp16), or convolutions in 8 bits (int8)."),
+        typer.Option(
+            help="Weights: as trained (fp32), stored in 16 bits (fp16), or convolutions in 8 bits (int8). "
+            "Example: --precision fp16"
+        ),
     ] = "fp32",
     name: Annotated[
-        str | None, typer.Option(help="Name on the leaderboard; the algorithm by default.", show_default=False)
+        str | None,
+        typer.Option(
+            help="Name on the leaderboard; the algorithm by default. Example: --name my-agent", show_default=False
+        ),
     ] = None,
     compare: Annotated[
         bool, typer.Option(help=f"Compare its actions with the checkpoint's on {_COMPARED} observations.")
     ] = True,
 ) -> None:
-    """Export a checkpoint of 'wrongturn train'. The word 'checkpoint' can be left out."""
+    """Export a checkpoint of 'wrongturn train'. The word 'checkpoint' can be left out.
+
+    Example: wrongturn export runs/ppo-image-3/best.pt ppo-image.onnx
+    """
     from wrongturn_agents.training.errors import TrainingError  # noqa: PLC0415 - keeps the program's start quick
 
     try:
@@ -92,7 +111,12 @@ def export_checkpoint(
 @export.command("sb3")
 def export_sb3(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE.zip", help="What model.save of Stable-Baselines3 wrote.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="FILE.zip",
+            help="What model.save of Stable-Baselines3 wrote. Example: agent.zip",
+            show_default=False,
+        ),
     ],
     out: _Out,
     *,
@@ -113,13 +137,18 @@ def export_sb3(
     ] = None,
     name: _Name = None,
     description: Annotated[
-        str | None, typer.Option(help="One sentence for the leaderboard.", show_default=False)
+        str | None,
+        typer.Option(
+            help="One sentence for the leaderboard. Example: --description 'PPO on pictures'", show_default=False
+        ),
     ] = None,
 ) -> None:
     """Export a policy of Stable-Baselines3: PPO, A2C, SAC, TD3, DDPG or DQN on an environment of Wrongturn.
 
     Loading FILE.zip runs code that it names: export only files that you trust. Start in the folder of your own features
-    extractor, so that it can be imported. Example: wrongturn export sb3 agent.zip --out agent.onnx
+    extractor, so that it can be imported.
+
+    Example: wrongturn export sb3 agent.zip --out agent.onnx
     """
     from wrongturn_agents.training.errors import TrainingError  # noqa: PLC0415
 

@@ -7,13 +7,23 @@ import typer
 
 
 def picture(
-    town: Annotated[str, typer.Argument(help="Name of the town. Example: Town01. 'wrongturn towns' lists them.")],
-    approach: Annotated[str, typer.Argument(help="Approach in that town, by junction and side. Example: J1-N.")],
-    weather: Annotated[str, typer.Option(help="Weather, as CARLA names it. Example: HardRainNoon")] = "ClearNoon",
-    distance: Annotated[float, typer.Option(help="Metres from the car to the stop line.")] = 20.0,
+    town: Annotated[str, typer.Argument(help="Name of the town; 'wrongturn towns' lists them. Example: Town01")],
+    approach: Annotated[
+        str, typer.Argument(help="Approach in that town; 'wrongturn towns Town01' lists them. Example: J1-N")
+    ],
+    weather: Annotated[
+        str, typer.Option(help="Weather, as CARLA names it. Example: --weather HardRainNoon")
+    ] = "ClearNoon",
+    distance: Annotated[
+        float, typer.Option(help="Metres from the car to the stop line. Example: --distance 12")
+    ] = 20.0,
     seed: Annotated[int, typer.Option(help="Seed of the rain. Example: --seed 7")] = 0,
-    scale: Annotated[int, typer.Option(help="How many times to enlarge the picture.", min=1, max=16)] = 4,
-    file: Annotated[Path, typer.Option(help="File to write: .png, .jpg or .webp.")] = Path("picture.png"),
+    scale: Annotated[
+        int, typer.Option(help="How many times to enlarge the picture. Example: --scale 2", min=1, max=16)
+    ] = 4,
+    file: Annotated[Path, typer.Option(help="File to write: .png, .jpg or .webp. Example: --file town.png")] = Path(
+        "picture.png"
+    ),
 ) -> None:
     """Save what the camera sees before a junction: colours above, classes below.
 

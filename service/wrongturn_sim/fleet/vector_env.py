@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from wrongturn_networks import load_town
 from wrongturn_protocol import Track, Traffic, Trial, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
-from wrongturn_protocol.vectors import Flags, checked_actions, mask_of, seeds_of, trials_of, whole_number
+from wrongturn_protocol.vectors import (
+    Flags,
+    autoreset_mode_of,
+    checked_actions,
+    mask_of,
+    seeds_of,
+    trials_of,
+    whole_number,
+)
 from wrongturn_sim.errors import EpisodeAlreadyFinishedError, EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.fleet.fleet import Fleet, Record
 from wrongturn_sim.fleet.traffic import FleetTraffic
@@ -104,7 +112,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             raise ValueError(f"suite: {trials.suite} has trials in {names}; all cars need the same town")
         self.num_envs = num_envs
         self.copy = copy
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = autoreset_mode_of(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = None
         self._fleet = Fleet(

@@ -1,0 +1,112 @@
+"""``--json``, the same for every command.
+
+``--json`` alone prints JSON and nothing else on stdout. With a file, the command prints what it always prints and also
+writes the JSON into that file.
+"""
+
+import contextlib
+import gzip
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+STDOUT: Final = Path("-")
+"""The file that stands for stdout."""
+JsonTo = Annotated[
+    Path | None,
+    typer.Option(
+        "--json",
+        metavar="[FILE]",
+        help="Print only JSON, or also write it into FILE (.json, .json.gz). Example: --json found.json",
+    ),
+]
+_OPTION: Final = "--json"
+_ENDINGS: Final = (".json", ".json.gz")
+
+
+class JsonFileError(OSError):
+    """The file of ``--json`` cannot be written."""
+
+
+def with_stdout(words: Sequence[str]) -> list[str]:
+    """Return a command line in which each ``--json`` without a file is followed by ``-``.
+
+    The word after ``--json`` is its file only if it looks like one. So ``leaderboard --json smoke@2`` prints, and
+    ``submit --json model.onnx`` does not overwrite the model. ``--json=FILE`` takes any name.
+    """
+    changed: list[str] = []
+    for position, word in enumerate(words):
+        if word == "--":
+            return [*changed, *words[position:]]
+        changed.append(word)
+        if word == _OPTION and not any(_is_file(after) for after in words[position + 1 : position + 2]):
+            changed.append(str(STDOUT))
+    return changed
+
+
+def check_json_file(to: Path | None) -> None:
+    """Check that JSON can be written into a file, before anything is done for it.
+
+    Raises:
+        JsonFileError: It cannot: the file is a folder, or its folder does not exist.
+    """
+    if to is not None and to != STDOUT and (to.is_dir() or not to.absolute().parent.is_dir()):
+        raise JsonFileError(f"--json: {to} cannot be written; name a file in a folder that exists")
+
+
+def give_json(value: Any, to: Path | None) -> None:
+    """Print a value as JSON or write it into a file, as ``--json`` asks for.
+
+    Args:
+        value: Plain values.
+        to: ``STDOUT`` or a file, compressed if its name ends in ``.gz``; None for nothing.
+
+    Raises:
+        JsonFileError: The file cannot be written.
+    """
+    if to is None:
+        return
+    text = json.dumps(value, indent=2, ensure_ascii=False)
+    if to == STDOUT:
+        typer.echo(text)
+        return
+    check_json_file(to)
+    try:
+        write_whole([f"{text}\n".encode()], to)
+    except OSError as error:
+        raise JsonFileError(f"--json: {to} cannot be written ({error.strerror}); name another file") from error
+
+
+def write_whole(parts: Iterable[bytes], file: Path) -> None:
+    """Write a file, all at once or not at all; compressed if its name ends in ``.gz``.
+
+    The same parts give the same bytes.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    if file.exists() and not file.is_file():  # a pipe or a device, which nothing can replace
+        with file.open("wb") as out:
+            out.writelines(parts)
+        return
+    target = file.resolve()  # a link stays a link
+    new = target.with_name(f".{target.name}.new")
+    try:
+        with new.open("wb") as out:
+            if target.suffix == ".gz":
+                with gzip.GzipFile(filename="", mode="wb", fileobj=out, mtime=0) as packed:
+                    packed.writelines(parts)
+            else:
+                out.writelines(parts)
+        new.replace(target)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            new.unlink(missing_ok=True)
+        raise
+
+
+def _is_file(word: str) -> bool:
+    return word == str(STDOUT) or word.endswith(_ENDINGS) or word.startswith("/dev/")

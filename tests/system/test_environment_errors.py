@@ -1,0 +1,60 @@
+"""What the four environments say of options that they do not know, before anything is driven."""
+
+from typing import Any
+
+import gymnasium
+import pytest
+
+from wrongturn_protocol import OptionError
+
+SINGLE = {"wrongturn_sim:WrongturnSim-v0": {"town": "junctions"}, "wrongturn_client:Wrongturn-v0": {"url": "http://x"}}
+
+
+@pytest.fixture(params=[(id_, many) for id_ in SINGLE for many in (False, True)], ids=str)
+def make(request: pytest.FixtureRequest) -> Any:
+    id_, many = request.param
+
+    def made(**options: Any) -> Any:
+        given = {**SINGLE[id_], **options}
+        return gymnasium.make_vec(id_, num_envs=2, **given) if many else gymnasium.make(id_, **given)
+
+    return made
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"trail": "x"}, r"^options\.trail: there is no such option; give trial.*\. Did you mean trial\?$"),
+        ({"seed": 3}, r"^options\.seed: there is no such option; give trial[^.]*$"),
+        (["trial"], r"^options: is \['trial'\]; give a dict with trial"),
+    ],
+)
+def test_an_unknown_option_of_reset_is_named(make: Any, options: Any, says: str) -> None:
+    env = make()
+    with pytest.raises(OptionError, match=says):
+        env.reset(options=options)
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"track": "cam"}, r"^track: 'cam' is unknown; .*\. Did you mean camera\?$"),
+        ({"fault": "infeasable"}, r"^fault: 'infeasable' is unknown; .*\. Did you mean infeasible\?$"),
+        ({"traffic": {"vehicle": 2}}, r"^traffic\.vehicle: .*\. Did you mean vehicles\?$"),
+    ],
+)
+def test_a_wrong_option_is_told_when_the_environment_is_made(make: Any, options: Any, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        make(**options)
+
+
+def test_an_unknown_town_is_told_with_the_one_that_is_meant() -> None:
+    with pytest.raises(ValueError, match=r"^town: 'Town1' is not known; .*\. Did you mean Town01\?$"):
+        gymnasium.make("wrongturn_sim:WrongturnSim-v0", town="Town1")
+
+
+@pytest.mark.parametrize("id_", SINGLE)
+def test_an_unknown_autoreset_mode_is_told(id_: str) -> None:
+    with pytest.raises(OptionError, match=r"^autoreset_mode: 'same' is not known; give NextStep, SameStep, Disabled"):
+        gymnasium.make_vec(id_, num_envs=2, autoreset_mode="same", **SINGLE[id_])
