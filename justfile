@@ -18,6 +18,10 @@ lint: setup
     .venv/bin/mypy
     .venv/bin/lint-imports
 
+# Build the wheels and sdists of all parts into dist/
+wheels:
+    script/wheels
+
 # Build the documentation's site into site/
 docs: setup
     NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict

@@ -49,22 +49,26 @@ class Wheels:
     def install(self, folder: Path, *wanted: str) -> "BareEnvironment":
         """Make an environment for some requirements.
 
-        Of our own parts it has the metadata of the wheels and the code of the working tree, so that numba finds its
-        compiled kernels.
+        Our own parts' code is that of the working tree, so that numba finds its compiled kernels.
         """
         folder.mkdir()
-        sources = []
+        path = [str(folder)]
         for name in sorted(self.closure(*wanted)):
             if name in self.paths:
                 with zipfile.ZipFile(self.paths[name]) as wheel:
                     wheel.extractall(folder, [file for file in wheel.namelist() if ".dist-info/" in file])
-                if name != "wrongturn":
-                    sources.append(str(ROOT / SOURCES[name.removeprefix("wrongturn-")]))
-                continue
-            for top in {file.parts[0] for file in metadata.distribution(name).files or ()} - {"..", "__pycache__"}:
-                if not (folder / top).exists():
-                    (folder / top).symlink_to(str(metadata.distribution(name).locate_file(top)))
-        return BareEnvironment([str(folder), *sources])
+            else:
+                link_files(metadata.distribution(name), folder)
+            if name.removeprefix("wrongturn-") in SOURCES:
+                path.append(str(ROOT / SOURCES[name.removeprefix("wrongturn-")]))
+        return BareEnvironment(path)
+
+
+def link_files(distribution: metadata.Distribution, folder: Path) -> None:
+    """Link the packages, modules and metadata of an installed distribution into a folder."""
+    for top in {file.parts[0] for file in distribution.files or ()} - {"..", "__pycache__"}:
+        if not (folder / top).exists():
+            (folder / top).symlink_to(str(distribution.locate_file(top)))
 
 
 class BareEnvironment:
