@@ -122,7 +122,8 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
     try:
         yield "simulators", True, _simulator(settings), ""
     except SimulatorStartError as error:
-        yield "simulators", False, str(error), "see the checks of libsumo and the kernels"
+        remedy = "see the checks of libsumo and the kernels; if the machine was only slow, run this again"
+        yield "simulators", False, str(error), remedy
     except TooLittleMemoryError as error:
         yield "simulators", False, str(error), "lower WRONGTURN_SIMULATORS or add memory"
     yield _submissions(settings)
