@@ -1,4 +1,4 @@
-"""Drives the trials of one task over a service as practice: it shows their outcomes and never ranks them."""
+"""Drives the trials of a suite over a service as practice: it shows their outcomes and never ranks them."""
 
 import re
 import secrets
@@ -15,37 +15,39 @@ from wrongturn_agents.worker import GuardedAgent, episodes_side_by_side
 from wrongturn_client import Client
 from wrongturn_client.evaluation_driver import drive_episode
 from wrongturn_protocol import PracticeRequest
+from wrongturn_protocol.json_output import write_whole
 
 
 class PracticeRun:
-    """Drives those of a task's trials that a results file lacks, and writes the file after each.
+    """Drives those of a suite's trials that a results file lacks, twins included, and writes the file after each.
+
+    Of a suite that draws its trials, these are the open draw's.
 
     Args:
         source: The agent.
         suite: The suite of the trials.
-        task: Task of the suite. Example: ``navigation_dynamic``
-        file: Results file, as ``wrongturn results --import`` takes it. A run goes on with what it holds.
+        task: Task of the suite, whose trials alone are driven; None for all. Example: ``navigation_dynamic``
+        file: Results file, as ``wrongturn results --import`` takes it. A run goes on with what it holds. None for none.
 
     Raises:
         RunError: The suite has no such task, or the file belongs to another run or cannot be written.
         ResultsError: The file exists and is not a results file.
     """
 
-    def __init__(self, source: AgentSource, suite: SuiteTrials, task: str, file: Path) -> None:
-        journeys = {name: trial.journey for name, trial in suite.trials.items() if trial.journey is not None}
-        self.trials = tuple(name for name, journey in journeys.items() if journey.task == task)
-        if not self.trials:
-            known = sorted({journey.task for journey in journeys.values()})
-            raise RunError(f"--task: {suite.id} has no task {task!r}; it has {', '.join(known) or 'none'}")
+    def __init__(self, source: AgentSource, suite: SuiteTrials, task: str | None, file: Path | None) -> None:
+        self.trials = tuple(suite.trials) if task is None else _of_task(suite, task)
         self._source, self._suite, self._file = source, suite, file
         self._results = ResultsFile(
             agent=re.sub(r"[^A-Za-z0-9._-]+", "-", source.name),
             suite=suite.id,
             suite_sha256=suite.sha256,
+            secret=suite.secret,
             driven="over the service",
             trials={},
         )
-        if file.exists():
+        if file is not None and file.suffix == ".gz":
+            raise RunError(f"--json: {file}: practice writes no compressed file; leave .gz out")
+        if file is not None and file.exists():
             found = ResultsFile.read(file)
             ours = self._results.model_copy(update={"trials": found.trials})
             if found != ours or not found.trials.keys() <= set(self.trials):
@@ -97,7 +99,7 @@ class PracticeRun:
             drive_episode(client, agent, begun, stop=self._stop)
             outcome = client.episode(begun.id).outcome
         if outcome is None:
-            raise RunError(f"--task: the service does not show how {trial} ended; drive the whole suite instead")
+            raise RunError(f"--practice: the service does not show how {trial} ended; leave --practice out")
         with self._lock:
             trials = {**self._results.trials, trial: TrialResult.of(outcome)}
             self._results = self._results.model_copy(update={"trials": trials})
@@ -105,9 +107,19 @@ class PracticeRun:
             progress(len(trials), len(self.trials))
 
     def _write(self) -> None:
-        beside = self._file.with_name(f".{self._file.name}.new")
+        if self._file is None:
+            return
         try:
-            beside.write_text(self._results.text(), encoding="utf-8")
-            beside.replace(self._file)
+            write_whole([self._results.text().encode()], self._file)
         except OSError as error:
             raise RunError(f"--json: {self._file} cannot be written ({error.strerror}); name another file") from error
+
+
+def _of_task(suite: SuiteTrials, task: str) -> tuple[str, ...]:
+    """Return the ids of a task's trials."""
+    journeys = {name: trial.journey for name, trial in suite.trials.items() if trial.journey is not None}
+    trials = tuple(name for name, journey in journeys.items() if journey.task == task)
+    if not trials:
+        known = sorted({journey.task for journey in journeys.values()})
+        raise RunError(f"--task: {suite.id} has no task {task!r}; it has {', '.join(known) or 'none'}")
+    return trials

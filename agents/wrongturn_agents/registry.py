@@ -1,7 +1,7 @@
 """Finds agents by name.
 
-A name is one of three things: a registered name (``careful``), your own class (``package.module:Class``), or an ONNX
-file (``model.onnx``).
+A name is one of four things: a registered name (``careful``), your own class (``package.module:Class``), an ONNX file
+(``model.onnx``), or what Stable-Baselines3 saved (``model.zip``).
 """
 
 import importlib
@@ -18,12 +18,14 @@ from typing import Any, Final
 from pydantic import BaseModel, ConfigDict
 
 from wrongturn_agents.agent import Agent, kind_of_agent, track_of_agent
+from wrongturn_agents.agent_code import files_of_class
 from wrongturn_agents.baselines import AlwaysStops, Careful, IgnoresCommands, ObeysBlindly, Parked
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS, ShippedDoubtingAgent
 from wrongturn_agents.errors import (
     AgentFailedError,
     AgentImportError,
     AgentsError,
+    MissingPackageError,
     ModelFileError,
     NotAnAgentError,
     UnknownAgentError,
@@ -39,7 +41,7 @@ from wrongturn_agents.exploits.twin_tape import TwinTape
 from wrongturn_agents.exploits.twitcher import Twitcher
 from wrongturn_agents.exploits.u_turner import UTurner
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, ShippedAgent
-from wrongturn_client.invocation import program
+from wrongturn_client.invocation import program, python
 from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.suggestions import did_you_mean
 
@@ -67,6 +69,9 @@ EXPLOITS: Final = MappingProxyType(
 )
 """Classes of the exploits that only drive, by name. The others need a service: see ``wrongturn_agents.exploits``."""
 
+ZIP: Final = ".zip"
+"""End of the names of files that Stable-Baselines3 saved."""
+
 
 class AgentListing(BaseModel):
     """An agent that comes with this package, as ``wrongturn agents`` lists it."""
@@ -92,6 +97,8 @@ class AgentSource:
     """Makes a new agent."""
     trained_on_faults: bool = False
     """Whether it met wrong commands in its training."""
+    code: tuple[Path, ...] = ()
+    """Files of its code or weights: another agent drives if one of them changes."""
 
 
 def list_agents() -> list[AgentListing]:
@@ -116,7 +123,8 @@ def resolve(named: str) -> AgentSource:
     """Find an agent by name, class or file.
 
     Args:
-        named: A registered name, ``package.module:Class``, or the path of an ``.onnx`` file. Example: ``careful``
+        named: A registered name, ``package.module:Class``, or the path of an ``.onnx`` or ``.zip`` file. A zip file
+            of Stable-Baselines3 is loaded, which runs code that it names. Example: ``careful``
 
     Raises:
         UnknownAgentError: No agent is registered under the name.
@@ -124,6 +132,7 @@ def resolve(named: str) -> AgentSource:
         NotAnAgentError: The class lacks ``reset``, ``act`` or ``track``.
         ModelFileError: The file is missing or broken, breaks the contract, or fails on a made-up observation.
         OnnxRuntimeMissingError: The extra ``onnx`` is not installed. A trained agent raises it only when it is made.
+        MissingPackageError: A ``.zip`` file needs the extra ``training``, which is not installed.
     """
     if named in AGENTS:
         return _source(named, AGENTS[named])
@@ -131,16 +140,31 @@ def resolve(named: str) -> AgentSource:
         return _source(named, EXPLOITS[named])
     agent = SHIPPED_AGENTS.get(named) or DOUBTING_AGENTS.get(named)
     if agent is not None:
-        return AgentSource(agent.name, agent.track, agent.kind, agent.description, agent.make, agent.trained_on_faults)
+        return AgentSource(
+            name=agent.name,
+            track=agent.track,
+            kind=agent.kind,
+            description=agent.description,
+            make=agent.make,
+            trained_on_faults=agent.trained_on_faults,
+            code=(agent.file,) if agent.file.is_file() else (),
+        )
     if named.endswith(".onnx"):
         return _model(Path(named))
+    if named.endswith(ZIP):
+        return _saved_model(Path(named))
     if ":" in named:
         return _source(named, _import(named))
     known = (*AGENTS, *SHIPPED_AGENTS, *DOUBTING_AGENTS, *EXPLOITS)
     raise UnknownAgentError(
-        f"agent: there is no agent called {named!r}; known are {', '.join(known)}; or name package.module:Class or a "
-        f".onnx file{did_you_mean(named, known)}",
+        f"agent: there is no agent called {named!r}; known are {', '.join(known)}; or name package.module:Class, a "
+        f".onnx file, or a .zip file of Stable-Baselines3{did_you_mean(named, known)}",
     )
+
+
+def with_absolute_file(named: str) -> str:
+    """Return an agent's name, with an absolute path if it is a file."""
+    return str(Path(named).resolve()) if named.endswith((".onnx", ZIP)) else named
 
 
 def _import(named: str) -> Any:
@@ -181,6 +205,7 @@ def _source(named: str, agent: Any) -> AgentSource:
         description=str(description),
         make=partial(_make, named, agent),
         trained_on_faults=getattr(agent, "trained_on_faults", False) is True,
+        code=files_of_class(agent),
     )
 
 
@@ -203,5 +228,30 @@ def _model(file: Path) -> AgentSource:
 
     agent = OnnxAgent(file)
     agent.try_out()
-    make = partial(copy, agent)
-    return AgentSource(agent.name, agent.track, agent.kind, agent.description, make, agent.trained_on_faults)
+    return _of_file(file, agent)
+
+
+def _saved_model(file: Path) -> AgentSource:
+    if not file.is_file():
+        raise ModelFileError(f"agent: {file}: there is no such file; name what model.save of Stable-Baselines3 wrote")
+    try:
+        from wrongturn_agents.sb3_agent import Sb3Agent  # noqa: PLC0415 - loads an optional extra
+    except ImportError as error:
+        raise MissingPackageError(
+            f"agent: {file}: a model of Stable-Baselines3 needs {error.name}; install it with: "
+            f"{python()} -m pip install 'wrongturn-agents[training]'"
+        ) from error
+    return _of_file(file, Sb3Agent(file))
+
+
+def _of_file(file: Path, agent: Any) -> AgentSource:
+    """Return the source of a loaded model. Each agent that it makes has a memory of its own and the same weights."""
+    return AgentSource(
+        name=agent.name,
+        track=agent.track,
+        kind=agent.kind,
+        description=agent.description,
+        make=partial(copy, agent),
+        trained_on_faults=agent.trained_on_faults,
+        code=(file,),
+    )

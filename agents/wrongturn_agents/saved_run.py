@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from wrongturn_agents.errors import RunFileError
 from wrongturn_client import settings
@@ -27,6 +27,12 @@ class SavedRun(BaseModel):
     token: str
     url: str | None
     """URL of the service; None for one that the worker starts."""
+    database: Path | None = None
+    """Folder with the database of a service that the worker starts. None for the default database, as older runs."""
+    keep: bool = False
+    """Whether that database is kept after the run."""
+    code: dict[str, str] = Field(default_factory=dict)
+    """SHA-256 of the files of the agent's code, by path, when the run began."""
 
     @property
     def path(self) -> Path:
@@ -45,6 +51,11 @@ class SavedRun(BaseModel):
             with os.fdopen(handle, "w", encoding="utf-8") as file:
                 file.write(self.model_dump_json(indent=2) + "\n")
         return self.path
+
+    def forget(self) -> None:
+        """Remove the file, after which the run cannot be resumed."""
+        with _writing(self.path):
+            self.path.unlink(missing_ok=True)
 
     @classmethod
     def load(cls, named: str, option: str = "--resume") -> Self:

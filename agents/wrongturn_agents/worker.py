@@ -5,7 +5,6 @@ import os
 import secrets
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,9 +12,10 @@ from gymnasium import spaces
 from pydantic import ValidationError
 
 from wrongturn_agents.agent import Agent
+from wrongturn_agents.agent_code import checksums
 from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunOverError
 from wrongturn_agents.progress import Progress
-from wrongturn_agents.registry import AgentSource
+from wrongturn_agents.registry import AgentSource, with_absolute_file
 from wrongturn_agents.saved_run import SavedRun, ensure_directory
 from wrongturn_client import (
     AgentNameTakenError,
@@ -33,9 +33,16 @@ from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_protocol import Action, AgentKind, EvaluationDetail, EvaluationState, ProblemType, RegisteredAgent
 from wrongturn_protocol.observations import Observation
 
-_NAMES_TRIED: Final = 100
 OPERATOR_TOKEN: Final = "WRONGTURN_OPERATOR_TOKEN"  # noqa: S105 - the variable's name
 """Environment variable with the operator's token, which may register baselines."""
+_OWN_SERVICE: Final = {
+    f"{OPERATOR_TOKEN}_FILE": "",
+    "WRONGTURN_DATABASE_PASSWORD_FILE": "",
+    "WRONGTURN_METRICS_PORT": "",
+    "WRONGTURN_REGISTRATION": "open",
+    "WRONGTURN_SUBMISSIONS": "0",
+}
+"""Settings of a service that a run starts, in place of those that are meant for a service that stays."""
 
 
 @dataclass(frozen=True)
@@ -43,26 +50,38 @@ class RunRequest:
     """What to run, and where."""
 
     agent: str
-    """A registered name, ``package.module:Class`` or an ``.onnx`` file."""
+    """A registered name, ``package.module:Class``, or an ``.onnx`` or ``.zip`` file."""
     suite: str
     url: str | None = None
     """URL of the service; None for one that the worker starts."""
     name: str | None = None
-    """Name on the leaderboard; None for the agent's own, with a number if it is taken."""
+    """Name on the leaderboard; None for the agent's own."""
     token: str | None = None
     """Token of an agent that is already registered; None to register it."""
     owner_token: str | None = None
     """Token of the owner whose agent it becomes; None to register it without one."""
+    database: Path | None = None
+    """Folder with the database of a service that the worker starts."""
+    keep: bool = False
+    """Whether that database is kept after the run."""
 
 
 @contextlib.contextmanager
-def service_at(url: str | None, operator_token: str | None) -> Iterator[tuple[str, str | None]]:
-    """Yield the URL and operator's token of a service. Without a URL, start one for the ``with`` block."""
+def service_at(
+    url: str | None, operator_token: str | None, database: str | None = None
+) -> Iterator[tuple[str, str | None]]:
+    """Yield the URL and operator's token of a service. Without a URL, start one for the ``with`` block.
+
+    Args:
+        url: URL of the service.
+        operator_token: The operator's token there.
+        database: URL of the database of a service that is started; None for the default one.
+    """
     if url is not None:
         yield url, operator_token
         return
     own_token = operator_token or secrets.token_urlsafe(32)
-    with LocalService(environment={OPERATOR_TOKEN: own_token, f"{OPERATOR_TOKEN}_FILE": ""}) as service:
+    with LocalService(database=database, environment={**_OWN_SERVICE, OPERATOR_TOKEN: own_token}) as service:
         yield service.url, own_token
 
 
@@ -93,12 +112,15 @@ def begin(request: RunRequest, source: AgentSource, url: str, operator_token: st
         if request.token is not None:
             _check_registered_track(client, evaluation, source)
     saved_run = SavedRun(
-        agent=str(Path(request.agent).resolve()) if request.agent.endswith(".onnx") else request.agent,
+        agent=with_absolute_file(request.agent),
         name=name,
         suite=request.suite,
         evaluation=evaluation.id,
         token=token,
         url=request.url,
+        database=request.database,
+        keep=request.keep,
+        code=checksums(source.code),
     )
     saved_run.save()
     return saved_run
@@ -175,30 +197,27 @@ def _why_over(client: Client, evaluation: str, error: ApiError) -> str | None:
 
 
 def _register(client: Client, request: RunRequest, source: AgentSource, operator_token: str | None) -> RegisteredAgent:
-    """Register the agent under the wanted name, or under its own with the first number that is free."""
+    """Register the agent under the wanted name, or under its own."""
     kind = source.kind if operator_token and not request.owner_token else AgentKind.SUBMITTED
-    for number in count(1):
-        name = request.name or (source.name if number == 1 else f"{source.name}-{number}")
-        try:
-            return client.register(
-                name,
-                source.track,
-                description=source.description or None,
-                kind=kind,
-                trained_on_faults=source.trained_on_faults,
-            )
-        except ValidationError as error:
-            raise RunError(_registration_error(error, name)) from error
-        except AuthenticationError as error:
-            raise _not_registered(error, client.url, request) from error
-        except (AgentNameTakenError, OwnerNameTakenError) as error:
-            if request.name is not None:
-                raise RunError(f"--name: {name!r} is taken at {client.url}; choose another") from error
-            if number >= _NAMES_TRIED:
-                raise RunError(
-                    f"--name: {source.name} to {name} are all taken at {client.url}; give one yourself",
-                ) from error
-    raise AssertionError("count() has no end")
+    name = request.name or source.name
+    try:
+        return client.register(
+            name,
+            source.track,
+            description=source.description or None,
+            kind=kind,
+            trained_on_faults=source.trained_on_faults,
+        )
+    except ValidationError as error:
+        raise RunError(_registration_error(error, name)) from error
+    except AuthenticationError as error:
+        raise _not_registered(error, client.url, request) from error
+    except (AgentNameTakenError, OwnerNameTakenError) as error:
+        raise RunError(
+            f"--name: {name!r} is taken at {client.url}; choose another name, or go on with an agent of yours by its "
+            "token in WRONGTURN_TOKEN. A new model is a new agent: its first evaluation on a suite is the one that "
+            "counts"
+        ) from error
 
 
 def check_current(suite: str, successor: str | None) -> None:

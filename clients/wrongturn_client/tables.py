@@ -30,6 +30,7 @@ _BROAD: Final = 60
 """Columns of an empty table, so that the lines below it have room."""
 OLD: Final = "Junction types show the paper's column."
 """Said below results that are too old to have strict cells."""
+_NO_ENTRY: Final = "Another evaluation of this agent is its entry on the leaderboard."
 _ROWS: Final = {FaultKind.INFEASIBLE: "wrong command", FaultKind.OMISSION: "follow lane"}
 """The paper's words for its two faults."""
 
@@ -156,23 +157,38 @@ def comparison_table(comparison: Comparison) -> Table:
 
 def standing(leaderboard: Leaderboard, evaluation: str) -> str:
     """Return a sentence about an evaluation's place: its rank and the interval that decides it, or why it has none."""
-    entry = next((entry for entry in leaderboard.entries if entry.evaluation == evaluation), None)
+    entry = _entry(leaderboard, evaluation)
     if entry is None:
-        return "Another evaluation of this agent is its entry on the leaderboard."
+        return _NO_ENTRY
     if entry.rank is None:
         return f"Not ranked: {entry.why_not or 'not eligible'}"
     track = entry.agent.track
     ranked = sum(other.rank is not None and other.agent.track is track for other in leaderboard.entries)
     tied = f", tied with {_enumerated(entry.tied_with)}" if entry.tied_with else ""
-    place = f"Rank {entry.rank} of {ranked} in the {track} track{tied}"
+    return f"Rank {entry.rank} of {ranked} in the {track} track{tied}{_strict(entry)}"
+
+
+def prospect(leaderboard: Leaderboard, evaluation: str) -> str:
+    """Return whether an agent with an evaluation's results would have a rank on a service that stays, and why not."""
+    entry = _entry(leaderboard, evaluation)
+    if entry is None:
+        return _NO_ENTRY
+    if entry.rank is None:
+        return f"Would not be ranked on {leaderboard.suite}: {entry.why_not or 'not eligible'}"
+    return f"Would be ranked on {leaderboard.suite} in the {entry.agent.track} track{_strict(entry)}"
+
+
+def _entry(leaderboard: Leaderboard, evaluation: str) -> LeaderboardEntry | None:
+    return next((entry for entry in leaderboard.entries if entry.evaluation == evaluation), None)
+
+
+def _strict(entry: LeaderboardEntry) -> str:
+    """Return the end of a sentence about a rank: the strict count and its interval."""
     if entry.navigation is not None:  # journeys; the caption of their table has the interval
-        return f"{place}."
+        return "."
     strict = entry.unsafe_strict
     low, high = strict.ci95
-    return (
-        f"{place}; unsafe {strict.count} of {strict.trials} (strict), "
-        f"95 % interval {100 * low:.0f} to {100 * high:.0f} %."
-    )
+    return f"; unsafe {strict.count} of {strict.trials} (strict), 95 % interval {100 * low:.0f} to {100 * high:.0f} %."
 
 
 def _enumerated(names: Sequence[str]) -> str:

@@ -27,12 +27,12 @@ def of_task(file: ResultsFile, task: Task) -> ResultsFile:
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        ([], "--json"),
         (["--json", "{}/a.json", "--name", "me"], "--name"),
         (["--json", "{}/a.json", "--resume", "run"], "--resume"),
         (["--json", "{}/a.json", "--suite", "wrong-command@2"], "it has none"),
         (["--json", "{}/a.json", "--suite", "none@1"], "suite"),
         (["--json", "{}/other.json"], "another run"),
+        (["--json", "{}/a.json.gz"], "leave .gz out"),
         (["--json", "{}/text.json"], "text.json"),
     ],
 )

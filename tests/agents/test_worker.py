@@ -1,5 +1,6 @@
 """The worker against a real service, on the smallest suite."""
 
+import contextlib
 import dataclasses
 import hashlib
 import itertools
@@ -20,13 +21,16 @@ from typer.testing import CliRunner
 import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
 from wrongturn_agents import cli, register_cli, resolve
 from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunFileError, RunOverError
+from wrongturn_agents.reporting.results_file import ResultsFile
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.worker import RunRequest, begin, drive
 from wrongturn_client import Client, LocalService, NotFinishedError, NotFoundError, SecretFileError, settings
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Action, AgentKind, EvaluationState, RunFile, Track, Verdict
+from wrongturn_protocol.json_output import JsonFileError
 
 SUITE = "smoke@2"
+NUMBERS = itertools.count(1)
 OPERATOR = "operator-token-of-the-tests-0123456789"
 OWN = """
 import sys
@@ -125,6 +129,7 @@ def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]
 
 
 def started(url: str, agent: str = "careful", **extra) -> SavedRun:
+    extra.setdefault("name", f"{agent.replace(':', '-')} {next(NUMBERS)}")
     return begin(RunRequest(agent=agent, suite=SUITE, url=url, **extra), resolve(agent), url, OPERATOR)
 
 
@@ -163,7 +168,7 @@ def test_a_run_whose_file_cannot_be_written_is_not_lost(url, tmp_path):
     written.write_text("another run's")
     # A folder in the way of the new file stands for a full disk.
     (tmp_path / ".run.json.new").mkdir()
-    done = run("always-stops", "--suite", SUITE, "--url", url, "--json", str(written))
+    done = run("always-stops", "--suite", SUITE, "--url", url, "--name", "unwritten", "--json", str(written))
     assert done.returncode == 1
     assert "twins" in done.stdout
     (command,) = re.findall(r"the run is finished: '(.*) --json FILE' writes it", done.stderr)
@@ -189,16 +194,15 @@ def test_a_run_that_is_not_finished_has_no_file(url):
     assert sum(one.trajectory is None for one in file.episodes) == 11
 
 
-def test_names_that_are_taken_are_numbered(url):
+@pytest.mark.parametrize("name", ["mine", None], ids=["given", "the agent's own"])
+def test_a_name_that_is_taken_is_refused(url, name):
     # No other test here has this agent.
-    first, second = started(url, "doubting"), started(url, "doubting")
-    assert (first.name, second.name) == ("doubting", "doubting-2")
-
-
-def test_a_given_name_that_is_taken_is_refused(url):
-    started(url, name="mine")
-    with pytest.raises(RunError, match=r"--name: 'mine' is taken at .*; choose another"):
-        started(url, name="mine")
+    started(url, "doubting", name=name)
+    says = rf"--name: '{name or 'doubting'}' is taken at .*; choose another name.*WRONGTURN_TOKEN"
+    with pytest.raises(RunError, match=says):
+        started(url, "doubting", name=name)
+    with Client(url) as client:
+        assert not [agent.name for agent in client.agents(everybody=True) if agent.name.endswith("-2")]
 
 
 def test_an_agent_that_met_wrong_commands_in_training_is_registered_as_that(url):
@@ -366,14 +370,18 @@ def test_a_run_that_the_operator_ends_cannot_be_resumed(url, path, says):
     assert says.format(evaluation) in done.stderr.rstrip().splitlines()[-1]
 
 
-def test_ctrl_c_says_how_to_go_on(url, tmp_path):
+def test_an_interrupted_run_on_its_own_service_goes_on(tmp_path, home):
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell would ignore Ctrl-C
+    environment = {**os.environ, "NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", ""), "WRONGTURN_SIMULATORS": "1"}
+    # Settings for a service that stays. This one has its own.
+    environment |= {"WRONGTURN_REGISTRATION": "operator", "WRONGTURN_DATABASE": "sqlite+aiosqlite:////nowhere/x.db"}
     (tmp_path / "block").touch()
     process = subprocess.Popen(
-        program("own_agents:Blocks", "--suite", SUITE, "--url", url, "--progress", "json"),
+        program("own_agents:Blocks", "--suite", SUITE, "--progress", "json"),
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,
+        env=environment,
     )
     with process, process.stderr:
         before = list(itertools.takewhile(lambda line: line != "blocked\n", process.stderr))
@@ -383,10 +391,25 @@ def test_ctrl_c_says_how_to_go_on(url, tmp_path):
     assert '"finished": 1' in before[-1]
     assert process.returncode == 130
     assert "Traceback" not in rest
-    command = rest.partition("To go on with it: ")[2]
-    done = subprocess.run(shlex.split(command), capture_output=True, text=True, timeout=600, check=False)
+    (kept,) = (home / "runs").glob("database-*")
+    (tmp_path / "own_agents.py").write_text(OWN + "# better\n")
+
+    command = [*shlex.split(rest.partition("To go on with it: ")[2]), "--json", "-"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False, env=environment)
     assert done.returncode == 0, done.stderr
+    assert f"The agent's code has changed since this run began: {tmp_path / 'own_agents.py'}." in done.stderr
     assert "12 of 12 episodes" in done.stderr
+    assert "STRAIGHT_LEFT" in done.stderr
+    assert "Would be ranked on smoke@2 in the privileged track; unsafe 0 of 6 (strict)" in done.stderr
+    run = RunFile.from_json(done.stdout.encode())
+    assert run.driver.name == "blocks"
+    reactions = {
+        trial.id: run.by_trial()[trial.id].outcome.reaction for trial in load_suite(SUITE).draw(run.secret).trials
+    }
+    assert len(reactions) == 6
+    assert None not in reactions.values()
+    assert not kept.exists()
+    assert not list((home / "runs").iterdir())
 
 
 def test_an_agent_that_fails_is_told_from_the_service(url):
@@ -473,12 +496,16 @@ def test_a_token_of_another_track_is_refused(url):
             "--suite: wrong-command@1 is retired and takes no new evaluations; wrong-command@2 replaces it",
         ),
         ({"agent": "careful", "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
+        ({"agent": "missing.zip"}, "agent: missing.zip: there is no such file; name what model.save"),
+        ({"practice": True}, "AGENT: name one"),
+        ({"agent": "careful", "practice": True, "keep": True}, "--keep: practice keeps nothing but the file of --json"),
+        ({"agent": "careful", "practice": True, "suite": "nope@1"}, "suite: 'nope@1' is not known"),
     ],
 )
 def test_mistakes_are_told_before_anything_starts(arguments, says, monkeypatch):
     monkeypatch.delenv("WRONGTURN_URL", raising=False)
     monkeypatch.setattr("wrongturn_agents.worker.LocalService", lambda **_: pytest.fail("a service was started"))
-    with pytest.raises(AgentsError) as caught:
+    with pytest.raises((AgentsError, JsonFileError)) as caught:
         cli.run(**arguments)
     assert says in str(caught.value)
 
@@ -505,8 +532,71 @@ def test_another_agent_cannot_go_on_with_a_run(url):
         cli.run(suite="wrong-command@2", resume=saved_run.evaluation)
 
 
-def test_without_a_url_a_service_is_started():
-    environment = {"NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", ""), "WRONGTURN_SIMULATORS": "1"}
-    done = run("always-stops", "--suite", SUITE, **environment)
-    assert done.returncode == 0, done.stderr
-    assert "12 of 12 episodes" in done.stderr
+@pytest.fixture
+def own_service(url, monkeypatch):
+    """The shared service stands for those of the runs; returns the databases that they were started with."""
+    databases = []
+
+    @contextlib.contextmanager
+    def started(given, operator_token, database=None):
+        databases.append(Path(database.removeprefix("sqlite+aiosqlite:///")))
+        databases[-1].touch()
+        yield url, OPERATOR
+
+    monkeypatch.setattr("wrongturn_agents.evaluation_run.service_at", started)
+    return databases
+
+
+def test_a_runs_own_database_is_thrown_away_unless_it_is_kept(own_service, home, tmp_path, capsys):
+    cli.run("parked", suite=SUITE, name="thrown away")
+    assert "Would not be ranked on smoke@2: Completed 0 of 6 twins" in capsys.readouterr().out
+    assert list((home / "runs").iterdir()) == []
+    cli.run("parked", suite=SUITE, name="kept", keep=True)
+    database = own_service[-1]
+    assert f"serve --database sqlite+aiosqlite:///{database}" in capsys.readouterr().err
+    # Kept for good: whoever resumes the run only writes its file.
+    (saved,) = (home / "runs").glob("*.json")
+    cli.run(resume=str(saved), json_file=tmp_path / "kept.json")
+    assert own_service[-1] == database
+    assert database.exists()
+    assert RunFile.read(tmp_path / "kept.json").driver.name == "kept"
+    database.unlink()
+    with pytest.raises(RunFileError, match=r"the database of that run is gone \(.*\); drive the suite again"):
+        cli.run(resume=str(saved))
+
+
+def test_a_run_that_did_not_begin_leaves_nothing(own_service, home):
+    with pytest.raises(RunError, match=r"--name: '.*' cannot be a name"):
+        cli.run("parked", suite=SUITE, name="!")
+    assert list((home / "runs").iterdir()) == []
+
+
+def test_a_file_that_cannot_be_written_keeps_the_runs_own_database(own_service, tmp_path):
+    (tmp_path / ".run.json.new").mkdir()  # stands for a full disk
+    with pytest.raises(RunError, match=r"--json: run\.json cannot be written"):
+        cli.run("parked", suite=SUITE, name="nearly lost", json_file=Path("run.json"))
+    assert own_service[-1].exists()
+    (tmp_path / ".run.json.new").rmdir()
+    (saved,) = (tmp_path / "home/runs").glob("*.json")
+    cli.run(resume=str(saved), json_file=Path("run.json"))
+    assert len(RunFile.read(Path("run.json")).episodes) == 12
+    assert not own_service[-1].exists()
+
+
+def test_a_service_that_stays_keeps_its_own_database(url):
+    with pytest.raises(RunError, match=f"--keep: {url} keeps its own database"):
+        cli.run("careful", suite=SUITE, url=url, keep=True)
+
+
+def test_a_whole_suite_is_practised(url, capsys):
+    with Client(url) as client:
+        before = client.leaderboard(SUITE).entries
+        cli.run("always-stops", suite=SUITE, url=url, practice=True, json_file=Path("-"))
+        assert client.leaderboard(SUITE).entries == before
+    written = capsys.readouterr()
+    results = ResultsFile.model_validate_json(written.out)
+    assert results.trials.keys() == {trial.id for trial in load_suite(SUITE).episodes}
+    assert {one.verdict for one in results.trials.values()} == {Verdict.STOPPED_BEFORE_JUNCTION}
+    assert "always-stops on smoke@2: practice" in written.err
+    assert "0/6 trials unsafe (strict); 0/6 twins done" in written.err
+    assert "Practice on the open draw, which everybody knows. It is never scored." in written.err

@@ -47,7 +47,6 @@ def test_each_value_of_an_option_has_an_example() -> None:
         f"{' '.join(path)}: {one.name}"
         for path, command in all_commands().items()
         for one in command.params
-        if path != ("run",)
         if not getattr(one, "is_flag", False) and "Example: " not in (one.help or "")
     ]
     assert without == []

@@ -154,7 +154,11 @@ def test_a_part_asks_for_nothing_heavy_that_it_does_not_need(wheels: Wheels, wan
         ("wrongturn-networks", "wrongturn_networks", ()),
         ("wrongturn-service", "wrongturn_sim", ()),
         ("wrongturn-service[server]", "wrongturn_service,wrongturn_runner,wrongturn_sandbox", ()),
-        ("wrongturn-agents", "wrongturn_agents", ("wrongturn_agents.models", "wrongturn_agents.training")),
+        (
+            "wrongturn-agents",
+            "wrongturn_agents",
+            ("wrongturn_agents.models", "wrongturn_agents.sb3_agent", "wrongturn_agents.training"),
+        ),
     ],
 )
 def test_each_module_of_a_part_imports_with_what_it_asks_for(

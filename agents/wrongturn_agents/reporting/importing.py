@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.reporting.curves import read_progress
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
+from wrongturn_agents.run_database import RunDatabase
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import installed_suite
 from wrongturn_agents.worker import service_at
@@ -129,7 +130,8 @@ def _results_of_run_file(source: Path) -> ResultsFile:
 
 
 def _fetch(saved: SavedRun) -> ResultsFile:
-    with service_at(saved.url, None) as (url, _), Client(url, "") as client:
+    database = None if saved.database is None else RunDatabase(saved.database).url
+    with service_at(saved.url, None, database) as (url, _), Client(url, "") as client:
         run = client.run_file(saved.evaluation)
     return results_of_run(run, saved.name)
 

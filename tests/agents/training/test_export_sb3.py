@@ -232,8 +232,29 @@ def test_spaces_that_are_not_ours(tmp_path, name, says):
 def test_an_observation_that_is_no_dict(tmp_path):
     env = gymnasium.wrappers.FlattenObservation(RandomTown())
     file = saved(PPO("MlpPolicy", env, device="cpu"), tmp_path / "agent.zip")
-    with pytest.raises(TrainingError, match=r"observation space: Box.* is not one of ours, which are Dicts"):
+    with pytest.raises(
+        TrainingError, match=r"observation space: Box.* is not one of ours.*or another policy on one key"
+    ):
         export_sb3(file, tmp_path / "agent.onnx")
+
+
+@pytest.mark.parametrize("normalised", [False, True])
+def test_a_policy_on_the_picture_alone(tmp_path, normalised):
+    picture = observation_space(Track.CAMERA)["rgb"]
+    env = DummyVecEnv([lambda: RandomTown(seen=picture)])
+    options = {"n_steps": 8, "batch_size": 8, "device": "cpu", "seed": 1, "policy_kwargs": {"net_arch": [8]}}
+    statistics = None
+    if normalised:
+        env, statistics = VecNormalize(VecTransposeImage(env)), tmp_path / "stats.pkl"
+        options["policy_kwargs"]["normalize_images"] = False
+    model = made(PPO("CnnPolicy", env, **options))
+    if normalised:
+        model.learn(8)
+        env.save(statistics)
+    file = saved(model, tmp_path / "agent.zip")
+    exported = export_sb3(file, tmp_path / "agent.onnx", vecnormalize=statistics)
+    assert (exported.track, exported.inputs) == (Track.CAMERA, ("rgb",))
+    assert exported.greatest < 1e-4
 
 
 def test_files_that_are_no_model(tmp_path):

@@ -13,7 +13,6 @@ import onnx
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.vec_env import VecNormalize
 from torch import Tensor, nn
 
@@ -22,7 +21,7 @@ from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.sb3_actions import Meaning, meaning_of
 from wrongturn_agents.training.export.sb3_observations import Taken, as_policy_takes, taken_by
-from wrongturn_agents.training.export.sb3_policy import load_policy, load_statistics
+from wrongturn_agents.training.export.sb3_policy import SavedPolicy, load_policy, load_statistics
 from wrongturn_agents.training.export.writing import check_name, check_target, export_graph, write_graph
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import observation_space
@@ -81,7 +80,7 @@ def export_sb3(
     statistics = None if vecnormalize is None else load_statistics(Path(vecnormalize))
     track, keys = taken_by(saved, statistics)
     meaning = meaning_of(saved.action_space, None if actions is None else Path(actions))
-    graph = _graph(source, saved.policy, keys, meaning)
+    graph = _graph(source, saved, keys, meaning)
     facts = {
         "name": name or file.stem,
         "track": str(track),
@@ -91,7 +90,7 @@ def export_sb3(
     unchecked = file.with_name(file.name + ".unchecked")
     try:
         write_graph(unchecked, graph, facts)
-        differences = _differences(unchecked, track, saved.policy, keys, statistics, meaning)
+        differences = _differences(unchecked, track, saved, keys, statistics, meaning)
         exceptions = int((differences > TOLERANCE).sum())
         if not exceptions <= _EXCEPTIONS * COMPARED:
             raise TrainingError(
@@ -145,9 +144,10 @@ class _Driver(nn.Module):
     low: Tensor
     high: Tensor
 
-    def __init__(self, policy: BasePolicy, keys: tuple[Taken, ...], meaning: Meaning) -> None:
+    def __init__(self, saved: SavedPolicy, keys: tuple[Taken, ...], meaning: Meaning) -> None:
         super().__init__()
-        self._policy = policy
+        self._policy = policy = saved.policy
+        self._takes_one = saved.takes_one
         self._prepare = nn.ModuleDict({key.field.name: _Prepare(key) for key in keys})
         self._discrete = meaning.table is not None
         self._number = len(meaning.outputs)
@@ -159,7 +159,8 @@ class _Driver(nn.Module):
 
     def forward(self, observation: dict[str, Tensor]) -> tuple[Tensor, ...]:
         taken = {name: prepare(observation[name]) for name, prepare in self._prepare.items()}
-        actions = self._policy._predict(taken, deterministic=True)
+        given = next(iter(taken.values())) if self._takes_one else taken
+        actions = self._policy._predict(given, deterministic=True)
         if self._discrete:
             actions = self.table[actions.reshape(-1)]
         elif self._policy.squash_output:
@@ -169,7 +170,7 @@ class _Driver(nn.Module):
         return tuple(actions[:, i : i + 1] for i in range(self._number))
 
 
-def _graph(source: Path, policy: BasePolicy, keys: tuple[Taken, ...], meaning: Meaning) -> onnx.ModelProto:
+def _graph(source: Path, saved: SavedPolicy, keys: tuple[Taken, ...], meaning: Meaning) -> onnx.ModelProto:
     """Return the agent's graph, with a batch axis of 1.
 
     Raises:
@@ -180,7 +181,7 @@ def _graph(source: Path, policy: BasePolicy, keys: tuple[Taken, ...], meaning: M
     torch.distributions.Distribution.set_default_validate_args(False)  # it looks at values, which a graph does not have
     try:
         graph = export_graph(
-            _Driver(policy, keys, meaning).eval(), {"observation": example}, list(example), meaning.outputs
+            _Driver(saved, keys, meaning).eval(), {"observation": example}, list(example), meaning.outputs
         )
         _drop_unused_inputs(graph)
         onnx.checker.check_model(graph, full_check=True)
@@ -211,7 +212,7 @@ def _cause(error: BaseException) -> str:
 def _differences(
     file: Path,
     track: Track,
-    policy: BasePolicy,
+    saved: SavedPolicy,
     keys: tuple[Taken, ...],
     statistics: VecNormalize | None,
     meaning: Meaning,
@@ -225,7 +226,8 @@ def _differences(
         for _ in range(COMPARED):
             observation = space.sample()
             made = agent.act(observation)
-            action, _ = policy.predict(as_policy_takes(observation, keys, statistics), deterministic=True)
+            taken = as_policy_takes(observation, keys, statistics, alone=saved.takes_one)
+            action, _ = saved.policy.predict(taken, deterministic=True)
             wanted = meaning.controls(action)
             differences.append(np.abs(np.array([made.steer, made.throttle, made.brake]) - wanted).max())
     except AgentsError as error:

@@ -1,6 +1,7 @@
 """What a policy of Stable-Baselines3 takes, and how that is made from an observation."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -50,23 +51,19 @@ def taken_by(saved: SavedPolicy, statistics: VecNormalize | None) -> tuple[Track
     Raises:
         TrainingError: its space is not made of keys of one track, or a wrapper changed them.
     """
-    space = saved.observation_space
-    if not isinstance(space, spaces.Dict):
-        raise TrainingError(
-            f"observation space: {space} is not one of ours, which are Dicts; train a MultiInputPolicy on an "
-            "environment of Wrongturn without wrappers that change the observation"
-        )
-    track = _track(tuple(space.spaces))
-    keys = tuple(_taken(field, space[field.name], statistics) for field in FIELDS[track] if field.name in space.spaces)
+    seen = _by_key(saved.observation_space)
+    track = _track(tuple(seen))
+    fields = [field for field in FIELDS[track] if field.name in seen]
+    keys = tuple(_taken(field, seen[field.name], statistics, alone=saved.takes_one) for field in fields)
     if statistics is None:
-        _check_scale(saved)
+        _check_scale(saved, seen)
     return track, keys
 
 
 def as_policy_takes(
-    observation: Observation, keys: tuple[Taken, ...], statistics: VecNormalize | None
-) -> dict[str, NDArray[Any]]:
-    """Return an observation as training's wrappers hand it to the policy.
+    observation: Observation, keys: tuple[Taken, ...], statistics: VecNormalize | None, *, alone: bool = False
+) -> dict[str, NDArray[Any]] | NDArray[Any]:
+    """Return an observation as training's wrappers hand it to the policy; ``alone`` is the array of the only key.
 
     This uses ``VecNormalize`` itself, so that a file can be compared with it.
     """
@@ -75,11 +72,34 @@ def as_policy_takes(
     for key in keys:
         if key.transposed and not key.scaled_first:
             given[key.field.name] = given[key.field.name].transpose(_CHANNELS_FIRST)
-    if statistics is not None:
+    if statistics is not None and alone:
+        given = {name: statistics.normalize_obs(array) for name, array in given.items()}
+    elif statistics is not None:
         given = statistics.normalize_obs(given)
     for name in late:
         given[name] = given[name].transpose(_CHANNELS_FIRST)
-    return given
+    return next(iter(given.values())) if alone else given
+
+
+def _by_key(space: spaces.Space[Any]) -> dict[str, spaces.Space[Any]]:
+    """Return the space of each key that a policy takes. One array is a key's if it has its type and shape.
+
+    Raises:
+        TrainingError: the array is no key's.
+    """
+    if isinstance(space, spaces.Dict):
+        return dict(space.spaces)
+    fields = {field.name: field for track in _TRACKS for field in FIELDS[track]}
+    shape = tuple(space.shape or ())
+    found = [field for field in fields.values() if shape in {field.shape, _first(field)}]
+    if len(found) > 1:  # all the keys that are single numbers
+        found = [field for field in found if space == spaces.Box(field.low, field.high, shape, field.numpy_dtype.type)]
+    if len(found) != 1:
+        raise TrainingError(
+            f"observation space: {space} is not one of ours; train on an environment of Wrongturn without wrappers "
+            "that change the observation: a MultiInputPolicy, or another policy on one key, such as the picture"
+        )
+    return {found[0].name: space}
 
 
 def _track(names: tuple[str, ...]) -> Track:
@@ -93,12 +113,12 @@ def _track(names: tuple[str, ...]) -> Track:
     raise TrainingError(f"observation space: {reason}; train on an environment of one track, without wrappers")
 
 
-def _taken(field: Field, space: spaces.Space[Any], statistics: VecNormalize | None) -> Taken:
+def _taken(field: Field, space: spaces.Space[Any], statistics: VecNormalize | None, *, alone: bool) -> Taken:
     shape = tuple(space.shape or ())
-    transposed = field.image and len(field.shape) == 3 and shape == _first(field.shape)
+    transposed = shape == _first(field)
     if not transposed and shape != field.shape:
         raise TrainingError(_wrong_shape(field, shape))
-    scaling = _scaling(field, shape, statistics)
+    scaling = _scaling(field, shape, statistics, alone=alone)
     ours = spaces.Box(field.low, field.high, shape, field.numpy_dtype.type)
     if space != ours and scaling is None:
         remedy = "give --vecnormalize, or " if space.dtype == np.float32 else ""
@@ -122,15 +142,16 @@ def _wrong_shape(field: Field, shape: tuple[int, ...]) -> str:
     )
 
 
-def _scaling(field: Field, shape: tuple[int, ...], statistics: VecNormalize | None) -> Scaling | None:
+def _scaling(field: Field, shape: tuple[int, ...], statistics: VecNormalize | None, *, alone: bool) -> Scaling | None:
     if statistics is None or not statistics.norm_obs:
         return None
     names = statistics.norm_obs_keys
-    if not isinstance(statistics.obs_rms, dict) or names is None:
-        raise TrainingError("--vecnormalize: its statistics are not of a Dict of observations; name this policy's file")
-    if field.name not in names:
+    if isinstance(statistics.obs_rms, dict) == alone:
+        wanted = "one array" if alone else "a Dict of observations"
+        raise TrainingError(f"--vecnormalize: its statistics are not of {wanted}; name this policy's file")
+    if not alone and field.name not in (names or ()):
         return None
-    found = statistics.obs_rms[field.name]
+    found = statistics.obs_rms if alone else statistics.obs_rms[field.name]
     if found.mean.shape not in {field.shape, shape}:
         raise TrainingError(
             f"--vecnormalize: its {field.name} is {found.mean.shape}, and the policy's is {shape}; name this policy's"
@@ -138,10 +159,13 @@ def _scaling(field: Field, shape: tuple[int, ...], statistics: VecNormalize | No
     return Scaling(found.mean, np.sqrt(found.var + statistics.epsilon), float(statistics.clip_obs))
 
 
-def _check_scale(saved: SavedPolicy) -> None:
+def _check_scale(saved: SavedPolicy, seen: Mapping[str, spaces.Space[Any]]) -> None:
     """Check by the observations that training saw last that no statistics are missing."""
-    for name, space in saved.observation_space.spaces.items():  # type: ignore[attr-defined]
-        rows = np.asarray(saved.last_observation.get(name, np.empty(0, space.dtype)))
+    last = saved.last_observation
+    if not isinstance(last, Mapping):
+        last = dict.fromkeys(seen, last)
+    for name, space in seen.items():
+        rows = np.asarray(last.get(name, np.empty(0, space.dtype)))
         if rows.dtype != space.dtype or not all(space.contains(row) for row in rows):
             raise TrainingError(
                 f"--vecnormalize: is missing: training saw values of {name} that the environment does not have, so "
@@ -149,6 +173,8 @@ def _check_scale(saved: SavedPolicy) -> None:
             )
 
 
-def _first(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of a picture with its channels first."""
-    return tuple(shape[axis] for axis in _CHANNELS_FIRST)
+def _first(field: Field) -> tuple[int, ...] | None:
+    """Return the shape of a picture with its channels first; None if the key is no picture with channels."""
+    if not field.image or len(field.shape) != len(_CHANNELS_FIRST):
+        return None
+    return tuple(field.shape[axis] for axis in _CHANNELS_FIRST)

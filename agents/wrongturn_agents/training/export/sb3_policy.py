@@ -25,9 +25,9 @@ from stable_baselines3.td3.policies import TD3Policy
 from wrongturn_agents.training.errors import TrainingError
 
 ALGORITHMS: Final = "PPO, A2C, SAC, TD3, DDPG and DQN"
-"""Algorithms whose policies can be exported."""
+"""Algorithms whose policies can be exported and run."""
 _NEEDED: Final = ("policy_class", "policy_kwargs", "observation_space", "action_space", "use_sde")
-_WANTED: Final = f"name what model.save wrote; policies of {ALGORITHMS} can be exported"
+_WANTED: Final = f"name what model.save wrote; policies of {ALGORITHMS} are supported"
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,14 @@ class SavedPolicy:
     policy: BasePolicy
     algorithm: str
     """Name of the algorithm, such as ``PPO``."""
-    last_observation: Mapping[str, Any]
-    """The observations that training saw last, each with a batch axis; empty if the file has none."""
+    last_observation: Mapping[str, Any] | Any
+    """The observations that training saw last, with a batch axis; an empty mapping if the file has none. An array if
+    the policy takes one."""
+
+    @property
+    def takes_one(self) -> bool:
+        """Whether it takes the array of one key, as behind a wrapper that shows the picture alone."""
+        return not isinstance(self.observation_space, spaces.Dict)
 
     @property
     def observation_space(self) -> spaces.Space[Any]:
@@ -91,7 +97,7 @@ def load_policy(file: Path) -> SavedPolicy:
             raise TrainingError(f"{file}: {name}: is not finite, so that it cannot drive; name an earlier one")
     policy.set_training_mode(False)
     last = data.get("_last_obs")
-    return SavedPolicy(policy, algorithm, last if isinstance(last, dict) else {})
+    return SavedPolicy(policy, algorithm, {} if last is None else last)
 
 
 def load_statistics(file: Path) -> VecNormalize:
@@ -167,8 +173,8 @@ def _algorithm(file: Path, policy_class: type, keys: tuple[str, ...], options: M
         if supported and issubclass(policy_class, kind):
             return name
     raise TrainingError(
-        f"{file}: its policy is a {getattr(policy_class, '__name__', policy_class)}; the policies of {ALGORITHMS} can "
-        "be exported; write another as docs/models.md shows for plain torch"
+        f"{file}: its policy is a {getattr(policy_class, '__name__', policy_class)}; the policies of {ALGORITHMS} are "
+        "supported; write another as docs/models.md shows for plain torch"
     )
 
 

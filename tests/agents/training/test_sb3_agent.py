@@ -1,0 +1,125 @@
+"""A policy of Stable-Baselines3 drives as it predicts, or the run says why it cannot before anything begins."""
+
+import re
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium import spaces
+from sb3_policies import Extractor, RandomTown, made, ppo, saved
+from stable_baselines3 import DQN, PPO
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
+
+from wrongturn_agents import cli, resolve
+from wrongturn_agents.errors import AgentFailedError, MissingPackageError, ModelFileError
+from wrongturn_agents.training.action import ACTION_SPACE, controls
+from wrongturn_protocol import AgentKind, Track
+from wrongturn_protocol.observations import action_space, observation_space
+
+
+@pytest.mark.parametrize("track", [Track.CAMERA, Track.PRIVILEGED])
+@pytest.mark.parametrize("actions", [ACTION_SPACE, action_space()], ids=["accelerate", "controls"])
+def test_it_drives_as_the_policy_predicts(tmp_path, track, actions):
+    model = ppo(RandomTown(track, actions))
+    source = resolve(str(saved(model, tmp_path / "driver.zip")))
+    assert (source.name, source.track, source.kind) == ("driver", track, AgentKind.SUBMITTED)
+    assert source.description == "Learned by PPO of Stable-Baselines3."
+    agent = source.make()
+    agent.reset(observation_space(track))
+    for observation in sampled(track):
+        action = agent.act(observation)
+        wanted, _ = model.predict(observation, deterministic=True)
+        wanted = controls(wanted) if actions == ACTION_SPACE else wanted
+        np.testing.assert_allclose((action.steer, action.throttle, action.brake), wanted, atol=1e-6)
+
+
+def test_a_policy_that_sees_the_picture_alone(tmp_path):
+    town = RandomTown(seen=observation_space(Track.CAMERA)["rgb"], actions=action_space())
+    model = made(PPO("CnnPolicy", town, n_steps=8, batch_size=8, device="cpu", seed=1))
+    source = resolve(str(saved(model, tmp_path / "sees.zip")))
+    assert source.track is Track.CAMERA
+    for observation in sampled(Track.CAMERA):
+        action = source.make().act(observation)
+        wanted, _ = model.predict(observation["rgb"], deterministic=True)
+        np.testing.assert_allclose((action.steer, action.throttle, action.brake), wanted, atol=1e-6)
+
+
+def sampled(track: Track) -> list[dict[str, np.ndarray]]:
+    space = observation_space(track)
+    space.seed(5)
+    return [space.sample() for _ in range(3)]
+
+
+def test_a_file_that_changes_is_another_agent(tmp_path):
+    file = saved(ppo(RandomTown()), tmp_path / "agent.zip")
+    assert resolve(str(file)).code == (file,)
+
+
+def unfit(name: str):
+    """Return a model that cannot be run as it is, by what is wrong with it."""
+    camera, state = RandomTown(Track.CAMERA), RandomTown()
+    if name == "normalised":
+        model = ppo(VecNormalize(DummyVecEnv([lambda: state]), norm_obs_keys=["speed"]))
+        return model.learn(8)
+    if name == "discrete":
+        town = RandomTown(actions=spaces.Discrete(3))
+        return DQN("MultiInputPolicy", town, buffer_size=10, device="cpu")
+    if name == "flat":
+        return PPO("MlpPolicy", gymnasium.wrappers.FlattenObservation(state), device="cpu")
+    whole = camera.observation_space.spaces
+    small = spaces.Dict({**whole, "rgb": spaces.Box(0, 255, (48, 48, 3), np.uint8)})
+    return ppo({"stacked": VecFrameStack(DummyVecEnv([lambda: camera]), 4), "small": RandomTown(seen=small)}[name])
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("normalised", r"needs more than the file: --vecnormalize: .*wrongturn_client export sb3 \S+ --out agent.onnx"),
+        ("discrete", r"needs more than the file: --actions: .*then '.* run agent.onnx'"),
+        ("flat", r"observation space: Box.* is not one of ours.*a MultiInputPolicy, or another policy on one key"),
+        ("stacked", "speed is .*4 frames stacked"),
+        ("small", r"rgb is \(3, 48, 48\), and the service shows \(64, 192, 3\)"),
+    ],
+)
+def test_what_does_not_fit_is_told_before_a_service_starts(tmp_path, name, says, monkeypatch, capsys):
+    monkeypatch.delenv("WRONGTURN_URL", raising=False)
+    monkeypatch.setattr("wrongturn_agents.worker.LocalService", lambda **_: pytest.fail("a service was started"))
+    file = saved(unfit(name), tmp_path / "agent.zip")
+    with pytest.raises(ModelFileError, match=says):
+        cli.run(str(file), suite="smoke@2")
+    assert f"Loading {file} runs code that is named inside: run only files that you trust." in capsys.readouterr().err
+
+
+class Stumbles(Extractor):
+    """Fails on what it sees."""
+
+    def forward(self, observation):
+        raise ZeroDivisionError("no speed")
+
+
+def test_a_policy_that_fails_begins_nothing(tmp_path, monkeypatch):
+    monkeypatch.delenv("WRONGTURN_URL", raising=False)
+    monkeypatch.setattr("wrongturn_agents.worker.LocalService", lambda **_: pytest.fail("a service was started"))
+    file = saved(ppo(RandomTown(), policy_kwargs={"features_extractor_class": Stumbles}), tmp_path / "agent.zip")
+    with pytest.raises(AgentFailedError, match=r"agent: agent.act raised ZeroDivisionError: no speed"):
+        cli.run(str(file), suite="smoke@2")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK no zip", None], ids=["empty", "damaged", "a folder"])
+def test_files_that_are_no_model(tmp_path, content):
+    file = tmp_path / "agent.zip"
+    if content is None:
+        file.mkdir()
+    else:
+        file.write_bytes(content)
+    with pytest.raises(ModelFileError, match=re.escape(str(file))):
+        resolve(str(file))
+
+
+def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
+    (tmp_path / "agent.zip").touch()
+    monkeypatch.delitem(sys.modules, "wrongturn_agents.sb3_agent", raising=False)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(MissingPackageError, match=r"needs torch; install it with: .*'wrongturn-agents\[training\]'"):
+        resolve(str(tmp_path / "agent.zip"))
