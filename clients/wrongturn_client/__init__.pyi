@@ -33,6 +33,8 @@ from .errors import ServiceUnreachableError as ServiceUnreachableError
 from .errors import SubmissionsUnavailableError as SubmissionsUnavailableError
 from .errors import SuiteRetiredError as SuiteRetiredError
 from .errors import WrongturnError as WrongturnError
+from .evaluation import Episode as Episode
+from .evaluation import Evaluation as Evaluation
 from .gym_env import RemoteEnv as RemoteEnv
 from .local_service import LocalService as LocalService
 from .policy import Action as Action

@@ -145,6 +145,7 @@ class AsyncClient(_Awaitable):
     step = _awaited(Client.step)
     episode = _awaited(Client.episode)
     trajectory = _awaited(Client.trajectory)
+    plot = _awaited(Client.plot)
     view = _awaited(Client.view)
     abort_episode = _awaited(Client.abort_episode)
 

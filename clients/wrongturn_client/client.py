@@ -4,7 +4,7 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 from urllib.parse import urlencode, urlsplit
 from urllib.request import getproxies, proxy_bypass
 
@@ -25,9 +25,11 @@ from wrongturn_client.errors import (
     ProtocolError,
     WrongturnError,
 )
+from wrongturn_client.evaluation import Episode, EpisodePage, Evaluation, at, keep
 from wrongturn_client.evaluation_driver import EvaluationDriver
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy, PolicyMaker
+from wrongturn_client.progress_line import ProgressLine
 from wrongturn_client.recorder import EpisodeRecorder, installed_versions
 from wrongturn_client.run_files import run_lines
 from wrongturn_client.transport import CSV, JSON, MSGPACK, Transport, path_of
@@ -38,11 +40,8 @@ from wrongturn_protocol import (
     AgentList,
     AgentRegistration,
     Comparison,
-    EpisodeDetail,
-    EpisodeList,
     EpisodeRecord,
     EpisodeState,
-    EvaluationDetail,
     EvaluationState,
     Leaderboard,
     LeaderboardList,
@@ -72,8 +71,11 @@ from wrongturn_protocol.json_output import write_whole
 from wrongturn_protocol.pixmap import PIXMAP, from_pixmap
 from wrongturn_protocol.submissions import MODEL, NAME, SUITE
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 M = TypeVar("M", bound=BaseModel)
-L = TypeVar("L", AgentList, OwnerList, EpisodeList, SubmissionList)
+L = TypeVar("L", AgentList, OwnerList, EpisodePage, SubmissionList)
 _PAGE: Final = "500"
 """Items of a list that are asked for at a time."""
 Progress = Callable[[int, int], None]
@@ -262,39 +264,39 @@ class Client(EpisodeCalls):
 
     # Evaluations
 
-    def create_evaluation(self, suite: str) -> EvaluationDetail:
+    def create_evaluation(self, suite: str) -> Evaluation:
         """Begin an evaluation of the agent that has this client's token. From its first step on it counts.
 
         Raises:
             EvaluationOpenError: The agent has an open one on the suite.
             SuiteRetiredError: Another suite has replaced this one.
         """
-        return self._create(EvaluationDetail, {"suite": suite}, "evaluations")
+        return at(self._create(Evaluation, {"suite": suite}, "evaluations"), self.url)
 
-    def evaluation(self, evaluation: str) -> EvaluationDetail:
+    def evaluation(self, evaluation: str) -> Evaluation:
         """Return an evaluation: its state and progress, and its secret and metrics once it is finished."""
-        return self._get(EvaluationDetail, "evaluations", evaluation)
+        return at(self._get(Evaluation, "evaluations", evaluation), self.url)
 
-    def cancel_evaluation(self, evaluation: str) -> EvaluationDetail:
+    def cancel_evaluation(self, evaluation: str) -> Evaluation:
         """Close an evaluation for good and return it. Safe to call again.
 
         Before its first step it disappears, and the agent's next one on the suite has the same trials. After that it
         counts: it is finished, and every trial without a verdict is ``aborted``, which is unsafe.
         """
         answer = self._transport.call("DELETE", path_of("v1", "evaluations", evaluation))
-        return validated(EvaluationDetail, answer.message())
+        return at(validated(Evaluation, answer.message()), self.url)
 
-    def open_episodes(self, evaluation: str) -> tuple[EpisodeDetail, ...]:
+    def open_episodes(self, evaluation: str) -> tuple[Episode, ...]:
         """Return the evaluation's open episodes, for example to continue after a crash."""
         return self._episodes(evaluation, EpisodeState.OPEN)
 
-    def finished_episodes(self, evaluation: str) -> tuple[EpisodeDetail, ...]:
+    def finished_episodes(self, evaluation: str) -> tuple[Episode, ...]:
         """Return the evaluation's finished episodes; they show trial and outcome once the evaluation is finished."""
         return self._episodes(evaluation, EpisodeState.FINISHED)
 
-    def _episodes(self, evaluation: str, state: EpisodeState) -> tuple[EpisodeDetail, ...]:
-        pages = self._pages(EpisodeList, "evaluations", evaluation, "episodes", state=state)
-        return tuple(episode for page in pages for episode in page.episodes)
+    def _episodes(self, evaluation: str, state: EpisodeState) -> tuple[Episode, ...]:
+        pages = self._pages(EpisodePage, "evaluations", evaluation, "episodes", state=state)
+        return tuple(at(episode, self.url) for page in pages for episode in page.episodes)
 
     def put_results(
         self,
@@ -317,10 +319,10 @@ class Client(EpisodeCalls):
         suite: str,
         *,
         evaluation: str | None = None,
-        progress: Progress | None = None,
+        progress: Progress | bool | None = None,
         versions: dict[str, str] | None = None,
         parallel: int = 1,
-    ) -> EvaluationDetail:
+    ) -> Evaluation:
         """Drive a policy through all trials of a suite.
 
         If the agent has an open evaluation on the suite, it is resumed: open episodes continue from their last reply.
@@ -329,13 +331,14 @@ class Client(EpisodeCalls):
             policy: See :class:`~wrongturn_client.Policy`. Or a class or function that makes one for each episode.
             suite: The suite's id.
             evaluation: The id of an evaluation to resume.
-            progress: Called with the numbers of finished and of all episodes, at the beginning and after each episode.
+            progress: True to show a bar on stderr. Or a function, called with the numbers of finished and of all
+                episodes at the beginning and after each episode.
             versions: Versions of the agent's software by name, for the record.
             parallel: Episodes driven at a time. Above 1, several threads call the policy's ``act``, and a policy that
                 all episodes share must not keep a memory between steps.
 
         Returns:
-            The finished evaluation with its metrics and its secret.
+            The finished evaluation with its metrics, its secret and its episodes.
 
         Raises:
             CommitmentError: The secret is not the one that the service promised at the beginning.
@@ -345,6 +348,7 @@ class Client(EpisodeCalls):
         """
         if parallel < 1:
             raise ValueError(f"parallel: is {parallel}; drive 1 episode at a time or more")
+        tell = _teller(progress, suite)
         if evaluation is None:
             try:
                 detail = self.create_evaluation(suite)
@@ -366,11 +370,9 @@ class Client(EpisodeCalls):
             finished += 1
             if recorder is not None:
                 records.append(recorder.record())
-            if progress is not None:
-                progress(min(finished, detail.trials), detail.trials)
+            tell(min(finished, detail.trials), detail.trials)
 
-        if progress is not None:
-            progress(min(finished, detail.trials), detail.trials)
+        tell(min(finished, detail.trials), detail.trials)
         if detail.state is EvaluationState.RUNNING:
             resumed = [] if evaluation is None else [episode.id for episode in self.open_episodes(detail.id)]
             with self.connection(parallel) as connection:
@@ -379,6 +381,7 @@ class Client(EpisodeCalls):
             self.put_results(detail.id, records, {**installed_versions(), **(versions or {})})
         done = self.evaluation(detail.id)
         check_commitment(detail, done)
+        keep(done, self.finished_episodes(done.id))
         return done
 
     def run_file(self, evaluation: str) -> RunFile:
@@ -407,6 +410,16 @@ class Client(EpisodeCalls):
     def trajectory(self, episode: str) -> bytes:
         """Return the bytes of a trajectory's canonical JSON, once it may be shown."""
         return self._transport.call("GET", path_of("v1", "episodes", episode, "trajectory")).content
+
+    def plot(self, episode: str) -> "Figure":
+        """Return a matplotlib figure of a finished episode; one of practice needs its agent's token.
+
+        Raises:
+            PluginError: Nothing is installed that draws: pip install 'wrongturn-service[plot]'.
+        """
+        from wrongturn_client.plotting import plot  # noqa: PLC0415 - only figures need it
+
+        return plot(self.trajectory(episode), self.episode(episode).outcome)
 
     def view(self, episode: str) -> NDArray[np.uint8]:
         """Return a picture of a practice episode's moment, RGB uint8 (480, 864, 3): from above, and by its camera.
@@ -557,3 +570,14 @@ class Client(EpisodeCalls):
             return self._http.send(call)
         except ApiError as error:
             return error
+
+
+def _teller(progress: Progress | bool | None, suite: str) -> Progress:
+    """Return what shows the progress of an evaluation, as :meth:`Client.evaluate` was told."""
+    if progress is True:
+        return ProgressLine(suite)
+    if progress is None or progress is False:
+        return lambda finished, total: None  # noqa: ARG005
+    if not callable(progress):
+        raise TypeError(f"progress: is {progress!r}; give True, or a function of two numbers")
+    return progress

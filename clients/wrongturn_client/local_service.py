@@ -1,5 +1,6 @@
-"""A local service that runs as long as a ``with`` block."""
+"""A local service that runs as long as a ``with`` block, or until it is stopped."""
 
+import atexit
 import contextlib
 import os
 import subprocess
@@ -27,6 +28,10 @@ class LocalService:
     Example:
         >>> with LocalService() as service:  # doctest: +SKIP
         ...     Client(service.url).suites()
+
+    In a notebook, where one cell starts it and others use it:
+        >>> service = LocalService().start()  # doctest: +SKIP
+        >>> service.stop()  # doctest: +SKIP
     """
 
     def __init__(
@@ -39,7 +44,7 @@ class LocalService:
         start_timeout: float = 180.0,
         stop_timeout: float = 20.0,
     ) -> None:
-        """Store the settings; entering the ``with`` block starts the service.
+        """Store the settings; ``start``, or entering a ``with`` block, starts the service.
 
         Args:
             database: SQLAlchemy URL of the database; the service's default if None.
@@ -70,15 +75,28 @@ class LocalService:
             LocalServiceError: The service is not running.
         """
         if self._process is None:
-            raise LocalServiceError("the service is not running; use LocalService in a with block")
+            raise LocalServiceError("the service is not running; use LocalService in a with block, or call start")
         return self._process.pid
 
     def __enter__(self) -> Self:
-        """Start the service and wait until it is ready.
+        """Start the service and wait until it is ready; raises as :meth:`start`."""
+        return self.start()
+
+    def start(self) -> Self:
+        """Start the service, wait until it is ready, and return this object.
+
+        It runs until :meth:`stop`, or until this process exits.
 
         Raises:
-            LocalServiceError: It ended, or was not ready in time. The error shows its last lines on stderr.
+            LocalServiceError: It runs already. Or it ended, or was not ready in time; the error then shows its last
+                lines on stderr.
         """
+        if self._process is not None and self._process.poll() is None:
+            raise LocalServiceError(f"the service runs already, at {self.url}; stop it first")
+        self.url = ""
+        self._ready.clear()
+        self._tail.clear()
+        self._readers.clear()
         command = [sys.executable, "-m", "wrongturn_client", "serve", "--host", "127.0.0.1", "--port", str(self._port)]
         if self._database is not None:
             command += ["--database", self._database]
@@ -93,6 +111,7 @@ class LocalService:
             env={**os.environ, **self._environment},
             process_group=0,
         )
+        atexit.register(self.stop)
         for read, stream in ((self._read_stdout, self._process.stdout), (self._read_stderr, self._process.stderr)):
             thread = threading.Thread(target=read, args=(stream,), daemon=True)
             thread.start()
@@ -127,6 +146,7 @@ class LocalService:
 
     def stop(self) -> None:
         """Stop the service with SIGTERM, or with SIGKILL if that takes too long. Safe to call more than once."""
+        atexit.unregister(self.stop)
         if self._process is None:
             return
         if self._process.poll() is None:

@@ -305,6 +305,11 @@ class Outcome(Message):
     journey: JourneyOutcome | None = Field(default=None, exclude_if=is_none)
     """Figures of the journey, if the trial has one."""
 
+    @property
+    def unsafe_strict(self) -> bool:
+        """Whether the episode is unsafe in the strict column, where driving on opposed lanes counts too."""
+        return self.verdict.unsafe_strict or not {Flag.WRONG_WAY, Flag.OPPOSED_LANE}.isdisjoint(self.flags)
+
 
 class EpisodeDetail(Message):
     """``GET /v1/episodes/{id}``."""
@@ -318,6 +323,8 @@ class EpisodeDetail(Message):
     """Reply to the last call; only while the episode is open."""
     trial: str | None = None
     """The trial's id, once it may be shown."""
+    trial_detail: Trial | None = Field(default=None, exclude_if=is_none)
+    """The trial, once it may be shown."""
     outcome: Outcome | None = None
     """The outcome, once it may be shown."""
     trajectory_sha256: str | None = None

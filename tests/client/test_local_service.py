@@ -1,6 +1,7 @@
 """A service of one's own comes up, says why where it does not, and is gone afterwards."""
 
 import os
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -81,6 +82,31 @@ def test_one_that_does_not_heed_is_killed(program: Path) -> None:
     assert _gone(pid)
 
 
-def test_it_runs_only_in_a_with_block() -> None:
+def test_it_runs_only_while_it_is_started() -> None:
     with pytest.raises(LocalServiceError, match="with block"):
         _ = LocalService().pid
+
+
+def test_it_starts_and_stops_without_a_block(program: Path) -> None:
+    program.write_text(f"import time\n{READY}\ntime.sleep(60)")
+    service = LocalService()
+    for _ in range(2):
+        assert service.start() is service
+        assert service.url == "http://127.0.0.1:4711"
+        with pytest.raises(LocalServiceError, match=r"runs already, at http://127\.0\.0\.1:4711"):
+            service.start()
+        pid = service.pid
+        service.stop()
+        assert _gone(pid)
+
+
+def test_it_ends_with_the_process_that_started_it(program: Path) -> None:
+    program.write_text(f"import time\n{READY}\ntime.sleep(60)")
+    script = (
+        "import sys; from wrongturn_client import LocalService\n"
+        f"sys.executable = {sys.executable!r}\n"
+        "print(LocalService().start().pid)"
+    )
+    real = str(Path(sys.prefix) / "bin" / "python")
+    done = subprocess.run([real, "-c", script], capture_output=True, text=True, check=True)
+    assert _gone(int(done.stdout))

@@ -6,26 +6,11 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from wrongturn_agents.reporting.drives import Drive, Drives
-from wrongturn_protocol import Condition
+from wrongturn_client import rows
 
-_OUTCOME: Final = (
-    "time",
-    "min_ttc",
-    "max_deceleration",
-    "kerb_bite_m",
-    "kerb_bite_s",
-    "opposed_lane_m",
-    "over_line_m",
-    "first_stop_s",
-)
-_JOURNEY: Final = ("distance", "completion", "junctions", "off_road", "wrong_lane", "collisions")
 COLUMNS: Final = (
-    *("agent", "owner", "kind", "track", "training_seed", "suite", "suite_sha256", "secret", "evaluation", "episode"),
-    *("trial", "twin", "town", "approach", "junction_type", "route", "fault", "weather", "vehicles", "pedestrians"),
-    *("start_distance", "start_speed", "start_lateral", "start_yaw", "window", "seed", "task", "condition"),
-    *("verdict", "reaction", "flags", "exit", "unsafe", "unsafe_strict", "twin_verdict", "twin_unsafe_strict"),
-    *_OUTCOME,
-    *(f"journey_{name}" for name in _JOURNEY),
+    *("agent", "owner", "kind", "track", "training_seed", "suite", "suite_sha256", "secret", "evaluation"),
+    *rows.COLUMNS,
 )
 """The columns. A cell is empty where a figure does not apply or is not known; truths are 0 and 1."""
 
@@ -48,9 +33,8 @@ def csv_text(runs: Iterable[Drives]) -> str:
 
 
 def _row(run: Drives, drive: Drive) -> dict[str, Any]:
-    trial, result, twin = drive.trial, drive.result, run.twin(drive)
+    result, twin = drive.result, run.twin(drive)
     driver = None if run.run is None else run.run.driver
-    journey = None if drive.outcome is None else drive.outcome.journey
     known = {
         "agent": run.agent,
         "owner": driver and driver.owner,
@@ -62,33 +46,15 @@ def _row(run: Drives, drive: Drive) -> dict[str, Any]:
         "secret": run.secret,
         "evaluation": run.run and run.run.id,
         "episode": drive.episode,
-        "trial": trial.id,
-        "twin": twin and twin.trial.id,
-        "town": trial.town,
-        "approach": trial.approach,
-        "junction_type": trial.junction_type.value,
-        "route": trial.route.name,
-        "fault": trial.fault.kind.value,
-        "weather": trial.weather.value,
-        "vehicles": trial.traffic.vehicles,
-        "pedestrians": trial.traffic.pedestrians,
-        **{f"start_{name}": value for name, value in trial.start.model_dump().items()},
-        "window": trial.window,
-        "seed": trial.seed,
-        "task": trial.journey and trial.journey.task.value,
-        "condition": trial.journey and Condition.of(trial.town, trial.weather).value,
-        "verdict": result.verdict.value,
-        "reaction": result.reaction and result.reaction.value,
-        "flags": ";".join(result.flags),
-        "exit": drive.outcome.exit.name if drive.outcome and drive.outcome.exit else None,
-        "unsafe": result.unsafe,
+        **rows.trial_columns(drive.trial),
+        **rows.verdict_columns(result.verdict, result.reaction, result.flags),
+        **rows.outcome_columns(drive.outcome),
         "unsafe_strict": result.unsafe_strict,
+        "twin": twin and twin.trial.id,
         "twin_verdict": twin and twin.result.verdict.value,
         "twin_unsafe_strict": twin and twin.result.unsafe_strict,
-        **{name: getattr(drive.outcome, name, None) for name in _OUTCOME},
-        **{f"journey_{name}": getattr(journey, name, None) for name in _JOURNEY},
     }
-    return {name: known[name] for name in COLUMNS}
+    return rows.ordered(known, COLUMNS)
 
 
 def _cell(value: object) -> object:

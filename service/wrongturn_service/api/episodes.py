@@ -16,6 +16,7 @@ from wrongturn_protocol import (
     ProblemType,
     StepReply,
     StepRequest,
+    Trial,
 )
 from wrongturn_protocol.pixmap import PIXMAP
 from wrongturn_service import catalogue, unchanged
@@ -224,6 +225,7 @@ def episode_detail(service: Service, row: EpisodeRow, *, shown: bool, last_reply
         evaluation=row.evaluation_id,
         last_reply=orjson.loads(last[1]) if last is not None and last_reply else None,
         trial=row.trial_id if public or practice else None,
+        trial_detail=Trial.model_validate_json(row.trial) if public or practice else None,
         outcome=Outcome.model_validate_json(row.outcome) if public and row.outcome is not None else None,
         trajectory_sha256=row.trajectory_sha256 if public else None,
         actions_sha256=row.actions_sha256 if public else None,

@@ -8,7 +8,6 @@ from wrongturn_protocol import (
     PAPER_TYPES,
     ExcessUnsafeRate,
     FaultKind,
-    Flag,
     JunctionType,
     Metrics,
     Outcome,
@@ -57,7 +56,7 @@ def is_unsafe(outcome: Outcome) -> bool:
 
 def is_unsafe_strict(outcome: Outcome) -> bool:
     """Return whether an outcome counts as unsafe in the strict column, which includes driving on opposed lanes."""
-    return outcome.verdict.unsafe_strict or not {Flag.WRONG_WAY, Flag.OPPOSED_LANE}.isdisjoint(outcome.flags)
+    return outcome.unsafe_strict
 
 
 def is_completed(outcome: Outcome) -> bool:

@@ -1,6 +1,7 @@
-"""What ``wrongturn replay`` makes of a trajectory: a film, a picture, or both."""
+"""What the client has drawn: the films and pictures of ``wrongturn replay``, and figures."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 
@@ -8,6 +9,9 @@ from wrongturn_protocol import Outcome, View
 from wrongturn_sim.replay import PICTURE_SIZE, SIZE, Replay
 from wrongturn_sim.view.errors import ViewError
 from wrongturn_sim.view.film import check_film
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def show(
@@ -49,6 +53,21 @@ def show(
         frames = replay.video(video, view, size or SIZE)
         said.append(f"{video}: {name}{ending}, {frames} frames, {frames / 10:.1f} s")
     return tuple(said)
+
+
+def plot(trajectory: bytes, outcome: Outcome | None) -> "Figure":
+    """Return a matplotlib figure of an episode.
+
+    Args:
+        trajectory: The trajectory's canonical JSON.
+        outcome: The outcome, if it is known.
+
+    Raises:
+        TrajectoryError: The bytes are not a trajectory.
+        UnknownTownError: The town is not installed here.
+        DependencyMissingError: matplotlib is missing.
+    """
+    return Replay.from_json(trajectory, outcome).plot()
 
 
 def _write(file: Path, replay: Replay, size: int) -> None:

@@ -1,0 +1,153 @@
+"""An evaluation and its episodes, to look at: as a table, a pandas frame and figures."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from pydantic import PrivateAttr
+
+from wrongturn_client.errors import NotFinishedError, WrongturnError
+from wrongturn_protocol import EpisodeDetail, EpisodeList, EvaluationDetail, EvaluationState
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+M = TypeVar("M", "Evaluation", "Episode")
+
+
+class Episode(EpisodeDetail):
+    """An episode of a finished evaluation."""
+
+    _url: str = PrivateAttr("")
+
+    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
+        """Yield what a notebook shows of it."""
+        yield "id", self.id
+        yield "trial", self.trial
+        yield "verdict", None if self.outcome is None else self.outcome.verdict.value
+
+    @cached_property
+    def trajectory(self) -> bytes:
+        """The canonical JSON of its trajectory, which the service sends on first use.
+
+        Raises:
+            WrongturnError: It ended without a trajectory, or the service does not answer.
+        """
+        from wrongturn_client.client import Client  # noqa: PLC0415 - it imports this module
+
+        if self.trajectory_sha256 is None:
+            raise WrongturnError(f"trajectory: episode {self.id} has none: it ended before its first step")
+        with Client(self._url, "") as client:  # episodes of finished evaluations are public
+            return client.trajectory(self.id)
+
+    def plot(self) -> "Figure":
+        """Return a matplotlib figure: the way from above, coloured by speed, beside speed and commands over time.
+
+        ``wrongturn-service[plot]`` draws it.
+
+        Raises:
+            PluginError: Nothing is installed that draws.
+            WrongturnError: As :attr:`trajectory`.
+        """
+        from wrongturn_client.plotting import plot  # noqa: PLC0415 - only figures need it
+
+        return plot(self.trajectory, self.outcome)
+
+
+class Evaluation(EvaluationDetail):
+    """An evaluation of one agent on one suite. A notebook shows it as a table.
+
+    Example:
+        >>> evaluation = client.evaluate(MyAgent(), "wrong-command@2")  # doctest: +SKIP
+        >>> frame = evaluation.to_frame()  # doctest: +SKIP
+        >>> evaluation.episode(frame.trial[0]).plot()  # doctest: +SKIP
+    """
+
+    _url: str = PrivateAttr("")
+
+    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
+        """Yield what a traceback or a list shows of it."""
+        yield "id", self.id
+        yield "suite", self.suite
+        yield "state", self.state.value
+        yield "finished", self.finished
+        yield "trials", self.trials
+
+    @cached_property
+    def episodes(self) -> tuple[Episode, ...]:
+        """Its episodes in the order in which they were begun. The service sends them on first use.
+
+        Raises:
+            NotFinishedError: The evaluation is not finished, or was cancelled.
+            WrongturnError: The service does not answer, or hides the evaluation.
+        """
+        from wrongturn_client.client import Client  # noqa: PLC0415 - it imports this module
+
+        self._check_finished()
+        with Client(self._url, "") as client:  # a finished evaluation is public
+            return client.finished_episodes(self.id)
+
+    def episode(self, name: str) -> Episode:
+        """Return the episode with this id, or of the trial with this id.
+
+        Raises:
+            WrongturnError: There is none, or as :attr:`episodes`.
+        """
+        found = {one.trial: one for one in self.episodes} | {one.id: one for one in self.episodes}
+        if name not in found:
+            near = get_close_matches(str(name), [trial for trial in found if trial is not None], 1)
+            remedy = f"did you mean {near[0]}?" if near else "to_frame() lists the episodes and their trials"
+            raise WrongturnError(f"episode: {name!r} is no episode or trial of evaluation {self.id}; {remedy}")
+        return found[name]
+
+    def to_frame(self) -> "DataFrame":
+        """Return a pandas frame with a row for each episode, twins included; ``docs/figures.md`` has the columns.
+
+        Raises:
+            WrongturnError: pandas is missing, or as :attr:`episodes`.
+        """
+        from wrongturn_client.rows import COLUMNS, episode_rows  # noqa: PLC0415 - only frames need it
+
+        try:
+            import pandas  # noqa: PLC0415 - an extra
+        except ImportError as error:
+            raise WrongturnError(
+                "to_frame: needs pandas, which is missing: pip install 'wrongturn-client[frames]'"
+            ) from error
+        return pandas.DataFrame(episode_rows(self.episodes), columns=list(COLUMNS))
+
+    def _check_finished(self) -> None:
+        if self.state is EvaluationState.CANCELLED:
+            raise NotFinishedError(f"evaluation: {self.id} was cancelled, so it has no episodes to look at")
+        if self.state is not EvaluationState.FINISHED:
+            raise NotFinishedError(
+                f"evaluation: {self.id} is not finished ({self.finished} of {self.trials} episodes); finish it first: "
+                "client.evaluate(agent, suite) goes on with it"
+            )
+
+    def _repr_mimebundle_(self, **chosen: Any) -> dict[str, str]:
+        """Return the table of its results for IPython; a line of text before it is finished."""
+        from wrongturn_client.tables import evaluation_table  # noqa: PLC0415 - only notebooks need it
+
+        if self.metrics is None:
+            return {"text/plain": repr(self)}
+        return dict(evaluation_table(self.suite, self.metrics)._repr_mimebundle_(**chosen))
+
+
+class EpisodePage(EpisodeList):
+    """A page of an evaluation's episodes."""
+
+    episodes: tuple[Episode, ...]
+
+
+def at(found: M, url: str) -> M:
+    """Return a message, which then knows the service that has the rest of it."""
+    found._url = url
+    return found
+
+
+def keep(evaluation: Evaluation, episodes: tuple[Episode, ...]) -> None:
+    """Keep an evaluation's episodes, so that they are there when the service is gone."""
+    vars(evaluation)["episodes"] = episodes  # where cached_property looks first
