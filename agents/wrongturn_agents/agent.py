@@ -4,7 +4,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from gymnasium import spaces
 
-from wrongturn_protocol import Action, AgentKind, Track
+from wrongturn_protocol import ActionLike, AgentKind, Track
 from wrongturn_protocol.observations import Observation
 
 
@@ -35,14 +35,15 @@ class Agent(Protocol):
             observation_space: Flat ``Dict`` of the agent's track; see ``wrongturn_protocol.observations``.
         """
 
-    def act(self, observation: Observation) -> Action:
+    def act(self, observation: Observation) -> ActionLike:
         """Return the action for the next 0.1 s.
 
         Args:
             observation: One array for each key of the space.
 
         Returns:
-            Steer in [-1, 1] (left is negative); throttle and brake, each in [0, 1].
+            Steer in [-1, 1] (left is negative); throttle and brake, each in [0, 1]: an Action, or three numbers in an
+            array, a tuple or a list.
         """
         ...
 

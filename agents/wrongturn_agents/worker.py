@@ -23,12 +23,13 @@ from wrongturn_client import (
     AuthenticationError,
     Client,
     ConflictError,
+    InvalidActionError,
     LocalService,
     NotFoundError,
     OwnerNameTakenError,
     WrongturnError,
 )
-from wrongturn_client.actions import action_error, is_of_action, refusal
+from wrongturn_client.actions import action_error, action_of, is_of_action
 from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_protocol import Action, AgentKind, EvaluationDetail, EvaluationState, ProblemType, RegisteredAgent
 from wrongturn_protocol.observations import Observation
@@ -282,12 +283,11 @@ class GuardedAgent:
             AgentFailedError: The agent raised an exception, or did not return an action that can be driven.
         """
         with self._guard("act"):
-            action: object = self._agent.act(observation)
-        why = refusal(action)
-        if why is not None:
-            raise AgentFailedError(f"agent: {self._name}.act {why}")
-        assert isinstance(action, Action)
-        return action
+            given: object = self._agent.act(observation)
+        try:
+            return action_of(given)
+        except InvalidActionError as error:
+            raise AgentFailedError(f"agent: {self._name}.act returned no action that can be driven: {error}") from None
 
     @contextlib.contextmanager
     def _guard(self, method: str) -> Iterator[None]:

@@ -1,10 +1,12 @@
-"""Errors in actions, in one line for the agent's author."""
+"""Actions as agents give them, and errors in them in one line for the agent's author."""
 
 from typing import Final
 
 from pydantic import ValidationError
 
+from wrongturn_client.errors import InvalidActionError
 from wrongturn_protocol import Action
+from wrongturn_protocol.actions import three_numbers
 
 _RANGES: Final = {"steer": "-1 to 1", "throttle": "0 to 1", "brake": "0 to 1"}
 
@@ -24,13 +26,18 @@ def is_of_action(error: ValidationError) -> bool:
     return error.title == Action.__name__
 
 
-def refusal(action: object) -> str | None:
-    """Return why ``act`` may not return this value, in words that follow "act"; None if it may."""
-    if not isinstance(action, Action):
-        return f"returned {type(action).__name__}; return a wrongturn_client.Action"
+def action_of(given: object) -> Action:
+    """Return what an agent gave as an action that can be driven.
+
+    Args:
+        given: An :data:`~wrongturn_protocol.ActionLike`: an Action, or three numbers in an array, a tuple or a list.
+
+    Raises:
+        InvalidActionError: It is not three numbers, or one is out of range.
+    """
     try:
-        # Checked again, because model_construct and model_copy check nothing.
-        Action(steer=action.steer, throttle=action.throttle, brake=action.brake)
+        if isinstance(given, Action):  # checked again, because model_construct and model_copy check nothing
+            return Action(given.steer, given.throttle, given.brake)
+        return Action(*three_numbers(given, InvalidActionError))
     except ValidationError as error:
-        return f"returned no action that can be driven: {action_error(error)}"
-    return None
+        raise InvalidActionError(action_error(error)) from None

@@ -7,10 +7,11 @@ from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel
 
+from wrongturn_client.actions import action_of
 from wrongturn_client.closing import Closing
 from wrongturn_client.decoding import validated
 from wrongturn_client.errors import ApiError
-from wrongturn_protocol import Action, EpisodeDetail, EpisodeReply, PracticeRequest, StepReply
+from wrongturn_protocol import Action, ActionLike, EpisodeDetail, EpisodeReply, PracticeRequest, StepReply
 from wrongturn_protocol.wire import Call
 
 M = TypeVar("M", bound=BaseModel)
@@ -21,8 +22,10 @@ Result = dict[str, Any] | ApiError
 _STEP: Final = Call.STEP.value
 
 
-def step_call(episode: str, seq: int, action: Action) -> list[Any]:
-    """Return the call of a step."""
+def step_call(episode: str, seq: int, action: ActionLike) -> list[Any]:
+    """Return the call of a step; raise InvalidActionError if the action is not one."""
+    if not isinstance(action, Action):
+        action = action_of(action)
     return [_STEP, episode, seq, action.steer, action.throttle, action.brake]
 
 
@@ -69,15 +72,16 @@ class EpisodeCalls(Closing):
         """
         return self._model(EpisodeReply, practise_call(request, key))
 
-    def step(self, episode: str, seq: int, action: Action) -> StepReply:
+    def step(self, episode: str, seq: int, action: ActionLike) -> StepReply:
         """Drive an episode for 0.1 s.
 
         Args:
             episode: The episode's id.
             seq: The ``seq`` of the last reply, plus 1.
-            action: What the car does.
+            action: What the car does: an Action, or steer, throttle and brake in an array, a tuple or a list.
 
         Raises:
+            InvalidActionError: The action is not three numbers in their ranges.
             EpisodeFinishedError: The episode is over.
             EpisodeLostError: The service was restarted while the episode was open.
         """
@@ -142,7 +146,7 @@ class DriveConnection(EpisodeCalls):
             ApiError: The service refused the connection.
         """
 
-    def steps(self, steps: Sequence[tuple[str, int, Action]]) -> list[StepReply | ApiError]:
+    def steps(self, steps: Sequence[tuple[str, int, ActionLike]]) -> list[StepReply | ApiError]:
         """Drive several episodes for 0.1 s in one message; return a reply or an error for each.
 
         Args:

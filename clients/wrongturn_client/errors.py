@@ -11,7 +11,7 @@
     ├── NotFinishedError             an evaluation has no run file before it is finished
     ├── CommitmentError              the secret at the evaluation's end is not the one that was promised
     ├── PolicyError                  the policy returned something that is not an action
-    ├── InvalidActionError           a Gymnasium environment got an invalid action (also a ValueError)
+    ├── InvalidActionError           an action is not three numbers in their ranges (also a ValueError)
     ├── ModelFileError               a model's file cannot be read, or is none
     ├── SecretFileError              the file with a token cannot be read, or is empty
     ├── ServiceFullError             the service has fewer free simulators than environments were asked for
@@ -93,7 +93,7 @@ class PolicyError(WrongturnError):
 
 
 class InvalidActionError(WrongturnError, ValueError):
-    """A Gymnasium environment got an invalid action."""
+    """An action is not three numbers in their ranges; the message names the field."""
 
 
 class ModelFileError(WrongturnError):

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final
 
-from wrongturn_client.actions import refusal
+from wrongturn_client.actions import action_of
 from wrongturn_client.decoding import track_of_message
 from wrongturn_client.episode_calls import (
     DriveConnection,
@@ -25,6 +25,7 @@ from wrongturn_client.errors import (
     EpisodeLostError,
     EvaluationFinishedError,
     EvaluationStalledError,
+    InvalidActionError,
     NoTrialAvailableError,
     PolicyError,
     ProtocolError,
@@ -32,7 +33,7 @@ from wrongturn_client.errors import (
 )
 from wrongturn_client.policy import Policy, PolicyMaker, maker_of
 from wrongturn_client.recorder import EpisodeRecorder
-from wrongturn_protocol import Action, EpisodeReply
+from wrongturn_protocol import Action, ActionLike, EpisodeReply
 from wrongturn_protocol.observations import Observation, observation_space
 from wrongturn_protocol.wire import CALLS, Call
 
@@ -238,15 +239,20 @@ def _decide(client: EpisodeCalls, policy: Policy, episode: str, observation: Obs
     """Return the policy's action and the seconds it took; if that fails, abort the episode."""
     try:
         begin = time.perf_counter()
-        action = policy.act(observation)
+        given = policy.act(observation)
         latency = time.perf_counter() - begin
-        why = refusal(action)
-        if why is not None:
-            raise PolicyError(f"{type(policy).__name__}.act {why}")
+        action = _driven(policy, given)
     except Exception:
         _abort(client, episode)
         raise
     return action, latency
+
+
+def _driven(policy: Policy, given: ActionLike) -> Action:
+    try:
+        return action_of(given)
+    except InvalidActionError as error:
+        raise PolicyError(f"{type(policy).__name__}.act returned no action that can be driven: {error}") from None
 
 
 def _abort(client: EpisodeCalls, episode: str) -> None:

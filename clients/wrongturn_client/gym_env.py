@@ -7,13 +7,11 @@ import httpx
 import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
-from wrongturn_client.actions import action_error
 from wrongturn_client.episode_calls import granted, step_call
-from wrongturn_client.errors import EpisodeFinishedError, EpisodeLostError, InvalidActionError
+from wrongturn_client.errors import EpisodeFinishedError, EpisodeLostError
 from wrongturn_client.practice import Practice
-from wrongturn_protocol import Action, Track, TrialKeywords, TrialOptions
+from wrongturn_protocol import ActionLike, Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, Screen, check_render_mode
 from wrongturn_protocol.trial_options import check_options
@@ -94,11 +92,11 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._watch()
         return reply["observation"], {"trial": reply["trial"], "town": reply["town"]}
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
+    def step(self, action: ActionLike) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Drive on for 0.1 s. After an error you can repeat the step: it is driven only once.
 
         Args:
-            action: float32 (3,): steer, throttle, brake.
+            action: Steer, throttle and brake: a float32 array (3,), a tuple, a list or an Action.
 
         Raises:
             InvalidActionError: It is not three numbers, or one is out of range.
@@ -109,7 +107,7 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             raise ResetNeeded(
                 f"step {'before the first reset' if self._episode is None else 'after the end'}; call reset"
             )
-        (result,) = self._practice.exchange([step_call(self._episode, self._seq + 1, _action(action))])
+        (result,) = self._practice.exchange([step_call(self._episode, self._seq + 1, action)])
         if isinstance(result, EpisodeLostError | EpisodeFinishedError):
             self._ended = True
             return self._seen, 0.0, False, True, {"lost": str(result)}
@@ -151,14 +149,3 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self._episode is not None and not self._ended:
             self._practice.abort([self._episode])
         self._ended = True
-
-
-def _action(action: object) -> Action:
-    try:
-        steer, throttle, brake = np.asarray(action, np.float64).tolist()
-    except (TypeError, ValueError):
-        raise InvalidActionError(f"action: {action!r} is not three numbers; give steer, throttle, brake") from None
-    try:
-        return Action(steer=steer, throttle=throttle, brake=brake)
-    except ValidationError as error:
-        raise InvalidActionError(action_error(error)) from None

@@ -6,6 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 from gymnasium import spaces
 
 from wrongturn_protocol import Action as Action  # noqa: PLC0414 - public in wrongturn_client too
+from wrongturn_protocol import ActionLike
 from wrongturn_protocol.observations import Observation
 
 
@@ -16,8 +17,11 @@ class Policy(Protocol):
     def reset(self, observation_space: spaces.Space[Any], /) -> None:
         """Begin an episode, whose observations come from this space; forget the last one."""
 
-    def act(self, observation: Observation, /) -> Action:
-        """Return the action for the next 0.1 s. Do not write to the arrays of ``observation``."""
+    def act(self, observation: Observation, /) -> ActionLike:
+        """Return the action for the next 0.1 s: an Action, or steer, throttle and brake as an array, tuple or list.
+
+        Do not write to the arrays of ``observation``.
+        """
 
 
 PolicyMaker = Callable[[], Policy]

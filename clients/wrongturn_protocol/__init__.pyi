@@ -1,3 +1,4 @@
+from .actions import ActionLike as ActionLike
 from .episodes import Action as Action
 from .episodes import Cell as Cell
 from .episodes import EpisodeDetail as EpisodeDetail

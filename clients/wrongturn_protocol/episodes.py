@@ -1,6 +1,6 @@
 """Trials, actions and the messages of an episode."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -17,6 +17,11 @@ from wrongturn_protocol.vocabulary import (
     Weather,
 )
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+CONTROLS: Final = ("steer", "throttle", "brake")
+"""The fields of an action, in the order of its array."""
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
@@ -37,7 +42,10 @@ class Message(BaseModel):
 
 
 class Action(Message):
-    """What the car does for the next 0.1 s. Each value is rounded to float32 before it is used."""
+    """What the car does for the next 0.1 s: ``Action(steer, throttle, brake)``, by position or by name.
+
+    Each value is rounded to float32 before it is used. NumPy takes an action for an array of three.
+    """
 
     steer: Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)]
     """Steering, from -1 (full left) to 1 (full right), as CARLA's ``VehicleControl.steer``."""
@@ -45,6 +53,26 @@ class Action(Message):
     """Throttle, 0 to 1."""
     brake: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
     """Brake, 0 to 1; it overrides the throttle."""
+
+    if TYPE_CHECKING:
+
+        def __init__(self, steer: float, throttle: float, brake: float) -> None: ...
+
+    else:
+
+        def __init__(self, /, *values: float, **named: float) -> None:
+            if len(values) > len(CONTROLS):
+                raise TypeError(f"Action: {len(values)} values are given; give {', '.join(CONTROLS)}")
+            super().__init__(**dict(zip(CONTROLS, values, strict=False)), **named)
+
+        # Messages are parsed without calling this, as if it were pydantic's own.
+        __init__.__pydantic_base_init__ = True
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> "NDArray[Any]":
+        """Return steer, throttle and brake, (3,), float32 by default."""
+        import numpy as np  # noqa: PLC0415 - slow, and the program needs it seldom
+
+        return np.array((self.steer, self.throttle, self.brake), dtype or np.float32)
 
 
 class Start(Message):

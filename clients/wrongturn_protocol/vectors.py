@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from wrongturn_protocol.episodes import CONTROLS
 from wrongturn_protocol.suggestions import did_you_mean
 from wrongturn_protocol.trial_options import OptionError, check_options
 
@@ -14,7 +15,6 @@ Flags = NDArray[np.bool_]
 
 _OPTIONS: Final = ("trial", "reset_mask")
 """What ``options`` of a vector environment's ``reset`` may hold."""
-_FIELDS: Final = ("steer", "throttle", "brake")
 
 
 def whole_number(name: str, value: object) -> int:
@@ -95,7 +95,7 @@ def checked_actions(actions: Any, driven: Flags, error: type[Exception]) -> NDAr
     if not right.all():
         i, k = np.argwhere(~right)[0].tolist()
         low = -1 if k == 0 else 0
-        raise error(f"actions[{i}].{_FIELDS[k]}: is {given[i, k]}; give a number from {low} to 1")
+        raise error(f"actions[{i}].{CONTROLS[k]}: is {given[i, k]}; give a number from {low} to 1")
     return given
 
 

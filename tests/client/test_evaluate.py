@@ -194,6 +194,22 @@ def test_a_service_that_breaks_its_promise_is_told(told: str | None) -> None:
         client.evaluate(Driver(), "smoke@2")
 
 
+@pytest.mark.parametrize("kind", [tuple, list, np.array, np.float32])
+def test_an_action_may_be_an_array_a_tuple_or_a_list(kind: Callable[[list[float]], Any]) -> None:
+    class Plain(Driver):
+        def act(self, observation: Observation) -> Any:
+            action = super().act(observation)
+            return kind([action.steer, action.throttle, action.brake])
+
+    driven = []
+    for driver in (Driver(), Plain()):
+        service = FakeService()
+        with _client(service) as client:
+            client.evaluate(driver, "smoke@2")
+        driven.append([np.float32(actions).tolist() for _, actions in sorted(service.seen.items())])
+    assert driven[0] == driven[1]
+
+
 def test_the_finished_evaluation_holds_secret_and_promise() -> None:
     with _client(FakeService()) as client:
         detail = client.evaluate(Driver(), "smoke@2")

@@ -11,7 +11,7 @@ from client_fake_service import FakeService, problem
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
-from wrongturn_client import InvalidActionError, NotFoundError
+from wrongturn_client import Action, InvalidActionError, NotFoundError
 from wrongturn_protocol import Command, Fault, FaultKind, JunctionType, ProblemType, Start, Track, Trial
 from wrongturn_protocol.observations import action_space, observation_space
 
@@ -161,6 +161,15 @@ def test_an_action_that_is_none_is_named(action: Any, named: str) -> None:
     env.reset()
     with pytest.raises(InvalidActionError, match=named):
         env.step(action)
+
+
+@pytest.mark.parametrize("action", [Action(0.1, 0.5, 0.0), (0.1, 0.5, 0.0), [0.1, 0.5, 0.0], ACTION])
+def test_an_action_may_be_an_action_an_array_a_tuple_or_a_list(action: Any) -> None:
+    service = FakeService()
+    env = _make(service, token="t")
+    env.reset()
+    env.step(action)
+    np.testing.assert_allclose(service.seen["ep0"], [ACTION])
 
 
 def test_a_step_before_the_reset_and_a_refusal() -> None:

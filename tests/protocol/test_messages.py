@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,6 +26,7 @@ from wrongturn_protocol import (
     Trial,
     twin_id,
 )
+from wrongturn_protocol.actions import three_numbers
 
 MIDDLE = {"steer": 0.0, "throttle": 0.5, "brake": 0.5}
 
@@ -40,6 +42,43 @@ def test_actions_out_of_range_are_refused(field: str, value: Any) -> None:
 def test_actions_in_range_pass(steer: float, throttle: float, brake: float) -> None:
     action = Action(steer=steer, throttle=throttle, brake=brake)
     assert Action.model_validate_json(action.model_dump_json()) == action
+
+
+def test_an_action_is_made_by_position_too() -> None:
+    assert Action(0.1, 0.4, 0.0) == Action(0.1, throttle=0.4, brake=0.0) == Action(steer=0.1, throttle=0.4, brake=0.0)
+    with pytest.raises(ValidationError, match="brake"):
+        Action(0.1, 0.4)  # type: ignore[call-arg]
+    with pytest.raises(ValidationError, match="throttle"):
+        Action(0.1, 4.0, 0.0)
+    with pytest.raises(TypeError, match="4 values are given; give steer, throttle, brake"):
+        Action(0.1, 0.4, 0.0, 1.0)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="steer"):
+        Action(0.1, 0.4, steer=0.0)  # type: ignore[call-arg, misc]
+
+
+def test_numpy_takes_an_action_for_an_array() -> None:
+    action = Action(0.1, 0.4, 0.0)
+    assert np.asarray(action).dtype == np.float32
+    assert np.asarray([action, action], np.float64).tolist() == [[0.1, 0.4, 0.0]] * 2
+
+
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        ((0.1, 0.4), r"shape \(2,\)"),
+        ([[0.1, 0.4, 0.0]], r"shape \(1, 3\)"),
+        ("left", "'left' is not three numbers"),
+        (("0.1", "0.4", "0"), "three numbers"),
+        ([[0.1], [0.4, 0.0], 0.0], "three numbers"),
+        ({"steer": 0.1}, "three numbers"),
+        (None, "three numbers"),
+        ((None, 0.4, 0.0), "three numbers"),
+        ((0.1j, 0.4, 0.0), "three numbers"),
+    ],
+)
+def test_what_is_not_three_numbers_is_named(given: Any, named: str) -> None:
+    with pytest.raises(LookupError, match=named):
+        three_numbers(given, LookupError)
 
 
 def test_unknown_fields_and_missing_ones_are_refused() -> None:

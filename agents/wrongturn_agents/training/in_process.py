@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wrongturn_agents.agent import Agent
 from wrongturn_agents.registry import AgentSource
+from wrongturn_client.actions import action_of
 from wrongturn_protocol import Outcome, Trial
 from wrongturn_protocol.observations import Observation
 from wrongturn_sim import FleetTraffic, Trajectory, WrongturnVectorEnv
@@ -128,7 +129,7 @@ def _actions(
     def act(k: int) -> tuple[float, float, float]:
         if not counts[k]:
             return _BRAKE
-        action = agents[k].act({name: array[k] for name, array in observation.items()})
+        action = action_of(agents[k].act({name: array[k] for name, array in observation.items()}))
         return action.steer, action.throttle, action.brake
 
     cars = range(len(agents))
