@@ -24,6 +24,7 @@ from wrongturn_client.errors import (
 from wrongturn_client.practice import Practice
 from wrongturn_protocol import Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import Observation, action_space, observation_space
+from wrongturn_protocol.screen import FRAMES_A_SECOND, VECTOR_RENDER_MODES, check_render_mode
 from wrongturn_protocol.vectors import (
     Flags,
     autoreset_mode_of,
@@ -56,7 +57,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             ignored. ``SameStep``: at once; ``infos["final_obs"]`` and ``["final_info"]`` hold the end. ``Disabled``:
             when you call ``reset(options={"reset_mask": ...})``.
         patience: Seconds for which calls are repeated while the service is busy or does not answer.
-        render_mode: Always None; pictures are observations.
+        render_mode: ``rgb_array``, to get pictures from ``render``. The service draws them.
         transport: An httpx transport, for tests.
         town: The town to draw trials in; ``Town01`` by default.
         track: What the agent is shown.
@@ -66,7 +67,11 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         ValueError: A name does not exist, or options do not go together.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": list(VECTOR_RENDER_MODES),
+        "render_fps": FRAMES_A_SECOND,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
@@ -82,9 +87,8 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         track: Track | str = Track.STATE,
         **options: Unpack[TrialKeywords],
     ) -> None:
-        if render_mode is not None:
-            raise ValueError(f"render_mode: {render_mode!r} is not supported; leave it None, pictures are observations")
-        self.render_mode = None
+        check_render_mode(render_mode, VECTOR_RENDER_MODES)
+        self.render_mode = render_mode
         self.num_envs = count = whole_number("num_envs", num_envs)
         self.autoreset_mode = autoreset_mode_of(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -101,6 +105,8 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         """Calls that begin the next episodes, kept until they succeed: another attempt begins no other episode."""
         self._episodes: list[str | None] = [None] * count
         """Ids of the open episodes; None if none is open."""
+        self._shown = [""] * count
+        """Ids of the episodes that began last, open or not: those that ``render`` shows."""
         self._seqs = [0] * count
         self._seen: list[Observation] = [{}] * count
         self._begun = np.zeros(count, np.bool_)
@@ -180,6 +186,22 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             begun = dict(zip(ended, map(granted, self._practice.exchange([self._draw(i) for i in ended])), strict=True))
         return self._advance(replies, driven, begun)
 
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture of each environment, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.
+
+        It is the view from above beside the camera's. It shows the route and the other road users, which agents may
+        not see. Each picture is a call of its own, so it takes longer than a step.
+
+        Raises:
+            ResetNeeded: No episode has begun.
+            WrongturnError: The service does not answer, or refuses.
+        """
+        if not self._begun.all():
+            raise ResetNeeded("render before the first reset; call reset")
+        if self.render_mode is None:
+            return None
+        return tuple(self._practice.view(episode) for episode in self._shown)
+
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """End open episodes and close the connection."""
         self._abort(range(self.num_envs))
@@ -240,7 +262,8 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
 
     def _start(self, i: int, reply: dict[str, Any], infos: dict[str, Any]) -> None:
         self._calls.pop(i, None)
-        self._episodes[i], self._seqs[i], self._seen[i] = reply["id"], 0, reply["observation"]
+        self._episodes[i] = self._shown[i] = reply["id"]
+        self._seqs[i], self._seen[i] = 0, reply["observation"]
         self._begun[i], self._over[i] = True, False
         self._add_info(infos, {"trial": reply["trial"], "town": reply["town"]}, i)
 

@@ -1,5 +1,6 @@
 """A window on the desktop for the environments' render mode ``human``."""
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -10,20 +11,26 @@ from wrongturn_protocol.suggestions import did_you_mean
 from wrongturn_protocol.trial_options import OptionError
 
 RENDER_MODES: Final = ("human", "rgb_array")
+VECTOR_RENDER_MODES: Final = ("rgb_array",)
+"""Render modes of the vector environments, which have no window."""
 FRAMES_A_SECOND: Final = 10
 """Pictures a second of an environment that is watched: a decision takes 0.1 s."""
 
 
-def check_render_mode(render_mode: str | None) -> None:
+def check_render_mode(render_mode: str | None, modes: Sequence[str] = RENDER_MODES) -> None:
     """Check an environment's render mode.
 
+    Args:
+        render_mode: The mode, or None.
+        modes: Those that the environment has.
+
     Raises:
-        OptionError: It is not known.
+        OptionError: It has no such mode.
     """
-    if render_mode is not None and render_mode not in RENDER_MODES:
+    if render_mode is not None and render_mode not in modes:
         raise OptionError(
-            f"render_mode: {render_mode!r} is not known; take {' or '.join(RENDER_MODES)}, or leave it None"
-            f"{did_you_mean(render_mode, RENDER_MODES)}"
+            f"render_mode: {render_mode!r} is not known; take {' or '.join(modes)}, or leave it None"
+            f"{did_you_mean(render_mode, modes)}"
         )
 
 

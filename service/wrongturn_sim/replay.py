@@ -1,6 +1,7 @@
 """A stored episode, seen again without driving it."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self
 
@@ -86,12 +87,20 @@ class Replay:
         """Return the view from above beside the camera's, RGB uint8 (size, 1.8 size, 3). Raises ViewError."""
         return self._views(size).draw(View.BOTH, self._moment(decision, self._renderer(None)))
 
-    def last_view(self) -> "Image":
-        """Return the last picture that :meth:`Episode.view` gave, RGB uint8 (480, 864, 3)."""
+    def last_view(self, command: int | None = None, route_command: int | None = None) -> "Image":
+        """Return the last picture that :meth:`Episode.view` gave, RGB uint8 (480, 864, 3).
+
+        Args:
+            command: the command after the last row, which the trajectory does not hold; by default that before it.
+            route_command: the same for the route's.
+        """
         from wrongturn_sim.view.views import VIEW_SIZE, Views  # noqa: PLC0415 - as above
 
         views = Views(self.town, self.trajectory.trial, self.trajectory.rows, VIEW_SIZE, still=False)
-        return views.draw(View.BOTH, self._moment(len(self) - 1, self._renderer(None)))
+        moment = self._moment(len(self) - 1, self._renderer(None))
+        if command is not None and route_command is not None:
+            moment = replace(moment, command=command, route_command=route_command)
+        return views.draw(View.BOTH, moment)
 
     def picture(self, size: int = PICTURE_SIZE) -> "Image":
         """Return the whole episode from above, RGB uint8 (size, size, 3).

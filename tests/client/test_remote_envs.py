@@ -11,6 +11,7 @@ import httpx
 import numpy as np
 import pytest
 from client_forwarder import Forwarder
+from gymnasium.error import ResetNeeded
 
 from wrongturn_client import LocalService, RemoteEnv, RemoteVectorEnv, ServiceFullError, ServiceUnreachableError
 
@@ -126,6 +127,45 @@ def test_more_environments_than_simulators_and_a_service_that_is_killed(small: d
         assert not truncated.any()
         envs.close()
         assert _figure(first.url, "wrongturn_open_episodes") == 0
+
+
+def test_a_batch_shows_the_pictures_of_single_environments(service: LocalService) -> None:
+    options: dict[str, Any] = {"town": "junctions", "render_mode": "rgb_array"}
+    envs = gymnasium.make_vec("wrongturn_client:Wrongturn-v0", num_envs=2, url=service.url, **options)
+    assert envs.metadata["render_modes"] == ["rgb_array"]
+    with pytest.raises(ResetNeeded):
+        envs.render()
+    envs.reset(seed=4)
+    envs.step(_gas(2))
+    pictures = envs.render()
+    envs.close()
+    assert pictures is not None
+    for i, picture in enumerate(pictures):
+        env = RemoteEnv(service.url, **options)
+        env.reset(seed=4 + i)
+        env.step(GAS)
+        np.testing.assert_array_equal(env.render(), picture)
+        env.close()
+    assert not np.array_equal(*pictures)
+
+
+def test_stable_baselines_makes_single_environments_and_evaluates_beside_them(service: LocalService) -> None:
+    ppo = pytest.importorskip("stable_baselines3").PPO
+    from stable_baselines3.common.callbacks import EvalCallback
+    from stable_baselines3.common.env_util import make_vec_env
+
+    made = {"url": service.url, "town": "junctions", "track": "privileged"}
+    envs = make_vec_env("wrongturn_client:Wrongturn-v0", n_envs=2, seed=1, env_kwargs=made)
+    callback = EvalCallback(
+        make_vec_env("wrongturn_client:Wrongturn-v0", env_kwargs={**made, "max_episode_steps": 4}),
+        n_eval_episodes=1,
+        eval_freq=4,
+    )
+    ppo("MultiInputPolicy", envs, n_steps=4, batch_size=8, n_epochs=1, seed=1, device="cpu").learn(8, callback)
+    assert np.isfinite(callback.last_mean_reward)
+    assert envs.render("rgb_array").shape[2] == 3
+    callback.eval_env.close()
+    envs.close()
 
 
 def test_stable_baselines_learns_over_the_wire(service: LocalService) -> None:

@@ -11,6 +11,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
 from wrongturn_client import (
+    Action,
     ApiError,
     InvalidActionError,
     NotFoundError,
@@ -138,6 +139,15 @@ def test_begins_anew_when_it_is_told_to() -> None:
     assert [np.array_equal(after["speed"][i], before["speed"][i]) for i in range(3)] == [True, False, True]
     with pytest.raises(ResetNeeded, match=r"\[0, 2\] ended"):
         envs.step(_gas())
+
+
+def test_actions_may_be_actions_tuples_or_lists() -> None:
+    service = FakeService()
+    envs = _make(service)
+    envs.reset()
+    envs.step([Action(0.1, 0.5, 0.0), (0.1, 0.5, 0.0), [0.1, 0.5, 0.0]])  # type: ignore[arg-type]
+    assert len({tuple(map(tuple, actions)) for actions in service.seen.values()}) == 1
+    assert _stepped(service) == [1, 1, 1]
 
 
 def test_it_may_be_reset_after_it_was_closed() -> None:

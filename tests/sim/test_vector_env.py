@@ -399,12 +399,36 @@ def test_what_cannot_be_done_says_why(make_trial):
         ({"render_mode": "human"}, "render_mode"),
         ({"autoreset_mode": "Sometimes"}, "Sometimes"),
         ({"weather": []}, "weather"),
-        ({"town": None}, "town"),
     ],
 )
 def test_what_cannot_be_made_says_why(arguments, named):
     with pytest.raises(ValueError, match=named):
         WrongturnVectorEnv(**{"num_envs": 2, "town": "junctions", **arguments})
+
+
+def test_pictures_are_those_of_single_environments():
+    envs = WrongturnVectorEnv(2, "junctions", fault="omission", autoreset_mode="Disabled", render_mode="rgb_array")
+    with pytest.raises(EpisodeNotStartedError):
+        envs.render()
+    singles = [WrongturnSimEnv("junctions", fault="omission", render_mode="rgb_array") for _ in range(2)]
+    envs.reset(seed=4)
+    for i, env in enumerate(singles):
+        env.reset(seed=4 + i)
+    ended = np.zeros(2, bool)
+    for step in range(60):
+        if step in {0, 1, 30, 59}:
+            for env, picture in zip(singles, envs.render(), strict=True):
+                np.testing.assert_array_equal(env.render(), picture)
+        _, _, ended, _, _ = envs.step([(0.0, 0.6, 0.0)] * 2)
+        for env in singles:
+            env.step((0.0, 0.6, 0.0))
+        if ended.any():
+            break
+    assert ended.any()
+    for env, picture in zip(singles, envs.render(), strict=True):
+        np.testing.assert_array_equal(env.render(), picture)
+    with pytest.raises(ValueError, match="render_mode: pictures are drawn from the record"):
+        WrongturnVectorEnv(2, "junctions", record=False, render_mode="rgb_array")
 
 
 def test_it_needs_no_sumo():

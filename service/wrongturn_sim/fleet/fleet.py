@@ -31,6 +31,7 @@ from wrongturn_sim.fleet.headway import WAITING
 from wrongturn_sim.fleet.others import USER, others_for
 from wrongturn_sim.fleet.streets import no_streets, streets_of
 from wrongturn_sim.fleet.traffic import FleetTraffic, check_density, with_room
+from wrongturn_sim.replay import Replay
 from wrongturn_sim.roads import roads_of
 from wrongturn_sim.route import guidance_of, start_pose, start_route, way_to
 from wrongturn_sim.trajectory import RoadUser, Row, Trajectory
@@ -348,6 +349,17 @@ class Fleet:
         rows = [Row._make((*row, users)) for row, users in zip(numbers, met, strict=True)]
         sha256 = hashlib.sha256(inputs.astype("<f4").tobytes()).hexdigest()
         return Record(Trajectory(trial, self.town.sha256, rows), self.outcome(i), sha256)
+
+    def view(self, i: int) -> NDArray[np.uint8]:
+        """Return a picture of an ego's moment for people, as :meth:`wrongturn_sim.episode.Episode.view`.
+
+        Raises:
+            ValueError: as :meth:`record`.
+        """
+        record = self.record(i)
+        decision = -(-int(self._egos.sub_steps[i]) // SUB_STEPS)
+        command, route_command = self._egos.commands[i, decision].tolist()
+        return Replay(record.trajectory, record.outcome).last_view(command, route_command)
 
     def close(self) -> None:
         """Stop the threads."""

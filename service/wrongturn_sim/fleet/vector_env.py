@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from wrongturn_networks import load_town
 from wrongturn_protocol import Track, Traffic, Trial, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
+from wrongturn_protocol.screen import FRAMES_A_SECOND, VECTOR_RENDER_MODES, check_render_mode
 from wrongturn_protocol.vectors import (
     Flags,
     autoreset_mode_of,
@@ -46,7 +47,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
 
     Args:
         num_envs: number of environments.
-        town: town in which trials are drawn.
+        town: town in which trials are drawn; ``Town01`` by default.
         track: decides what observations show.
         camera: place and optics of the camera, in the tracks that have one; the benchmark's by default.
         threads: number of threads that share a step's work; the bytes do not depend on it.
@@ -63,7 +64,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             ``SameStep`` (``infos["final_obs"]`` and ``["final_info"]`` hold the end), or ``Disabled`` (you call
             ``reset(options={"reset_mask": ...})``).
         copy: return new arrays; otherwise the next step overwrites those that are returned.
-        render_mode: always None; pictures are observations.
+        render_mode: ``rgb_array``, to get pictures from ``render``, which are drawn from the record.
         options: ``approach``, ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
             ``traffic`` needs ``own_traffic``, and all trials of a ``suite`` must have the same town.
 
@@ -71,7 +72,11 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         ValueError: a name does not exist, or two options exclude each other.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": list(VECTOR_RENDER_MODES),
+        "render_fps": FRAMES_A_SECOND,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
@@ -97,8 +102,9 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             a_flag(name, flag)
         if backend not in ("cpu", "cuda"):
             raise ValueError(f"backend: is {backend!r}; give cpu or cuda")
-        if render_mode is not None:
-            raise ValueError(f"render_mode: {render_mode!r} is not known; leave it None, pictures are observations")
+        check_render_mode(render_mode, VECTOR_RENDER_MODES)
+        if render_mode is not None and not record:
+            raise ValueError("render_mode: pictures are drawn from the record; leave render_mode or record=False out")
         trials = TrialOptions.of(town, track, **options)
         if trials.traffic != Traffic() and own_traffic is None:
             raise ValueError(
@@ -114,7 +120,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self.copy = copy
         self.autoreset_mode = autoreset_mode_of(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.render_mode = None
+        self.render_mode = render_mode
         self._fleet = Fleet(
             load_town(self._source.towns[0]),
             num_envs,
@@ -196,6 +202,20 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         if ended.any():
             self._finish(np.flatnonzero(ended).tolist(), infos)
         return self._observation(), rewards, ended & ~truncated, truncated, infos
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture of each environment, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.
+
+        It has the bytes of the single environment's: the view from above beside the benchmark's camera.
+
+        Raises:
+            EpisodeNotStartedError: call ``reset`` first.
+        """
+        if not self._begun.all():
+            raise EpisodeNotStartedError("render before the first reset; call reset")
+        if self.render_mode is None:
+            return None
+        return tuple(self._fleet.view(i) for i in range(self.num_envs))
 
     def episode(self, index: int) -> Record:
         """Return the trajectory of an environment's episode so far, and its outcome if it has ended.
