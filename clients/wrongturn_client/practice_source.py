@@ -1,13 +1,10 @@
 """The trials that an environment over the wire draws."""
 
-from typing import Final
-
 import numpy as np
 
 from wrongturn_client.client import Client
 from wrongturn_protocol import ApproachDetail, OptionError, PracticeRequest, Trial, TrialOptions
-
-_DEFAULT_TOWN: Final = "Town01"
+from wrongturn_protocol.trial_options import DEFAULT_TOWN
 
 
 class PracticeSource:
@@ -27,7 +24,7 @@ class PracticeSource:
         if isinstance(options.trial, Trial):
             raise OptionError(f"trial: a service takes no Trial; give suite and trial={options.trial.id!r}")
         self._options = options
-        self._town = options.town or _DEFAULT_TOWN
+        self._town = options.town or DEFAULT_TOWN
         self._approaches: tuple[str, ...] = () if options.approach is None else (options.approach,)
         self._trials: tuple[str, ...] = () if options.trial is None else (options.trial,)
 

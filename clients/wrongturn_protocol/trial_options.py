@@ -13,6 +13,8 @@ from wrongturn_protocol.suggestions import did_you_mean
 from wrongturn_protocol.vocabulary import DIRECTIONS, Command, FaultKind, Task, Track, Weather
 
 E = TypeVar("E", bound=Enum)
+DEFAULT_TOWN: Final = "Town01"
+"""The town to draw trials in where neither a town nor a suite nor a trial is named."""
 _SEEDS: Final = 2**31
 _NO_FAULT: Final = Fault(kind=FaultKind.NONE)
 _NO_TRAFFIC: Final = Traffic()

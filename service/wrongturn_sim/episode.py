@@ -22,7 +22,8 @@ from wrongturn_sim.faults.fault import Guidance
 from wrongturn_sim.observation import observe_privileged, observe_state
 from wrongturn_sim.reward import reward
 from wrongturn_sim.route import Navigator, start_pose
-from wrongturn_sim.simulator import Simulation, Simulator
+from wrongturn_sim.simulation import Simulation
+from wrongturn_sim.simulator import Simulator
 from wrongturn_sim.traffic.plan import EGO_LENGTH, plan_traffic
 from wrongturn_sim.trajectory import Row, Trajectory
 from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry, judge_of
@@ -176,7 +177,7 @@ class Episode:
             InvalidActionError: a field is not a finite number in its range.
             EpisodeNotStartedError: call ``reset`` first.
             EpisodeAlreadyFinishedError: the episode has its outcome.
-            SimulatorInUseError: another environment of this process took the simulator.
+            SimulatorInUseError: another episode of this process took the simulator.
             SimulatorFailedError: SUMO reported an error.
         """
         self._advance(steer, throttle, brake)

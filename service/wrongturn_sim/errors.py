@@ -13,7 +13,7 @@
     ├── TrajectoryError (ValueError)         the bytes are not a trajectory
     └── SimulatorError
         ├── SimulatorUnavailableError        libsumo cannot be loaded
-        ├── SimulatorInUseError              another environment of this process took the simulator
+        ├── SimulatorInUseError              another episode of this process took the simulator
         └── SimulatorFailedError             SUMO refused or died
 
 ``FaultNotApplicableError`` belongs to ``wrongturn_networks``.
@@ -65,7 +65,7 @@ class SimulatorUnavailableError(SimulatorError):
 
 
 class SimulatorInUseError(SimulatorError):
-    """Another environment of this process took the simulator; each process has only one."""
+    """Another episode of this process took the simulator; each process has only one."""
 
 
 class SimulatorFailedError(SimulatorError):

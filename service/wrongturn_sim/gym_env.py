@@ -6,13 +6,14 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_protocol import Track, TrialKeywords, TrialOptions
+from wrongturn_protocol import ActionLike, Track, TrialKeywords, TrialOptions
+from wrongturn_protocol.actions import three_numbers
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
 from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, Screen, check_render_mode
 from wrongturn_protocol.trial_options import check_options
+from wrongturn_sim.environment_simulator import EnvironmentSimulator
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.errors import EpisodeNotStartedError, InvalidActionError
-from wrongturn_sim.simulator import Simulator
 from wrongturn_sim.trial_source import TrialSource, a_flag
 
 if TYPE_CHECKING:
@@ -20,14 +21,17 @@ if TYPE_CHECKING:
 
 
 class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """Drive trials in this process, which can hold only one simulation.
+    """Drive trials in this process. It can have any number of these environments.
+
+    A car that drives alone needs no SUMO. With ``traffic``, the second environment of a process and each further one
+    start a process for their SUMO at their first reset; it ends with them. All give the same bytes.
 
     Each reset draws a new trial from the environment's random generator; ``reset(seed=...)`` seeds it. To choose the
     trial, pass ``trial`` here, or ``options={"trial": ...}`` to ``reset``. ``info`` names the trial, and at the end
     holds ``verdict`` and ``outcome``.
 
     Args:
-        town: town in which trials are drawn.
+        town: town in which trials are drawn; ``Town01`` by default.
         track: decides what observations show.
         strict: for training: a journey ends when the car leaves its road or lane, or stands.
         render_mode: ``rgb_array``, to get pictures from ``render``; ``human``, to watch them in a window, which needs
@@ -62,7 +66,7 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         size = IMAGE_SHAPE if camera is None else (camera.height, camera.width)
         self.observation_space = observation_space(self.track, size)  # type: ignore[assignment]
         self.action_space = action_space()  # type: ignore[assignment]
-        self._simulator = Simulator()
+        self._simulator = EnvironmentSimulator()
         self.episode: Episode | None = None
         """The last episode, with its trajectory; None before the first reset."""
 
@@ -82,22 +86,19 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._watch()
         return observation, {"trial": trial.id, "town": trial.town}
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
+    def step(self, action: ActionLike) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Drive for 0.1 s.
 
         Args:
-            action: (3,) float32: steer, throttle, brake.
+            action: steer, throttle and brake: a float32 array (3,), a tuple, a list or an Action.
 
         Raises:
             SimError: as :meth:`wrongturn_sim.episode.Episode.step`.
         """
         if self.episode is None:
             raise EpisodeNotStartedError("step before the first reset; call reset")
-        try:
-            steer, throttle, brake = np.asarray(action, np.float64).tolist()
-        except (TypeError, ValueError):
-            raise InvalidActionError(f"action: {action!r} is not three numbers; give steer, throttle, brake") from None
-        observation, reward, terminated, truncated = self.episode.step(steer, throttle, brake)
+        controls = three_numbers(action, InvalidActionError)
+        observation, reward, terminated, truncated = self.episode.step(*controls)
         self._watch()
         info: dict[str, Any] = {}
         if self.episode.outcome is not None:
@@ -120,7 +121,8 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self.episode.view(camera=self._camera) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Close the window, if one is open."""
+        """End the process of SUMO and close the window, if there are any; ``reset`` begins anew."""
+        self._simulator.close()
         if self._screen is not None:
             self._screen.close()
 

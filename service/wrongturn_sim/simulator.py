@@ -5,19 +5,17 @@ episode holds it. The episode that begins last takes it; the one before gets Sim
 """
 
 import math
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Final
 
 from wrongturn_sim.ego import SUB_STEP, VEHICLE
 from wrongturn_sim.errors import SimulatorFailedError, SimulatorInUseError, SimulatorUnavailableError
-from wrongturn_sim.traffic.crowd import OTHERS, Crowd
+from wrongturn_sim.simulation import Simulation
+from wrongturn_sim.traffic.crowd import Crowd
 from wrongturn_sim.traffic.plan import TrafficPlan
-from wrongturn_sim.trajectory import Appearance, RoadUser
 
 EGO: Final = "ego"
 EGO_TYPE: Final = "wrongturn-ego"
@@ -42,8 +40,10 @@ _WITH_TRAFFIC: Final = ("--insertion-checks", "collision")
 _HALF_LENGTH: Final = VEHICLE.half_length
 _DEGREES: Final = 180.0 / math.pi
 _SETTLING: Final = 10
-_NOBODY: Final = np.empty((0, OTHERS))
-_NOBODY.setflags(write=False)
+
+
+def _nobody() -> None:
+    """Stand for the reference to a simulation that has ended."""
 
 
 class _Process:
@@ -52,7 +52,9 @@ class _Process:
     sumo: ModuleType | None = None
     net: Path | None = None
     """The loaded net, if no traffic has driven in it; else None."""
-    holder: object = None
+    holder: Callable[[], Simulation | None] = staticmethod(_nobody)
+    """Returns the simulation of the episode that drives now. It is a weak reference: an episode that nobody keeps
+    holds nothing."""
 
 
 def load_libsumo() -> ModuleType:
@@ -96,27 +98,23 @@ def _start(net: Path, seed: int, *more: str) -> ModuleType:
     return sumo
 
 
-class Simulation:
-    """An episode's access to SUMO; it ends when another episode begins in this process."""
+class _SumoSimulation(Simulation):
+    """A simulation in this process's SUMO; it ends when another episode begins in it."""
 
-    __slots__ = ("_move", "_step")
+    __slots__ = ("_crowd", "_move", "_step", "_sumo")
 
-    def __init__(self, move: Callable[..., Any], step: Callable[..., Any]) -> None:
-        self._move = move
-        self._step = step
+    def __init__(self, sumo: ModuleType, crowd: Crowd | None = None) -> None:
+        super().__init__(crowd)
+        self._sumo = sumo
+        self._crowd = crowd
+        self._move = sumo.vehicle.moveToXY
+        self._step = sumo.simulationStep
 
     def move(self, x: float, y: float, yaw: float) -> None:
-        """Move the car's centre to a place (metres, radians) and simulate everything else for 0.05 s.
-
-        Raises:
-            SimulatorInUseError: another environment took the simulator.
-            SimulatorFailedError: SUMO reported an error.
-        """
-        if _Process.holder is not self:
+        if _Process.holder() is not self:
             raise SimulatorInUseError(
-                "another environment of this process took its only simulator: reset this environment to take it "
-                "back, or give each environment a process of its own with "
-                "gymnasium.vector.AsyncVectorEnv (Stable-Baselines3: SubprocVecEnv)"
+                "another episode of this process took its only simulator: reset this one to take it back, or drive "
+                "both in environments (wrongturn_sim.WrongturnSimEnv), of which a process can have any number"
             )
         try:
             # SUMO's angle runs clockwise from north, its position is the front bumper's centre.
@@ -131,68 +129,38 @@ class Simulation:
             )
             self._step()
         except Exception as error:
-            _Process.net = _Process.holder = None
+            _Process.net = None
+            _Process.holder = _nobody
             raise SimulatorFailedError(f"SUMO refused a sub-step: {error}; reset the environment") from error
+        if self._crowd is not None:
+            self._look(self._crowd, x, y)
 
-    def set_route(self, edges: tuple[str, ...]) -> bool:  # noqa: ARG002
-        """Tell SUMO's drivers that the car will take these edges; return False if SUMO cannot take them yet."""
-        return True
-
-    def road_users(self) -> tuple[RoadUser, ...]:
-        """Return the other road users within 80 m of the car, nearest first."""
-        return ()
-
-    def others(self) -> NDArray[np.float64]:
-        """Return the same for pictures, float64 (n, 8): x, y, yaw, length, width, height, kind, colour.
-
-        Kind is 0 for a vehicle and 1 for a pedestrian. Each road user keeps its colour's number.
-        """
-        return _NOBODY
-
-    def numbers(self) -> tuple[int, ...]:
-        """Return the numbers of :meth:`road_users`, in the same order."""
-        return ()
-
-    def appearances(self) -> tuple[Appearance, ...]:
-        """Return the looks of all road users, by their numbers."""
-        return ()
-
-
-class _TrafficSimulation(Simulation):
-    """A simulation with other road users."""
-
-    __slots__ = ("_crowd", "_sumo")
-
-    def __init__(self, sumo: ModuleType, crowd: Crowd) -> None:
-        super().__init__(sumo.vehicle.moveToXY, sumo.simulationStep)
-        self._sumo = sumo
-        self._crowd = crowd
-
-    def move(self, x: float, y: float, yaw: float) -> None:
-        super().move(x, y, yaw)
+    @staticmethod
+    def _look(crowd: Crowd, x: float, y: float) -> None:
         try:
-            self._crowd.update(x, y)
+            crowd.update(x, y)
         except Exception as error:
-            _Process.holder = None
+            _Process.holder = _nobody
             raise SimulatorFailedError(f"SUMO does not report its traffic: {error}; reset the environment") from error
 
     def set_route(self, edges: tuple[str, ...]) -> bool:
-        if _Process.holder is not self or self._sumo.vehicle.getRoadID(EGO) != edges[0]:
+        if self._crowd is None:
+            return True
+        if _Process.holder() is not self or self._sumo.vehicle.getRoadID(EGO) != edges[0]:
             return False
         self._sumo.vehicle.setRoute(EGO, edges)
         return True
 
-    def road_users(self) -> tuple[RoadUser, ...]:
-        return self._crowd.road_users()
 
-    def others(self) -> NDArray[np.float64]:
-        return self._crowd.others()
+def is_free() -> bool:
+    """Return whether no episode of this process holds its simulator."""
+    return _Process.holder() is None
 
-    def numbers(self) -> tuple[int, ...]:
-        return self._crowd.numbers()
 
-    def appearances(self) -> tuple[Appearance, ...]:
-        return self._crowd.appearances()
+def release(simulation: Simulation) -> None:
+    """Free this process's simulator, if this simulation holds it."""
+    if _Process.holder() is simulation:
+        _Process.holder = _nobody
 
 
 class Simulator:
@@ -224,8 +192,8 @@ class Simulator:
         else:
             _Process.net = None
             sumo = _start(net, seed % 2**31, *_WITH_TRAFFIC)
-        simulation = Simulation(sumo.vehicle.moveToXY, sumo.simulationStep)
-        _Process.holder = simulation
+        simulation = _SumoSimulation(sumo)
+        _Process.holder = weakref.ref(simulation)
         try:
             if EGO in sumo.vehicle.getIDList():
                 sumo.vehicle.remove(EGO)
@@ -236,7 +204,8 @@ class Simulator:
             sumo.vehicle.setSpeedMode(EGO, 0)
             sumo.vehicle.setLaneChangeMode(EGO, 0)
         except Exception as error:
-            _Process.net = _Process.holder = None
+            _Process.net = None
+            _Process.holder = _nobody
             raise SimulatorFailedError(f"SUMO cannot place the car on edge {edge}: {error}") from error
         simulation.move(x, y, yaw)
         if traffic is not None:
@@ -251,10 +220,10 @@ class Simulator:
         try:
             crowd.enter()
         except Exception as error:
-            _Process.holder = None
+            _Process.holder = _nobody
             raise SimulatorFailedError(f"SUMO cannot place the traffic: {error}") from error
-        simulation = _TrafficSimulation(sumo, crowd)
-        _Process.holder = simulation
+        simulation = _SumoSimulation(sumo, crowd)
+        _Process.holder = weakref.ref(simulation)
         for _ in range(_SETTLING):
             simulation.move(x, y, yaw)
             if not crowd.waiting():

@@ -1,9 +1,12 @@
 """The trials that an environment in process draws."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from wrongturn_networks import NetworkError, draw_cruise, draw_journey, draw_trial, load_suite, load_town
 from wrongturn_protocol import OptionError, Task, Trial, TrialOptions, Weather
+from wrongturn_protocol.trial_options import DEFAULT_TOWN
 from wrongturn_sim.faults import FaultNotApplicableError, check_fault, fault_class
 
 
@@ -25,13 +28,13 @@ class TrialSource:
         """Load the town or suite, and find the approaches where the fault can be applied.
 
         Args:
-            options: What to draw.
+            options: What to draw; trials in ``Town01`` if they name neither a town nor a suite nor a trial.
 
         Raises:
             OptionError: A town, suite or trial does not exist, or there is none to draw from.
         """
         if options.suite is None and options.town is None and options.trial is None:
-            raise OptionError("town: missing; name a town, or a suite, or give a trial")
+            options = replace(options, town=DEFAULT_TOWN)
         if options.task is not None and options.town is None:
             raise OptionError("task: journeys are drawn in a town; name one, and leave suite and trial out")
         fault_class(options.fault.kind)

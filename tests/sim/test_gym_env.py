@@ -8,7 +8,7 @@ from gymnasium.error import DependencyNotInstalled
 from gymnasium.utils.env_checker import check_env
 
 from wrongturn_networks import UnknownTrialError, load_suite, load_town
-from wrongturn_protocol import Command
+from wrongturn_protocol import Action, Command
 from wrongturn_sim import EpisodeNotStartedError, InvalidActionError, WrongturnSimEnv
 from wrongturn_sim.errors import DependencyMissingError
 from wrongturn_sim.faults import FaultNotApplicableError
@@ -48,6 +48,11 @@ def test_a_reset_with_a_seed_draws_the_same_trials_and_each_another():
     assert one == other
     assert len(set(one)) == 4
     assert all(".omission." in name for name in one)
+
+
+def test_trials_are_drawn_in_town01_by_default():
+    assert gymnasium.make(ID).reset(seed=1)[1]["town"] == "Town01"
+    assert gymnasium.make(ID, task="cruise").reset(seed=1)[1]["town"] == "Town01"
 
 
 def test_an_approach_a_trial_and_a_suite():
@@ -91,12 +96,22 @@ def test_bad_actions_and_steps_out_of_turn():
             env.step(action)
     with pytest.raises(InvalidActionError, match=r"action\.brake"):
         env.step(np.array([0.0, 0.0, np.nan], np.float32))
+    assert env.episode.steps == 0
+
+
+def test_an_action_may_be_an_action_an_array_a_tuple_or_a_list():
+    env = WrongturnSimEnv("junctions")
+    driven = set()
+    for action in (Action(0.1, 0.4, 0.0), np.float32([0.1, 0.4, 0.0]), (0.1, 0.4, 0), [0.1, 0.4, 0]):
+        env.reset(seed=0)
+        env.step(action)
+        driven.add(env.episode.actions_sha256)
+    assert len(driven) == 1
 
 
 @pytest.mark.parametrize(
     ("arguments", "error", "named"),
     [
-        ({}, ValueError, "town"),
         ({"town": "Nowhere"}, Exception, "Town01"),
         ({"town": "Town01", "approach": "J99-S"}, Exception, "J99-S"),
         ({"town": "Town01", "suite": "smoke@2"}, ValueError, "suite"),
@@ -130,21 +145,6 @@ def test_infeasible_at_a_crossing_is_refused():
 def test_trials_are_drawn_at_approaches_that_are_long_enough():
     env = gymnasium.make(ID, town="Town02", fault="infeasible")
     assert len({env.reset(seed=k)[1]["trial"].split(".")[1] for k in range(60)}) > 12
-
-
-@pytest.mark.slow
-def test_vector_environments_are_the_remedy_that_the_displaced_are_told_of():
-    envs = gymnasium.vector.AsyncVectorEnv(
-        [lambda: gymnasium.make(ID, town="junctions", track="privileged")] * 2, context="spawn"
-    )
-    try:
-        first, _ = envs.reset(seed=[1, 1])
-        for _ in range(10):
-            seen, *_ = envs.step(np.stack([COAST, COAST]))
-        assert (seen["pose"][0] == seen["pose"][1]).all()
-        assert (seen["pose"] != first["pose"]).any()
-    finally:
-        envs.close()
 
 
 def test_a_rendered_picture_shows_the_view_from_above_beside_the_cameras():

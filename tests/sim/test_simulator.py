@@ -16,7 +16,7 @@ def test_a_displaced_environment_is_told_and_can_take_the_simulator_back(make_tr
     first.step(0.0, 0.3, 0.0)
     second.reset()
     for _ in range(2):
-        with pytest.raises(SimulatorInUseError, match=r"AsyncVectorEnv.*SubprocVecEnv"):
+        with pytest.raises(SimulatorInUseError, match=r"reset this one .*WrongturnSimEnv"):
             first.step(0.0, 0.3, 0.0)
     assert first.steps == 1
     assert len(first.trajectory.rows) == 3

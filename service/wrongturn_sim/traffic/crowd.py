@@ -26,6 +26,10 @@ _NEAR: Final = (VISIBLE_RANGE + 5.0) ** 2
 _SQUARE: Final = VISIBLE_RANGE**2
 
 
+Sighting = tuple[float, int, RoadUser, Appearance]
+"""A visible road user: square of its distance, number, what an observation shows of it, looks."""
+
+
 class _Body(NamedTuple):
     """What stays the same about a road user."""
 
@@ -35,22 +39,49 @@ class _Body(NamedTuple):
     appearance: Appearance
 
 
-class Crowd:
-    """The other road users of one episode.
+class Surroundings:
+    """The other road users that are visible now, and the looks of all; nobody at first."""
+
+    __slots__ = ("appearances", "sightings")
+
+    def __init__(self) -> None:
+        self.sightings: list[Sighting] = []
+        """The visible road users, nearest first."""
+        self.appearances: tuple[Appearance, ...] = ()
+        """Looks of all road users, by their numbers."""
+
+    def road_users(self) -> tuple[RoadUser, ...]:
+        """Return the visible road users, nearest first."""
+        return tuple([user for _, _, user, _ in self.sightings])
+
+    def others(self) -> NDArray[np.float64]:
+        """Return the same as (n, 8): x, y, yaw, length, width, height, kind, colour."""
+        rows = np.empty((len(self.sightings), OTHERS))
+        for row, (_, _, user, appearance) in zip(rows, self.sightings, strict=True):
+            row[:] = *user[:5], *appearance
+        return rows
+
+    def numbers(self) -> tuple[int, ...]:
+        """Return the numbers of the visible road users, in the same order."""
+        return tuple([number for _, number, _, _ in self.sightings])
+
+
+class Crowd(Surroundings):
+    """The other road users of one episode, in SUMO.
 
     Args:
         sumo: the libsumo module, with the town's net newly loaded.
         plan: the road users to insert.
     """
 
-    __slots__ = ("_bodies", "_later", "_plan", "_seen", "_sumo")
+    __slots__ = ("_bodies", "_later", "_plan", "_sumo")
 
     def __init__(self, sumo: ModuleType, plan: TrafficPlan) -> None:
+        super().__init__()
         self._sumo = sumo
         self._plan = plan
         self._bodies: dict[str, _Body] = {}
         self._later: dict[str, list[Trip]] = {}
-        self._seen: list[tuple[float, int, RoadUser, Appearance]] = []
 
     def enter(self) -> None:
         """Insert all road users; they appear with SUMO's next steps."""
@@ -76,6 +107,7 @@ class Crowd:
             sumo.person.add(name, person.edges[0], person.at * first)
             goal = min(max(person.until * last, _END), last - _END)
             sumo.person.appendWalkingStage(name, person.edges, goal, speed=person.speed)
+        self.appearances = tuple(body.appearance for body in self._bodies.values())
 
     def _depart(self, name: str) -> None:
         """Send a car on its next trip, if it has one left."""
@@ -93,7 +125,7 @@ class Crowd:
     def update(self, x: float, y: float) -> None:
         """Find the road users near a point, and start the next trip of cars that finished one."""
         sumo, floor, remainder = self._sumo, math.floor, math.remainder
-        seen = self._seen = []
+        seen = self.sightings = []
         for name in sumo.simulation.getArrivedIDList():
             if name in self._later:
                 self._depart(name)
@@ -125,25 +157,6 @@ class Crowd:
                     )
                     seen.append((square, body.number, user, body.appearance))
         seen.sort()
-
-    def road_users(self) -> tuple[RoadUser, ...]:
-        """Return the visible road users, nearest first."""
-        return tuple(user for _, _, user, _ in self._seen)
-
-    def others(self) -> NDArray[np.float64]:
-        """Return the same as (n, 8): x, y, yaw, length, width, height, kind, colour."""
-        rows = np.empty((len(self._seen), OTHERS))
-        for row, (_, _, user, appearance) in zip(rows, self._seen, strict=True):
-            row[:] = *user[:5], *appearance
-        return rows
-
-    def numbers(self) -> tuple[int, ...]:
-        """Return the numbers of the visible road users, in the same order."""
-        return tuple(number for _, number, _, _ in self._seen)
-
-    def appearances(self) -> tuple[Appearance, ...]:
-        """Return the looks of all road users, by their numbers."""
-        return tuple(body.appearance for body in self._bodies.values())
 
     def waiting(self) -> int:
         """Return the number of road users that SUMO has not inserted yet."""
