@@ -49,7 +49,10 @@ def installed_suite(suite: str, secret: str | None = None) -> SuiteTrials:
     """
     point = entry_points("wrongturn.suites").get("shipped")
     if point is None:
-        raise ResultsError("no suites are installed here; install wrongturn-networks (again)")
+        raise ResultsError(
+            "no suites are installed here; pip install wrongturn-networks, or 'wrongturn-service[server]' to run "
+            "agents without a --url"
+        )
     try:
         found = load(point)(suite)
     except ValueError as error:

@@ -1,9 +1,9 @@
-"""Environments in which Python finds only what some distributions need, made of links to what is installed here."""
+"""Virtual environments that have only what some distributions need, made of links to what is installed here."""
 
 import os
 import re
 import subprocess
-import sys
+import venv
 import zipfile
 from importlib import metadata
 from pathlib import Path
@@ -51,17 +51,19 @@ class Wheels:
 
         Our own parts' code is that of the working tree, so that numba finds its compiled kernels.
         """
-        folder.mkdir()
-        path = [str(folder)]
+        environment = BareEnvironment(folder)
+        sources = []
         for name in sorted(self.closure(*wanted)):
             if name in self.paths:
                 with zipfile.ZipFile(self.paths[name]) as wheel:
-                    wheel.extractall(folder, [file for file in wheel.namelist() if ".dist-info/" in file])
+                    info = [file for file in wheel.namelist() if ".dist-info/" in file]
+                    wheel.extractall(environment.packages, info)
             else:
-                link_files(metadata.distribution(name), folder)
+                link_files(metadata.distribution(name), environment.packages)
             if name.removeprefix("wrongturn-") in SOURCES:
-                path.append(str(ROOT / SOURCES[name.removeprefix("wrongturn-")]))
-        return BareEnvironment(path)
+                sources.append(str(ROOT / SOURCES[name.removeprefix("wrongturn-")]))
+        (environment.packages / "sources.pth").write_text("\n".join(sources))
+        return environment
 
 
 def link_files(distribution: metadata.Distribution, folder: Path) -> None:
@@ -72,18 +74,19 @@ def link_files(distribution: metadata.Distribution, folder: Path) -> None:
 
 
 class BareEnvironment:
-    """Python with a path of its own, without the packages of this interpreter."""
+    """A virtual environment without pip."""
 
-    def __init__(self, path: list[str]) -> None:
-        self._path = path
+    def __init__(self, folder: Path) -> None:
+        venv.create(folder, symlinks=True)
+        (self.packages,) = folder.glob("lib/python*/site-packages")
+        self._python = folder / "bin/python"
 
     def python(self, *arguments: str) -> "subprocess.CompletedProcess[str]":
         """Run Python in this environment."""
-        environment = {name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_U")}
+        left_out = ("WRONGTURN_URL", "WRONGTURN_TOKEN", "PYTHONPATH", "VIRTUAL_ENV")
         return subprocess.run(
-            [sys.executable, "-S", *arguments],
-            env={**environment, "PYTHONPATH": os.pathsep.join(self._path)},
-            cwd="/",
+            [self._python, *arguments],
+            env={name: value for name, value in os.environ.items() if name not in left_out},
             capture_output=True,
             text=True,
             check=False,

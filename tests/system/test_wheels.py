@@ -164,14 +164,14 @@ def test_a_part_asks_for_nothing_heavy_that_it_does_not_need(wheels: Wheels, wan
 def test_each_module_of_a_part_imports_with_what_it_asks_for(
     wheels: Wheels, tmp_path: Path, wanted: str, packages: str, left_out: tuple[str, ...]
 ) -> None:
-    environment = wheels.install(tmp_path / "packages", wanted)
+    environment = wheels.install(tmp_path / "venv", wanted)
     done = environment.python("-c", IMPORT_ALL, packages, *left_out)
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
 def test_the_client_works_alone(wheels: Wheels, tmp_path: Path) -> None:
-    environment = wheels.install(tmp_path / "packages", "wrongturn")
+    environment = wheels.install(tmp_path / "venv", "wrongturn")
     done = environment.wrongturn("doctor")
     assert (done.returncode, done.stderr) == (0, "")
     assert "All is well." in done.stdout
@@ -180,7 +180,7 @@ def test_the_client_works_alone(wheels: Wheels, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_simulation_drives_without_a_service(wheels: Wheels, tmp_path: Path) -> None:
-    environment = wheels.install(tmp_path / "packages", "wrongturn[sim]")
+    environment = wheels.install(tmp_path / "venv", "wrongturn[sim]")
     done = environment.python("-c", DRIVE)
     assert done.stdout == "(60, 2)\n", done.stderr
     done = environment.wrongturn("serve")
@@ -192,9 +192,22 @@ def test_the_simulation_drives_without_a_service(wheels: Wheels, tmp_path: Path)
 
 @pytest.mark.slow
 def test_agents_drive_without_torch(wheels: Wheels, tmp_path: Path) -> None:
-    environment = wheels.install(tmp_path / "packages", "wrongturn-agents[onnx]")
+    environment = wheels.install(tmp_path / "venv", "wrongturn-agents[onnx]")
     done = environment.python("-c", ACT, "careful", "ppo-segmentation")
     assert done.stdout == "Action\nAction\n", done.stderr
+
+
+@pytest.mark.slow
+def test_a_run_without_a_service_says_what_to_install(wheels: Wheels, tmp_path: Path) -> None:
+    environment = wheels.install(tmp_path / "venv", "wrongturn[agents]")
+    done = environment.wrongturn("run", "careful", "--suite", "smoke@2")
+    assert done.returncode == 1
+    assert "no suites are installed here; pip install wrongturn-networks, or 'wrongturn-service[server]'" in done.stderr
+    environment = wheels.install(tmp_path / "with-sim", "wrongturn[agents,sim]")
+    done = environment.wrongturn("run", "careful", "--suite", "smoke@2")
+    assert done.returncode == 1
+    assert "pip install 'wrongturn-service[server]'\n" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.soak
