@@ -89,6 +89,8 @@ class Transport:
         Raises:
             WrongturnError: The URL is not one of a service.
         """
+        if not isinstance(url, str):
+            raise WrongturnError(f"url: is {url!r}; give text, such as http://127.0.0.1:8000")
         self.url = url.rstrip("/")
         self.patience = patience
         self._timeout, self._injected = timeout, transport

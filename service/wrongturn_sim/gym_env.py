@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from wrongturn_protocol import ActionLike, Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.actions import three_numbers
-from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
+from wrongturn_protocol.observations import Observation, action_space, observation_space
 from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, Screen, check_render_mode
 from wrongturn_protocol.trial_options import check_options
 from wrongturn_sim.environment_simulator import EnvironmentSimulator
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.errors import EpisodeNotStartedError, InvalidActionError
-from wrongturn_sim.trial_source import TrialSource, a_flag
+from wrongturn_sim.trial_source import TrialSource, a_flag, picture_size
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera import Camera
@@ -63,7 +63,7 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.render_mode = render_mode
         self._screen = Screen() if render_mode == "human" else None
         self._camera = camera
-        size = IMAGE_SHAPE if camera is None else (camera.height, camera.width)
+        size = picture_size(camera)
         self.observation_space = observation_space(self.track, size)  # type: ignore[assignment]
         self.action_space = action_space()  # type: ignore[assignment]
         self._simulator = EnvironmentSimulator()

@@ -1,13 +1,18 @@
-"""The trials that an environment in process draws."""
+"""The trials that an environment in process draws, and checks of its other arguments."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wrongturn_networks import NetworkError, draw_cruise, draw_journey, draw_trial, load_suite, load_town
 from wrongturn_protocol import OptionError, Task, Trial, TrialOptions, Weather
+from wrongturn_protocol.observations import IMAGE_SHAPE
 from wrongturn_protocol.trial_options import DEFAULT_TOWN
 from wrongturn_sim.faults import FaultNotApplicableError, check_fault, fault_class
+
+if TYPE_CHECKING:
+    from wrongturn_sim.camera import Camera
 
 
 def a_flag(name: str, value: bool) -> bool:
@@ -19,6 +24,21 @@ def a_flag(name: str, value: bool) -> bool:
     if not isinstance(value, bool | np.bool_):
         raise OptionError(f"{name}: is {value!r}; give True or False")
     return bool(value)
+
+
+def picture_size(camera: "Camera | None") -> tuple[int, int]:
+    """Return the rows and columns of a camera's pictures, by default those of the benchmark's.
+
+    Raises:
+        OptionError: It is no camera.
+    """
+    if camera is None:
+        return IMAGE_SHAPE
+    from wrongturn_sim.camera import Camera  # noqa: PLC0415 - slow, and most environments need none of their own
+
+    if not isinstance(camera, Camera):
+        raise OptionError(f"camera: is {camera!r}; give a wrongturn_sim.camera.Camera")
+    return camera.height, camera.width
 
 
 class TrialSource:

@@ -13,7 +13,14 @@ import pytest
 from client_forwarder import Forwarder
 from gymnasium.error import ResetNeeded
 
-from wrongturn_client import LocalService, RemoteEnv, RemoteVectorEnv, ServiceFullError, ServiceUnreachableError
+from wrongturn_client import (
+    ApiError,
+    LocalService,
+    RemoteEnv,
+    RemoteVectorEnv,
+    ServiceFullError,
+    ServiceUnreachableError,
+)
 
 GAS = np.float32([0.1, 0.8, 0.0])
 STEPS = 'wrongturn_request_seconds_count{method="POST",route="/v1/episodes/{episode}/step"'
@@ -71,6 +78,18 @@ def _same(one: dict[str, Any], batch: dict[str, Any], i: int) -> None:
     for name, array in one.items():
         assert array.dtype == batch[name].dtype
         np.testing.assert_array_equal(array, batch[name][i])
+
+
+def test_the_service_says_what_is_wrong_with_a_name(service: LocalService) -> None:
+    for options, says in (
+        ({"fault": "stuck"}, "fault.kind: stuck is not built yet; take one of none, infeasible, omission"),
+        ({"town": "Town1"}, "town: 'Town1' is not known; there are: .*Did you mean Town01"),
+        ({"town": "Town01", "approach": "J9-X"}, "approach: 'J9-X' is not known; there are: .*Did you mean J9-"),
+    ):
+        env = RemoteEnv(service.url, **options)  # type: ignore[arg-type]
+        with pytest.raises(ApiError, match=says):
+            env.reset()
+        env.close()
 
 
 def test_a_connection_that_breaks_costs_no_step(forwarder: Forwarder, service: LocalService) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium
 import pytest
 
+from wrongturn_client import WrongturnError
 from wrongturn_protocol import OptionError
 
 SINGLE = {"wrongturn_sim:WrongturnSim-v0": {"town": "junctions"}, "wrongturn_client:Wrongturn-v0": {"url": "http://x"}}
@@ -47,6 +48,28 @@ def test_an_unknown_option_of_reset_is_named(make: Any, options: Any, says: str)
 def test_a_wrong_option_is_told_when_the_environment_is_made(make: Any, options: Any, says: str) -> None:
     with pytest.raises(ValueError, match=says):
         make(**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"camera": "front"}, "^camera: is 'front'; give a wrongturn_sim.camera.Camera$"),
+        ({"num_envs": 2, "camera": "front"}, "^camera: is 'front'; give a wrongturn_sim.camera.Camera$"),
+        ({"num_envs": 2, "drive_on": "long"}, "^drive_on: is 'long'; give seconds"),
+        ({"num_envs": 2, "own_traffic": True}, r"^own_traffic: is True; give a FleetTraffic"),
+        ({"num_envs": 2, "copy": "no"}, "^copy: is 'no'; give True or False$"),
+    ],
+)
+def test_an_argument_of_the_wrong_type_is_told(options: dict[str, Any], says: str) -> None:
+    make = gymnasium.make_vec if "num_envs" in options else gymnasium.make
+    with pytest.raises(OptionError, match=says):
+        make("wrongturn_sim:WrongturnSim-v0", town="junctions", **options)
+
+
+def test_a_url_that_is_no_text_is_told() -> None:
+    env = gymnasium.make("wrongturn_client:Wrongturn-v0", url=5)
+    with pytest.raises(WrongturnError, match=r"^url: is 5; give text, such as http"):
+        env.reset()
 
 
 def test_an_unknown_town_is_told_with_the_one_that_is_meant() -> None:

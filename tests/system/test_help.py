@@ -58,3 +58,9 @@ def test_the_example_of_picture_draws(tmp_path: Path, monkeypatch: pytest.Monkey
     done = CliRunner().invoke(cli.app, shlex.split(example))
     assert done.exit_code == 0, done.output
     assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_page_of_commands_names_each_one() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "commands.md").read_text("utf-8")
+    table = "".join(line for line in page.splitlines() if line.startswith("| `wrongturn-"))
+    assert set(re.findall(r"`([a-z]+)`", table)) == {path[0] for path in all_commands()}

@@ -16,8 +16,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wrongturn_networks import load_town
-from wrongturn_protocol import Track, Traffic, Trial, TrialKeywords, TrialOptions
-from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
+from wrongturn_protocol import OptionError, Track, Traffic, Trial, TrialKeywords, TrialOptions
+from wrongturn_protocol.observations import Observation, action_space, observation_space
 from wrongturn_protocol.screen import FRAMES_A_SECOND, VECTOR_RENDER_MODES, check_render_mode
 from wrongturn_protocol.vectors import (
     Flags,
@@ -31,7 +31,7 @@ from wrongturn_protocol.vectors import (
 from wrongturn_sim.errors import EpisodeAlreadyFinishedError, EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.fleet.fleet import Fleet, Record
 from wrongturn_sim.fleet.traffic import FleetTraffic
-from wrongturn_sim.trial_source import TrialSource, a_flag
+from wrongturn_sim.trial_source import TrialSource, a_flag, picture_size
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera import Camera
@@ -69,7 +69,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             ``traffic`` needs ``own_traffic``, and all trials of a ``suite`` must have the same town.
 
     Raises:
-        ValueError: a name does not exist, or two options exclude each other.
+        OptionError: a name does not exist, or two options exclude each other.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -98,16 +98,20 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
     ) -> None:
         for name, number in (("num_envs", num_envs), ("threads", threads)):
             whole_number(name, number)
-        for name, flag in (("strict", strict), ("record", record)):
+        for name, flag in (("strict", strict), ("record", record), ("copy", copy)):
             a_flag(name, flag)
+        if drive_on is not None and (not isinstance(drive_on, int | float) or not drive_on > 0):
+            raise OptionError(f"drive_on: is {drive_on!r}; give seconds, more than 0, or None")
+        if own_traffic is not None and not isinstance(own_traffic, FleetTraffic):
+            raise OptionError(f"own_traffic: is {own_traffic!r}; give a FleetTraffic, such as FleetTraffic()")
         if backend not in ("cpu", "cuda"):
-            raise ValueError(f"backend: is {backend!r}; give cpu or cuda")
+            raise OptionError(f"backend: is {backend!r}; give cpu or cuda")
         check_render_mode(render_mode, VECTOR_RENDER_MODES)
         if render_mode is not None and not record:
-            raise ValueError("render_mode: pictures are drawn from the record; leave render_mode or record=False out")
+            raise OptionError("render_mode: pictures are drawn from the record; leave render_mode or record=False out")
         trials = TrialOptions.of(town, track, **options)
         if trials.traffic != Traffic() and own_traffic is None:
-            raise ValueError(
+            raise OptionError(
                 "traffic: the cars of one batch drive alone; leave it out, take single environments, or give "
                 "own_traffic=FleetTraffic() to drive beside the batch's own traffic"
             )
@@ -115,7 +119,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self._source = TrialSource(trials)
         if len(self._source.towns) != 1:
             names = ", ".join(self._source.towns)
-            raise ValueError(f"suite: {trials.suite} has trials in {names}; all cars need the same town")
+            raise OptionError(f"suite: {trials.suite} has trials in {names}; all cars need the same town")
         self.num_envs = num_envs
         self.copy = copy
         self.autoreset_mode = autoreset_mode_of(autoreset_mode)
@@ -133,7 +137,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         )
         has_pictures = self.track in {Track.CAMERA, Track.SEGMENTATION}
         self._camera = self._camera_of(camera, threads, backend) if has_pictures else None
-        size = IMAGE_SHAPE if camera is None else (camera.height, camera.width)
+        size = picture_size(camera)
         space = observation_space(self.track, size)
         self.single_observation_space = space
         self.single_action_space = action_space()
@@ -154,7 +158,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
                 bool: begin only these.
 
         Raises:
-            ValueError: the number of seeds, trials or flags is not that of the environments.
+            OptionError: the number of seeds, trials or flags is not that of the environments.
             SimError: as :class:`~wrongturn_sim.fleet.fleet.Fleet`.
         """
         seeds = seeds_of(seed, self.num_envs)
@@ -223,7 +227,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         The record lasts until the environment's next episode begins; with ``SameStep`` that is at once.
 
         Raises:
-            ValueError: no episode has begun, or ``record`` is False.
+            OptionError: no episode has begun, or ``record`` is False.
         """
         return self._fleet.record(index)
 
