@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from onnx import TensorProto, helper
 
 from wrongturn_client import Client, LocalService
 
@@ -93,8 +94,15 @@ def test_the_command_leads_to_a_rank(service: LocalService, folder: Path) -> Non
 
 
 def test_a_broken_model_says_what_is_wrong_and_frees_its_name(service: LocalService, folder: Path) -> None:
-    broken = folder / "broken.onnx"
-    broken.write_bytes(MODEL.read_bytes()[:100_000])
+    """Its inputs and outputs keep the contract, so only the service finds the operator that it forbids."""
+    steer = helper.make_tensor_value_info("steer", TensorProto.FLOAT, ["N", 1])
+    accelerate = helper.make_tensor_value_info("accelerate", TensorProto.FLOAT, ["N", 1])
+    speed = helper.make_tensor_value_info("speed", TensorProto.FLOAT, ["N", 1])
+    nodes = [helper.make_node("RandomUniformLike", ["speed"], [put.name]) for put in (steer, accelerate)]
+    graph = helper.make_graph(nodes, "graph", [speed], [steer, accelerate])
+    broken = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(broken, {"track": "camera"})
+    (folder / "broken.onnx").write_bytes(broken.SerializeToString())
     home = environment(WRONGTURN_HOME=str(folder / "home"))
     command = [sys.executable, "-m", "wrongturn_client", "submit", "broken.onnx", "--suite", "smoke@2"]
     for _ in range(2):
@@ -103,6 +111,7 @@ def test_a_broken_model_says_what_is_wrong_and_frees_its_name(service: LocalServ
         )
         assert done.returncode == 1, done.stderr
         assert done.stdout.startswith("broken failed: ")
+        assert "random numbers are not allowed" in done.stdout
         assert "Traceback" not in done.stderr
 
 
