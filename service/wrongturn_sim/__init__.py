@@ -7,6 +7,7 @@ neither SUMO nor a compiler.
 import gymnasium
 import lazy_loader
 
+from wrongturn_protocol.variants import register_variants
 from wrongturn_sim.home import set_cache
 
 set_cache()  # before numba is imported anywhere
@@ -18,3 +19,4 @@ gymnasium.register(
     entry_point="wrongturn_sim.gym_env:WrongturnSimEnv",
     vector_entry_point="wrongturn_sim.fleet.vector_env:WrongturnVectorEnv",
 )
+register_variants("WrongturnSim", "wrongturn_sim.gym_env:WrongturnSimEnv")

@@ -1,0 +1,38 @@
+"""Ids of environments that have wrappers in them, for programs that take nothing but an id."""
+
+from typing import Any, Final
+
+from gymnasium import register
+from gymnasium.envs.registration import WrapperSpec
+
+_OURS: Final = "wrongturn_protocol.wrappers"
+_VARIANTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
+    "Flat": ("privileged", (f"{_OURS}:CarFrame", "gymnasium.wrappers:FlattenObservation", f"{_OURS}:SteerAndPedal")),
+    "FlatDiscrete": (
+        "privileged",
+        (f"{_OURS}:CarFrame", "gymnasium.wrappers:FlattenObservation", f"{_OURS}:DiscreteActions"),
+    ),
+    "Pixels": ("camera", (f"{_OURS}:OnlyPicture", f"{_OURS}:SteerAndPedal")),
+}
+"""What follows the name: the track, and the wrappers, innermost first."""
+
+
+def register_variants(name: str, entry_point: str) -> None:
+    """Register ``<name>Flat-v0``, ``<name>FlatDiscrete-v0`` and ``<name>Pixels-v0``.
+
+    Args:
+        name: The environment's name, such as ``Wrongturn``.
+        entry_point: Its class, as ``module:name``.
+    """
+    for suffix, (track, wrappers) in _VARIANTS.items():
+        register(
+            f"{name}{suffix}-v0",
+            entry_point=entry_point,
+            kwargs={"track": track},
+            additional_wrappers=tuple(_spec(wrapper) for wrapper in wrappers),
+        )
+
+
+def _spec(wrapper: str) -> WrapperSpec:
+    arguments: dict[str, Any] = {}
+    return WrapperSpec(wrapper.partition(":")[2], wrapper, arguments)
