@@ -16,8 +16,8 @@ httpx._transports.default.create_ssl_context = functools.cache(httpx._transports
 # A spare simulator takes a core for two seconds. Tests that are about it ask for one.
 os.environ.setdefault("WRONGTURN_SPARE_SIMULATORS", "0")
 
-TOGETHER = ("tests/browser", "tests/contract", "tests/exploits")
-"""Folders whose files share a service that takes long to fill: one worker runs all of them."""
+TOGETHER = ("tests/browser", "tests/contract", "tests/exploits", "tests/runner")
+"""Folders whose files share a service that takes long to start or to fill: one worker runs all of them."""
 
 
 class FolderScheduling(LoadFileScheduling):  # type: ignore[misc]
@@ -33,9 +33,9 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FolderSchedu
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the files with slow tests first, so that no worker is left alone with a long file at the end."""
+    """Put the files with slow tests, and whole folders, first: no worker is left alone with a long one at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    items.sort(key=lambda item: item.path not in slow and not item.nodeid.startswith(TOGETHER))
 
 
 @pytest.fixture(scope="session")

@@ -73,7 +73,9 @@ def test_a_part_of_a_task_is_not_stored(tmp_path: Path):
 @pytest.mark.slow
 def test_trials_are_driven_and_gone_on_with(tmp_path: Path):
     whole = installed_suite("navigation@1")
-    names = [name for name in whole.trials if ".straight." in name][:3]
+    limits = {name: trial.journey.time_limit for name, trial in whole.trials.items() if trial.journey is not None}
+    # Who is parked drives to the end of the time, so the shortest will do.
+    names = sorted((name for name in limits if ".straight." in name), key=limits.__getitem__)[:3]
     file, told = tmp_path / "straight.json", []
 
     def run(*chosen: str) -> ResultsFile:

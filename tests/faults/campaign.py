@@ -124,6 +124,7 @@ def run(
     kills: Sequence[Moment],
     seats: Sequence[tuple[str, str, int]] = SEATS,
     *,
+    spare: int = 1,
     longest_s: float = math.inf,
 ) -> Report:
     """Drive, kill, let everything come to its end, and examine.
@@ -133,6 +134,7 @@ def run(
         folder: where logs and journals go.
         kills: what is killed when.
         seats: agents that drive meanwhile.
+        spare: simulators that are kept ready. Each start of one takes a core for seconds.
         longest_s: seconds after which nothing more is killed, though the list is longer.
     """
     began = time.monotonic()
@@ -141,6 +143,7 @@ def run(
         store.url,
         folder / "service.log",
         simulators=sum(parallel for _, _, parallel in seats),
+        spare_simulators=spare,
         lease_release_s=RELEASE_S,
     )
     service.start()

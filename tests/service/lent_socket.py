@@ -89,7 +89,7 @@ def until(condition: Callable[[], bool], message: str, seconds: float = 30) -> N
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, message
-        time.sleep(0.02)
+        time.sleep(0.05)
 
 
 def borrowers(service: RunningService) -> list[int]:

@@ -69,8 +69,8 @@ class Owner:
 
 
 def until(condition: Callable[[], bool], seconds: float = 240) -> None:
-    """Wait until something has happened."""
+    """Wait until something has happened. To be asked takes the service some milliseconds each time."""
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, f"it has not happened within {seconds:g} s"
-        time.sleep(0.02)
+        time.sleep(0.1)

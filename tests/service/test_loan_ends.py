@@ -175,7 +175,7 @@ def _drive_by_client(service: RunningService, agent: Agent, episode: str, refere
 @pytest.mark.parametrize(
     ("number", "times"),
     [
-        (signal.SIGKILL, 4),
+        (signal.SIGKILL, 2),
         (signal.SIGSTOP, 1),
         pytest.param(signal.SIGKILL, 60, marks=pytest.mark.soak),
         pytest.param(signal.SIGSTOP, 20, marks=pytest.mark.soak),

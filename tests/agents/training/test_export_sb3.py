@@ -68,8 +68,9 @@ def assert_alike(model, file: Path, track: Track) -> None:
 @pytest.mark.parametrize(
     ("algorithm", "actions"),
     [
-        (PPO, CONTROLS),
-        (PPO, ACCELERATE),
+        # The tests below export PPO with either kind of actions.
+        pytest.param(PPO, CONTROLS, marks=pytest.mark.soak),
+        pytest.param(PPO, ACCELERATE, marks=pytest.mark.soak),
         pytest.param(A2C, CONTROLS, marks=pytest.mark.soak),
         pytest.param(A2C, ACCELERATE, marks=pytest.mark.soak),
         (SAC, CONTROLS),

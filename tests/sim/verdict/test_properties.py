@@ -311,6 +311,11 @@ def _heading(lane: LaneStrip) -> float:
 
 # Other thresholds.
 
+LONG = [
+    drive(way(LEFT, out=1000.0), legs, command=LEFT)
+    for legs in ([(3.0, 8.0), (12.0, 0.0), (57.1, 8.0)], [(3.5, 8.0), (2.9, 0.0), (70.0, 0.2)], [(72.1, 0.3)])
+]
+
 
 @pytest.mark.parametrize("factor", [0.8, 1.2, 20.0])
 @pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(Thresholds)])
@@ -321,8 +326,7 @@ def test_a_long_record_can_be_judged_by_any_thresholds(
     if not hasattr(version, name) or (factor == 20.0 and name in {"wheels_off", "exit_heading"}):
         return
     other = dataclasses.replace(version, **{name: getattr(version, name) * factor})
-    for legs in ([(3.0, 8.0), (12.0, 0.0), (57.1, 8.0)], [(3.5, 8.0), (2.9, 0.0), (70.0, 0.2)], [(72.1, 0.3)]):
-        rows = drive(way(LEFT, out=1000.0), legs, command=LEFT)
+    for rows in LONG:
         assert rows[-1].t >= 72.0
         outcome = verdict_of(rows, KINDS[JunctionType.CROSS], trial(), other)
         if outcome.verdict is not Verdict.ABORTED:
