@@ -6,6 +6,9 @@ import pytest
 from wrongturn_agents.errors import RunFileError
 from wrongturn_agents.saved_run import SavedRun
 
+OLD = ("agent", "name", "suite", "evaluation", "token", "url")
+"""Fields of version 0.1.0."""
+
 
 @pytest.fixture
 def saved_run(tmp_path, monkeypatch) -> SavedRun:
@@ -29,6 +32,12 @@ def test_an_unknown_one_lists_the_known(saved_run):
     saved_run.save()
     with pytest.raises(RunFileError, match=r"no run 'ev-2'.*runs known here: ev-1"):
         SavedRun.load("ev-2")
+
+
+def test_one_of_an_older_version_is_read(saved_run):
+    path = saved_run.save()
+    path.write_text(json.dumps({name: getattr(saved_run, name) for name in OLD}))
+    assert SavedRun.load("ev-1") == saved_run
 
 
 @pytest.mark.parametrize("text", ["", "[]", json.dumps({"agent": "careful"}), "\x00"])

@@ -21,8 +21,10 @@ from typer.testing import CliRunner
 import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
 from wrongturn_agents import cli, register_cli, resolve
 from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunFileError, RunOverError
+from wrongturn_agents.practice_run import PracticeRun
 from wrongturn_agents.reporting.results_file import ResultsFile
 from wrongturn_agents.saved_run import SavedRun
+from wrongturn_agents.suites import installed_suite
 from wrongturn_agents.worker import RunRequest, begin, drive
 from wrongturn_client import Client, LocalService, NotFinishedError, NotFoundError, SecretFileError, settings
 from wrongturn_networks import load_suite
@@ -588,15 +590,20 @@ def test_a_service_that_stays_keeps_its_own_database(url):
         cli.run("careful", suite=SUITE, url=url, keep=True)
 
 
-def test_a_whole_suite_is_practised(url, capsys):
+def test_a_suite_is_practised_without_a_score(url, capsys, monkeypatch):
+    suite = installed_suite(SUITE)
+    all_of_it = PracticeRun(resolve("parked"), suite, None, None)
+    assert all_of_it.trials == tuple(trial.id for trial in load_suite(SUITE).episodes)
+    few = dict(list(suite.trials.items())[:2])  # a trial and its twin stand for the suite
+    monkeypatch.setattr(cli, "installed_suite", lambda _: dataclasses.replace(suite, trials=few))
     with Client(url) as client:
         before = client.leaderboard(SUITE).entries
         cli.run("always-stops", suite=SUITE, url=url, practice=True, json_file=Path("-"))
         assert client.leaderboard(SUITE).entries == before
     written = capsys.readouterr()
     results = ResultsFile.model_validate_json(written.out)
-    assert results.trials.keys() == {trial.id for trial in load_suite(SUITE).episodes}
+    assert results.trials.keys() == few.keys()
     assert {one.verdict for one in results.trials.values()} == {Verdict.STOPPED_BEFORE_JUNCTION}
     assert "always-stops on smoke@2: practice" in written.err
-    assert "0/6 trials unsafe (strict); 0/6 twins done" in written.err
+    assert "0/1 trials unsafe (strict); 0/1 twins done" in written.err
     assert "Practice on the open draw, which everybody knows. It is never scored." in written.err
