@@ -88,7 +88,8 @@ class OpenEnvServer:
             pass
         finally:
             self._open.discard(session)
-            await self.in_thread(session.close)
+            # Shielded, so that the episode is ended even if a stop cancels this task.
+            await asyncio.shield(asyncio.get_running_loop().run_in_executor(self._threads, session.close))
 
     def close(self) -> None:
         """End what is open."""

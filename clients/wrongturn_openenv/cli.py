@@ -56,7 +56,9 @@ def openenv(
     except ValueError as error:
         raise WrongturnError(f"--{error}") from None
     with bind(host, port) as listening, _service_at(url) as found:
-        run(Service(found, settings.token(), defaults), sessions, listening)
+        service = Service(found, settings.token(), defaults)
+        service.check()
+        run(service, sessions, listening)
 
 
 @contextlib.contextmanager

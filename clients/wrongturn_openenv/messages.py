@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from wrongturn_client.actions import action_error
 from wrongturn_protocol import Action, Fault, Track
+from wrongturn_protocol.suggestions import did_you_mean
 
 _SHOWN: Final = 40
 _SEED: Final = "Seed of the trials that are drawn from now on; without one they go on as they were."
@@ -161,5 +162,6 @@ def first_error(error: ValidationError) -> str:
     first = error.errors(include_url=False)[0]
     name = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden" and error.title == ResetRequest.__name__:
-        return f"{name}: a reset has no such parameter; give {', '.join(ResetRequest.model_fields)}"
+        known = ResetRequest.model_fields
+        return f"{name}: a reset has no such parameter; give {', '.join(known)}{did_you_mean(name, known)}"
     return f"{name}: is {str(first['input'])[:_SHOWN]!r}; {first['msg'][0].lower()}{first['msg'][1:]}"

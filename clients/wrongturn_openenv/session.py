@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import httpx
-import numpy as np
 from gymnasium.error import ResetNeeded
 from pydantic import ValidationError
 
@@ -47,6 +46,19 @@ class Service:
         track = TrialOptions.of(**options).track
         token = self.token or self._registered(track)
         return RemoteEnv(self.url, token, patience=PATIENCE_S, transport=self.transport, **options)
+
+    def check(self) -> None:
+        """Look whether the service answers and has the town or suite of the defaults.
+
+        Raises:
+            WrongturnError: It does not answer, or has no such town or suite.
+        """
+        with self._client(patience=0) as client:
+            client.live()
+            if (town := self.defaults.get("town")) is not None:
+                client.town(town)
+            if (suite := self.defaults.get("suite")) is not None:
+                client.suite(suite)
 
     def ready(self) -> bool:
         """Tell whether the service can take episodes."""
@@ -107,9 +119,7 @@ class Session(Closing):
         if self._env is None:
             raise RefusedError(ErrorCode.EXECUTION_ERROR, "step before the first reset; call reset")
         with _refusals():
-            observation, reward, terminated, truncated, info = self._env.step(
-                np.array([action.steer, action.throttle, action.brake])
-            )
+            observation, reward, terminated, truncated, info = self._env.step(action)
         self.state = self.state.model_copy(
             update={
                 "step_count": self.state.step_count + ("lost" not in info),

@@ -94,7 +94,7 @@ setup() {
     wanted+=(-e 'networks[making]' -e 'agents[training,onnx]' --group test)
   fi
   pip install "${wanted[@]}" || fail "pip could not install the packages; see its message above"
-  # The tests need OpenEnv's client alone. Its server and web page need older versions of pillow and others than ours.
+  # The tests need OpenEnv's client alone. Its server brings 100 more packages and an older pillow than ours.
   [[ $level == run ]] || pip install -c constraints.txt --no-deps openenv-core ||
     fail "pip could not install openenv-core; see its message above"
   printf '%s' "$digest $PWD" >.venv/.wrongturn-run

@@ -8,7 +8,10 @@ from typing import Any
 import pytest
 from client_fake_service import FakeService, problem
 from starlette.testclient import TestClient
+from typer.testing import CliRunner
 
+from wrongturn_client import WrongturnError
+from wrongturn_client.cli import app
 from wrongturn_openenv.app import create_app
 from wrongturn_openenv.session import Service
 from wrongturn_protocol import ProblemType, Track
@@ -114,7 +117,7 @@ def test_who_leaves_ends_the_episode() -> None:
         ('{"type": "reset", "extra": 1}', "VALIDATION_ERROR", "extra"),
         ('{"type": "reset", "data": {"seed": -1}}', "VALIDATION_ERROR", "seed"),
         ('{"type": "reset", "data": {"seed": "1"}}', "VALIDATION_ERROR", "seed"),
-        ('{"type": "reset", "data": {"sed": 1}}', "VALIDATION_ERROR", "sed"),
+        ('{"type": "reset", "data": {"sed": 1}}', "VALIDATION_ERROR", "Did you mean seed?"),
         ('{"type": "reset", "data": {"url": "http://elsewhere"}}', "VALIDATION_ERROR", "url"),
         ('{"type": "reset", "data": {"track": "sonar"}}', "VALIDATION_ERROR", "track: 'sonar'"),
         ('{"type": "reset", "data": {"fault": 1}}', "VALIDATION_ERROR", "fault"),
@@ -221,3 +224,29 @@ def test_what_openenvs_validator_asks_for() -> None:
         assert openapi["info"]["version"].startswith("1.")
         assert {"/reset", "/step", "/state"} <= openapi["paths"].keys()
         assert client.post("/mcp", json={}).json()["jsonrpc"] == "2.0"
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (["--track", "sonar"], "--track: 'sonar' is unknown"),
+        (["--fault", "infeasable"], "Did you mean infeasible?"),
+        (["--suite", "smoke@2", "--town", "Town01"], "--suite: its trials name their towns"),
+        (["--url", "nowhere"], "http://"),
+        (["--url", "http://127.0.0.1:9"], "no Wrongturn service answers"),
+        (["--host", "192.0.2.1"], "--host 192.0.2.1"),
+    ],
+)
+def test_wrong_options_are_told_before_anything_starts(given: list[str], says: str) -> None:
+    result = CliRunner().invoke(app, ["openenv", "--port", "0", *given])
+    assert isinstance(result.exception, WrongturnError)
+    assert says in str(result.exception)
+
+
+def test_an_unknown_town_of_the_server_is_told_at_its_start() -> None:
+    fake = FakeService()
+    unknown = problem(ProblemType.UNKNOWN_TOWN, 404, "no town Town99")
+    fake.inject = lambda request: unknown if request.url.path.endswith("Town99") else None
+    with pytest.raises(WrongturnError, match="Town99"):
+        Service("http://fake", defaults={"town": "Town99"}, transport=fake.transport).check()
+    Service("http://fake", defaults={"town": "Town02"}, transport=fake.transport).check()

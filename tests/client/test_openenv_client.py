@@ -3,9 +3,11 @@
 import asyncio
 import importlib
 import importlib.util
+import json
 import signal
 import subprocess
 import sys
+import venv
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -19,6 +21,15 @@ from wrongturn_protocol import Track, Verdict
 from wrongturn_protocol.observations import decode, observation_space
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("openenv") is None, reason="openenv-core is not installed")
+TRAINER = """
+import sys
+from openenv.core import GenericEnvClient
+with GenericEnvClient(base_url=sys.argv[1]).sync() as env:
+    result = env.reset(seed=7, town="Town02", fault="omission")
+    while not result.done:
+        result = env.step({"steer": 0.0, "throttle": 1.0, "brake": 0.0})
+    print(env.state()["verdict"])
+"""
 GAS = {"steer": 0.0, "throttle": 1.0, "brake": 0.0}
 
 
@@ -103,3 +114,17 @@ def test_errors_reach_the_trainer(openenv: ModuleType, server: str) -> None:
         with pytest.raises(RuntimeError, match=r"action\.throttle.*VALIDATION_ERROR"):
             env.step({"steer": 0, "throttle": 7, "brake": 0})
         assert not env.reset().done
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(1800)
+def test_all_of_openenv_core_accepts_the_server(server: str, tmp_path: Path) -> None:
+    """The same client as a trainer gets it, with all that pip installs for it, and OpenEnv's validator."""
+    venv.create(tmp_path, with_pip=True)
+    subprocess.run([tmp_path / "bin/pip", "install", "-q", "openenv-core==0.3.0"], check=True)
+    drive = [tmp_path / "bin/python", "-c", TRAINER, server]
+    said = subprocess.run(drive, check=True, capture_output=True, text=True).stdout
+    assert said.strip() in set(Verdict)
+    validate = [tmp_path / "bin/openenv", "validate", server]
+    report = subprocess.run(validate, check=True, capture_output=True, text=True).stdout
+    assert json.loads(report)["passed"], report
