@@ -195,7 +195,7 @@ def test_checkpoints_that_are_none_are_named(tmp_path):
 
 def test_what_cannot_be_scored_or_exported_is_told_before_anything_is_done(tmp_path, checkpoint):
     (tmp_path / "file").write_text("")
-    assert "--json" in refused("score", checkpoint, "--json", tmp_path)
+    assert "--json" in refused("score", checkpoint, f"--json={tmp_path}")
     assert "--json" in refused("score", checkpoint, "--json", tmp_path / "file" / "a.json")
     assert "batch" in refused("score", checkpoint, "--batch", 0)
     assert "device" in refused("score", checkpoint, "--device", "cuda:9")
