@@ -11,6 +11,7 @@ from test_vector_env import compare, drawn_actions
 from wrongturn_networks import draw_journey, load_town
 from wrongturn_protocol import DIRECTIONS, Command, Task, Track, Traffic, Verdict
 from wrongturn_sim import Episode, JourneyGeometry, Trajectory, WrongturnSimEnv, WrongturnVectorEnv, judge
+from wrongturn_sim.environment_simulator import EnvironmentSimulator
 from wrongturn_sim.route import start_pose
 from wrongturn_sim.traffic.plan import plan_traffic
 
@@ -59,7 +60,8 @@ def travel(steer):
     """Drive a trial to its end; ``swerve`` names decisions with a steering of their own."""
 
     def driven(trial, swerve=None, watch=None, **arguments):
-        episode = Episode(trial, Track.PRIVILEGED, strict=arguments.pop("strict", False))
+        chosen = {name: arguments.pop(name) for name in ("strict", "simulator") if name in arguments}
+        episode = Episode(trial, Track.PRIVILEGED, **chosen)
         pilot = Pilot(steer, **arguments)
         seen = episode.reset()
         rewards = []
@@ -266,6 +268,12 @@ def test_others_are_told_of_the_way_after_a_wrong_turn(travel):
     (begin,) = {town.lanes[way.lane].edge for way in others} & set(routes[-1])
     assert begin not in planned[:2]
     assert town.lanes[trial.journey.goal].edge in routes[-1][routes[-1].index(begin) :]
+    # This process's simulator is taken, so an environment has one in a process of its own; it is told the same way.
+    simulator = EnvironmentSimulator()
+    other = travel(trial, errs=True, simulator=simulator)
+    simulator.close()
+    assert other.trajectory.sha256 == episode.trajectory.sha256
+    assert routes[-1] == libsumo.vehicle.getRoute("ego"), "nothing else drove in this process"
 
 
 def _lengths(town, edges):
@@ -276,7 +284,6 @@ def _lengths(town, edges):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        ({"task": "cruise"}, "town"),
         ({"task": "cruise", "suite": "smoke@2"}, "task"),
         ({"town": "Town02", "task": "racing"}, "racing"),
         ({"town": "Town02", "journeys": {"time_limit": 5.0}}, "journeys"),

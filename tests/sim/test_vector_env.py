@@ -437,6 +437,8 @@ def test_it_needs_no_sumo():
         "import numpy, wrongturn_sim\n"
         "envs = wrongturn_sim.WrongturnVectorEnv(2, 'junctions', 'privileged')\n"
         "envs.reset(seed=1); envs.step(numpy.zeros((2, 3)))\n"
+        "env = wrongturn_sim.WrongturnSimEnv('junctions')\n"
+        "env.reset(seed=1); env.step(numpy.zeros(3))\n"
         "assert not any(name.startswith('libsumo.') for name in sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
