@@ -18,7 +18,7 @@ from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_agents.worker import service_at
 from wrongturn_client import settings
 from wrongturn_client.tables import console, evaluation_table
-from wrongturn_protocol.json_output import STDOUT
+from wrongturn_protocol.json_output import STDOUT, check_json_file
 
 _INTERRUPTED = 130
 
@@ -148,6 +148,7 @@ def _practise(options: RunOptions, task: str | None) -> None:
     for option, given in (("--name", options.name), ("--resume", options.resume), ("--keep", options.keep)):
         if given:
             raise RunError(f"{option}: practice keeps nothing but the file of --json; leave {option} out")
+    check_json_file(options.json_file)
     suite = installed_suite(options.suite or (WRONG_COMMAND if task is None else NAVIGATION))
     source, parallel = made_once(options.agent, options.parallel)
     aside = options.json_file == STDOUT

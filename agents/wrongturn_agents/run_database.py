@@ -27,7 +27,7 @@ class RunDatabase:
     def __init__(self, folder: Path | None = None) -> None:
         if folder is None:
             ensure_directory()
-            folder = Path(tempfile.mkdtemp(prefix="database-", dir=directory()))
+            folder = Path(tempfile.mkdtemp(prefix="database-", dir=directory())).resolve()
             self.needed = False
         elif not (folder / _FILE).is_file():
             raise RunFileError(f"the database of that run is gone ({folder}); drive the suite again")

@@ -500,6 +500,7 @@ def test_a_token_of_another_track_is_refused(url):
         ({"agent": "careful", "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
         ({"agent": "missing.zip"}, "agent: missing.zip: there is no such file; name what model.save"),
         ({"practice": True}, "AGENT: name one"),
+        ({"agent": "careful", "practice": True, "json_file": Path("no/x.json")}, "--json: no/x.json cannot be written"),
         ({"agent": "careful", "practice": True, "keep": True}, "--keep: practice keeps nothing but the file of --json"),
         ({"agent": "careful", "practice": True, "suite": "nope@1"}, "suite: 'nope@1' is not known"),
     ],
