@@ -84,7 +84,8 @@ class RunningService(Service):
     def simulators(self) -> list[int]:
         """Process ids of its simulators."""
         children = Path(f"/proc/{self.process.pid}/task").glob("*/children")
-        return sorted({int(pid) for path in children for pid in path.read_text().split()})
+        pids = {int(pid) for path in children for pid in path.read_text().split()}
+        return sorted(pid for pid in pids if _is_simulator(pid))
 
     def stop(self) -> int:
         if self.process.poll() is None:
@@ -193,3 +194,10 @@ def problem(response: httpx.Response, status: int, kind: str, path: str | None =
     if path is not None:
         assert path in [error["path"] for error in body["errors"]], body
     return body
+
+
+def _is_simulator(pid: int) -> bool:
+    """Return whether a child of the service is a simulator. One that was just forked is still a copy of the service."""
+    with contextlib.suppress(FileNotFoundError):
+        return b"wrongturn_service.simulators.worker" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    return False

@@ -172,6 +172,7 @@ def _drive_by_client(service: RunningService, agent: Agent, episode: str, refere
             assert fields_shown == shown
 
 
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     ("number", "times"),
     [
