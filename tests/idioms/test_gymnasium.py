@@ -1,0 +1,210 @@
+"""Gymnasium: make, drive, check, wrap, record."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from ids import DISCRETE, FLAT, PIXELS, SIM
+
+
+def test_the_loop_of_basic_usage() -> None:
+    env = gym.make(SIM)
+    observation, info = env.reset()
+
+    episode_over = False
+    while not episode_over:
+        action = env.action_space.sample()
+        observation, reward, terminated, truncated, info = env.step(action)
+
+        episode_over = terminated or truncated
+
+    env.close()
+    assert observation in env.observation_space
+    assert info["verdict"]
+
+
+def test_a_seed_makes_an_episode_again() -> None:
+    env = gym.make(SIM)
+    one, told = env.reset(seed=42)
+    env.action_space.seed(42)
+    env.step(env.action_space.sample())
+    other, again = env.reset(seed=42)
+    assert told == again
+    assert all((one[key] == other[key]).all() for key in one)
+
+
+def test_import_the_package_and_make_by_the_short_id() -> None:
+    import wrongturn_sim
+
+    gym.register_envs(wrongturn_sim)
+    env = gym.make("WrongturnSim-v0")
+    again = gym.make(env.spec)
+    assert again.spec == env.spec
+    assert gym.spec("WrongturnSim-v0").id == env.spec.id == "WrongturnSim-v0"
+
+
+def test_a_time_limit_given_to_make() -> None:
+    env = gym.make(SIM, max_episode_steps=5)
+    env.reset(seed=1)
+    ends = [env.step(env.action_space.sample())[3] for _ in range(5)]
+    assert ends == [False] * 4 + [True]
+
+
+def test_an_own_id_with_arguments_in_it() -> None:
+    gym.register(
+        id="MyTown-v0",
+        entry_point="wrongturn_sim.gym_env:WrongturnSimEnv",
+        max_episode_steps=300,
+        kwargs={"town": "junctions", "fault": "omission"},
+    )
+    try:
+        env = gym.make("MyTown-v0")
+        _, info = env.reset(seed=1)
+        assert (info["town"], env.spec.max_episode_steps) == ("junctions", 300)
+    finally:
+        del gym.registry["MyTown-v0"]
+
+
+def test_rgb_array_and_collected_pictures() -> None:
+    env = gym.make(SIM, render_mode="rgb_array")
+    env.reset(seed=1)
+    assert env.render().dtype == np.uint8
+    env = gym.make(SIM, render_mode="rgb_array_list")
+    env.reset(seed=1)
+    env.step(env.action_space.sample())
+    assert [picture.shape for picture in env.render()] == [(480, 864, 3)] * 2
+
+
+def test_its_checker_without_a_warning() -> None:
+    env = gym.make(SIM)
+    check_env(env.unwrapped)  # a warning is an error in these tests
+
+
+@pytest.mark.filterwarnings("ignore:.*different from the unwrapped version")
+@pytest.mark.parametrize("env_id", [FLAT, DISCRETE, PIXELS])
+def test_its_checker_of_ids_with_wrappers(env_id: str) -> None:
+    check_env(gym.make(env_id))
+
+
+def test_flatten() -> None:
+    env = gym.make(SIM)
+    env = gym.wrappers.FlattenObservation(env)
+    observation, _ = env.reset(seed=1)
+    assert observation.shape == env.observation_space.shape == (3,)
+
+
+def test_filter_and_transform() -> None:
+    env = gym.make(SIM)
+    env = gym.wrappers.FilterObservation(env, filter_keys=["speed"])
+    env = gym.wrappers.TransformObservation(
+        env, lambda obs: obs["speed"] * 3.6, gym.spaces.Box(0.0, 80.0, (1,), np.float32)
+    )
+    observation, _ = env.reset(seed=1)
+    assert observation == pytest.approx(env.unwrapped.episode.trajectory.rows[0].v * 3.6)
+
+
+def test_stack_whole_observations() -> None:
+    env = gym.make(SIM)
+    env = gym.wrappers.FrameStackObservation(env, stack_size=4)
+    env.reset(seed=1)
+    observation, *_ = env.step(np.array([0.0, 1.0, 0.0], np.float32))
+    assert observation["speed"].shape == (4, 1)
+    assert observation["speed"][2] < observation["speed"][3]
+
+
+def test_gray_small_stacked_pictures() -> None:
+    env = gym.make(PIXELS)
+    env = gym.wrappers.GrayscaleObservation(env)
+    env = gym.wrappers.ResizeObservation(env, (84, 84))
+    env = gym.wrappers.FrameStackObservation(env, stack_size=4)
+    observation, _ = env.reset(seed=1)
+    assert (observation.shape, observation.dtype) == ((4, 84, 84), np.uint8)
+    assert observation.std() > 1
+
+
+def test_the_rendered_picture_as_the_observation() -> None:
+    env = gym.make(SIM, render_mode="rgb_array")
+    env = gym.wrappers.AddRenderObservation(env, render_only=True)
+    observation, _ = env.reset(seed=1)
+    assert np.array_equal(observation, env.render())
+
+
+def test_rescale_and_clip_actions() -> None:
+    env = gym.wrappers.RescaleAction(gym.make(SIM), min_action=-1, max_action=1)
+    env.reset(seed=1)
+    env.step(np.array([0.0, 1.0, -1.0], np.float32))  # full throttle, no brake
+    assert env.unwrapped.episode.trajectory.rows[-1].throttle == 1.0
+    env = gym.wrappers.ClipAction(gym.make(SIM))
+    env.reset(seed=1)
+    env.step(np.array([7.0, -3.0, 0.0], np.float32))
+    assert env.unwrapped.episode.trajectory.rows[-1].steer == 1.0
+
+
+def test_discretize_action() -> None:
+    env = gym.wrappers.DiscretizeAction(gym.make(SIM), bins=(5, 2, 2), multidiscrete=True)
+    env.reset(seed=1)
+    env.step(env.action_space.sample())
+    assert env.action_space == gym.spaces.MultiDiscrete([5, 2, 2])
+
+
+def test_repeated_and_sticky_actions() -> None:
+    env = gym.wrappers.RepeatAction(gym.make(SIM), num_repeats=4)
+    env.reset(seed=1)
+    env.step(env.action_space.sample())
+    assert len(env.unwrapped.episode.trajectory.rows) == 1 + 4 * 2  # a row each 0.05 s
+    env = gym.wrappers.StickyAction(gym.make(SIM), repeat_action_probability=0.9)
+    env.reset(seed=1)
+    for _ in range(3):
+        env.step(env.action_space.sample())
+
+
+def test_time_and_delay_in_observations() -> None:
+    env = gym.wrappers.TimeAwareObservation(gym.make(FLAT, max_episode_steps=10))
+    first, _ = env.reset(seed=1)
+    later, *_ = env.step(env.action_space.sample())
+    assert (first[-1], later[-1]) == (0, 1)
+    env = gym.wrappers.DelayObservation(gym.make(FLAT), delay=2)
+    assert not env.reset(seed=1)[0].any()
+
+
+def test_normalized_observations_and_rewards() -> None:
+    env = gym.wrappers.NormalizeObservation(gym.make(FLAT))
+    env = gym.wrappers.NormalizeReward(env, gamma=0.99)
+    env = gym.wrappers.ClipReward(env, -1.0, 1.0)
+    env.reset(seed=1)
+    rewards = [env.step(np.float32([0.0, 1.0]))[1] for _ in range(5)]
+    assert all(-1 <= reward <= 1 for reward in rewards)
+    assert len(set(rewards)) > 1
+
+
+def test_episode_statistics() -> None:
+    env = gym.wrappers.RecordEpisodeStatistics(gym.make(SIM, max_episode_steps=5))
+    env.reset(seed=1)
+    rewards = 0.0
+    for _ in range(5):
+        _, reward, _, _, info = env.step(env.action_space.sample())
+        rewards += reward
+    assert info["episode"]["l"] == 5
+    assert info["episode"]["r"] == pytest.approx(rewards, abs=1e-3)
+
+
+class SlowDown(gym.RewardWrapper):
+    def reward(self, reward):
+        return -abs(reward)
+
+
+class NoBrake(gym.ActionWrapper):
+    def __init__(self, env):
+        super().__init__(env)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+    def action(self, action):
+        return np.array([action[0], abs(action[1]), 0.0], np.float32)
+
+
+def test_wrappers_of_ones_own() -> None:
+    env = SlowDown(NoBrake(gym.make(SIM)))
+    env.reset(seed=1)
+    _, reward, *_ = env.step(env.action_space.sample())
+    assert reward <= 0
+    assert env.unwrapped.episode.trajectory.rows[-1].brake == 0.0

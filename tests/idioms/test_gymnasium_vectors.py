@@ -1,0 +1,78 @@
+"""Gymnasium: many environments at once, in one process, in several, and as one batch."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from ids import FLAT, SIM
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_make_vec(mode: str) -> None:
+    envs = gym.make_vec(SIM, num_envs=2, vectorization_mode=mode)
+    envs.reset(seed=42)
+    for _ in range(3):
+        observations, rewards, terminations, truncations, infos = envs.step(envs.action_space.sample())
+    assert observations["speed"].shape == (2, 1)
+    assert rewards.shape == terminations.shape == truncations.shape == (2,)
+    envs.close()
+
+
+def test_make_vec_as_one_batch() -> None:
+    envs = gym.make_vec(SIM, num_envs=16)
+    observations, infos = envs.reset(seed=42)
+    for _ in range(3):
+        observations, *_ = envs.step(envs.action_space.sample())
+    assert observations in envs.observation_space
+    assert len(set(infos["trial"])) > 1
+    envs.close()
+
+
+def test_make_vec_with_wrappers() -> None:
+    envs = gym.make_vec(
+        SIM, num_envs=2, vectorization_mode="sync", wrappers=(gym.wrappers.FlattenObservation, gym.wrappers.ClipAction)
+    )
+    observations, _ = envs.reset(seed=42)
+    assert observations.shape == (2, 3)
+    envs.close()
+
+
+def test_a_list_of_functions_with_resets_in_the_same_step() -> None:
+    def make_env(index):
+        def thunk():
+            return gym.wrappers.RecordEpisodeStatistics(gym.make(FLAT, max_episode_steps=3 + index))
+
+        return thunk
+
+    envs = SyncVectorEnv([make_env(i) for i in range(2)], autoreset_mode=AutoresetMode.SAME_STEP)
+    envs.reset(seed=1)
+    lengths = []
+    for _ in range(4):
+        _, _, _, _, infos = envs.step(envs.action_space.sample())
+        if "final_info" in infos:
+            over = np.nonzero(infos["final_info"]["_episode"])[0]
+            lengths += infos["final_info"]["episode"]["l"][over].tolist()
+    assert lengths == [3, 4]
+    envs.close()
+
+
+def test_wrappers_of_vectors() -> None:
+    envs = gym.make_vec(SIM, num_envs=4)
+    envs = gym.wrappers.vector.RecordEpisodeStatistics(envs)
+    envs = gym.wrappers.vector.FlattenObservation(envs)
+    envs = gym.wrappers.vector.NormalizeObservation(envs)
+    envs = gym.wrappers.vector.NormalizeReward(envs)
+    envs = gym.wrappers.vector.ClipAction(envs)
+    observations, _ = envs.reset(seed=1)
+    for _ in range(3):
+        observations, rewards, *_ = envs.step(envs.action_space.sample())
+    assert observations.shape == (4, 3)
+    assert np.isfinite(rewards).all()
+    envs.close()
+
+
+def test_infos_as_lists() -> None:
+    envs = gym.wrappers.vector.DictInfoToList(gym.make_vec(SIM, num_envs=2, vectorization_mode="sync"))
+    _, infos = envs.reset(seed=1)
+    assert [info["town"] for info in infos] == ["Town01"] * 2
+    envs.close()
