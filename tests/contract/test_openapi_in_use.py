@@ -105,7 +105,7 @@ def schema_of(served: ServedApp) -> Any:
             "headers": {"Authorization": f"Bearer {registered['token']}"},
             "continue-on-failure": True,
             "request-timeout": 60,
-            "generation": {"max-examples": 25, "deterministic": True, "database": "none"},
+            "generation": {"max-examples": 10, "deterministic": True, "database": "none"},
             "checks": {
                 "negative_data_rejection": {"expected-statuses": ["4xx", 503]},
                 **{name: {"enabled": False} for name in UNCHECKED},

@@ -142,7 +142,7 @@ def test_an_evaluation_goes_on_through_broken_connections(postgres: PostgresServ
         async with application(tmp_path, FakePool(), database=url) as http:
 
             async def call(path: str, body: object = None) -> dict[str, object]:
-                for _ in range(20):
+                for _ in range(400):
                     response = await http.post(path, json=body)
                     if response.status_code < 500:
                         assert response.is_success, response.text
