@@ -219,7 +219,7 @@ class Client(EpisodeCalls):
     def register(
         self,
         name: str,
-        track: Track,
+        track: Track | str,
         *,
         description: str | None = None,
         homepage: str | None = None,

@@ -35,7 +35,7 @@ class Off:
 @pytest.fixture(scope="module")
 def evaluation(service: LocalService) -> Evaluation:
     with Client(service.url, "") as client:
-        token = client.register("off the road", Track.PRIVILEGED).token
+        token = client.register("off the road", "privileged").token
     with Client(service.url, token) as client:
         return client.evaluate(Off(), "smoke@2")
 
