@@ -160,8 +160,10 @@ def export_sb3(
     loaded = " and ".join(str(each) for each in (file, vecnormalize) if each is not None)
     typer.echo(f"Loading {loaded} runs code that is named inside: export only files that you trust.", err=True)
     made = sb3.export_sb3(file, out, vecnormalize=vecnormalize, actions=actions, name=name, description=description)
+    size = out.stat().st_size
+    shown = f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.1f} kB"
     typer.echo(
-        f"{out}: {made.algorithm}, {made.track} track, {out.stat().st_size / 1e6:.1f} MB; takes "
+        f"{out}: {made.algorithm}, {made.track} track, {shown}; takes "
         f"{', '.join(made.inputs)}; gives {', '.join(made.outputs)}"
     )
     typer.echo(
