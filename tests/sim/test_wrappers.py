@@ -97,6 +97,8 @@ def test_actions_from_a_list():
     env.actions[:] = 7
     for actions, named in (
         ([], "actions: the list is empty"),
+        (5, "actions: 5 is no list"),
+        ([0, 1], "is no list"),
         ([(0, 1)], r"actions\[0\]"),
         ([(0, 1, 0), (0, 2, 0)], r"actions\[1\]"),
         ([(0, 0, math.nan)], r"actions\[0\]"),

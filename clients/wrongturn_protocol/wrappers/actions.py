@@ -33,7 +33,12 @@ class DiscreteActions(TransformAction[Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], actions: Iterable[Iterable[float]] = DEFAULT_ACTIONS) -> None:
-        given = [tuple(action) for action in actions]
+        try:
+            given = [tuple(action) for action in actions]
+        except TypeError:
+            raise ValueError(
+                f"actions: {actions!r} is no list of actions; give rows of steer, throttle, brake"
+            ) from None
         RecordConstructorArgs.__init__(self, actions=given)
         _needs_three_controls(env, self)
         self.actions: Final[NDArray[np.float32]] = _checked(given)
