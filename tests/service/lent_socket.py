@@ -3,7 +3,7 @@
 import contextlib
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from raw_socket import dial, upgrade
@@ -94,14 +94,20 @@ def until(condition: Callable[[], bool], message: str, seconds: float = 30) -> N
 
 def borrowers(service: RunningService) -> list[int]:
     """Process ids of the simulators that have a connection of the service's."""
-    served = _sockets(service.process.pid)
-    return [pid for pid in service.simulators() if _sockets(pid) & served]
+    served = _connections(service.process.pid)
+    return [pid for pid in service.simulators() if _connections(pid) & served]
 
 
-def _sockets(pid: int) -> set[str]:
-    """The sockets that a process has, by their inodes."""
-    found = set()
+def _connections(pid: int) -> set[str]:
+    """The connections of a process, by their inodes. A simulator that starts shares other sockets with the service."""
+    with contextlib.suppress(FileNotFoundError):
+        rows = Path(f"/proc/{pid}/net/tcp").read_text().splitlines()[1:]
+        inodes = {f"socket:[{row.split()[9]}]" for row in rows}
+        return {target for target in _targets(pid) if target in inodes}
+    return set()
+
+
+def _targets(pid: int) -> Iterator[str]:
     for handle in Path(f"/proc/{pid}/fd").glob("*"):
         with contextlib.suppress(OSError):
-            found.add(handle.readlink().name)
-    return {name for name in found if name.startswith("socket:")}
+            yield handle.readlink().name
