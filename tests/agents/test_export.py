@@ -25,7 +25,7 @@ from wrongturn_protocol import Track  # noqa: E402
 
 @pytest.fixture(scope="module")
 def observations():
-    return record_observations("segmentation", 80, seed=7)
+    return record_observations("segmentation", 200, seed=7)
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def exported(checkpoint, tmp_path_factory):
     ],
 )
 def test_its_actions_are_the_checkpoints(checkpoint, exported, observations, algorithm, precision, mean, greatest):
-    number = 80 if algorithm == "ppo-segmentation" else 50  # a ResNet-34 takes its time
+    number = 200 if algorithm == "ppo-segmentation" else 50  # a ResNet-34 takes its time
     compared = {key: array[:number] for key, array in observations.items()}
     found = agreement(checkpoint(algorithm), exported(algorithm, precision), compared)
     print(algorithm, precision, found)

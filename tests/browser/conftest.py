@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, Request, sync_playwright
 
 # The helpers of the service's tests are imported by their plain names.
 sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
@@ -70,7 +70,7 @@ def visit(chromium: Browser, site: Site) -> Iterator[Visit]:
         page = context.new_page()
         page.on("console", lambda said: _note(wrong, refusals or status != 200, said.type, said.text))
         page.on("pageerror", lambda error: wrong.append(f"{path}: {error}"))
-        page.on("requestfailed", lambda request: wrong.append(f"{request.url}: {request.failure}"))
+        page.on("requestfailed", lambda request: _failed(wrong, request))
         page.on("request", lambda request: _check_origin(wrong, site.url, request.url))
         response = page.goto(path)
         assert response is not None
@@ -86,6 +86,11 @@ def visit(chromium: Browser, site: Site) -> Iterator[Visit]:
 def _note(wrong: list[str], refusals: bool, kind: str, text: str) -> None:
     if kind in {"error", "warning"} and not (refusals and text.startswith(_EXPECTED)):
         wrong.append(f"console: {text}")
+
+
+def _failed(wrong: list[str], request: Request) -> None:
+    if request.failure != "net::ERR_ABORTED":  # the test has gone on to another page
+        wrong.append(f"{request.url}: {request.failure}")
 
 
 def _check_origin(wrong: list[str], origin: str, url: str) -> None:
