@@ -23,9 +23,9 @@ from wrongturn_agents.errors import AgentsError
 from wrongturn_agents.progress import LinesProgress, Progress, add_bar, progress_bars
 from wrongturn_agents.registry import AGENTS, resolve
 from wrongturn_agents.suites import WRONG_COMMAND
-from wrongturn_agents.worker import OPERATOR_TOKEN
 from wrongturn_client import Client, LocalService, WrongturnError
 from wrongturn_client.listings import listing
+from wrongturn_client.settings import OPERATOR_TOKEN
 from wrongturn_client.tables import console, leaderboard_table
 
 _AT_A_TIME: Final = 2

@@ -18,7 +18,6 @@ from wrongturn_agents.run_database import RunDatabase
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
 from wrongturn_agents.worker import (
-    OPERATOR_TOKEN,
     GuardedAgent,
     RunRequest,
     begin,
@@ -30,7 +29,7 @@ from wrongturn_agents.worker import (
 from wrongturn_client import Client, WrongturnError, settings
 from wrongturn_client.invocation import program
 from wrongturn_client.run_files import run_lines
-from wrongturn_client.settings import OWNER_TOKEN
+from wrongturn_client.settings import OPERATOR_TOKEN, OWNER_TOKEN
 from wrongturn_client.tables import prospect, standing
 from wrongturn_protocol import Command, EvaluationDetail
 from wrongturn_protocol.json_output import STDOUT, check_json_file

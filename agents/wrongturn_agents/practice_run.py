@@ -1,7 +1,6 @@
 """Drives the trials of a suite over a service as practice: it shows their outcomes and never ranks them."""
 
 import re
-import secrets
 import threading
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
@@ -14,6 +13,7 @@ from wrongturn_agents.suites import SuiteTrials
 from wrongturn_agents.worker import GuardedAgent, episodes_side_by_side
 from wrongturn_client import Client
 from wrongturn_client.evaluation_driver import drive_episode
+from wrongturn_client.practice import practice_token
 from wrongturn_protocol import PracticeRequest
 from wrongturn_protocol.json_output import write_whole
 
@@ -70,12 +70,11 @@ class PracticeRun:
             WrongturnError: The service refuses, or cannot be reached any more. The file holds the results so far.
         """
         agent = self._source.make()
-        with Client(url, token) as client:
+        with Client(url, token or "") as client:
             if client.suite(self._suite.id).sha256 != self._suite.sha256:
                 raise RunError(f"--url: it drives another {self._suite.id} than the one installed; install its version")
             if token is None:
-                name = f"practice-{secrets.token_hex(6)}"
-                token = client.register(name, self._source.track, description="Registered for practice.").token
+                token = practice_token(client, self._source.track)
         progress(len(self._results.trials), len(self.trials))
         self._write()
         guarded = GuardedAgent(self._source.name, agent)

@@ -9,9 +9,9 @@ import typer
 
 from wrongturn_agents.errors import RunError
 from wrongturn_agents.registry import AgentSource, list_agents, resolve
-from wrongturn_agents.worker import OPERATOR_TOKEN
 from wrongturn_client import AgentNameTakenError, Client, settings
 from wrongturn_client.administration import Administration
+from wrongturn_client.settings import OPERATOR_TOKEN
 from wrongturn_protocol.administration import AdminItem
 from wrongturn_protocol.vocabulary import Collection
 

@@ -6,7 +6,7 @@ import secrets
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from gymnasium import spaces
 from pydantic import ValidationError
@@ -30,20 +30,10 @@ from wrongturn_client import (
     WrongturnError,
 )
 from wrongturn_client.actions import action_error, action_of, is_of_action
-from wrongturn_client.settings import OWNER_TOKEN
+from wrongturn_client.local_service import FOR_ONE_COMMAND
+from wrongturn_client.settings import OPERATOR_TOKEN, OWNER_TOKEN
 from wrongturn_protocol import Action, AgentKind, EvaluationDetail, EvaluationState, ProblemType, RegisteredAgent
 from wrongturn_protocol.observations import Observation
-
-OPERATOR_TOKEN: Final = "WRONGTURN_OPERATOR_TOKEN"  # noqa: S105 - the variable's name
-"""Environment variable with the operator's token, which may register baselines."""
-_OWN_SERVICE: Final = {
-    f"{OPERATOR_TOKEN}_FILE": "",
-    "WRONGTURN_DATABASE_PASSWORD_FILE": "",
-    "WRONGTURN_METRICS_PORT": "",
-    "WRONGTURN_REGISTRATION": "open",
-    "WRONGTURN_SUBMISSIONS": "0",
-}
-"""Settings of a service that a run starts, in place of those that are meant for a service that stays."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +72,7 @@ def service_at(
         yield url, operator_token
         return
     own_token = operator_token or secrets.token_urlsafe(32)
-    with LocalService(database=database, environment={**_OWN_SERVICE, OPERATOR_TOKEN: own_token}) as service:
+    with LocalService(database=database, environment={**FOR_ONE_COMMAND, OPERATOR_TOKEN: own_token}) as service:
         yield service.url, own_token
 
 

@@ -13,11 +13,20 @@ from types import TracebackType
 from typing import IO, Final, Self
 
 from wrongturn_client.errors import LocalServiceError
+from wrongturn_client.settings import OPERATOR_TOKEN
 
 READY: Final = "Wrongturn is ready at "
 """Begin of the line in which ``wrongturn serve`` prints its URL."""
 _TAIL: Final = 15
 """Number of lines of the service's stderr in an error."""
+FOR_ONE_COMMAND: Final = {
+    f"{OPERATOR_TOKEN}_FILE": "",
+    "WRONGTURN_DATABASE_PASSWORD_FILE": "",
+    "WRONGTURN_METRICS_PORT": "",
+    "WRONGTURN_REGISTRATION": "open",
+    "WRONGTURN_SUBMISSIONS": "0",
+}
+"""Settings of a service that a command starts for itself, in place of those that are meant for a service that stays."""
 
 
 class LocalService:

@@ -16,7 +16,7 @@ from wrongturn_client.closing import Closing
 from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result, practise_call
 from wrongturn_client.errors import ApiError, WrongturnError
 from wrongturn_client.practice_source import PracticeSource
-from wrongturn_protocol import TrialOptions
+from wrongturn_protocol import Track, TrialOptions
 from wrongturn_protocol.wire import CALLS, Call
 
 _THREADS: Final = 16
@@ -114,10 +114,15 @@ class Practice(Closing):
         if self._client is None:
             if self._token is None:
                 with self._make() as client:
-                    name = f"practice-{secrets.token_hex(6)}"
-                    self._token = client.register(name, self._track, description="Registered for practice.").token
+                    self._token = practice_token(client, self._track)
             self._client = self._make()
         return self._client
+
+
+def practice_token(client: Client, track: Track) -> str:
+    """Register an agent for practice in a track, and return its token."""
+    name = f"practice-{secrets.token_hex(6)}"
+    return client.register(name, track, description="Registered for practice.").token
 
 
 def _messages(calls: Sequence[EpisodeCall]) -> Iterator[Sequence[EpisodeCall]]:

@@ -37,9 +37,9 @@ def openenv(
 
     Example: wrongturn openenv --url http://127.0.0.1:8000 --track camera
 
-    Nothing is scored. A client's reset may name other options of trials than the server's: docs/openenv.md.
+    Nothing is scored. A client's reset may ask for other trials than these options do: see docs/openenv.md.
 
-    WRONGTURN_TOKEN: the token of an agent; without one, agents for practice are registered.
+    WRONGTURN_TOKEN: the token of an agent at --url. Without one, agents for practice are registered.
     """
     missing = [name for name in ("fastapi", "uvicorn") if importlib.util.find_spec(name) is None]
     if missing:
@@ -56,7 +56,7 @@ def openenv(
     except ValueError as error:
         raise WrongturnError(f"--{error}") from None
     with bind(host, port) as listening, _service_at(url) as found:
-        service = Service(found, settings.token(), defaults)
+        service = Service(found, None if url is None else settings.token(), defaults)
         service.check()
         run(service, sessions, listening)
 
@@ -67,10 +67,12 @@ def _service_at(url: str | None) -> Iterator[str]:
     if url is not None:
         yield url
         return
-    from wrongturn_client.local_service import LocalService  # noqa: PLC0415
+    from wrongturn_client.local_service import FOR_ONE_COMMAND, LocalService  # noqa: PLC0415
 
     with (
         tempfile.TemporaryDirectory(prefix="wrongturn-openenv-") as folder,
-        LocalService(database=f"sqlite+aiosqlite:///{Path(folder, 'wrongturn.db')}") as service,
+        LocalService(
+            database=f"sqlite+aiosqlite:///{Path(folder, 'wrongturn.db')}", environment=FOR_ONE_COMMAND
+        ) as service,
     ):
         yield service.url

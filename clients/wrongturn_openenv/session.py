@@ -1,7 +1,6 @@
 """One client's environment: the Gymnasium environment over the wire, in OpenEnv's words."""
 
 import contextlib
-import secrets
 import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from pydantic import ValidationError
 from wrongturn_client import Client, WrongturnError
 from wrongturn_client.closing import Closing
 from wrongturn_client.gym_env import RemoteEnv
+from wrongturn_client.practice import practice_token
 from wrongturn_openenv.messages import ErrorCode, RefusedError, Reply, ResetRequest, State, first_error
 from wrongturn_protocol import Action, Track, TrialOptions
 from wrongturn_protocol.observations import Observation, encode
@@ -48,7 +48,7 @@ class Service:
         return RemoteEnv(self.url, token, patience=PATIENCE_S, transport=self.transport, **options)
 
     def check(self) -> None:
-        """Look whether the service answers and has the town or suite of the defaults.
+        """Check that the service answers and has the town or suite of the defaults.
 
         Raises:
             WrongturnError: It does not answer, or has no such town or suite.
@@ -70,13 +70,11 @@ class Service:
         with self._lock:
             if track not in self._tokens:
                 with self._client(PATIENCE_S) as client:
-                    name = f"openenv-{secrets.token_hex(6)}"
-                    agent = client.register(name, track, description="Registered for practice through OpenEnv.")
-                self._tokens[track] = agent.token
+                    self._tokens[track] = practice_token(client, track)
             return self._tokens[track]
 
     def _client(self, patience: float) -> Client:
-        return Client(self.url, transport=self.transport, patience=patience)
+        return Client(self.url, self.token or "", transport=self.transport, patience=patience)
 
 
 class Session(Closing):
@@ -87,7 +85,7 @@ class Session(Closing):
         self._env: RemoteEnv | None = None
         self._options: dict[str, Any] = {}
         self.state = State()
-        """What the client may know of its episode beside the observation."""
+        """What the client can ask about its episode, beside the observation."""
 
     def reset(self, asked: ResetRequest) -> Reply:
         """Begin the next episode. An episode that is open is ended.
@@ -113,8 +111,8 @@ class Session(Closing):
         """Drive on for 0.1 s.
 
         Raises:
-            RefusedError: No episode is open, or the service does not answer. After the latter you can repeat the step:
-                it is driven only once.
+            RefusedError: No episode is open. Or the service does not answer; you can then repeat the step, which is
+                driven only once.
         """
         if self._env is None:
             raise RefusedError(ErrorCode.EXECUTION_ERROR, "step before the first reset; call reset")

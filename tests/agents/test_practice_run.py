@@ -71,7 +71,8 @@ def test_a_part_of_a_task_is_not_stored(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_trials_are_driven_and_gone_on_with(tmp_path: Path):
+def test_trials_are_driven_and_gone_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("WRONGTURN_TOKEN", "of another service")
     whole = installed_suite("navigation@1")
     limits = {name: trial.journey.time_limit for name, trial in whole.trials.items() if trial.journey is not None}
     # Who is parked drives to the end of the time, so the shortest will do.

@@ -2,7 +2,8 @@
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -241,6 +242,27 @@ def test_wrong_options_are_told_before_anything_starts(given: list[str], says: s
     result = CliRunner().invoke(app, ["openenv", "--port", "0", *given])
     assert isinstance(result.exception, WrongturnError)
     assert says in str(result.exception)
+
+
+def test_a_service_of_its_own_gets_no_settings_and_no_token_of_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    fake, started, ran = FakeService(), [], []
+
+    def service(**given: Any) -> Any:
+        started.append(given)
+        return nullcontext(SimpleNamespace(url="http://own"))
+
+    monkeypatch.setenv("WRONGTURN_TOKEN", "of another service")
+    monkeypatch.delenv("WRONGTURN_URL", raising=False)
+    monkeypatch.setattr("wrongturn_client.local_service.LocalService", service)
+    monkeypatch.setattr("wrongturn_openenv.session.Service.check", lambda self: None)
+    monkeypatch.setattr("wrongturn_openenv.server.run", lambda service, *_: ran.append(service))
+    assert CliRunner().invoke(app, ["openenv", "--port", "0"]).exit_code == 0
+    assert started[0]["environment"]["WRONGTURN_REGISTRATION"] == "open"
+    assert (ran[0].url, ran[0].token) == ("http://own", None)
+    with _server(fake) as client:
+        assert client.post("/reset").status_code == 200
+    (registration,) = [one for one in fake.requests if one.url.path == "/v1/agents"]
+    assert "authorization" not in registration.headers
 
 
 def test_an_unknown_town_of_the_server_is_told_at_its_start() -> None:
