@@ -2,10 +2,11 @@
 
 from typing import Any, Protocol, runtime_checkable
 
+import numpy as np
 from gymnasium import spaces
 
-from wrongturn_protocol import ActionLike, AgentKind, Track
-from wrongturn_protocol.observations import Observation
+from wrongturn_protocol import ActionLike, AgentKind, Command, Track
+from wrongturn_protocol.observations import Observation, observation_space
 
 
 @runtime_checkable
@@ -46,6 +47,18 @@ class Agent(Protocol):
             array, a tuple or a list.
         """
         ...
+
+
+def try_out(agent: Agent, track: Track) -> None:
+    """Let an agent drive one step on a made-up observation, the same each time, so that it fails before a run begins.
+
+    Raises what the agent raises.
+    """
+    space = observation_space(track)
+    space.seed(0)
+    agent.reset(space)
+    agent.act({**space.sample(), "command": np.array([Command.LANE_FOLLOW], np.int64)})
+    agent.reset(space)
 
 
 def track_of_agent(agent: Any) -> Track | None:

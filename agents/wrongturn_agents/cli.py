@@ -60,8 +60,8 @@ def run(
         bool,
         typer.Option(
             "--practice",
-            help="Drive the suite as practice, which is never scored: of a suite that draws its trials, the open draw. "
-            "Leaves out what the file of --json already has.",
+            help="Drive the suite as practice, which is never scored. A suite that draws its trials uses the open "
+            "draw. Trials that the file of --json already has are left out.",
         ),
     ] = False,
     task: Annotated[

@@ -6,10 +6,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import typer
 
-from wrongturn_agents.agent import Agent
+from wrongturn_agents.agent import try_out
 from wrongturn_agents.agent_code import changed, checksums
 from wrongturn_agents.errors import RunError, RunOverError
 from wrongturn_agents.progress import ProgressStyle, show_progress
@@ -31,9 +30,8 @@ from wrongturn_client.invocation import program
 from wrongturn_client.run_files import run_lines
 from wrongturn_client.settings import OPERATOR_TOKEN, OWNER_TOKEN
 from wrongturn_client.tables import prospect, standing
-from wrongturn_protocol import Command, EvaluationDetail
+from wrongturn_protocol import EvaluationDetail
 from wrongturn_protocol.json_output import STDOUT, check_json_file
-from wrongturn_protocol.observations import observation_space
 
 
 @dataclass(frozen=True)
@@ -67,8 +65,8 @@ class Done:
 def evaluate(options: RunOptions) -> Done:
     """Begin or resume an evaluation, drive it, and write its file.
 
-    Without a URL it is driven on a service of its own. That one's database is thrown away once nobody needs it: an
-    interrupted run does, to be resumed.
+    Without a URL, the run starts a service of its own. It throws that service's database away once nobody needs it; an
+    interrupted run needs it to be resumed.
 
     Raises:
         RunError: An option does not fit the others, or the run cannot begin.
@@ -116,17 +114,8 @@ def made_once(agent: str, parallel: int | None) -> tuple[AgentSource, int]:
     source = resolve(agent)
     made = source.make()
     if agent.endswith(ZIP):
-        _try_out(source, made)
+        try_out(GuardedAgent(source.name, made), source.track)
     return replace(source, make=lambda: made), episodes_side_by_side(made, parallel)
-
-
-def _try_out(source: AgentSource, agent: Agent) -> None:
-    """Let an agent drive one step on a made-up observation; raise AgentFailedError if it fails."""
-    guarded = GuardedAgent(source.name, agent)
-    space = observation_space(source.track)
-    space.seed(0)
-    guarded.reset(space)
-    guarded.act({**space.sample(), "command": np.array([Command.LANE_FOLLOW], np.int64)})
 
 
 def _resumed(resume: str, options: RunOptions) -> SavedRun:
@@ -182,8 +171,8 @@ def _say_what_changed(saved_run: SavedRun, source: AgentSource) -> None:
     files = changed(saved_run.code, checksums(source.code)) if saved_run.code else []
     if files:
         typer.echo(
-            f"The agent's code has changed since this run began: {', '.join(files)}. What is left is driven by the new "
-            "code, and the results are of both. A changed agent is a new agent: begin a new run for it.",
+            f"The agent's code has changed since this run began: {', '.join(files)}. The new code drives the rest, "
+            "so the results are of both. A changed agent is a new agent: begin a new run for it.",
             err=True,
         )
 

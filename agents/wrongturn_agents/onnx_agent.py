@@ -8,25 +8,15 @@ checks it, and ``docs/models.md`` shows it as a table. onnxruntime comes with an
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
 from wrongturn_agents.onnx_runtime import load_onnxruntime
 from wrongturn_client.invocation import python
-from wrongturn_protocol import (
-    Action,
-    AgentKind,
-    Command,
-    ContractError,
-    ModelContract,
-    ModelSignature,
-    TensorSpec,
-    contract_of,
-)
+from wrongturn_protocol import Action, AgentKind, ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
 from wrongturn_protocol.model_contract import check_opset
-from wrongturn_protocol.observations import Observation, observation_space
+from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.onnx_file import opset_of
 
 _DTYPES: Final = {"tensor(float)": "float32", "tensor(double)": "float64"}
@@ -78,18 +68,6 @@ class OnnxAgent:
         except ContractError as error:
             raise ModelFileError(f"{self._file}: {error}") from error
         return action
-
-    def try_out(self) -> None:
-        """Let the model drive one step on a made-up observation. So a wrong graph is told before anything is begun.
-
-        Raises:
-            ModelFileError: As :meth:`act`.
-        """
-        space = observation_space(self.track)
-        space.seed(0)  # the same numbers each time
-        self.reset(space)
-        self.act({**space.sample(), "command": np.array([Command.LANE_FOLLOW], np.int64)})
-        self.reset(space)
 
 
 def open_session(file: Path) -> Any:

@@ -27,7 +27,8 @@ class PracticeRun:
         source: The agent.
         suite: The suite of the trials.
         task: Task of the suite, whose trials alone are driven; None for all. Example: ``navigation_dynamic``
-        file: Results file, as ``wrongturn results --import`` takes it. A run goes on with what it holds. None for none.
+        file: Results file, as ``wrongturn results --import`` takes it. A run drives only the trials that it lacks.
+            None writes no file.
 
     Raises:
         RunError: The suite has no such task, or the file belongs to another run or cannot be written.
@@ -45,8 +46,6 @@ class PracticeRun:
             driven="over the service",
             trials={},
         )
-        if file is not None and file.suffix == ".gz":
-            raise RunError(f"--json: {file}: practice writes no compressed file; leave .gz out")
         if file is not None and file.exists():
             found = ResultsFile.read(file)
             ours = self._results.model_copy(update={"trials": found.trials})

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from pydantic import BaseModel, ConfigDict
 
-from wrongturn_agents.agent import Agent, kind_of_agent, track_of_agent
+from wrongturn_agents.agent import Agent, kind_of_agent, track_of_agent, try_out
 from wrongturn_agents.agent_code import files_of_class
 from wrongturn_agents.baselines import AlwaysStops, Careful, IgnoresCommands, ObeysBlindly, Parked
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS, ShippedDoubtingAgent
@@ -227,7 +227,7 @@ def _model(file: Path) -> AgentSource:
     from wrongturn_agents.onnx_agent import OnnxAgent  # noqa: PLC0415 - loads an optional extra
 
     agent = OnnxAgent(file)
-    agent.try_out()
+    try_out(agent, agent.track)
     return _of_file(file, agent)
 
 

@@ -3,19 +3,19 @@
 import shutil
 import tempfile
 from pathlib import Path
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 from wrongturn_agents.errors import RunFileError
 from wrongturn_agents.saved_run import directory, ensure_directory
+from wrongturn_client.closing import Closing
 
 _FILE: Final = "wrongturn.db"
 
 
-class RunDatabase:
-    """A folder with a database that disappears at the end of the ``with`` block, unless somebody needs it again.
+class RunDatabase(Closing):
+    """A folder with a database, which is removed at the end of the ``with`` block unless it is still needed.
 
-    It lies among the saved runs, so that an interrupted run can be resumed.
+    It is beside the saved runs, so that an interrupted run can be resumed.
 
     Args:
         folder: Folder of a run that is resumed; None for a new one.
@@ -41,15 +41,7 @@ class RunDatabase:
         """URL of the database, for ``wrongturn serve --database``."""
         return f"sqlite+aiosqlite:///{self.folder / _FILE}"
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Remove the folder unless it is needed."""
         if not self.needed:
             shutil.rmtree(self.folder, ignore_errors=True)

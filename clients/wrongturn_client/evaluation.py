@@ -1,7 +1,6 @@
 """An evaluation and its episodes, to look at: as a table, a pandas frame and figures."""
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -9,6 +8,7 @@ from pydantic import PrivateAttr
 
 from wrongturn_client.errors import NotFinishedError, WrongturnError
 from wrongturn_protocol import EpisodeDetail, EpisodeList, EvaluationDetail, EvaluationState
+from wrongturn_protocol.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -97,9 +97,10 @@ class Evaluation(EvaluationDetail):
         """
         found = {one.trial: one for one in self.episodes} | {one.id: one for one in self.episodes}
         if name not in found:
-            near = get_close_matches(str(name), [trial for trial in found if trial is not None], 1)
-            remedy = f"did you mean {near[0]}?" if near else "to_frame() lists the episodes and their trials"
-            raise WrongturnError(f"episode: {name!r} is no episode or trial of evaluation {self.id}; {remedy}")
+            meant = did_you_mean(name, [trial for trial in found if trial is not None])
+            raise WrongturnError(
+                f"episode: {name!r} is no episode or trial of evaluation {self.id}; to_frame() lists them{meant}"
+            )
         return found[name]
 
     def to_frame(self) -> "DataFrame":
@@ -143,7 +144,7 @@ class EpisodePage(EpisodeList):
 
 
 def at(found: M, url: str) -> M:
-    """Return a message, which then knows the service that has the rest of it."""
+    """Tell a message which service has the rest of it, and return the message."""
     found._url = url
     return found
 

@@ -1,14 +1,13 @@
 """Where a replay's episode comes from: a service, the file of ``run --json``, or a file with a trajectory."""
 
 import json
-import zlib
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from wrongturn_client.client import Client
 from wrongturn_client.errors import ReplayError
 from wrongturn_protocol import Outcome
-from wrongturn_protocol.run_file import DrivenEpisode, RunFile, read_unpacked
+from wrongturn_protocol.run_file import UNREADABLE, DrivenEpisode, RunFile, read_unpacked
 
 _REMEDY: Final = "give the file of 'run --json' or a trajectory"
 _NAMED: Final = 5
@@ -70,7 +69,7 @@ def _from_file(file: Path, episode: str | None) -> Replayed:
 def _read(file: Path) -> bytes:
     try:
         return read_unpacked(file)
-    except (OSError, EOFError, zlib.error) as error:
+    except UNREADABLE as error:
         raise ReplayError(f"{file}: cannot be read ({error}); {_REMEDY}") from error
 
 

@@ -7,6 +7,7 @@ writes the JSON into that file.
 import contextlib
 import gzip
 import json
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -51,10 +52,13 @@ def check_json_file(to: Path | None) -> None:
     """Check that JSON can be written into a file, before anything is done for it.
 
     Raises:
-        JsonFileError: It cannot: the file is a folder, or its folder does not exist.
+        JsonFileError: It is a folder, or you cannot write to it or to its folder.
     """
-    if to is not None and to != STDOUT and (to.is_dir() or not to.absolute().parent.is_dir()):
-        raise JsonFileError(f"--json: {to} cannot be written; name a file in a folder that exists")
+    if to is None or to == STDOUT:
+        return
+    written = to if to.exists() and not to.is_file() else to.resolve().parent  # a pipe or a device is not replaced
+    if to.is_dir() or not (written == to or written.is_dir()) or not os.access(written, os.W_OK):
+        raise JsonFileError(f"--json: {to} cannot be written; name a file in a folder that you can write to")
 
 
 def give_json(value: Any, to: Path | None) -> None:

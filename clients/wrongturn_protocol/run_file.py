@@ -17,6 +17,8 @@ GZIP: Final = b"\x1f\x8b"
 """First bytes of a file that is compressed by gzip."""
 LARGEST: Final = 1 << 30
 """Most bytes of a file, unpacked."""
+UNREADABLE: Final = (OSError, EOFError, zlib.error)
+"""Errors of :func:`read_unpacked`."""
 _REMEDY: Final = "write it with 'wrongturn run --json FILE', or again with 'wrongturn run --resume ID --json FILE'"
 
 
@@ -28,7 +30,7 @@ def read_unpacked(path: Path) -> bytes:
     """Return the content of a file, plain or compressed by gzip.
 
     Raises:
-        OSError, EOFError, zlib.error: The file cannot be read, or is larger than :data:`LARGEST` when it is unpacked.
+        UNREADABLE: The file cannot be read, or is larger than :data:`LARGEST` when it is unpacked.
     """
     with path.open("rb") as file:
         content = file.read(LARGEST + 1)
@@ -39,6 +41,11 @@ def read_unpacked(path: Path) -> bytes:
     if len(content) > LARGEST:
         raise OSError(errno.EFBIG, f"unpacked it has more than {LARGEST >> 20} MiB")
     return content
+
+
+def reason_of(error: Exception) -> str:
+    """Return in words why a file could not be read."""
+    return (isinstance(error, OSError) and error.strerror) or str(error)
 
 
 class DrivenEpisode(EpisodeResult):
@@ -69,9 +76,8 @@ class RunFile(EvaluationDetail):
         """
         try:
             content = read_unpacked(path)
-        except (OSError, EOFError, zlib.error) as error:
-            reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-            raise RunFormatError(f"{path}: cannot be read ({reason}); {_REMEDY}") from error
+        except UNREADABLE as error:
+            raise RunFormatError(f"{path}: cannot be read ({reason_of(error)}); {_REMEDY}") from error
         return cls.from_json(content, str(path))
 
     @classmethod

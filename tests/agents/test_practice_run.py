@@ -17,6 +17,7 @@ from wrongturn_agents.suites import SuiteTrials, installed_suite
 from wrongturn_client import LocalService
 from wrongturn_client.cli import app
 from wrongturn_protocol import Condition, Task, Verdict
+from wrongturn_protocol.run_file import GZIP
 
 
 def of_task(file: ResultsFile, task: Task) -> ResultsFile:
@@ -32,7 +33,6 @@ def of_task(file: ResultsFile, task: Task) -> ResultsFile:
         (["--json", "{}/a.json", "--suite", "wrong-command@2"], "it has none"),
         (["--json", "{}/a.json", "--suite", "none@1"], "suite"),
         (["--json", "{}/other.json"], "another run"),
-        (["--json", "{}/a.json.gz"], "leave .gz out"),
         (["--json", "{}/text.json"], "text.json"),
     ],
 )
@@ -48,6 +48,14 @@ def test_what_cannot_be_driven_is_told(tmp_path, arguments, named):
 def test_a_task_that_is_not_there_is_told_with_those_that_are(tmp_path):
     with pytest.raises(RunError, match="navigation_dynamic"):
         PracticeRun(resolve("parked"), installed_suite("navigation@1"), "cruise", tmp_path / "a.json")
+
+
+def test_a_compressed_file_is_read_again(tmp_path: Path):
+    file = tmp_path / "a.json.gz"
+    for _ in range(2):
+        PracticeRun(resolve("parked"), installed_suite("navigation@1"), "straight", file)._write()
+    assert file.read_bytes().startswith(GZIP)
+    assert ResultsFile.read(file).trials == {}
 
 
 def test_results_among_other_road_users_join_those_in_process(tmp_path: Path):

@@ -264,7 +264,9 @@ def test_json_takes_only_what_looks_like_its_file(
 def test_a_file_for_json_that_cannot_be_written_is_told_first(name: str, tmp_path: Path) -> None:
     (tmp_path / "folder.json").mkdir()
     done = runner.invoke(cli.app, ["suites", "--json", str(tmp_path / name), "--url", "http://127.0.0.1:9"])
-    assert str(done.exception) == f"--json: {tmp_path / name} cannot be written; name a file in a folder that exists"
+    assert str(done.exception) == (
+        f"--json: {tmp_path / name} cannot be written; name a file in a folder that you can write to"
+    )
 
 
 def test_without_local_suites_it_says_what_to_do(points: dict[tuple[str, str], str]) -> None:

@@ -1,6 +1,7 @@
 """A finished evaluation is looked at as a table, a frame and figures."""
 
 import pickle
+import re
 import sys
 from typing import Any
 
@@ -78,7 +79,7 @@ def test_an_episode_draws_itself(evaluation: Evaluation, service: LocalService) 
         assert figure.axes[0].get_title() == frame.trial[0]
         assert "off" in figure.axes[1].get_title()
     assert repr(episode) == f"Episode(id='{episode.id}', trial='{episode.trial}', verdict='off_road')"
-    with pytest.raises(WrongturnError, match=f"did you mean {frame.trial[0]}"):
+    with pytest.raises(WrongturnError, match=rf"Did you mean {re.escape(frame.trial[0])}\?"):
         evaluation.episode(frame.trial[0] + "x")
     with pytest.raises(WrongturnError, match=r"to_frame\(\) lists"):
         evaluation.episode("nothing like it")

@@ -126,7 +126,7 @@ def test_a_process_that_dies_or_is_interrupted_is_told_and_the_next_reset_gets_a
     os.kill(pid, how)
     if how == signal.SIGSTOP:  # so that the interrupt meets a step that waits for its reply
         handler = signal.signal(signal.SIGALRM, interrupt)
-        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        signal.setitimer(signal.ITIMER_REAL, 0.5)
         with pytest.raises(KeyboardInterrupt):
             second.step(action(0))
         signal.signal(signal.SIGALRM, handler)

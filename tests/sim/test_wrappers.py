@@ -94,7 +94,6 @@ def test_actions_from_a_list():
     for action in (2, -1, 0.5, "left", None, [0, 1]):
         with pytest.raises(ValueError, match="give 0 to 1"):
             env.step(action)
-    env.actions[:] = 7
     for actions, named in (
         ([], "actions: the list is empty"),
         (5, "actions: 5 is no list"),

@@ -17,7 +17,7 @@ from wrongturn_agents.suites import installed_suite
 from wrongturn_agents.worker import service_at
 from wrongturn_client import Client
 from wrongturn_protocol import RunFile, RunFormatError
-from wrongturn_protocol.run_file import GZIP
+from wrongturn_protocol.run_file import UNREADABLE, read_unpacked, reason_of
 
 _REMEDY: Final = (
     "give a file of 'wrongturn score --json' or of 'wrongturn run --json', the file of a saved run, or the directory "
@@ -101,13 +101,11 @@ def check_suite(suite: str, driven: str) -> None:
 def _results_of(source: Path) -> ResultsFile:
     """Return the results in a file of any of the kinds that are imported."""
     try:
-        content = source.read_bytes()
+        content = read_unpacked(source)
     except FileNotFoundError as error:
         raise ResultsError(f"--import: there is no file {source}; {_REMEDY}") from error
-    except OSError as error:
-        raise ResultsError(f"--import: {source} cannot be read ({error.strerror}); {_REMEDY}") from error
-    if content.startswith(GZIP):
-        return _results_of_run_file(source)
+    except UNREADABLE as error:
+        raise ResultsError(f"--import: {source} cannot be read ({reason_of(error)}); {_REMEDY}") from error
     try:
         found = json.loads(content)
     except (ValueError, RecursionError) as error:

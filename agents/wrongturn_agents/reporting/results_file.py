@@ -11,6 +11,7 @@ from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.suites import SuiteTrials, installed_suite
 from wrongturn_protocol import Flag, Outcome, Reaction, Verdict
 from wrongturn_protocol.results import AgentName
+from wrongturn_protocol.run_file import UNREADABLE, read_unpacked, reason_of
 
 Driven = Literal["in process", "over the service"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
@@ -22,15 +23,15 @@ _M = TypeVar("_M", bound=BaseModel)
 
 
 def read_model(kind: type[_M], path: Path, remedy: str) -> _M:
-    """Read a JSON file as a model.
+    """Read a JSON file, plain or compressed by gzip, as a model.
 
     Raises:
         ResultsError: The file cannot be read, or does not fit. The error names the first wrong field and the remedy.
     """
     try:
-        return kind.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise ResultsError(f"{path}: cannot be read ({error.strerror})") from error
+        return kind.model_validate_json(read_unpacked(path))
+    except UNREADABLE as error:
+        raise ResultsError(f"{path}: cannot be read ({reason_of(error)})") from error
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(map(str, first["loc"])) or "the file"

@@ -10,7 +10,7 @@ import typer
 
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_protocol.json_output import STDOUT, JsonTo, give_json
+from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
 
 _Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads of simulation and torch; all cores by default. Example: --threads 2")
@@ -179,34 +179,25 @@ def score(
     """
     _require_extra()
     from wrongturn_agents.registry import list_agents  # noqa: PLC0415
-    from wrongturn_agents.training.score import (  # noqa: PLC0415
-        check_writable,
-        score_agent,
-        summary,
-        write_results,
-    )
     from wrongturn_agents.training.score import score as run  # noqa: PLC0415
+    from wrongturn_agents.training.score import score_agent, summary  # noqa: PLC0415
 
     if json_to is not None and traffic:
         raise TrainingError(
             "--json: an estimate beside simple traffic is no result; leave it out, or drive these trials over a "
             "service with `wrongturn run AGENT --suite navigation@1 --task navigation_dynamic --json FILE`"
         )
-    if json_to is not None and json_to != STDOUT:
-        check_writable(json_to)
+    check_json_file(json_to)
     begin = time.monotonic()
     if checkpoint.endswith(".onnx") or checkpoint in {agent.name for agent in list_agents()}:
         results = score_agent(checkpoint, suite, threads=threads, traffic=traffic)
     else:
         results = run(checkpoint, suite, device=device, threads=threads, batch=batch, traffic=traffic)
-    if json_to == STDOUT:
-        give_json(results, json_to)
-        return
-    for line in summary(results):
-        typer.echo(line)
-    typer.echo(f"{len(results['trials'])} trials in {time.monotonic() - begin:.0f} s.")
-    if json_to is not None:
-        write_results(json_to, results)
+    if json_to != STDOUT:
+        for line in summary(results):
+            typer.echo(line)
+        typer.echo(f"{len(results['trials'])} trials in {time.monotonic() - begin:.0f} s.")
+    give_json(results, json_to)
 
 
 def _require_extra() -> None:

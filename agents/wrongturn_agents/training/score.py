@@ -1,8 +1,6 @@
 """Drive a whole suite with a checkpoint in this process, without a service."""
 
-import json
 import os
-import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -126,44 +124,6 @@ def _trials_of(suite: Suite, *, traffic: bool) -> list[Trial]:
             f"{'leave --traffic out' if traffic else 'score it with --traffic'}"
         )
     return trials
-
-
-def write_results(path: Path, results: Results) -> None:
-    """Write results as JSON, all at once or not at all. The same results give the same bytes.
-
-    Raises:
-        TrainingError: the file cannot be written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        beside = path.with_name(f".{path.name}.new")
-        with beside.open("w", encoding="utf-8") as file:
-            file.write(json.dumps(results, indent=1, sort_keys=True) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-    except OSError as error:
-        raise _unwritable(path, error.strerror) from error
-
-
-def check_writable(path: Path) -> None:
-    """Check before the drives that results can be written to a file.
-
-    Raises:
-        TrainingError: they cannot be written.
-    """
-    if path.is_dir():
-        raise _unwritable(path, "it is a directory")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise _unwritable(path, error.strerror) from error
-
-
-def _unwritable(path: Path, reason: str | None) -> TrainingError:
-    return TrainingError(f"--json: {path} cannot be written ({reason}); name another file")
 
 
 def summary(results: Results) -> Iterator[str]:

@@ -12,6 +12,7 @@ from wrongturn_agents.models import build
 from wrongturn_agents.training.checkpoint import save_checkpoint
 from wrongturn_agents.training.config import config_of
 from wrongturn_client.cli import app
+from wrongturn_protocol.json_output import JsonFileError
 
 SEGMENTATION = "ppo-segmentation"
 
@@ -22,7 +23,7 @@ def refused(*arguments):
     if isinstance(done.exception, SystemExit):
         assert done.exit_code == 2, done.output  # the parser's
         return done.output
-    assert isinstance(done.exception, AgentsError), done.output or repr(done.exception)
+    assert isinstance(done.exception, AgentsError | JsonFileError), done.output or repr(done.exception)
     said = str(done.exception)
     assert "\n" not in said
     assert len(said) < 700
