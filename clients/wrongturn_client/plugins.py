@@ -117,7 +117,7 @@ class PluginGroup(TyperGroup):
     """Commands of the program: its own, then those of other packages."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Take a command line apart, once each ``--json`` without a file stands for stdout."""
+        """Parse a command line, in which each ``--json`` without a file stands for stdout."""
         return super().parse_args(ctx, with_stdout(args))
 
     def invoke(self, ctx: Any) -> Any:

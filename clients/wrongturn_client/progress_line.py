@@ -8,7 +8,7 @@ _WIDTH: Final = 30
 
 
 class ProgressLine:
-    """Writes a bar to stderr, and over it at each call.
+    """Writes a bar to stderr; each call writes over it.
 
     Args:
         name: What is under way.
@@ -18,7 +18,7 @@ class ProgressLine:
         self._name = name
 
     def __call__(self, finished: int, total: int) -> None:
-        """Show that so many of so many episodes are finished."""
+        """Show how many of all episodes are finished."""
         full = _WIDTH * finished // max(total, 1)
         bar = "#" * full + "." * (_WIDTH - full)
         # A carriage return is all that both terminals and notebooks understand.

@@ -37,7 +37,7 @@ _STATUSES: Final = {ErrorCode.VALIDATION_ERROR: 422, ErrorCode.EXECUTION_ERROR: 
 
 
 class OpenEnvServer:
-    """Sessions of a service's practice.
+    """Practice sessions on a service.
 
     Args:
         service: The service.
@@ -53,11 +53,11 @@ class OpenEnvServer:
         self._http = asyncio.Lock()
 
     async def in_thread(self, function: Callable[[], T]) -> T:
-        """Return what a function returns that waits for the service."""
+        """Run a function that waits for the service in a thread, and return its result."""
         return await asyncio.get_running_loop().run_in_executor(self._threads, function)
 
     async def by_http(self, function: Callable[[Session], T]) -> T:
-        """Return what a function makes of the session that all HTTP calls share."""
+        """Run a function on the session that all HTTP calls share, and return its result."""
         async with self._http:
             try:
                 return await self.in_thread(lambda: function(self._by_http))
@@ -92,7 +92,7 @@ class OpenEnvServer:
             await asyncio.shield(asyncio.get_running_loop().run_in_executor(self._threads, session.close))
 
     def close(self) -> None:
-        """End what is open."""
+        """End all sessions."""
         self._threads.shutdown()
         for session in (*self._open, self._by_http):
             session.close()
@@ -124,7 +124,7 @@ def create_app(service: Service, sessions: int) -> FastAPI:
 
     @app.get("/health")
     async def health() -> JSONResponse:
-        """Tell whether the service behind can take episodes."""
+        """Return whether the service can take episodes."""
         ready = await server.in_thread(service.ready)
         return JSONResponse({"status": "healthy" if ready else "unhealthy"}, 200 if ready else 503)
 

@@ -11,7 +11,7 @@ from wrongturn_protocol import Action, Fault, Track
 from wrongturn_protocol.suggestions import did_you_mean
 
 _SHOWN: Final = 40
-_SEED: Final = "Seed of the trials that are drawn from now on; without one they go on as they were."
+_SEED: Final = "Seed of the trials that are drawn from now on. Without it, the next trial is drawn."
 
 
 class ErrorCode(StrEnum):
@@ -25,7 +25,7 @@ class ErrorCode(StrEnum):
 
 
 class RefusedError(Exception):
-    """A message that is not obeyed. The session goes on."""
+    """The server refuses a message. The session stays open."""
 
     def __init__(self, code: ErrorCode, message: str) -> None:
         super().__init__(message)
@@ -33,7 +33,7 @@ class RefusedError(Exception):
 
 
 class ResetRequest(BaseModel):
-    """The parameters of a reset. Those that are left out are as the server was started."""
+    """The parameters of a reset. One that is left out has the value with which the server was started."""
 
     model_config = ConfigDict(extra="forbid", strict=True, use_attribute_docstrings=True)
 
@@ -81,7 +81,7 @@ class Reply(BaseModel):
 
 
 class State(BaseModel):
-    """What a client may know of its episode beside the observation."""
+    """What a client can ask about its episode, beside the observation."""
 
     model_config = ConfigDict(use_attribute_docstrings=True)
 
@@ -125,7 +125,7 @@ def read(text: str) -> Message:
     except (ValueError, RecursionError) as error:
         raise RefusedError(ErrorCode.INVALID_JSON, f"the message is no JSON: {str(error)[:200]}") from None
     if not isinstance(found, dict):
-        raise RefusedError(ErrorCode.VALIDATION_ERROR, "a message is an object with type and data")
+        raise RefusedError(ErrorCode.VALIDATION_ERROR, "the message is not an object; send one with type and data")
     try:
         return Message.model_validate(found)
     except ValidationError as error:
@@ -146,7 +146,7 @@ def reset_request(data: dict[str, Any]) -> ResetRequest:
 
 
 def action_of(data: dict[str, Any]) -> Action:
-    """Return the action of a step. OpenEnv's ``metadata`` is passed over: its typed clients send it with each action.
+    """Return the action of a step. It ignores ``metadata``, which OpenEnv's typed clients send with each action.
 
     Raises:
         RefusedError: It is not steer, throttle and brake in their ranges.

@@ -11,7 +11,7 @@ from wrongturn_sim.traffic.plan import TrafficPlan
 class EnvironmentSimulator(Simulator):
     """Gives an environment's episodes a simulation without taking another one's.
 
-    A car that drives alone needs no SUMO, because SUMO moves nothing then that an episode reads. With traffic, the
+    A car that drives alone needs no SUMO, because SUMO then moves nothing that an episode reads. With traffic, the
     environment takes this process's simulator if it is free, and else a process of its own. The bytes are the same.
     """
 

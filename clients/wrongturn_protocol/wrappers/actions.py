@@ -51,12 +51,12 @@ class DiscreteActions(TransformAction[Any, Any, Any], RecordConstructorArgs):
         except (TypeError, ValueError):
             index = -1
         if not 0 <= index < len(self.actions):
-            raise ValueError(f"action: {action!r} is no place in the list; give 0 to {len(self.actions) - 1}")
+            raise ValueError(f"action: {action!r} is not a position in the list; give 0 to {len(self.actions) - 1}")
         return np.array(self.actions[index], np.float32)
 
 
 class SteerAndPedal(TransformAction[Any, Any, Any], RecordConstructorArgs):
-    """Steer, and press one pedal: two numbers from -1 to 1, as many algorithms like best.
+    """Steer, and press one pedal: two numbers from -1 to 1, the range that suits many algorithms.
 
     The first is steer. The second is throttle where it is positive, and brake where it is negative.
 

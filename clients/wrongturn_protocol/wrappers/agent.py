@@ -15,7 +15,7 @@ class WrappedAgent:
     """Drive an evaluation with a policy that was trained behind wrappers.
 
     The service sends plain observations and takes plain actions. This agent puts the same wrappers between it and the
-    policy. ``client.evaluate(WrappedAgent(policy, wrap), suite)``.
+    policy. Example: ``client.evaluate(WrappedAgent(policy, wrap), suite)``.
 
     Wrappers that repeat or skip steps, such as ``RepeatAction``, do not fit, because the service wants an action for
     each observation.

@@ -137,7 +137,7 @@ class StackPictures(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
         number: How many pictures.
 
     Raises:
-        ValueError: Observations have no pictures, or the number is not a whole one from 1 on.
+        ValueError: Observations have no pictures, or the number is not a whole number, 1 or more.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], number: int = 4) -> None:

@@ -1,4 +1,4 @@
-"""Another reward, of whatever the step shows."""
+"""A reward of your own, made from what a step returns."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -28,7 +28,7 @@ class ShapeReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         RecordConstructorArgs.__init__(self, function=function)
         gymnasium.Wrapper.__init__(self, env)
         if not callable(function):
-            raise ValueError(f"function: {function!r} is no function; give one of reward, observation and info")
+            raise ValueError(f"function: {function!r} is no function; give a function of reward, observation and info")
         self.function = function
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:

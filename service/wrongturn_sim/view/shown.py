@@ -1,4 +1,4 @@
-"""What the client has drawn: the films and pictures of ``wrongturn replay``, and figures."""
+"""Drawings for the client: the films and pictures of ``wrongturn replay``, and figures."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
