@@ -1,19 +1,19 @@
 """The calls of a Wrongturn service, each a method."""
 
 import uuid
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
-from urllib.parse import urlencode, urlsplit
+from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 from urllib.request import getproxies, proxy_bypass
 
 import httpx
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel
 
 from wrongturn_client import settings
+from wrongturn_client.account_calls import AccountCalls
 from wrongturn_client.commitment import check_commitment
 from wrongturn_client.decoding import validated
 from wrongturn_client.drive import Drive
@@ -30,42 +30,21 @@ from wrongturn_client.evaluation_driver import EvaluationDriver
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy, PolicyMaker
 from wrongturn_client.progress_line import ProgressLine
+from wrongturn_client.public_calls import PublicCalls
 from wrongturn_client.recorder import EpisodeRecorder, installed_versions
 from wrongturn_client.run_files import run_lines
-from wrongturn_client.transport import CSV, JSON, MSGPACK, Transport, path_of
+from wrongturn_client.transport import JSON, MSGPACK, Transport, path_of
 from wrongturn_client.uploads import Upload
 from wrongturn_protocol import (
-    AgentDetail,
-    AgentKind,
-    AgentList,
-    AgentRegistration,
-    Comparison,
     EpisodeRecord,
     EpisodeState,
     EvaluationState,
-    Leaderboard,
-    LeaderboardList,
-    LeaderboardSummary,
-    OwnerDetail,
-    OwnerList,
-    OwnerRegistration,
-    RegisteredAgent,
-    RegisteredOwner,
     ResultsRequest,
     RunFile,
     SubmissionDetail,
     SubmissionList,
     SubmissionLog,
     SubmissionLogLine,
-    SuiteDetail,
-    SuiteList,
-    SuiteSummary,
-    TownDetail,
-    TownList,
-    TownSummary,
-    Track,
-    TrialDetail,
-    TrialList,
 )
 from wrongturn_protocol.json_output import write_whole
 from wrongturn_protocol.pixmap import PIXMAP, from_pixmap
@@ -74,16 +53,11 @@ from wrongturn_protocol.submissions import MODEL, NAME, SUITE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-M = TypeVar("M", bound=BaseModel)
-L = TypeVar("L", AgentList, OwnerList, EpisodePage, SubmissionList)
-_PAGE: Final = "500"
-"""Items of a list that are asked for at a time."""
 Progress = Callable[[int, int], None]
 """Called with the numbers of finished and of all episodes, or of sent and of all bytes."""
-"""Number of simulators among the service's Prometheus metrics."""
 
 
-class Client(EpisodeCalls):
+class Client(EpisodeCalls, PublicCalls, AccountCalls):
     """Client of one service. Its methods may be called from several threads.
 
     Every method raises :class:`~wrongturn_client.ServiceUnreachableError` if nobody answers, and an
@@ -131,136 +105,9 @@ class Client(EpisodeCalls):
         self._timeout = timeout
         self._injected = transport is not None
 
-    @property
-    def url(self) -> str:
-        """The service's URL."""
-        return self._transport.url
-
     def close(self) -> None:
         """Close the connections."""
         self._transport.close()
-
-    # Service, suites, towns
-
-    def live(self) -> bool:
-        """Return True if the service's process answers."""
-        self._transport.call("GET", "/health/live")
-        return True
-
-    def ready(self) -> bool:
-        """Return True once the service can take episodes; wait for the patience at most."""
-        self._transport.call("GET", "/health/ready")
-        return True
-
-    def submissions_state(self) -> str | None:
-        """Return whether the service takes submissions: ``on: …``, or ``off:`` and why; None if it does not say."""
-        state = self._readiness().get("submissions")
-        return state if isinstance(state, str) else None
-
-    def simulators(self) -> int | None:
-        """Return how many episodes all agents together can drive at a time; None if the service does not say."""
-        number = self._readiness().get("simulators")
-        return number if isinstance(number, int) else None
-
-    def _readiness(self) -> dict[str, Any]:
-        found = self._transport.call("GET", "/health/ready").message()
-        return found if isinstance(found, dict) else {}
-
-    def suites(self) -> tuple[SuiteSummary, ...]:
-        """Return all suites."""
-        return self._get(SuiteList, "suites").suites
-
-    def suite(self, suite: str) -> SuiteDetail:
-        """Return a suite by its id, such as ``wrong-command@2``."""
-        return self._get(SuiteDetail, "suites", suite)
-
-    def trials(self, suite: str) -> tuple[TrialDetail, ...]:
-        """Return the trials of a suite's open split, for practice. You can practise their twins too."""
-        return self._get(TrialList, "suites", suite, "trials").trials
-
-    def towns(self) -> tuple[TownSummary, ...]:
-        """Return all towns."""
-        return self._get(TownList, "towns").towns
-
-    def town(self, town: str) -> TownDetail:
-        """Return a town with its approaches and geometry."""
-        return self._get(TownDetail, "towns", town)
-
-    # Owners and agents
-
-    def register_owner(self, name: str, *, contact: str | None = None) -> RegisteredOwner:
-        """Register an owner, who answers for agents. Its token is shown only now.
-
-        A client with that token registers agents for the owner, and rotates and revokes their tokens.
-
-        Args:
-            name: Shown beside the owner's agents.
-            contact: How the operator reaches the owner; nobody else sees it.
-        """
-        registration = OwnerRegistration(name=name, contact=contact)
-        return self._create(RegisteredOwner, registration.model_dump(mode="json"), "owners")
-
-    def owners(self) -> tuple[OwnerDetail, ...]:
-        """Return all owners."""
-        return tuple(owner for page in self._pages(OwnerList, "owners") for owner in page.owners)
-
-    def owner(self, owner: str) -> OwnerDetail:
-        """Return an owner by its id."""
-        return self._get(OwnerDetail, "owners", owner)
-
-    def rotate_owner_token(self, owner: str) -> RegisteredOwner:
-        """Replace an owner's token; the old one becomes invalid. This client keeps using the old one."""
-        return self._create(RegisteredOwner, None, "owners", owner, "token")
-
-    def revoke_owner_token(self, owner: str) -> None:
-        """Make an owner's token invalid."""
-        self._transport.call("DELETE", path_of("v1", "owners", owner, "token"))
-
-    def register(
-        self,
-        name: str,
-        track: Track | str,
-        *,
-        description: str | None = None,
-        homepage: str | None = None,
-        kind: AgentKind = AgentKind.SUBMITTED,
-        trained_on_faults: bool = False,
-    ) -> RegisteredAgent:
-        """Register an agent. Its token is shown only now. Other kinds than ``submitted`` need the operator's token.
-
-        With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made. Say with
-        ``trained_on_faults`` that it met wrong commands in its training; the leaderboard marks it.
-        """
-        registration = AgentRegistration(
-            name=name,
-            track=track,
-            description=description,
-            homepage=homepage,
-            kind=kind,
-            trained_on_faults=trained_on_faults,
-        )
-        return self._create(RegisteredAgent, registration.model_dump(mode="json"), "agents")
-
-    def agents(self, *, everybody: bool = False) -> tuple[AgentDetail, ...]:
-        """Return the agents that have begun an evaluation.
-
-        Args:
-            everybody: Whether to return those that have only practised too.
-        """
-        query = {"all": "true"} if everybody else {}
-        return tuple(agent for page in self._pages(AgentList, "agents", **query) for agent in page.agents)
-
-    def agent(self, agent: str) -> AgentDetail:
-        """Return an agent by its id."""
-        return self._get(AgentDetail, "agents", agent)
-
-    def rotate_token(self, agent: str) -> RegisteredAgent:
-        """Replace an agent's token; the old one becomes invalid. This client keeps using the old one."""
-        return self._create(RegisteredAgent, None, "agents", agent, "token")
-
-    def revoke_token(self, agent: str) -> None:
-        """Make an agent's token invalid."""
-        self._transport.call("DELETE", path_of("v1", "agents", agent, "token"))
 
     # Evaluations
 
@@ -515,55 +362,6 @@ class Client(EpisodeCalls):
         """
         answer = self._transport.call("DELETE", path_of("v1", "submissions", submission))
         return validated(SubmissionDetail, answer.message())
-
-    # Leaderboards
-
-    def leaderboards(self) -> tuple[LeaderboardSummary, ...]:
-        """Return the suites that have a leaderboard."""
-        return self._get(LeaderboardList, "leaderboards").leaderboards
-
-    def leaderboard(self, suite: str) -> Leaderboard:
-        """Return the ranking on a suite."""
-        return self._get(Leaderboard, "leaderboards", suite)
-
-    def leaderboard_csv(self, suite: str) -> str:
-        """Return the ranking on a suite as CSV, a row for each agent.
-
-        Raises:
-            ProtocolError: The service is of a version without it.
-        """
-        reply = self._transport.call("GET", path_of("v1", "leaderboards", suite), media_type=CSV)
-        if reply.media_type != CSV:
-            raise ProtocolError(f"leaderboard: {self.url} has none as CSV; its operator can upgrade the service")
-        return reply.content.decode("utf-8")
-
-    def compare(self, suite: str, a: str, b: str) -> Comparison:
-        """Compare two agents' results on a suite, with an exact test.
-
-        Args:
-            suite: The suite's id.
-            a: Id or name of an agent with an entry on the suite.
-            b: Id or name of another one.
-        """
-        return self._get(Comparison, "leaderboards", suite, "compare", query="?" + urlencode({"a": a, "b": b}))
-
-    def _get(self, kind: type[M], *path: str, query: str = "") -> M:
-        return validated(kind, self._transport.call("GET", path_of("v1", *path) + query).message())
-
-    def _pages(self, kind: type[L], *path: str, **query: str) -> Iterator[L]:
-        """Yield the pages of a list, each when the one before was read."""
-        query = {"limit": _PAGE, **query}
-        while True:
-            page = self._get(kind, *path, query="?" + urlencode(query))
-            yield page
-            if page.next is None:
-                return
-            query["cursor"] = page.next
-
-    def _create(self, kind: type[M], body: Any, *path: str) -> M:
-        headers = {"Idempotency-Key": str(uuid.uuid4())}
-        reply = self._transport.call("POST", path_of("v1", *path), body=body, headers=headers)
-        return validated(kind, reply.message())
 
     def _answer(self, call: EpisodeCall) -> Result:
         try:
