@@ -19,7 +19,7 @@ WORKDIR /opt/wrongturn
 
 # Install the dependencies before the sources, so that a change of code does not install them again. Delete the tests
 # that some packages contain: they would be an eighth of the image.
-COPY constraints.txt docker/requirements.py ./
+COPY LICENSE constraints.txt docker/requirements.py ./
 COPY clients/pyproject.toml clients/
 COPY networks/pyproject.toml networks/
 COPY service/pyproject.toml service/

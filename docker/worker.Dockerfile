@@ -12,7 +12,7 @@ ENV PYTHONUNBUFFERED=1 \
 WORKDIR /opt/wrongturn
 
 # Install the dependencies before the sources, so that a change of code does not install them again.
-COPY constraints.txt docker/requirements.py ./
+COPY LICENSE constraints.txt docker/requirements.py ./
 COPY clients/pyproject.toml clients/
 COPY agents/pyproject.toml agents/
 RUN python requirements.py clients agents[onnx] > requirements.txt \

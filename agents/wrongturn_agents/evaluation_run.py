@@ -97,7 +97,13 @@ def evaluate(options: RunOptions) -> Done:
         elif options.keep and not saved_run.keep:
             saved_run = saved_run.model_copy(update={"keep": True})
             saved_run.save()
-        done = _driven(saved_run, source, at, parallel, options)
+        try:
+            done = _driven(saved_run, source, at, parallel, options)
+        except RunOverError:
+            if database is not None:
+                database.needed = False
+                saved_run.forget()
+            raise
         if database is not None:
             _keep_or_forget(saved_run, database, done)
     return done

@@ -285,6 +285,9 @@ def test_an_agent_behind_wrappers_acts_as_the_wrapped_environment():
     agent.act(plain)
     with pytest.raises(ValueError, match="more than one step"):
         agent.act(plain)
+    sticky = WrappedAgent(policy, lambda env: gymnasium.wrappers.StickyAction(wrap(env), 0.25))
+    with pytest.raises(ValueError, match="wrap: StickyAction changes actions at random"):
+        sticky.reset(service.observation_space)
 
 
 @pytest.mark.parametrize(("variant", "actions"), [("Flat", "Box"), ("FlatDiscrete", "Discrete")])

@@ -1,10 +1,11 @@
 """An agent that was trained behind wrappers, for evaluations."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, SupportsFloat
 
 import gymnasium
 from gymnasium import spaces
+from gymnasium.wrappers import StickyAction
 
 from wrongturn_protocol.observations import Observation, action_space
 
@@ -18,7 +19,7 @@ class WrappedAgent:
     policy. Example: ``client.evaluate(WrappedAgent(policy, wrap), suite)``.
 
     Wrappers that repeat or skip steps, such as ``RepeatAction``, do not fit, because the service wants an action for
-    each observation.
+    each observation. ``StickyAction`` does not fit, because it changes actions at random.
 
     Args:
         policy: Called with a wrapped observation; returns an action for the wrapped environment. With
@@ -36,10 +37,12 @@ class WrappedAgent:
         """Begin an episode: make the wrappers anew.
 
         Raises:
-            ValueError: A wrapper does not fit these observations.
+            ValueError: A wrapper does not fit these observations, or is ``StickyAction``.
         """
         self._relay = _Relay(observation_space)
         self._env = self._wrap(self._relay)
+        if any(isinstance(layer, StickyAction) for layer in _layers(self._env)):
+            raise ValueError("wrap: StickyAction changes actions at random; leave it out of evaluations")
         self._chosen = None
 
     def act(self, observation: Observation) -> Any:
@@ -91,8 +94,14 @@ class _Relay(gymnasium.Env[Any, Any]):
 
 def _plain(env: gymnasium.Env[Any, Any], action: Any) -> Any:
     """Take an action through the wrappers of actions, outermost first."""
-    while isinstance(env, gymnasium.Wrapper):
-        if isinstance(env, gymnasium.ActionWrapper):
-            action = env.action(action)
-        env = env.env
+    for layer in _layers(env):
+        if isinstance(layer, gymnasium.ActionWrapper):
+            action = layer.action(action)
     return action
+
+
+def _layers(env: gymnasium.Env[Any, Any]) -> Iterator[gymnasium.Wrapper[Any, Any, Any, Any]]:
+    """Yield the wrappers, outermost first."""
+    while isinstance(env, gymnasium.Wrapper):
+        yield env
+        env = env.env
