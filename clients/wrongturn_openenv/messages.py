@@ -65,12 +65,16 @@ class ResetRequest(BaseModel):
 class StepRequest(BaseModel):
     """The body of ``POST /step``."""
 
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
     action: dict[str, Any]
     """Steer, throttle and brake."""
 
 
 class Reply(BaseModel):
     """The answer to a reset and to a step."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
 
     observation: dict[str, Any]
     """The observation, with the keys of ``docs/observations.md``."""
