@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from wrongturn_client import Client, WrongturnError
 from wrongturn_client.closing import Closing
+from wrongturn_client.errors import AuthenticationError
 from wrongturn_client.gym_env import RemoteEnv
 from wrongturn_client.practice import practice_token
 from wrongturn_openenv.messages import ErrorCode, RefusedError, Reply, ResetRequest, State, first_error
@@ -36,8 +37,8 @@ class Service:
     _tokens: dict[Track, str] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def environment(self, options: Mapping[str, Any]) -> RemoteEnv:
-        """Return an environment that draws its trials by these options.
+    def environment(self, options: Mapping[str, Any]) -> tuple[RemoteEnv, str]:
+        """Return an environment that draws its trials by these options, and the token that it uses.
 
         Raises:
             ValueError: A name does not exist, or options do not go together.
@@ -45,7 +46,18 @@ class Service:
         """
         track = TrialOptions.of(**options).track
         token = self.token or self._registered(track)
-        return RemoteEnv(self.url, token, patience=PATIENCE_S, transport=self.transport, **options)
+        return RemoteEnv(self.url, token, patience=PATIENCE_S, transport=self.transport, **options), token
+
+    def forget(self, track: Track, token: str) -> bool:
+        """Forget an agent that the service does not know any more, so that the next environment registers another.
+
+        Returns:
+            Whether another can be registered: False if the token was given from outside.
+        """
+        with self._lock:
+            if self._tokens.get(track) == token:  # else another session has registered one already
+                del self._tokens[track]
+        return self.token is None
 
     def check(self) -> None:
         """Check that the service answers and has the town or suite of the defaults.
@@ -78,11 +90,13 @@ class Service:
 
 
 class Session(Closing):
-    """The episodes of one client, one after the other. One thread may use it at a time."""
+    """The episodes of one client, one after the other. A thread waits until another one's call is done."""
 
     def __init__(self, service: Service) -> None:
         self._service = service
         self._env: RemoteEnv | None = None
+        self._token = ""
+        self._lock = threading.RLock()
         self._options: dict[str, Any] = {}
         self.state = State()
         """What the client can ask about its episode, beside the observation."""
@@ -98,14 +112,21 @@ class Session(Closing):
         """
         given = {name: getattr(asked, name) for name in asked.model_fields_set - {"seed", "episode_id", "trial"}}
         options = {name: value for name, value in {**self._service.defaults, **given}.items() if value is not None}
-        with _refusals():
+        with self._lock, _refusals():
             env = self._environment(options)
             chosen = None if asked.trial is None else {"trial": asked.trial}
-            observation, info = env.reset(seed=asked.seed, options=chosen)
-        self.state = State(
-            episode_id=asked.episode_id or env.episode, track=env.track, town=info["town"], trial=info["trial"]
-        )
-        return Reply(observation=self._plain(observation))
+            try:
+                observation, info = env.reset(seed=asked.seed, options=chosen)
+            except AuthenticationError:  # its token was revoked, or the service has another database
+                if not self._service.forget(env.track, self._token):
+                    raise
+                self.close()
+                env = self._environment(options)
+                observation, info = env.reset(seed=asked.seed, options=chosen)
+            self.state = State(
+                episode_id=asked.episode_id or env.episode, track=env.track, town=info["town"], trial=info["trial"]
+            )
+            return Reply(observation=self._plain(observation))
 
     def step(self, action: Action) -> Reply:
         """Drive on for 0.1 s.
@@ -116,30 +137,31 @@ class Session(Closing):
         """
         if self._env is None:
             raise RefusedError(ErrorCode.EXECUTION_ERROR, "step before the first reset; call reset")
-        with _refusals():
+        with self._lock, _refusals():
             observation, reward, terminated, truncated, info = self._env.step(action)
-        self.state = self.state.model_copy(
-            update={
-                "step_count": self.state.step_count + ("lost" not in info),
-                "terminated": terminated,
-                "truncated": truncated,
-                "verdict": info.get("verdict"),
-                "lost": info.get("lost"),
-            }
-        )
-        return Reply(observation=self._plain(observation), reward=float(reward), done=terminated or truncated)
+            self.state = self.state.model_copy(
+                update={
+                    "step_count": self.state.step_count + ("lost" not in info),
+                    "terminated": terminated,
+                    "truncated": truncated,
+                    "verdict": info.get("verdict"),
+                    "lost": info.get("lost"),
+                }
+            )
+            return Reply(observation=self._plain(observation), reward=float(reward), done=terminated or truncated)
 
     def close(self) -> None:
         """End an open episode and close the connection."""
-        if self._env is not None:
-            self._env.close()
-        self._env = None
+        with self._lock:
+            if self._env is not None:
+                self._env.close()
+            self._env = None
 
     def _environment(self, options: dict[str, Any]) -> RemoteEnv:
         if self._env is None or options != self._options:
-            env = self._service.environment(options)
+            env, token = self._service.environment(options)
             self.close()
-            self._env, self._options, self.state = env, options, State()
+            self._env, self._token, self._options, self.state = env, token, options, State()
         return self._env
 
     def _plain(self, observation: Observation) -> dict[str, Any]:

@@ -66,6 +66,8 @@ class FakeService:
         self.finished = 0
         self.begun = False
         self.secret: str | None = SECRET
+        self.token = "secret"
+        """Of the agents that are registered."""
         self.aborted: list[str] = []
         self.lost: set[str] = set()
         self.results: dict[str, Any] | None = None
@@ -112,7 +114,7 @@ class FakeService:
                 return httpx.Response(200, json={"status": "ok"})
             case "POST", ["v1", "agents"]:
                 body = json.loads(request.content)
-                return httpx.Response(201, json={"id": "a1", "kind": "submitted", **body, "token": "secret"})
+                return httpx.Response(201, json={"id": "a1", "kind": "submitted", **body, "token": self.token})
             case "GET", ["v1", "agents"]:
                 agent = {"id": "a1", "name": "me", "track": "state", "kind": "submitted"}
                 return httpx.Response(200, json={"agents": [agent]})
