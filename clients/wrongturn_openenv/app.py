@@ -3,8 +3,9 @@
 import asyncio
 import contextlib
 import json
+import threading
 from collections.abc import AsyncIterator, Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future
 from functools import partial
 from importlib.metadata import version
 from typing import Any, Final, TypeVar
@@ -29,6 +30,8 @@ from wrongturn_protocol import Action, Track
 from wrongturn_protocol.observations import json_schema
 
 T = TypeVar("T")
+STOP_S: Final = 0.5
+"""Seconds that calls have left at a stop, and then the ends of episodes."""
 _TRY_AGAIN: Final = 1013
 """The WebSocket's code for a server that is full."""
 _DESCRIPTION: Final = "Drive towns whose navigation command may be wrong: steer, throttle and brake, 10 times a second."
@@ -41,20 +44,41 @@ class OpenEnvServer:
 
     Args:
         service: The service.
-        sessions: Most sessions at a time; each takes a thread.
+        sessions: Most sessions at a time.
     """
 
     def __init__(self, service: Service, sessions: int) -> None:
         self.service = service
         self._most = sessions
         self._open: set[Session] = set()
-        self._threads = ThreadPoolExecutor(sessions + 1, thread_name_prefix="session")
         self._by_http = Session(service)
         self._http = asyncio.Lock()
+        self._calls: set[asyncio.Future[Any]] = set()
+        self._stopped = False
 
     async def in_thread(self, function: Callable[[], T]) -> T:
-        """Run a function that waits for the service in a thread, and return its result."""
-        return await asyncio.get_running_loop().run_in_executor(self._threads, function)
+        """Run a function that waits for the service in a thread, and return its result.
+
+        Raises:
+            RefusedError: The server stops.
+        """
+        stops = RefusedError(ErrorCode.EXECUTION_ERROR, "the server stops")
+        if self._stopped:
+            raise stops
+        call = _in_thread(function)
+        self._calls.add(call)
+        try:
+            return await call
+        except asyncio.CancelledError:
+            raise stops from None
+        finally:
+            self._calls.discard(call)
+
+    async def ready(self) -> bool:
+        """Return whether the service can take episodes."""
+        with contextlib.suppress(RefusedError):
+            return await self.in_thread(self.service.ready)
+        return False
 
     async def by_http(self, function: Callable[[Session], T]) -> T:
         """Run a function on the session that all HTTP calls share, and return its result."""
@@ -84,22 +108,25 @@ class OpenEnvServer:
                     await websocket.close()
                     break
                 await websocket.send_text(answer)
-        except WebSocketDisconnect:
-            pass
+        except (WebSocketDisconnect, RefusedError, asyncio.CancelledError):
+            pass  # the client is gone, or the server stops
         finally:
             self._open.discard(session)
-            # Shielded, so that the episode is ended even if a stop cancels this task.
-            await asyncio.shield(asyncio.get_running_loop().run_in_executor(self._threads, session.close))
+            await _end(session)
 
-    def close(self) -> None:
-        """End all sessions."""
-        self._threads.shutdown()
-        for session in (*self._open, self._by_http):
-            session.close()
+    def stop(self) -> None:
+        """Refuse the calls that wait for the service, and all further ones."""
+        self._stopped = True
+        for call in self._calls:
+            call.cancel()
+
+    async def close(self) -> None:
+        """End the session of the HTTP calls. The others end with their connections."""
+        await _end(self._by_http)
 
 
 def create_app(service: Service, sessions: int) -> FastAPI:
-    """Return the ASGI application of an OpenEnv server.
+    """Return the ASGI application of an OpenEnv server. Call ``app.state.stop`` before you wait for its tasks.
 
     Args:
         service: The service that the sessions practise on.
@@ -110,7 +137,7 @@ def create_app(service: Service, sessions: int) -> FastAPI:
     @contextlib.asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         yield
-        await asyncio.to_thread(server.close)
+        await server.close()
 
     app = FastAPI(
         title="Wrongturn for OpenEnv",
@@ -120,12 +147,13 @@ def create_app(service: Service, sessions: int) -> FastAPI:
         redoc_url=None,
         lifespan=lifespan,
     )
+    app.state.stop = server.stop
     app.websocket("/ws")(server.converse)
 
     @app.get("/health")
     async def health() -> JSONResponse:
         """Return whether the service can take episodes."""
-        ready = await server.in_thread(service.ready)
+        ready = await server.ready()
         return JSONResponse({"status": "healthy" if ready else "unhealthy"}, 200 if ready else 503)
 
     @app.get("/metadata")
@@ -164,6 +192,30 @@ def create_app(service: Service, sessions: int) -> FastAPI:
         return {"jsonrpc": "2.0", "id": None, "error": _NO_TOOLS}
 
     return app
+
+
+def _in_thread(function: Callable[[], T]) -> asyncio.Future[T]:
+    """Run a function in a thread of its own, and return its result to come.
+
+    The thread is a daemon, so that the process can end while it still waits for the service.
+    """
+    result: Future[T] = Future()
+    result.set_running_or_notify_cancel()  # cancelling then only ends the waiting
+
+    def run() -> None:
+        try:
+            result.set_result(function())
+        except BaseException as error:
+            result.set_exception(error)
+
+    threading.Thread(target=run, daemon=True, name="session").start()
+    return asyncio.wrap_future(result)
+
+
+async def _end(session: Session) -> None:
+    """Close a session. A service that does not answer, or a call under way, does not hold this up for long."""
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(_in_thread(session.close), STOP_S)
 
 
 async def _received(websocket: WebSocket) -> str | None:

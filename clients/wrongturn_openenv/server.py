@@ -1,17 +1,19 @@
 """Runs uvicorn, and prints the URL once clients may connect."""
 
+import asyncio
 import contextlib
+import logging
 import signal
 import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import uvicorn
 from typing_extensions import override
 
 from wrongturn_client.errors import WrongturnError
-from wrongturn_openenv.app import create_app
+from wrongturn_openenv.app import STOP_S, create_app
 from wrongturn_openenv.session import Service
 
 READY: Final = "Wrongturn speaks OpenEnv at "
@@ -19,7 +21,8 @@ _LARGEST: Final = 1 << 16
 """Most bytes of a client's message; an action has about 60."""
 _PING_TIMEOUT_S: Final = 600.0
 """Seconds that a trainer may compute without answering pings, as long as its episode's lease."""
-_GRACE_S: Final = 5
+_GRACE_S: Final = 2
+"""Seconds after which a client that takes no more bytes is cut off."""
 
 
 def bind(host: str, port: int) -> socket.socket:
@@ -42,8 +45,9 @@ def run(service: Service, sessions: int, listening: socket.socket) -> None:
         sessions: Most sessions at a time.
         listening: Socket that listens.
     """
+    app = create_app(service, sessions)
     config = uvicorn.Config(
-        create_app(service, sessions),
+        app,
         # Compressing pictures costs more than it saves.
         ws="websockets-sansio",
         ws_per_message_deflate=False,
@@ -53,11 +57,17 @@ def run(service: Service, sessions: int, listening: socket.socket) -> None:
         access_log=False,
         log_level="warning",
     )
-    _Server(config).run(sockets=[listening])
+    _Server(config, app.state.stop).run(sockets=[listening])
+    # A call that still waits would log that it does not reach the service that this command ends next.
+    logging.getLogger("wrongturn_client").setLevel(logging.ERROR)
 
 
 class _Server(uvicorn.Server):
-    """Prints its URL once it is ready, and exits with status 0 on a signal."""
+    """Prints its URL once it is ready, and exits soon and with status 0 on a signal."""
+
+    def __init__(self, config: uvicorn.Config, stop: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._stop_calls = stop
 
     @override
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -65,6 +75,12 @@ class _Server(uvicorn.Server):
         host, port = (sockets or [])[0].getsockname()[:2]
         sys.stdout.write(f"{READY}http://{f'[{host}]' if ':' in host else host}:{port}\n")
         sys.stdout.flush()
+
+    @override
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        # Uvicorn waits for calls, and a reset may wait for the service much longer than one waits for a stop.
+        asyncio.get_running_loop().call_later(STOP_S, self._stop_calls)
+        await super().shutdown(sockets)
 
     @override
     @contextlib.contextmanager

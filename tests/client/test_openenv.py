@@ -1,8 +1,15 @@
 """The OpenEnv server before the service in memory: messages, errors, sessions and the calls over HTTP."""
 
 import json
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,10 +17,12 @@ import pytest
 from client_fake_service import FakeService, problem
 from starlette.testclient import TestClient
 from typer.testing import CliRunner
+from websockets.sync.client import connect
 
 from wrongturn_client import WrongturnError
 from wrongturn_client.cli import app
 from wrongturn_openenv.app import create_app
+from wrongturn_openenv.server import READY
 from wrongturn_openenv.session import Service
 from wrongturn_protocol import ProblemType, Track
 from wrongturn_protocol.observations import decode, observation_space
@@ -188,6 +197,107 @@ def test_a_service_that_refuses_is_quoted() -> None:
         assert _ask(socket, "reset")["type"] == "observation"
 
 
+def _known(*tokens: str) -> Any:
+    """An injection: the service knows these tokens alone."""
+
+    def answer(request: Any) -> Any:
+        token = request.headers.get("authorization")
+        known = token is None or token.removeprefix("Bearer ") in tokens
+        return None if known else problem(ProblemType.UNAUTHENTICATED, 401, "the token is unknown")
+
+    return answer
+
+
+def test_an_agent_that_the_service_does_not_know_any_more_is_registered_again() -> None:
+    fake = FakeService()
+    with _server(fake) as client, client.websocket_connect("/ws") as one, client.websocket_connect("/ws") as two:
+        _ask(one, "reset", seed=3)
+        _ask(two, "reset", seed=4)
+        fake.token, fake.inject = "second", _known("second")
+        assert _ask(one, "step", **GAS)["data"]["message"] == "the token is unknown"
+        assert _ask(one, "reset", seed=3)["type"] == "observation"
+        assert _ask(two, "reset", seed=3)["type"] == "observation"
+        assert fake.paths("POST").count("/v1/agents") == 2, "sessions share the new agent"
+        assert fake.practice[0] == fake.practice[2]
+        fake.inject = _known()
+        assert _ask(one, "reset")["data"]["message"] == "the token is unknown"
+        assert fake.paths("POST").count("/v1/agents") == 3, "it tries once"
+
+
+def test_a_token_that_was_given_is_never_replaced() -> None:
+    fake = FakeService()
+    with _server(fake, token="mine") as client, client.websocket_connect("/ws") as socket:
+        fake.inject = _known()
+        answer = _ask(socket, "reset")["data"]
+        assert (answer["code"], answer["message"]) == ("EXECUTION_ERROR", "the token is unknown")
+    assert "/v1/agents" not in fake.paths("POST")
+
+
+def test_health_and_ends_of_sessions_do_not_queue_behind_resets() -> None:
+    fake, begins, go = FakeService(), threading.Semaphore(0), threading.Event()
+
+    def wait(request: Any) -> None:
+        if request.method == "POST" and request.url.path == "/v1/episodes":
+            begins.release()
+            go.wait(30)
+
+    with _server(fake, sessions=2) as client, client.websocket_connect("/ws") as one:
+        _ask(one, "reset")
+        with client.websocket_connect("/ws") as two:
+            fake.inject = wait  # type: ignore[assignment]
+            two.send_text('{"type": "reset"}')
+            http = threading.Thread(target=client.post, args=("/reset",))
+            http.start()
+            assert begins.acquire(timeout=10)
+            assert begins.acquire(timeout=10)
+            assert client.get("/health").json() == {"status": "healthy"}
+            one.send_json({"type": "close"})
+            assert one.receive()["type"] == "websocket.close"
+            while fake.aborted != ["ep0"]:
+                time.sleep(0.01)
+            go.set()
+            assert two.receive_json()["type"] == "observation"
+            http.join()
+
+
+def test_a_stop_does_not_wait_for_a_busy_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: set[str] = set()
+
+    class Busy(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            asked.add(self.path)
+            self.send_response(200 if self.path.startswith("/health") else 503)
+            self.send_header("content-length", "0")
+            self.end_headers()
+
+        def log_message(self, *_: Any) -> None:
+            pass
+
+    monkeypatch.setenv("WRONGTURN_TOKEN", "mine")
+    busy = ThreadingHTTPServer(("127.0.0.1", 0), Busy)
+    threading.Thread(target=busy.serve_forever, daemon=True).start()
+    url = f"http://127.0.0.1:{busy.server_port}"
+    command = [sys.executable, "-m", "wrongturn_client", "openenv", "--url", url, "--port", "0"]
+    with busy, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        address = process.stdout.readline().removeprefix(f"{READY}http://").strip()
+        host, port = address.split(":")
+        with connect(f"ws://{address}/ws") as one, socket.create_connection((host, int(port))) as two:
+            one.send('{"type": "reset", "data": {"town": "Town02"}}')
+            two.sendall(b"POST /reset HTTP/1.1\r\nhost: here\r\ncontent-length: 0\r\n\r\n")
+            while len(asked) < 3:  # the health, and a town for each reset
+                time.sleep(0.01)
+            begun = time.monotonic()
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(30) == 0
+            took = time.monotonic() - begun
+            assert b"the server stops" in two.recv(4096)
+        assert process.stderr.read() == ""
+        busy.shutdown()
+    assert took < 5, "the patience with a busy service is 45 s"
+
+
 def test_one_session_too_many_is_told_so() -> None:
     with _server(FakeService(), sessions=1) as client:
         with client.websocket_connect("/ws") as first, client.websocket_connect("/ws") as second:
@@ -222,6 +332,8 @@ def test_what_openenvs_validator_asks_for() -> None:
         assert "rgb" in schema["observation"]["properties"]
         assert "verdict" in schema["state"]["properties"]
         openapi = client.get("/openapi.json").json()
+        for name in ("Reply", "StepRequest", "State"):
+            assert all(one.get("description") for one in openapi["components"]["schemas"][name]["properties"].values())
         assert openapi["info"]["version"].startswith("1.")
         assert {"/reset", "/step", "/state"} <= openapi["paths"].keys()
         assert client.post("/mcp", json={}).json()["jsonrpc"] == "2.0"
