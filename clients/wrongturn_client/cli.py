@@ -185,17 +185,9 @@ def _terminated(_signal: int, _frame: object) -> None:
     sys.exit(128 + signal.SIGTERM)
 
 
-def _keep_retries_quiet() -> None:
-    """Keep stamina from reporting retries with structlog, which prints to stdout and would spoil ``--json``."""
-    from stamina import instrumentation  # noqa: PLC0415 - keeps the module's import quick
-
-    instrumentation.set_on_retry_hooks(())
-
-
 def main() -> None:
     """Run the program. Expected errors are one line on stderr, with exit status 1."""
     signal.signal(signal.SIGTERM, _terminated)
-    _keep_retries_quiet()
     try:
         app(prog_name="wrongturn")
     except BrokenPipeError:

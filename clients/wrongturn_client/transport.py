@@ -1,9 +1,11 @@
 """Sending a call until it is answered: headers, retries, msgpack or JSON, and errors."""
 
+import functools
 import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 from urllib.parse import SplitResult, quote, urlsplit
 
@@ -11,6 +13,7 @@ import httpx
 import msgpack
 import stamina
 from pydantic import ValidationError
+from stamina import instrumentation
 
 from wrongturn_client.availability import Availability
 from wrongturn_client.connections import Answer, ConnectionBrokeError, HttpxConnections, connect
@@ -169,6 +172,21 @@ class Transport:
         raise AssertionError("stamina ends with a result or an error")
 
 
+@functools.cache
+def _keep_retries_quiet() -> None:
+    """Keep stamina from reporting the client's retries, which it does with structlog on stdout.
+
+    The client logs one line itself, see :class:`~wrongturn_client.availability.Availability`. Retries of other programs
+    are reported as before.
+    """
+    instrumentation.set_on_retry_hooks([partial(_report, hook) for hook in instrumentation.get_on_retry_hooks()])
+
+
+def _report(hook: instrumentation.RetryHook, details: instrumentation.RetryDetails) -> Any:
+    ours = isinstance(details.caused_by, ConnectionBrokeError | WrongturnError)
+    return None if ours else hook(details)
+
+
 def attempts(patience: float, availability: Availability) -> Iterator[stamina.Attempt]:
     """Return attempts, with pauses between them, at something that fails when a connection breaks or a service is busy.
 
@@ -176,6 +194,7 @@ def attempts(patience: float, availability: Availability) -> Iterator[stamina.At
         patience: Seconds for which to try.
         availability: What the client knows of the service.
     """
+    _keep_retries_quiet()
     begin = time.monotonic()
     longest = min(_LONGEST_GROWN_PAUSE, availability.patience(patience) / 4)
     broken = 0

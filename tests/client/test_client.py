@@ -7,6 +7,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+import stamina
 from client_fake_service import FakeService, problem
 
 import wrongturn_client
@@ -170,7 +171,7 @@ def test_a_first_contact_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_it_is_told_once_that_a_service_is_waited_for(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("wrongturn_client.transport.time.sleep", lambda _: None)
     caplog.set_level("INFO", logger="wrongturn_client")
@@ -190,6 +191,17 @@ def test_it_is_told_once_that_a_service_is_waited_for(
             waits, again = outage(4)
             assert waits == "http://fake does not answer (refused); trying again for up to 30 s"
             assert again == "http://fake answers again"
+    assert capsys.readouterr() == ("", "")
+
+
+def test_retries_of_other_programs_are_reported(capsys: pytest.CaptureFixture[str]) -> None:
+    with Client("http://fake", transport=FakeService().transport) as client:
+        client.suites()
+    for attempt in stamina.retry_context(on=ValueError, wait_initial=0, wait_max=0, wait_jitter=0):
+        with attempt:
+            if attempt.num == 1:
+                raise ValueError("anothers")
+    assert "anothers" in capsys.readouterr().out
 
 
 def test_retry_after_is_honoured(monkeypatch: pytest.MonkeyPatch) -> None:
