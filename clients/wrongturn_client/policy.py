@@ -18,10 +18,7 @@ class Policy(Protocol):
         """Begin an episode, whose observations come from this space; forget the last one."""
 
     def act(self, observation: Observation, /) -> ActionLike:
-        """Return the action for the next 0.1 s: an Action, or steer, throttle and brake as an array, tuple or list.
-
-        Do not write to the arrays of ``observation``.
-        """
+        """Return the action for the next 0.1 s: an Action, or steer, throttle and brake as an array, tuple or list."""
 
 
 PolicyMaker = Callable[[], Policy]

@@ -105,7 +105,7 @@ class Session(Closing):
         """Begin the next episode. An episode that is open is ended.
 
         Args:
-            asked: Its parameters. One that is None takes back what the server was started with.
+            asked: Its parameters. One that is None drops the server's own option.
 
         Raises:
             RefusedError: A parameter is wrong, or the service cannot begin the episode.
