@@ -3,6 +3,7 @@ import warnings
 import numpy as np
 import pytest
 
+from wrongturn_protocol import OptionError
 from wrongturn_protocol.observations import observation_space
 from wrongturn_sim import WrongturnVectorEnv
 
@@ -55,6 +56,21 @@ def test_attributes_and_methods():
         envs.set_attr("track", "camera")
     with pytest.raises(RuntimeError, match="step_async"):
         envs.step_wait()
+
+
+def test_it_renders_the_pictures_of_the_batch():
+    envs = WrongturnVecEnv(2, town="junctions", render_mode="rgb_array")
+    envs.reset()
+    assert envs.render().shape == (960, 864, 3)
+    assert np.array_equal(envs.get_images(), envs.envs.render())
+    assert WrongturnVecEnv(2, town="junctions").get_images() == [None, None]
+    envs.close()
+
+
+def test_only_same_step_is_taken():
+    assert WrongturnVecEnv(2, town="junctions", autoreset_mode="SameStep").num_envs == 2
+    with pytest.raises(OptionError, match=r"^autoreset_mode: is NextStep; .* needs SameStep, so leave it out$"):
+        WrongturnVecEnv(2, town="junctions", autoreset_mode="NextStep")
 
 
 def test_a_trial_by_the_options():

@@ -11,6 +11,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from wrongturn_client import RemoteVectorEnv
+from wrongturn_protocol import OptionError
+from wrongturn_protocol.vectors import autoreset_mode_of
 from wrongturn_sim import WrongturnVectorEnv
 
 
@@ -31,8 +33,11 @@ class WrongturnVecEnv(VecEnv):
     """
 
     def __init__(self, num_envs: int, **options: Any) -> None:
+        mode = autoreset_mode_of(options.pop("autoreset_mode", AutoresetMode.SAME_STEP))
+        if mode is not AutoresetMode.SAME_STEP:
+            raise OptionError(f"autoreset_mode: is {mode.value}; Stable-Baselines3 needs SameStep, so leave it out")
         made = RemoteVectorEnv if "url" in options else WrongturnVectorEnv
-        self.envs = made(num_envs, **options, autoreset_mode=AutoresetMode.SAME_STEP)
+        self.envs = made(num_envs, **options, autoreset_mode=mode)
         self._waiting: NDArray[Any] | None = None
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
 
@@ -111,8 +116,8 @@ class WrongturnVecEnv(VecEnv):
         return [False for _ in self._chosen(indices)]
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """Return None for each environment: pictures are observations."""
-        return [None] * self.num_envs
+        """Return a picture of each environment; None for each unless ``render_mode`` is ``rgb_array``."""
+        return (self.envs.render() if self.render_mode else None) or [None] * self.num_envs
 
     def _chosen(self, indices: VecEnvIndices) -> Iterable[int]:
         chosen: Iterable[int] = self._get_indices(indices)
