@@ -12,6 +12,7 @@ from wrongturn_client.availability import Availability
 from wrongturn_client.connections import ConnectionBrokeError
 from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result
 from wrongturn_client.errors import ApiError, ProtocolError, ServiceBusyError, ServiceUnreachableError
+from wrongturn_client.one_thread import OneThread
 from wrongturn_client.problems import api_error
 from wrongturn_client.transport import attempts
 from wrongturn_client.websocket import WebSocketConnection
@@ -56,6 +57,7 @@ class Drive(DriveConnection):
         self._availability = availability or Availability(url.geturl())
         self._open = partial(WebSocketConnection, url, token, timeout)
         self._connection: WebSocketConnection | None = None
+        self._alone = OneThread()
         self._number = 0
         self._unanswered: dict[int, bytes] = {}
         self._early: dict[int, list[Result]] = {}
@@ -72,26 +74,29 @@ class Drive(DriveConnection):
         """Send a message of calls and return its number."""
         if not 0 < len(calls) <= CALLS:
             raise ValueError(f"calls: are {len(calls)}; send 1 to {CALLS} in a message")
-        self._number = number = (self._number + 1) % _NUMBERS
-        self._unanswered[number] = message = pack_calls(number, calls)
-        try:
-            self._connected().send(message)
-        except ConnectionBrokeError:
-            self._connect()
-        return number
+        with self._alone:
+            self._number = number = (self._number + 1) % _NUMBERS
+            self._unanswered[number] = message = pack_calls(number, calls)
+            try:
+                self._connected().send(message)
+            except ConnectionBrokeError:
+                self._connect()
+            return number
 
     def receive(self) -> tuple[int, list[Result]]:
         """Wait for any answered message and return its number and results."""
-        if self._early:
-            number = next(iter(self._early))
-            return number, self._early.pop(number)
-        return self._receive()
+        with self._alone:
+            if self._early:
+                number = next(iter(self._early))
+                return number, self._early.pop(number)
+            return self._receive()
 
     def exchange(self, calls: Sequence[EpisodeCall], patience: float | None = None) -> list[Result]:
         """Send a message of calls and return their results; calls that meet a busy service are repeated."""
-        results = self._wait(self.submit(calls))
-        self.retry_busy(calls, results, patience)
-        return results
+        with self._alone:
+            results = self._wait(self.submit(calls))
+            self.retry_busy(calls, results, patience)
+            return results
 
     def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result], patience: float | None = None) -> None:
         """Repeat the calls that met a busy service, and replace their results."""

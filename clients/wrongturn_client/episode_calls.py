@@ -102,7 +102,7 @@ class EpisodeCalls(Closing):
 class DriveConnection(EpisodeCalls):
     """Connection for driving many episodes: several calls go in one message, and several messages may be open.
 
-    One thread may use it at a time.
+    One thread may use it at a time; another one gets a WrongturnError.
     """
 
     patience: float

@@ -8,6 +8,7 @@ from typing import Any, Final
 from wrongturn_client.decoding import decode_reply, validated
 from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result
 from wrongturn_client.errors import ApiError
+from wrongturn_client.one_thread import OneThread
 from wrongturn_client.transport import Reply, Transport, path_of
 from wrongturn_protocol import EpisodeDetail, EpisodeReply, StepReply
 from wrongturn_protocol.wire import Call
@@ -86,6 +87,7 @@ class HttpDrive(DriveConnection):
         """
         self.patience = http.patience
         self._http = http
+        self._alone = OneThread()
         self._threads = ThreadPoolExecutor(threads, "wrongturn-http") if threads > 1 else None
         self._numbers = count()
         self._open: dict[int, list[Future[Result]]] = {}
@@ -111,11 +113,12 @@ class HttpDrive(DriveConnection):
 
     def exchange(self, calls: Sequence[EpisodeCall], patience: float | None = None) -> list[Result]:
         """Send a message of calls and return their results."""
-        if len(calls) == 1:
-            return [self._result(calls[0], patience)]
-        futures = [self._start(call, patience) for call in calls]
-        wait(futures)  # after an error too: no call may be under way when the caller repeats it
-        return [future.result() for future in futures]
+        with self._alone:
+            if len(calls) == 1:
+                return [self._result(calls[0], patience)]
+            futures = [self._start(call, patience) for call in calls]
+            wait(futures)  # after an error too: no call may be under way when the caller repeats it
+            return [future.result() for future in futures]
 
     def close(self) -> None:
         """Wait for open calls and end the threads; open episodes stay open."""

@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from typing import Any
 
@@ -20,6 +21,7 @@ from wrongturn_client import (
     RemoteVectorEnv,
     ServiceFullError,
     ServiceUnreachableError,
+    WrongturnError,
 )
 
 GAS = np.float32([0.1, 0.8, 0.0])
@@ -111,6 +113,23 @@ def test_a_connection_that_breaks_costs_no_step(forwarder: Forwarder, service: L
             np.testing.assert_array_equal(array, other[name])
 
 
+def test_threads_that_use_one_environment_at_a_time_are_told(service: LocalService) -> None:
+    env = RemoteEnv(service.url, patience=5.0)
+    env.reset(seed=1)
+
+    def drive() -> None:
+        for _ in range(10):
+            env.step(GAS)
+
+    with ThreadPoolExecutor(8) as threads:
+        errors = [end.exception() for end in [threads.submit(drive) for _ in range(8)]]
+    assert all(error is None or isinstance(error, WrongturnError) for error in errors)
+    assert any("used by two threads at a time; make one for each thread" in str(error) for error in errors)
+    env.reset(seed=1)
+    env.step(GAS)
+    env.close()
+
+
 @pytest.fixture
 def small(tmp_path: Any) -> Iterator[dict[str, Any]]:
     """How to start a service with two simulators."""
@@ -191,12 +210,13 @@ def test_stable_baselines_learns_over_the_wire(service: LocalService) -> None:
     ppo = pytest.importorskip("stable_baselines3").PPO
     from wrongturn_agents.training import WrongturnVecEnv
 
-    envs = WrongturnVecEnv(2, url=service.url, town="junctions", track="privileged")
+    envs = WrongturnVecEnv(2, url=service.url, town="junctions", track="privileged", render_mode="rgb_array")
     before = _figure(service.url, "wrongturn_steps_total")
     ppo("MultiInputPolicy", envs, n_steps=16, batch_size=16, n_epochs=1, seed=1, device="cpu").learn(64)
     assert _figure(service.url, "wrongturn_steps_total") - before == 64
     envs.seed(3)
     envs.reset()
+    assert envs.render().shape == (960, 864, 3)
     told: list[dict[str, Any]] = []
     while not told:
         _, _, dones, infos = envs.step(_gas(2))
