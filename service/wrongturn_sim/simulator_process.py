@@ -66,7 +66,13 @@ class SimulatorProcess:
         Raises:
             SimError: The request was refused.
             SimulatorFailedError: The process has ended.
+            SimulatorInUseError: This process is a fork of the one that started it.
         """
+        if self._maker != os.getpid():
+            raise SimulatorInUseError(
+                "the environment was made before this process was forked, and the other process drives its simulation; "
+                "reset the environment here"
+            )
         try:
             self._connection.send((request, arguments))
             reply = self._connection.recv()

@@ -111,6 +111,28 @@ def test_the_second_with_traffic_has_a_process_that_ends_with_it():
     assert children() == before, "the first one's simulator is free"
 
 
+def test_a_fork_is_told_and_does_not_disturb_its_parent():
+    first, second = (WrongturnSimEnv("junctions", traffic=TRAFFIC) for _ in range(2))
+    for env in (first, second):
+        env.reset(seed=1)
+    child = os.fork()
+    if child == 0:
+        told = False
+        try:
+            second.step(action(0))
+        except SimulatorInUseError as error:
+            told = "reset the environment here" in str(error)
+        finally:
+            os._exit(0 if told else 1)
+    for step in range(5):
+        for env in (first, second):
+            env.step(action(step))
+    assert os.waitpid(child, 0)[1] == 0
+    assert record_of(first.episode) == record_of(second.episode)
+    for env in (first, second):
+        env.close()
+
+
 def interrupt(*_):
     raise KeyboardInterrupt
 
