@@ -85,12 +85,16 @@ def checked_actions(actions: Any, driven: Flags, error: type[Exception]) -> NDAr
         error: The class to raise for a wrong action.
     """
     count = len(driven)
+    wanted = f"actions: give ({count}, 3) numbers, steer, throttle and brake of each environment"
     try:
-        given = np.asarray(actions, np.float64)
-    except (TypeError, ValueError):
-        given = np.empty(0)
+        kind = np.asarray(actions).dtype
+        given = np.asarray(actions, np.float64) if kind.kind in "bfiu" else None
+    except (RuntimeError, TypeError, ValueError) as cause:  # lists of different lengths, a tensor on a GPU
+        raise error(f"{wanted} ({cause})") from cause
+    if given is None:
+        raise error(f"{wanted}, not {kind}")
     if given.shape != (count, 3):
-        raise error(f"actions: give ({count}, 3) numbers, steer, throttle and brake of each environment")
+        raise error(f"{wanted}, not the shape {given.shape}")
     right = (given >= (-1.0, 0.0, 0.0)) & (given <= 1.0) | ~driven[:, None]
     if not right.all():
         i, k = np.argwhere(~right)[0].tolist()

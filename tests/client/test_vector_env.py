@@ -184,6 +184,8 @@ BAD[1, 2] = np.nan
         (_gas(4), r"actions: give \(3, 3\)"),
         ("left", "actions: give"),
         (None, "actions: give"),
+        ([["0", "0.5", "0"]] * 3, "actions: give"),
+        (np.zeros((3, 3), complex), "actions: give .*, not complex128"),
         ([[0, 0, 0], [0, 0], [0, 0, 0]], "actions: give"),
     ],
 )

@@ -355,6 +355,13 @@ def test_a_reset_of_some_leaves_the_others_alone():
     assert envs.steps.tolist() == [0, 1, 1]
 
 
+class Learned:
+    """Refuses as a torch tensor that requires a gradient."""
+
+    def __array__(self, *_, **__):
+        raise RuntimeError("Can't call numpy() on Tensor that requires grad.")
+
+
 def test_what_cannot_be_done_says_why(make_trial):
     envs = WrongturnVectorEnv(2, "junctions", autoreset_mode="Disabled")
     still = np.zeros((2, 3), np.float32)
@@ -363,7 +370,7 @@ def test_what_cannot_be_done_says_why(make_trial):
     with pytest.raises(ValueError, match="begun no trial"):
         envs.episode(0)
     envs.reset(seed=1)
-    for action in (None, "left", still[0], np.zeros((3, 3))):
+    for action in (None, "left", still[0], np.zeros((3, 3)), [["0", "0.5", "0"]] * 2, still + 0j, Learned()):
         with pytest.raises(InvalidActionError, match="actions: give"):
             envs.step(action)
     for field, (k, value) in {"steer": (0, -1.1), "throttle": (1, -0.1), "brake": (2, np.nan)}.items():
