@@ -56,7 +56,7 @@ class Screen:
         """Show a picture, RGB uint8 (height, width, 3), and wait until a tenth of a second after the one before."""
         pygame, size = self._pygame, (image.shape[1], image.shape[0])
         if self._window is None:
-            pygame.init()
+            pygame.display.init()  # not pygame.init(), which starts sound too
             pygame.display.set_caption("Wrongturn")
             self._window = pygame.display.set_mode(size)
             self._clock = pygame.time.Clock()

@@ -171,6 +171,7 @@ def test_human_mode_shows_each_picture_in_a_window(monkeypatch):
     shown = [pygame.surfarray.array3d(pygame.display.get_surface())]
     env.step(np.float32([0.0, 1.0, 0.0]))
     env.step(np.float32([0.0, 1.0, 0.0]))
+    assert not pygame.mixer.get_init(), "it starts no sound"
     shown.append(pygame.surfarray.array3d(pygame.display.get_surface()))
     assert shown[0].shape == (864, 480, 3)
     assert not np.array_equal(*shown)
