@@ -14,7 +14,7 @@ from wrongturn_client.practice import Practice
 from wrongturn_protocol import ActionLike, Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, Screen, check_render_mode
-from wrongturn_protocol.trial_options import check_options
+from wrongturn_protocol.trial_options import check_keywords, check_options
 
 
 class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -54,6 +54,7 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         track: Track | str = Track.STATE,
         **options: Unpack[TrialKeywords],
     ) -> None:
+        check_keywords(RemoteEnv, options)
         check_render_mode(render_mode)
         self.render_mode = render_mode
         self._screen = Screen() if render_mode == "human" else None

@@ -25,6 +25,7 @@ from wrongturn_client.practice import Practice
 from wrongturn_protocol import Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 from wrongturn_protocol.screen import FRAMES_A_SECOND, VECTOR_RENDER_MODES, check_render_mode
+from wrongturn_protocol.trial_options import check_keywords
 from wrongturn_protocol.vectors import (
     Flags,
     autoreset_mode_of,
@@ -87,6 +88,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         track: Track | str = Track.STATE,
         **options: Unpack[TrialKeywords],
     ) -> None:
+        check_keywords(RemoteVectorEnv, options)
         check_render_mode(render_mode, VECTOR_RENDER_MODES)
         self.render_mode = render_mode
         self.num_envs = count = whole_number("num_envs", num_envs)

@@ -1,6 +1,7 @@
 """What an environment's trials are drawn from: the same options in process and over the wire."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import inspect
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, TypedDict, TypeVar, Unpack
@@ -76,7 +77,7 @@ class TrialOptions:
             OptionError: A value has the wrong type, a name does not exist, or options do not go together.
         """
         if unknown := given.keys() - TrialKeywords.__annotations__.keys():
-            raise TypeError(_no_option(min(unknown), ("town", "track", *TrialKeywords.__annotations__)))
+            raise TypeError(no_option(min(unknown), ("town", "track", *TrialKeywords.__annotations__)))
         _check_text("town", town)
         for name in ("approach", "suite"):
             _check_text(name, given.get(name))
@@ -132,6 +133,21 @@ class TrialOptions:
             raise OptionError("approach: cruises begin anywhere in the town; leave it out")
 
 
+def check_keywords(made: Callable[..., object], given: Iterable[str]) -> None:
+    """Check the names of the keyword arguments that an environment leaves to :class:`TrialOptions`.
+
+    Args:
+        made: The environment's class, whose signature has the names of its other options.
+        given: The names.
+
+    Raises:
+        TypeError: There is no option of that name; the message has all names.
+    """
+    if unknown := set(given) - TrialKeywords.__annotations__.keys():
+        own = [name for name, one in inspect.signature(made).parameters.items() if one.kind is not one.VAR_KEYWORD]
+        raise TypeError(no_option(min(unknown), (*own, *TrialKeywords.__annotations__)))
+
+
 def check_options(options: Mapping[str, Any] | None, known: Collection[str]) -> Mapping[str, Any]:
     """Return the ``options`` of an environment's ``reset``; without options, an empty mapping.
 
@@ -148,7 +164,7 @@ def check_options(options: Mapping[str, Any] | None, known: Collection[str]) -> 
         raise OptionError(f"options: is {options!r}; give a dict with {' or '.join(known)}")
     for name in options:
         if name not in known:
-            raise OptionError(_no_option(f"options.{name}", known))
+            raise OptionError(no_option(f"options.{name}", known))
     return options
 
 
@@ -170,7 +186,7 @@ def _traffic(traffic: object) -> Traffic:
         )
     name = str(first["loc"][0])
     if first["type"] == "extra_forbidden":
-        raise OptionError(_no_option(f"traffic.{name}", Traffic.model_fields))
+        raise OptionError(no_option(f"traffic.{name}", Traffic.model_fields))
     raise OptionError(f"traffic.{name}: is {first['input']!r}; give a whole number from 0 to 200")
 
 
@@ -201,7 +217,7 @@ def _one_of(name: str, kind: type[E], value: object) -> E:
         raise OptionError(f"{name}: {value!r} is unknown; give one of {', '.join(choices)}{meant}") from None
 
 
-def _no_option(name: str, known: Iterable[str]) -> str:
+def no_option(name: str, known: Iterable[str]) -> str:
     """Return what to say of an option that does not exist. The part of its name after the last dot is the wrong one."""
     options = list(known)
     meant = did_you_mean(name.rpartition(".")[2], options)

@@ -6,6 +6,7 @@ junctions, equally often at each approach, and before bends.
 
 import bisect
 import itertools
+import math
 import random as generators
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -114,6 +115,8 @@ def draw_cruise(
         )
     if not 0.0 <= alone <= 1.0:
         raise CruiseError(f"alone: {alone} is no share of the cruises; give a number from 0 to 1")
+    if not 0.0 < time_limit < math.inf:
+        raise CruiseError(f"time_limit: {time_limit} is no time to drive; give seconds, more than 0")
     least = traffic if least_traffic is None else least_traffic
     if least.vehicles > traffic.vehicles or least.pedestrians > traffic.pedestrians:
         raise CruiseError(f"least_traffic: {least} is more than traffic, {traffic}; give fewer")

@@ -10,7 +10,7 @@ from wrongturn_protocol import ActionLike, Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.actions import three_numbers
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, Screen, check_render_mode
-from wrongturn_protocol.trial_options import check_options
+from wrongturn_protocol.trial_options import check_keywords, check_options
 from wrongturn_sim.environment_simulator import EnvironmentSimulator
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.errors import EpisodeNotStartedError, InvalidActionError
@@ -55,6 +55,7 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         camera: "Camera | None" = None,
         **options: Unpack[TrialKeywords],
     ) -> None:
+        check_keywords(WrongturnSimEnv, options)
         trials = TrialOptions.of(town, track, **options)
         self.track = trials.track
         check_render_mode(render_mode)

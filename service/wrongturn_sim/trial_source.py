@@ -1,18 +1,23 @@
 """The trials that an environment in process draws, and checks of its other arguments."""
 
+import inspect
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from pydantic import ValidationError
 
-from wrongturn_networks import NetworkError, draw_cruise, draw_journey, draw_trial, load_suite, load_town
+from wrongturn_networks import CruiseError, NetworkError, draw_cruise, draw_journey, draw_trial, load_suite, load_town
 from wrongturn_protocol import OptionError, Task, Trial, TrialOptions, Weather
 from wrongturn_protocol.observations import IMAGE_SHAPE
-from wrongturn_protocol.trial_options import DEFAULT_TOWN
+from wrongturn_protocol.trial_options import DEFAULT_TOWN, no_option
 from wrongturn_sim.faults import FaultNotApplicableError, check_fault, fault_class
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera import Camera
+
+_NOT_OF_JOURNEYS: Final = frozenset({"town", "random", "weather", "traffic"})
+"""Arguments of ``draw_cruise`` that are not in ``journeys``: the environment has options for them."""
 
 
 def a_flag(name: str, value: bool) -> bool:
@@ -122,10 +127,20 @@ class TrialSource:
         return draw_journey(self._town, task, seed, weather=weather, traffic=options.traffic, approach=options.approach)
 
     def _check_journeys(self) -> None:
+        known = inspect.signature(draw_cruise).parameters.keys() - _NOT_OF_JOURNEYS
+        for name in self._options.journeys or {}:
+            if name not in known:
+                raise OptionError(no_option(f"journeys.{name}", sorted(known)))
         try:
             self._journey(np.random.default_rng(0))
-        except TypeError as error:
-            raise OptionError(f"journeys: {error}; see wrongturn_networks.draw_cruise") from None
+        except CruiseError as error:
+            raise OptionError(f"journeys: {error}") from None
+        except (AttributeError, TypeError, ValidationError) as error:  # of the wrong type, such as text
+            reason = str(error).partition("\n")[0]
+            raise OptionError(
+                f"journeys: {self._options.journeys!r} has a value of the wrong type ({reason}); "
+                "see wrongturn_networks.draw_cruise"
+            ) from None
 
     def _made(self, approach: str, seed: int, weather: Weather) -> Trial:
         assert self._town is not None

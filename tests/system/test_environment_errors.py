@@ -1,5 +1,6 @@
 """What the four environments say of options that they do not know, before anything is driven."""
 
+import math
 from typing import Any
 
 import gymnasium
@@ -64,6 +65,43 @@ def test_an_argument_of_the_wrong_type_is_told(options: dict[str, Any], says: st
     make = gymnasium.make_vec if "num_envs" in options else gymnasium.make
     with pytest.raises(OptionError, match=says):
         make("wrongturn_sim:WrongturnSim-v0", town="junctions", **options)
+
+
+def test_an_option_that_does_not_exist_is_told_with_all_that_do(make: Any) -> None:
+    with pytest.raises(
+        TypeError, match=r"^rendr_mode: there is no such option; .*\. Did you mean render_mode\?"
+    ) as told:
+        make(rendr_mode="human")
+    own = ("url", "token", "patience") if "patience" in str(told.value) else ("strict", "camera")
+    for name in (*own, "render_mode", "town", "track", "traffic"):
+        assert f" {name}" in str(told.value)
+
+
+def test_a_mistyped_option_of_one_environment_is_told_with_the_one_that_is_meant() -> None:
+    for id_, name, meant in (
+        ("wrongturn_sim:WrongturnSim-v0", "strct", "strict"),
+        (*list(SINGLE)[1:], "tokn", "token"),
+    ):
+        with pytest.raises(TypeError, match=rf"^{name}: .*\. Did you mean {meant}\?"):
+            gymnasium.make(id_, **{name: True})
+
+
+@pytest.mark.parametrize(
+    ("journeys", "says"),
+    [
+        ({"time_limit": math.nan}, "time_limit: nan is no time to drive; give seconds, more than 0$"),
+        ({"time_limit": -1}, "time_limit: -1 is no time to drive; give seconds, more than 0$"),
+        ({"near_junctions": 2.0}, "near_junctions, near_bends, inside_junctions: .* are not shares"),
+        ({"near_junction": 0.4}, r"near_junction: there is no such option; .*\. Did you mean near_junctions\?$"),
+        ({"speed": 5}, "'speed': 5.* has a value of the wrong type"),
+        ({"time_limit": "long"}, "'time_limit': 'long'.* has a value of the wrong type"),
+        ({"least_traffic": {"vehicles": 2}}, "'least_traffic': .* has a value of the wrong type"),
+    ],
+)
+def test_what_is_wrong_with_journeys_is_told_in_one_line(journeys: dict[str, Any], says: str) -> None:
+    with pytest.raises(OptionError, match=rf"^journeys[.:].*{says}") as told:
+        gymnasium.make("wrongturn_sim:WrongturnSim-v0", town="Town01", task="cruise", journeys=journeys)
+    assert "\n" not in str(told.value)
 
 
 def test_a_url_that_is_no_text_is_told() -> None:

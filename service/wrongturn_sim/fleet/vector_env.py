@@ -19,6 +19,7 @@ from wrongturn_networks import load_town
 from wrongturn_protocol import OptionError, Track, Traffic, Trial, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import Observation, action_space, observation_space
 from wrongturn_protocol.screen import FRAMES_A_SECOND, VECTOR_RENDER_MODES, check_render_mode
+from wrongturn_protocol.trial_options import check_keywords
 from wrongturn_protocol.vectors import (
     Flags,
     autoreset_mode_of,
@@ -96,6 +97,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         render_mode: str | None = None,
         **options: Unpack[TrialKeywords],
     ) -> None:
+        check_keywords(WrongturnVectorEnv, options)
         for name, number in (("num_envs", num_envs), ("threads", threads)):
             whole_number(name, number)
         for name, flag in (("strict", strict), ("record", record), ("copy", copy)):
