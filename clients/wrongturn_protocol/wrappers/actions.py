@@ -12,6 +12,7 @@ from gymnasium.wrappers import TransformAction
 from numpy.typing import NDArray
 
 from wrongturn_protocol.observations import action_space
+from wrongturn_protocol.space_text import in_short
 
 DEFAULT_ACTIONS: Final = tuple(
     (steer, throttle, brake)
@@ -81,8 +82,8 @@ class SteerAndPedal(TransformAction[Any, Any, Any], RecordConstructorArgs):
 def _needs_three_controls(env: gymnasium.Env[Any, Any], wrapper: object) -> None:
     if env.action_space != action_space():
         raise ValueError(
-            f"{type(wrapper).__name__}: actions of this environment are {env.action_space}, not steer, throttle and "
-            "brake; wrap it before other wrappers of actions"
+            f"{type(wrapper).__name__}: actions of this environment are {in_short(env.action_space)}, not "
+            "steer, throttle and brake; wrap it before other wrappers of actions"
         )
 
 

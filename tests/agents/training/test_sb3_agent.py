@@ -7,8 +7,9 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium import spaces
+from gymnasium.wrappers import FlattenObservation
 from sb3_policies import Extractor, RandomTown, made, ppo, saved
-from stable_baselines3 import DQN, PPO
+from stable_baselines3 import A2C, DQN, PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 
 from wrongturn_agents import cli, resolve
@@ -16,6 +17,7 @@ from wrongturn_agents.errors import AgentFailedError, MissingPackageError, Model
 from wrongturn_agents.training.action import ACTION_SPACE, controls
 from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.observations import action_space, observation_space
+from wrongturn_protocol.wrappers import CarFrame, DiscreteActions, SteerAndPedal
 
 
 @pytest.mark.parametrize("track", [Track.CAMERA, Track.PRIVILEGED])
@@ -56,6 +58,12 @@ def test_a_file_that_changes_is_another_agent(tmp_path):
     assert resolve(str(file)).code == (file,)
 
 
+def flat_variant(name: str) -> gymnasium.Env:
+    """Return what the id with this name in it shows and takes."""
+    env = FlattenObservation(CarFrame(RandomTown(Track.PRIVILEGED, action_space())))
+    return DiscreteActions(env) if name == "FlatDiscrete" else SteerAndPedal(env)
+
+
 def unfit(name: str):
     """Return a model that cannot be run as it is, by what is wrong with it."""
     camera, state = RandomTown(Track.CAMERA), RandomTown()
@@ -66,7 +74,12 @@ def unfit(name: str):
         town = RandomTown(actions=spaces.Discrete(3))
         return DQN("MultiInputPolicy", town, buffer_size=10, device="cpu")
     if name == "flat":
-        return PPO("MlpPolicy", gymnasium.wrappers.FlattenObservation(state), device="cpu")
+        return PPO("MlpPolicy", FlattenObservation(state), device="cpu")
+    if name.startswith("Flat"):
+        return A2C("MlpPolicy", flat_variant(name), device="cpu")
+    if name == "another":
+        bounds = np.arange(40, dtype=np.float32)
+        return PPO("MlpPolicy", RandomTown(seen=spaces.Box(bounds * 0, bounds)), device="cpu")
     whole = camera.observation_space.spaces
     small = spaces.Dict({**whole, "rgb": spaces.Box(0, 255, (48, 48, 3), np.uint8)})
     return ppo({"stacked": VecFrameStack(DummyVecEnv([lambda: camera]), 4), "small": RandomTown(seen=small)}[name])
@@ -77,7 +90,10 @@ def unfit(name: str):
     [
         ("normalised", r"needs more than the file: --vecnormalize: .*wrongturn_client export sb3 \S+ --out agent.onnx"),
         ("discrete", r"needs more than the file: --actions: .*then '.* run agent.onnx'"),
-        ("flat", r"observation space: Box.* is not one of ours.*a MultiInputPolicy, or another policy on one key"),
+        ("flat", r"trained on \d+ numbers \(FlattenObservation\); drive it with WrappedAgent, see docs/wrappers.md$"),
+        ("Flat", r"680 numbers \(CarFrame and FlattenObservation\); drive it with WrappedAgent, see docs/wrappers.md$"),
+        ("FlatDiscrete", r"680 numbers \(CarFrame and FlattenObservation\); drive it with WrappedAgent"),
+        ("another", r"observation space: Box\(0.0 to 39.0, \(40,\), float32\) is not one of ours.*a MultiInputPolicy"),
         ("stacked", "speed is .*4 frames stacked"),
         ("small", r"rgb is \(3, 48, 48\), and the service shows \(64, 192, 3\)"),
     ],

@@ -13,6 +13,7 @@ from wrongturn_agents.training.action import ACTION_SPACE, controls
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_protocol.model_contract import CONTROLS
 from wrongturn_protocol.observations import action_space
+from wrongturn_protocol.space_text import in_short
 
 _TABLE = "a JSON list with [steer, accelerate] or [steer, throttle, brake] for each action, such as [[0, 0.5], [0, -1]]"
 
@@ -48,12 +49,12 @@ def meaning_of(space: spaces.Space[Any], file: Path | None) -> Meaning:
         table = _table(file, int(space.n))
         return Meaning(CONTROLS[table.shape[1] - 2], table)
     if file is not None:
-        raise TrainingError(f"--actions: is for discrete actions, and the policy's are {space}; leave it out")
+        raise TrainingError(f"--actions: is for discrete actions, and the policy's are {in_short(space)}; leave it out")
     for ours, outputs in ((ACTION_SPACE, CONTROLS[0]), (action_space(), CONTROLS[1])):
         if space == ours:
             return Meaning(outputs)
     raise TrainingError(
-        f"action space: {space} is none of ours; train with {action_space()} (steer, throttle, brake), with "
+        f"action space: {in_short(space)} is none of ours; train with {action_space()} (steer, throttle, brake), with "
         f"{ACTION_SPACE} (steer, accelerate), or with discrete actions and --actions"
     )
 

@@ -13,7 +13,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.sb3_policy import SavedPolicy
 from wrongturn_protocol import Track
-from wrongturn_protocol.observations import FIELDS, Field, Observation
+from wrongturn_protocol.observations import FIELDS, Field, Observation, observation_space
+from wrongturn_protocol.space_text import in_short
 
 _TRACKS: Final = (Track.STATE, Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)  # smaller tracks first
 _CHANNELS_FIRST: Final = (2, 0, 1)
@@ -95,11 +96,27 @@ def _by_key(space: spaces.Space[Any]) -> dict[str, spaces.Space[Any]]:
     if len(found) > 1:  # all the keys that are single numbers
         found = [field for field in found if space == spaces.Box(field.low, field.high, shape, field.numpy_dtype.type)]
     if len(found) != 1:
+        flat = _flat(shape)
+        if flat is not None:
+            raise TrainingError(
+                f"observation space: it was trained on {shape[0]} numbers ({flat}); drive it with WrappedAgent, see "
+                "docs/wrappers.md"
+            )
         raise TrainingError(
-            f"observation space: {space} is not one of ours; train on an environment of Wrongturn without wrappers "
-            "that change the observation: a MultiInputPolicy, or another policy on one key, such as the picture"
+            f"observation space: {in_short(space)} is not one of ours; train on an environment of Wrongturn "
+            "without wrappers that change the observation: a MultiInputPolicy, or another policy on one key, such as "
+            "the picture"
         )
     return {found[0].name: space}
+
+
+def _flat(shape: tuple[int, ...]) -> str | None:
+    """Return the wrappers that make one vector of this shape from our observations; None if none do."""
+    sizes = {track: spaces.flatdim(observation_space(track)) for track in _TRACKS}
+    flat = {(size,): "FlattenObservation" for size in sizes.values()}
+    pose = spaces.flatdim(observation_space(Track.PRIVILEGED)["pose"])  # CarFrame leaves it out
+    flat[(sizes[Track.PRIVILEGED] - pose,)] = "CarFrame and FlattenObservation"
+    return flat.get(shape)
 
 
 def _track(names: tuple[str, ...]) -> Track:
@@ -123,8 +140,8 @@ def _taken(field: Field, space: spaces.Space[Any], statistics: VecNormalize | No
     if space != ours and scaling is None:
         remedy = "give --vecnormalize, or " if space.dtype == np.float32 else ""
         raise TrainingError(
-            f"observation space: {field.name} is {space}, and the service shows {ours}: a wrapper changed it; "
-            f"{remedy}train without the wrapper, and put what it does into a features extractor"
+            f"observation space: {field.name} is {in_short(space)}, and the service shows {in_short(ours)}: "
+            f"a wrapper changed it; {remedy}train without the wrapper, and put what it does into a features extractor"
         )
     return Taken(field, transposed, scaling)
 
