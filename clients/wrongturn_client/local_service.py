@@ -17,6 +17,8 @@ from wrongturn_client.settings import OPERATOR_TOKEN
 
 READY: Final = "Wrongturn is ready at "
 """Begin of the line in which ``wrongturn serve`` prints its URL."""
+ENDS_WITH_PARENT: Final = "WRONGTURN_ENDS_WITH_PARENT"
+"""Environment variable that tells ``wrongturn serve`` to stop at the end of its stdin, a pipe from its parent."""
 _TAIL: Final = 15
 """Number of lines of the service's stderr in an error."""
 FOR_ONE_COMMAND: Final = {
@@ -94,7 +96,7 @@ class LocalService:
     def start(self) -> Self:
         """Start the service, wait until it is ready, and return this object.
 
-        It runs until :meth:`stop`, or until this process exits.
+        It runs until :meth:`stop`, or until this process exits or is killed.
 
         Raises:
             LocalServiceError: It runs already. Or it ended, or was not ready in time; the error then shows its last
@@ -112,12 +114,12 @@ class LocalService:
         # In its own process group, so that Ctrl-C reaches only this process, which then stops the service cleanly.
         self._process = subprocess.Popen(  # noqa: S603 - our own program
             command,
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,  # nothing is written: its end tells the service that this process is gone
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             errors="replace",
-            env={**os.environ, **self._environment},
+            env={**os.environ, **self._environment, ENDS_WITH_PARENT: "1"},
             process_group=0,
         )
         atexit.register(self.stop)
@@ -167,7 +169,7 @@ class LocalService:
                 self._process.wait()
         for thread in self._readers:
             thread.join(timeout=2.0)
-        for stream in (self._process.stdout, self._process.stderr):
+        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
             if stream is not None:
                 stream.close()
 

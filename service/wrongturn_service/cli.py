@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from wrongturn_service import parent
 from wrongturn_service.extra import REMEDY, missing_modules, require_server
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ def serve(
     It prints its URL once it is ready. Other settings come from WRONGTURN_* variables, see docs/settings.md.
     """
     require_server("serve")
+    parent.stop_with_it()
     from pydantic import ValidationError  # noqa: PLC0415
 
     from wrongturn_service.address import AddressError, bind  # noqa: PLC0415

@@ -100,6 +100,25 @@ def test_it_starts_and_stops_without_a_block(program: Path) -> None:
         assert _gone(pid)
 
 
+@pytest.mark.parametrize("started", [False, True], ids=["while it starts", "once it is ready"])
+def test_it_ends_with_a_process_that_is_killed(started: bool) -> None:
+    script = (
+        "import threading; from wrongturn_client import LocalService\n"
+        "service = LocalService()\n"
+        f"begin = threading.Thread(target=service.start, daemon=True); begin.start(); {started} and begin.join()\n"
+        "while service._process is None: pass\n"
+        "print(service.pid, flush=True); threading.Event().wait()"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        pid = int(parent.stdout.readline())
+        parent.kill()
+    deadline = time.monotonic() + 60
+    while not _gone(pid):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
 def test_it_ends_with_the_process_that_started_it(program: Path) -> None:
     program.write_text(f"import time\n{READY}\ntime.sleep(60)")
     script = (
