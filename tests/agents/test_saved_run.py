@@ -4,7 +4,8 @@ import stat
 import pytest
 
 from wrongturn_agents.errors import RunFileError
-from wrongturn_agents.saved_run import SavedRun
+from wrongturn_agents.run_database import RunDatabase
+from wrongturn_agents.saved_run import SavedRun, directory
 
 OLD = ("agent", "name", "suite", "evaluation", "token", "url")
 """Fields of version 0.1.0."""
@@ -53,3 +54,15 @@ def test_a_home_that_cannot_be_written(saved_run, tmp_path, monkeypatch):
     monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path / "plain"))
     with pytest.raises(RunFileError, match="let WRONGTURN_HOME name a writable directory"):
         saved_run.save()
+
+
+def test_a_new_database_removes_those_that_nobody_needs(saved_run):
+    with RunDatabase() as interrupted:
+        interrupted.needed = True
+        saved_run.model_copy(update={"database": interrupted.folder}).save()
+    left = directory() / "database-left"
+    left.mkdir()
+    with RunDatabase() as going_on, RunDatabase():
+        assert not left.exists()
+        assert going_on.folder.exists()
+    assert list(directory().glob("database-*")) == [interrupted.folder]
