@@ -102,10 +102,9 @@ def evaluate(options: RunOptions) -> Done:
         except RunOverError:
             if database is not None:
                 database.needed = False
-                saved_run.forget()
+            saved_run.forget()
             raise
-        if database is not None:
-            _keep_or_forget(saved_run, database, done)
+        _keep_or_forget(saved_run, database, done)
     return done
 
 
@@ -234,11 +233,12 @@ def _save(at: str, evaluation: str, file: Path) -> RunError | None:
     return None
 
 
-def _keep_or_forget(saved_run: SavedRun, database: RunDatabase, done: Done) -> None:
-    """Let the database of a finished run go, unless the user keeps it or the run's file is still to be written."""
-    if saved_run.keep:
+def _keep_or_forget(saved_run: SavedRun, database: RunDatabase | None, done: Done) -> None:
+    """Forget a finished run and its database, unless the user keeps it or the run's file is still to be written."""
+    if saved_run.keep and database is not None:
         serve = f"{program()} serve --database {shlex.quote(database.url)}"
         typer.echo(f"The run's database is kept. To look at it: {serve}", err=True)
     elif done.unsaved is None:
-        database.needed = False
+        if database is not None:
+            database.needed = False
         saved_run.forget()
