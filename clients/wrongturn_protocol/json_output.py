@@ -8,6 +8,7 @@ import contextlib
 import gzip
 import json
 import os
+import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -57,8 +58,15 @@ def check_json_file(to: Path | None) -> None:
     if to is None or to == STDOUT:
         return
     written = to if to.exists() and not to.is_file() else to.resolve().parent  # a pipe or a device is not replaced
+    remedy = "name a file in a folder that you can write to"
     if to.is_dir() or not (written == to or written.is_dir()) or not os.access(written, os.W_OK):
-        raise JsonFileError(f"--json: {to} cannot be written; name a file in a folder that you can write to")
+        raise JsonFileError(f"--json: {to} cannot be written; {remedy}")
+    if written != to:
+        try:  # some folders let nobody make files, whatever their mode says
+            with tempfile.TemporaryFile(dir=written):
+                pass
+        except OSError as error:
+            raise JsonFileError(f"--json: {to} cannot be written ({error.strerror}); {remedy}") from error
 
 
 def give_json(value: Any, to: Path | None) -> None:
