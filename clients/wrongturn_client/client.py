@@ -28,7 +28,7 @@ from wrongturn_client.errors import (
 from wrongturn_client.evaluation import Episode, EpisodePage, Evaluation, at, keep
 from wrongturn_client.evaluation_driver import EvaluationDriver
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
-from wrongturn_client.policy import Policy, PolicyMaker
+from wrongturn_client.policy import Policy, PolicyMaker, maker_of
 from wrongturn_client.progress_line import ProgressLine
 from wrongturn_client.public_calls import PublicCalls
 from wrongturn_client.recorder import EpisodeRecorder, installed_versions
@@ -195,6 +195,7 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
         """
         if parallel < 1:
             raise ValueError(f"parallel: is {parallel}; drive 1 episode at a time or more")
+        make_policy = maker_of(policy)
         tell = _teller(progress, suite)
         if evaluation is None:
             try:
@@ -223,7 +224,9 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
         if detail.state is EvaluationState.RUNNING:
             resumed = [] if evaluation is None else [episode.id for episode in self.open_episodes(detail.id)]
             with self.connection(parallel) as connection:
-                EvaluationDriver(connection, policy, detail.id, parallel=parallel, resumed=resumed, on_end=count).run()
+                EvaluationDriver(
+                    connection, make_policy, detail.id, parallel=parallel, resumed=resumed, on_end=count
+                ).run()
         if records:
             self.put_results(detail.id, records, {**installed_versions(), **(versions or {})})
         done = self.evaluation(detail.id)

@@ -1,5 +1,6 @@
 """What an agent has to offer: two methods, and no base class."""
 
+import reprlib
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
@@ -26,7 +27,15 @@ PolicyMaker = Callable[[], Policy]
 
 
 def maker_of(policy: Policy | PolicyMaker) -> PolicyMaker:
-    """Return what gives each episode its policy: the maker itself, or one that always gives the same policy."""
+    """Return what gives each episode its policy: the maker itself, or one that always gives the same policy.
+
+    Raises:
+        TypeError: It is neither a policy nor a maker.
+    """
+    if not isinstance(policy, Policy) and not callable(policy):
+        raise TypeError(
+            f"policy: is {reprlib.repr(policy)}; give an object with reset and act, or a function that makes one"
+        )
     if isinstance(policy, type) or not isinstance(policy, Policy):
         return policy
     return lambda: policy

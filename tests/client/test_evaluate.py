@@ -291,3 +291,14 @@ def test_a_cancelled_evaluation_and_a_mismatch_are_told() -> None:
     )
     with _client(service) as client, pytest.raises(ResultsMismatchError):
         client.evaluate(Driver(), "smoke@2")
+
+
+@pytest.mark.parametrize("policy", ["careful", None])
+def test_what_is_no_policy_begins_nothing(policy: Any) -> None:
+    service = FakeService()
+    with (
+        _client(service) as client,
+        pytest.raises(TypeError, match=r"^policy: is .*; give an object with reset and act"),
+    ):
+        client.evaluate(policy, "smoke@2")
+    assert not service.requests
