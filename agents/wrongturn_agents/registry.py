@@ -71,6 +71,7 @@ EXPLOITS: Final = MappingProxyType(
 
 ZIP: Final = ".zip"
 """End of the names of files that Stable-Baselines3 saved."""
+_PY: Final = ".py"
 
 
 class AgentListing(BaseModel):
@@ -155,6 +156,8 @@ def resolve(named: str) -> AgentSource:
         return _saved_model(Path(named))
     if ":" in named:
         return _source(named, _import(named))
+    if named.endswith(_PY):
+        raise UnknownAgentError(f"agent: {named} is a file; write {_module_of(named)}:Class")
     known = (*AGENTS, *SHIPPED_AGENTS, *DOUBTING_AGENTS, *EXPLOITS)
     raise UnknownAgentError(
         f"agent: there is no agent called {named!r}; known are {', '.join(known)}; or name package.module:Class, a "
@@ -171,6 +174,10 @@ def _import(named: str) -> Any:
     module_name, _, attribute = named.partition(":")
     if not module_name:
         raise AgentImportError(f"agent: {named}: the module before the colon is missing; write package.module:Class")
+    if module_name.endswith(_PY):
+        raise AgentImportError(
+            f"agent: {module_name} is a file; write {_module_of(module_name)}:{attribute or 'Class'}"
+        )
     if "" not in sys.path:
         sys.path.insert(0, "")  # so that classes in the working directory are found, as with python -m
     try:
@@ -181,8 +188,17 @@ def _import(named: str) -> Any:
     for part in attribute.split("."):
         found = getattr(found, part, None)
     if found is None:
-        raise AgentImportError(f"agent: module {module_name} has no {attribute or 'class name after the colon'}")
+        classes = [name for name, value in vars(module).items() if inspect.isclass(value)]
+        raise AgentImportError(
+            f"agent: module {module_name} has no {attribute or 'class name after the colon'}"
+            f"{did_you_mean(attribute, classes)}"
+        )
     return found
+
+
+def _module_of(file: str) -> str:
+    """Return the name by which Python imports a file. Example: ``agents/mine.py`` is ``agents.mine``."""
+    return ".".join(part for part in Path(file).with_suffix("").parts if part not in {"/", ".", ".."})
 
 
 def _source(named: str, agent: Any) -> AgentSource:

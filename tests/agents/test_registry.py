@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from wrongturn_agents import AGENTS, Agent, AgentListing, list_agents, resolve
-from wrongturn_agents.errors import AgentImportError, ModelFileError, NotAnAgentError, UnknownAgentError
+from wrongturn_agents.errors import AgentImportError, AgentsError, ModelFileError, NotAnAgentError, UnknownAgentError
 from wrongturn_agents.registry import EXPLOITS
 from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.reserved_names import SHIPPED_NAMES
@@ -96,6 +96,21 @@ def test_an_unknown_name_lists_the_known_ones():
         UnknownAgentError, match=r"'carefull'.*parked, .*careful, ppo-segmentation.*package.module:Class"
     ):
         resolve("carefull")
+
+
+@pytest.mark.parametrize(
+    ("named", "says"),
+    [
+        ("own_driver.py", "agent: own_driver.py is a file; write own_driver:Class"),
+        ("own_driver.py:Own", "agent: own_driver.py is a file; write own_driver:Own"),
+        ("./agents/own_driver.py:Own", "agent: ./agents/own_driver.py is a file; write agents.own_driver:Own"),
+        ("own_driver:Onw", "agent: module own_driver has no Onw. Did you mean Own?"),
+    ],
+)
+def test_a_name_that_is_nearly_right_is_told_the_right_one(own_module, named, says):
+    with pytest.raises(AgentsError) as caught:
+        resolve(named)
+    assert str(caught.value) == says
 
 
 def test_a_class_in_the_working_directory(own_module):
