@@ -5,7 +5,7 @@ import threading
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 
-from wrongturn_agents.errors import RunError
+from wrongturn_agents.errors import ResultsError, RunError
 from wrongturn_agents.progress import Progress
 from wrongturn_agents.registry import AgentSource
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
@@ -47,7 +47,7 @@ class PracticeRun:
             trials={},
         )
         if file is not None and file.exists():
-            found = ResultsFile.read(file)
+            found = _results_of(file)
             ours = self._results.model_copy(update={"trials": found.trials})
             if found != ours or not found.trials.keys() <= set(self.trials):
                 raise RunError(f"--json: {file} is of another run; name another file, or the one to go on with")
@@ -111,6 +111,18 @@ class PracticeRun:
             write_whole([self._results.text().encode()], self._file)
         except OSError as error:
             raise RunError(f"--json: {self._file} cannot be written ({error.strerror}); name another file") from error
+
+
+def _results_of(file: Path) -> ResultsFile:
+    """Return what an earlier run wrote into the file.
+
+    Raises:
+        ResultsError: It is not a results file.
+    """
+    try:
+        return ResultsFile.read(file, "name another file, or the one to go on with")
+    except ResultsError as error:
+        raise ResultsError(f"--json: {error}") from error
 
 
 def _of_task(suite: SuiteTrials, task: str) -> tuple[str, ...]:

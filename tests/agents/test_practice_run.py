@@ -33,7 +33,8 @@ def of_task(file: ResultsFile, task: Task) -> ResultsFile:
         (["--json", "{}/a.json", "--suite", "wrong-command@2"], "it has none"),
         (["--json", "{}/a.json", "--suite", "none@1"], "suite"),
         (["--json", "{}/other.json"], "another run"),
-        (["--json", "{}/text.json"], "text.json"),
+        (["--json", "{}/text.json"], "--json: text.json: the file: Invalid JSON"),
+        (["--json", "{}/text.json"], "; name another file, or the one to go on with"),
     ],
 )
 def test_what_cannot_be_driven_is_told(tmp_path, arguments, named):

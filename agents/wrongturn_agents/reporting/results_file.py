@@ -15,6 +15,7 @@ from wrongturn_protocol.run_file import UNREADABLE, read_unpacked, reason_of
 
 Driven = Literal["in process", "over the service"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+_REMEDY: Final = "make a new file with 'wrongturn score' or 'wrongturn results --import'"
 _NOT_IN_FILE_NAMES: Final = re.compile(r"[^A-Za-z0-9@.]+")
 _TRIALS_NAMED: Final = 3  # trials that an error names as examples
 
@@ -113,13 +114,17 @@ class ResultsFile(BaseModel):
         return " ".join(word for word in (*words, self.driven) if word is not None)
 
     @classmethod
-    def read(cls, path: Path) -> Self:
+    def read(cls, path: Path, remedy: str = _REMEDY) -> Self:
         """Read a results file.
+
+        Args:
+            path: The file.
+            remedy: What the error tells the user to do.
 
         Raises:
             ResultsError: The file cannot be read, or is not a results file. The error names the first wrong field.
         """
-        return read_model(cls, path, "make a new file with 'wrongturn score' or 'wrongturn results --import'")
+        return read_model(cls, path, remedy)
 
     def write(self, directory: Path) -> Path:
         """Write the file into a directory under its own name, and return the path.
