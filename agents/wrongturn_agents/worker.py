@@ -29,10 +29,11 @@ from wrongturn_client import (
     OwnerNameTakenError,
     WrongturnError,
 )
-from wrongturn_client.actions import action_error, action_of, is_of_action
+from wrongturn_client.actions import action_of, is_of_action
 from wrongturn_client.local_service import FOR_ONE_COMMAND
 from wrongturn_client.settings import OPERATOR_TOKEN, OWNER_TOKEN
 from wrongturn_protocol import Action, AgentKind, EvaluationDetail, EvaluationState, ProblemType, RegisteredAgent
+from wrongturn_protocol.episodes import ActionError, action_error
 from wrongturn_protocol.observations import Observation
 
 
@@ -199,8 +200,10 @@ def _register(client: Client, request: RunRequest, source: AgentSource, operator
             kind=kind,
             trained_on_faults=source.trained_on_faults,
         )
-    except ValidationError as error:
-        raise RunError(_registration_error(error, name)) from error
+    except ValueError as error:
+        if not isinstance(error.__cause__, ValidationError):
+            raise
+        raise RunError(_registration_error(error.__cause__, name)) from error
     except AuthenticationError as error:
         raise _not_registered(error, client.url, request) from error
     except (AgentNameTakenError, OwnerNameTakenError) as error:
@@ -287,6 +290,8 @@ class GuardedAgent:
             raise
         except Exception as error:
             called = f"agent: {self._name}.{method}"
+            if isinstance(error, ActionError):
+                raise AgentFailedError(f"{called} made no action: {error}") from None
             if isinstance(error, ValidationError) and is_of_action(error):
                 raise AgentFailedError(f"{called} made no action: {action_error(error)}") from None
             raise AgentFailedError(f"{called} raised {type(error).__name__}: {error}") from error

@@ -1,5 +1,10 @@
 """The calls about owners, agents and their tokens."""
 
+import reprlib
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
 from wrongturn_client.rest import RestCalls
 from wrongturn_client.transport import path_of
 from wrongturn_protocol import (
@@ -14,6 +19,9 @@ from wrongturn_protocol import (
     RegisteredOwner,
     Track,
 )
+from wrongturn_protocol.suggestions import did_you_mean
+
+M = TypeVar("M", bound=BaseModel)
 
 
 class AccountCalls(RestCalls):
@@ -27,8 +35,11 @@ class AccountCalls(RestCalls):
         Args:
             name: Shown beside the owner's agents.
             contact: How the operator reaches the owner; nobody else sees it.
+
+        Raises:
+            ValueError: The name or the contact is not valid; the message names it.
         """
-        registration = OwnerRegistration(name=name, contact=contact)
+        registration = _checked(OwnerRegistration, name=name, contact=contact)
         return self._create(RegisteredOwner, registration.model_dump(mode="json"), "owners")
 
     def owners(self) -> tuple[OwnerDetail, ...]:
@@ -61,8 +72,12 @@ class AccountCalls(RestCalls):
 
         With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made. Say with
         ``trained_on_faults`` that it met wrong commands in its training; the leaderboard marks it.
+
+        Raises:
+            ValueError: The name, the track or another argument is not valid; the message names it.
         """
-        registration = AgentRegistration(
+        registration = _checked(
+            AgentRegistration,
             name=name,
             track=track,
             description=description,
@@ -92,3 +107,14 @@ class AccountCalls(RestCalls):
     def revoke_token(self, agent: str) -> None:
         """Make an agent's token invalid."""
         self._transport.call("DELETE", path_of("v1", "agents", agent, "token"))
+
+
+def _checked(registration: type[M], /, **fields: Any) -> M:
+    """Return a registration. The error for a wrong one is one line about its first wrong field."""
+    try:
+        return registration(**fields)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = str(first["loc"][0])
+        rule = f"give {', '.join(Track)}{did_you_mean(first['input'], Track)}" if field == "track" else first["msg"]
+        raise ValueError(f"{field}: is {reprlib.repr(first['input'])}; {rule}") from error

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from wrongturn_client.actions import action_error
 from wrongturn_protocol import Action, Fault, Track
+from wrongturn_protocol.episodes import action_error
 from wrongturn_protocol.suggestions import did_you_mean
 
 _SHOWN: Final = 40

@@ -2,8 +2,9 @@
 
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from wrongturn_protocol.suggestions import did_you_mean
 from wrongturn_protocol.vocabulary import (
     Command,
     EpisodeState,
@@ -41,6 +42,23 @@ class Message(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
+_RANGES: Final = {"steer": "-1 to 1", "throttle": "0 to 1", "brake": "0 to 1"}
+
+
+class ActionError(ValueError):
+    """The values of an :class:`Action` are not three numbers in their ranges. The text is one line."""
+
+
+def action_error(error: ValidationError) -> str:
+    """Return the first error in the values of an :class:`Action`, in one line. An unknown field comes first."""
+    first = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
+    field = str(first["loc"][0])
+    if field not in _RANGES:
+        return f"action.{field}: there is no such field; give steer, throttle and brake{did_you_mean(field, CONTROLS)}"
+    given = "missing" if first["type"] == "missing" else repr(first["input"])
+    return f"action.{field} is {given}; give a number from {_RANGES[field]}"
+
+
 class Action(Message):
     """What the car does for the next 0.1 s: ``Action(steer, throttle, brake)``, by position or by name.
 
@@ -63,7 +81,10 @@ class Action(Message):
         def __init__(self, /, *values: float, **named: float) -> None:
             if len(values) > len(CONTROLS):
                 raise TypeError(f"Action: {len(values)} values are given; give {', '.join(CONTROLS)}")
-            super().__init__(**dict(zip(CONTROLS, values, strict=False)), **named)
+            try:
+                super().__init__(**dict(zip(CONTROLS, values, strict=False)), **named)
+            except ValidationError as error:
+                raise ActionError(action_error(error)) from None
 
         # Messages are parsed without calling this, as if it were pydantic's own.
         __init__.__pydantic_base_init__ = True

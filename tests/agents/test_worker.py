@@ -165,6 +165,11 @@ def test_a_run_at_the_command_line(url, tmp_path):
         assert hashlib.sha256(kept).hexdigest() == told[episode.id].trajectory_sha256
 
 
+def test_a_finished_run_leaves_no_token(url, home):
+    cli.run("always-stops", suite=SUITE, url=url, name="forgotten")
+    assert list((home / "runs").iterdir()) == []
+
+
 def test_a_run_whose_file_cannot_be_written_is_not_lost(url, tmp_path):
     written = tmp_path / "run.json"
     written.write_text("another run's")
@@ -488,6 +493,7 @@ def test_a_token_of_another_track_is_refused(url):
         ({"agent": None}, "AGENT: name one"),
         ({"agent": "careful", "json_file": Path("no/such/x.json")}, "--json: no/such/x.json cannot be written"),
         ({"agent": "careful", "json_file": Path()}, "--json: . cannot be written"),
+        ({"agent": "careful", "json_file": Path("/sys/x.json")}, "--json: /sys/x.json cannot be written (Permission"),
         ({"resume": "ev-none"}, "--resume: no run 'ev-none'"),
         (
             {"agent": "careful", "suite": "nope@1"},

@@ -118,6 +118,18 @@ def test_a_repeated_creation_carries_the_same_key_and_another_creation_another()
     assert keys[1] != keys[2]
 
 
+@pytest.mark.parametrize(
+    ("name", "track", "says"),
+    [
+        ("y", "cam", r"^track: is 'cam'; give .*camera.*\. Did you mean camera\?$"),
+        ("", "privileged", r"^name: is ''; .*letters.*$"),
+    ],
+)
+def test_a_registration_that_is_not_valid_is_told_in_a_line(name: str, track: str, says: str) -> None:
+    with Client("http://fake", "") as client, pytest.raises(ValueError, match=says):
+        client.register(name, track)
+
+
 def test_an_owner_registers_and_renews_its_token() -> None:
     service = FakeService()
     with Client("http://fake", transport=service.transport) as client:

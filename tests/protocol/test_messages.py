@@ -46,10 +46,12 @@ def test_actions_in_range_pass(steer: float, throttle: float, brake: float) -> N
 
 def test_an_action_is_made_by_position_too() -> None:
     assert Action(0.1, 0.4, 0.0) == Action(0.1, throttle=0.4, brake=0.0) == Action(steer=0.1, throttle=0.4, brake=0.0)
-    with pytest.raises(ValidationError, match="brake"):
+    with pytest.raises(ValueError, match=r"^action.brake is missing; give a number from 0 to 1$"):
         Action(0.1, 0.4)  # type: ignore[call-arg]
-    with pytest.raises(ValidationError, match="throttle"):
+    with pytest.raises(ValueError, match=r"^action.throttle is 4.0; give a number from 0 to 1$"):
         Action(0.1, 4.0, 0.0)
+    with pytest.raises(ValueError, match=r"^action.throtle: there is no such field; .*\. Did you mean throttle\?$"):
+        Action(0, throtle=1, brake=0)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match="4 values are given; give steer, throttle, brake"):
         Action(0.1, 0.4, 0.0, 1.0)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match="steer"):
