@@ -113,7 +113,7 @@ def _by_key(space: spaces.Space[Any]) -> dict[str, spaces.Space[Any]]:
 def _flat(shape: tuple[int, ...]) -> str | None:
     """Return the wrappers that make one vector of this shape from our observations; None if none do."""
     sizes = {track: spaces.flatdim(observation_space(track)) for track in _TRACKS}
-    flat = {(size,): "FlattenObservation" for size in sizes.values()}
+    flat: dict[tuple[int, ...], str] = {(size,): "FlattenObservation" for size in sizes.values()}
     pose = spaces.flatdim(observation_space(Track.PRIVILEGED)["pose"])  # CarFrame leaves it out
     flat[(sizes[Track.PRIVILEGED] - pose,)] = "CarFrame and FlattenObservation"
     return flat.get(shape)
