@@ -102,9 +102,10 @@ def evaluate(options: RunOptions) -> Done:
         except RunOverError:
             if database is not None:
                 database.needed = False
-            saved_run.forget()
+                saved_run.forget()
             raise
-        _keep_or_forget(saved_run, database, done)
+        if database is not None:
+            _keep_or_forget(saved_run, database, done)
     return done
 
 
@@ -233,12 +234,11 @@ def _save(at: str, evaluation: str, file: Path) -> RunError | None:
     return None
 
 
-def _keep_or_forget(saved_run: SavedRun, database: RunDatabase | None, done: Done) -> None:
-    """Forget a finished run and its database, unless the user keeps it or the run's file is still to be written."""
-    if saved_run.keep and database is not None:
+def _keep_or_forget(saved_run: SavedRun, database: RunDatabase, done: Done) -> None:
+    """Let the database of a finished run go, unless the user keeps it or the run's file is still to be written."""
+    if saved_run.keep:
         serve = f"{program()} serve --database {shlex.quote(database.url)}"
         typer.echo(f"The run's database is kept. To look at it: {serve}", err=True)
     elif done.unsaved is None:
-        if database is not None:
-            database.needed = False
+        database.needed = False
         saved_run.forget()

@@ -165,11 +165,6 @@ def test_a_run_at_the_command_line(url, tmp_path):
         assert hashlib.sha256(kept).hexdigest() == told[episode.id].trajectory_sha256
 
 
-def test_a_finished_run_leaves_no_token(url, home):
-    cli.run("always-stops", suite=SUITE, url=url, name="forgotten")
-    assert list((home / "runs").iterdir()) == []
-
-
 def test_a_run_whose_file_cannot_be_written_is_not_lost(url, tmp_path):
     written = tmp_path / "run.json"
     written.write_text("another run's")
