@@ -65,8 +65,8 @@ class Done:
 def evaluate(options: RunOptions) -> Done:
     """Begin or resume an evaluation, drive it, and write its file.
 
-    Without a URL, the run starts a service of its own. It throws that service's database away once nobody needs it; an
-    interrupted run needs it to be resumed.
+    Without a URL, the run starts a service of its own. It deletes that service's database at
+    the end. An interrupted run keeps the database, so that you can resume it.
 
     Raises:
         RunError: An option does not fit the others, or the run cannot begin.

@@ -149,7 +149,7 @@ def drive(
 
     Raises:
         RunError: As :func:`episodes_side_by_side`.
-        RunOverError: Somebody ended or deleted the evaluation, or its token. It cannot be resumed.
+        RunOverError: The evaluation was ended or deleted, or its token was revoked. The run cannot be resumed.
         AgentFailedError: The agent failed. The episode counts as aborted, and the run can be resumed.
         WrongturnError: The service refuses, or cannot be reached any more. The run can be resumed.
     """

@@ -70,7 +70,7 @@ def check_json_file(to: Path | None) -> None:
 
 
 def give_json(value: Any, to: Path | None) -> None:
-    """Print a value as JSON or write it into a file, as ``--json`` asks for.
+    """Print a value as JSON or write it into a file, as ``--json`` asks for. Call :func:`check_json_file` first.
 
     Args:
         value: Plain values.
@@ -85,7 +85,6 @@ def give_json(value: Any, to: Path | None) -> None:
     if to == STDOUT:
         typer.echo(text)
         return
-    check_json_file(to)
     try:
         write_whole([f"{text}\n".encode()], to)
     except OSError as error:

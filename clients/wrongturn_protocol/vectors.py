@@ -88,6 +88,7 @@ def checked_actions(actions: Any, driven: Flags, error: type[Exception]) -> NDAr
     wanted = f"actions: give ({count}, 3) numbers, steer, throttle and brake of each environment"
     try:
         kind = np.asarray(actions).dtype
+        # Converted from what was given: an Action is float32 unless float64 is asked for, and would lose digits.
         given = np.asarray(actions, np.float64) if kind.kind in "bfiu" else None
     except (RuntimeError, TypeError, ValueError) as cause:  # lists of different lengths, a tensor on a GPU
         raise error(f"{wanted} ({cause})") from cause
