@@ -40,7 +40,7 @@ from wrongturn_agents.exploits.pause_then_obey import PauseThenObey
 from wrongturn_agents.exploits.twin_tape import TwinTape
 from wrongturn_agents.exploits.twitcher import Twitcher
 from wrongturn_agents.exploits.u_turner import UTurner
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, ShippedAgent
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, ShippedAgent, trained_with
 from wrongturn_client.invocation import program, python
 from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.suggestions import did_you_mean
@@ -117,7 +117,8 @@ def list_agents() -> list[AgentListing]:
 def _description(agent: ShippedAgent | ShippedDoubtingAgent) -> str:
     if agent.file.is_file():
         return agent.description
-    return f"{agent.description} No weights are shipped yet: train it ('{program()} train {agent.name}')."
+    algorithm, _ = trained_with(agent.name)
+    return f"{agent.description} No weights are shipped yet: train it ('{program()} train {algorithm}')."
 
 
 def resolve(named: str) -> AgentSource:

@@ -22,9 +22,20 @@ WEIGHTS: Final = Path(__file__).parent / "weights"
 """Directory of the files and their cards."""
 
 
+_TRAINED_WITH: Final = MappingProxyType({"lbc-privileged": ("lbc", "privileged.pt")})
+
+
+def trained_with(name: str) -> tuple[str, str]:
+    """Return the algorithm of ``wrongturn train`` that makes an agent, and the file of its run that holds it.
+
+    Example: ``("ppo-image", "best.pt")`` for ``ppo-image``
+    """
+    return _TRAINED_WITH.get(name, (name, "best.pt"))
+
+
 @dataclass(frozen=True)
 class ShippedAgent:
-    """One of the paper's agents, trained by this project."""
+    """An agent of the paper's kinds, or the teacher of one, trained by this project."""
 
     name: str
     track: Track
@@ -69,10 +80,11 @@ def load_shipped(name: str, file: Path, load: Callable[[Path], T]) -> T:
         OnnxRuntimeMissingError: onnxruntime is not installed.
     """
     if not file.is_file():
+        algorithm, checkpoint = trained_with(name)
         raise ModelFileError(
             f"agent: {name} can be trained, but this version ships no weights of it; train it "
-            f"('{program()} train {name} --seed 1'), export it ('{program()} export "
-            f"runs/{name}-1/best.pt {name}.onnx') and run the file ('{program()} run {name}.onnx')",
+            f"('{program()} train {algorithm} --seed 1'), export it ('{program()} export "
+            f"runs/{algorithm}-1/{checkpoint} {name}.onnx') and run the file ('{program()} run {name}.onnx')",
         )
     try:
         return load(file)
@@ -104,6 +116,21 @@ SHIPPED_AGENTS: Final = MappingProxyType(
                 "ppo-auxiliary",
                 Track.CAMERA,
                 "Learned by PPO to drive by pictures and, at the same time, to segment them.",
+            ),
+            ShippedAgent(
+                "lbc",
+                Track.CAMERA,
+                "Learned by imitation to drive by pictures, from an agent that saw the truth (Learning by Cheating).",
+            ),
+            ShippedAgent(
+                "lbc-privileged",
+                Track.PRIVILEGED,
+                "Learned by imitation of rules to drive by a bird's-eye view of the truth; it taught lbc.",
+            ),
+            ShippedAgent(
+                "marln",
+                Track.CAMERA,
+                "Learned by Rainbow-IQN to drive by four pictures, with a ResNet-18 pretrained on affordances.",
             ),
         )
     },

@@ -9,8 +9,8 @@ class PaperAgent:
     """One of the paper's five agents."""
 
     title: str
-    ours: str | None
-    """Name of our agent of the same design; None if there is none."""
+    ours: str
+    """Name of our agent of the same design."""
     success: tuple[int, int, int, int]
     """Table I: navigation routes completed, in percent, in the order of :class:`~wrongturn_protocol.Condition`."""
     infeasible: tuple[int, int, int]
@@ -25,8 +25,8 @@ class PaperAgent:
 
 
 PAPER: Final = (
-    PaperAgent("Learning by Cheating", None, (100, 100, 98, 100), (0, 5, 10), (0, 0, 8)),
-    PaperAgent("MaRLn", None, (100, 100, 100, 98), (2, 1, 10), (0, 0, 0)),
+    PaperAgent("Learning by Cheating", "lbc", (100, 100, 98, 100), (0, 5, 10), (0, 0, 8)),
+    PaperAgent("MaRLn", "marln", (100, 100, 100, 98), (2, 1, 10), (0, 0, 0)),
     PaperAgent("RL, segmentation as input", "ppo-segmentation", (100, 100, 100, 100), (0, 10, 9), (0, 6, 10)),
     PaperAgent("RL, image as input", "ppo-image", (82, 98, 49, 40), (0, 1, 7), (0, 4, 4)),
     PaperAgent("RL, image with auxiliary task", "ppo-auxiliary", (90, 92, 78, 68), (0, 2, 0), (1, 0, 0)),

@@ -208,7 +208,7 @@ def test_what_is_missing_is_said(tmp_path):
     status, out, err = run("--directory", str(tmp_path))
     assert status == 0
     assert "35 (46–70 %)" in out
-    assert "no results on navigation@1: ppo-segmentation, ppo-image, ppo-auxiliary" in err
+    assert "no results on navigation@1: lbc, marln, ppo-segmentation, ppo-image, ppo-auxiliary" in err
     keep(tmp_path, wrong_command("ppo-image", (0,) * 6, seed=1), navigation("ppo-image", {}, seed=2))
     _, _, err = run("--directory", str(tmp_path))
     assert "ppo-image has no results on wrong-command@2 for seed 2" in err

@@ -1,14 +1,15 @@
 import json
 import re
+from dataclasses import replace
 
 import pytest
 from made_results import progress
 
 from wrongturn_agents.errors import OutdatedPageError, ResultsError
+from wrongturn_agents.reporting.curve_pictures import PICTURES, check_pictures, draw_pictures
 from wrongturn_agents.reporting.curves import (
     POINTS,
-    check_picture,
-    draw,
+    imitation_table,
     read_curves,
     read_progress,
     time_table,
@@ -69,20 +70,63 @@ def test_a_curve_must_be_called_like_one(tmp_path):
         read_curves(tmp_path)
 
 
-def test_all_seeds_are_drawn_and_an_outdated_picture_is_found(tmp_path, run):
+@pytest.fixture
+def pictures(tmp_path):
+    return [replace(picture, path=tmp_path / picture.path.name) for picture in PICTURES]
+
+
+def drawn_words(picture):
+    return set(re.findall(r">([^<>]+)</text>", picture.path.read_text("utf-8")))
+
+
+def test_all_seeds_and_ablations_are_drawn_and_an_outdated_picture_is_found(tmp_path, run, pictures):
     for seed in (1, 2):
         import_results(run, tmp_path, Overrides(seed=seed))
     import_results(run, tmp_path, Overrides(agent="ppo-auxiliary", seed=1))
+    import_results(run, tmp_path, Overrides(seed=4, variant="without-augmentation"))
     curves = read_curves(tmp_path / "curves")
-    picture = tmp_path / "curves.svg"
-    draw(curves, picture)
-    drawn = picture.read_text("utf-8")
-    assert {"seed 1", "seed 2", "ppo-image", "ppo-auxiliary"} <= set(re.findall(r">([^<>]+)</text>", drawn))
+    learning = pictures[0]
+    assert draw_pictures(curves, pictures) == [learning.path]
+    assert {"seed 1", "seed 2", "without augmentation 4", "ppo-image", "ppo-auxiliary"} <= drawn_words(learning)
+    drawn = learning.path.read_text("utf-8")
     assert len(drawn) < 300_000
-    check_picture(curves, picture)
-    draw(curves, picture)
-    assert picture.read_text("utf-8") == drawn
+    check_pictures(curves, pictures)
+    draw_pictures(curves, pictures)
+    assert learning.path.read_text("utf-8") == drawn
     with pytest.raises(OutdatedPageError, match="does not show the stored curves"):
-        check_picture(curves[:2], picture)
+        check_pictures(curves[:2], pictures)
     with pytest.raises(ResultsError, match="no curve is stored"):
-        draw((), picture)
+        draw_pictures((), pictures)
+
+
+@pytest.fixture
+def imitated(tmp_path):
+    """A run of two halves, whose steps are samples. Nothing says where its time went."""
+    folder = tmp_path / "lbc-1"
+    folder.mkdir()
+    (folder / "config.json").write_text(json.dumps({"algorithm": "lbc", "seed": 1, "variant": None}))
+    columns = "step,minutes,loss,collected,success_heldout,traffic_success_heldout,steps_per_second"
+    (folder / "privileged.csv").write_text(f"{columns}\n512,0.1,4,9,,,100\n300000,1,0.25,9,,,300\n")
+    (folder / "progress.csv").write_text(f"{columns}\n512,2,8,9,0.5,,100\n9000,3,2,9,,,300\n2000000,9,0.5,9,1,0.7,\n")
+    return folder
+
+
+def test_both_halves_of_an_imitation_have_curves_of_their_own(tmp_path, run, imitated, pictures):
+    assert import_results(imitated, tmp_path, Overrides()).name == "lbc.s1.csv"
+    ablation = import_results(imitated, tmp_path, Overrides(variant="without-dagger"))
+    assert ablation.name == "lbc.without-dagger.s1.csv"
+    curves = read_curves(tmp_path / "curves")
+    assert [curve.file_name for curve in curves] == ["lbc.s1.csv", "lbc.without-dagger.s1.csv", "lbc-privileged.s1.csv"]
+    assert imitation_table(curves).rows == (
+        ("`lbc`", "1", "2.00 M", "9.0", "200", "0.500", "1.00", "0.70"),
+        ("`lbc`, without dagger", "1", "2.00 M", "9.0", "200", "0.500", "1.00", "0.70"),
+        ("`lbc-privileged`", "1", "0.30 M", "1.0", "200", "0.250", "–", "–"),
+    )
+    assert draw_pictures(curves, pictures) == [pictures[1].path]
+    assert {"lbc", "lbc-privileged", "seed 1", "without dagger 1", "samples, million"} <= drawn_words(pictures[1])
+    import_results(run, tmp_path, Overrides())
+    every = read_curves(tmp_path / "curves")
+    assert [row[0] for row in training_table(every).rows] == ["`ppo-image`"]
+    assert [row[0] for row in time_table(every).rows] == ["`ppo-image`"]
+    with pytest.raises(OutdatedPageError, match=r"learning-curves.svg"):
+        check_pictures(every, pictures)

@@ -4,7 +4,7 @@ import pytest
 from made_results import keep, wrong_command
 
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.order import describe_order, order_test, unsafe_by_seed
+from wrongturn_agents.reporting.order import describe_all, describe_order, order_in_words, order_test, unsafe_by_seed
 
 
 def test_the_p_value_is_the_share_of_all_ways_of_dealing():
@@ -76,3 +76,18 @@ def test_counts_come_from_the_algorithms_as_they_are(tmp_path):
         wrong_command("ppo-image", (9, 9, 9, 9, 9, 9), seed=3, variant="without-augmentation"),
     )
     assert unsafe_by_seed(Collection.read(tmp_path))["ppo-image"] == (1, 3)
+
+
+def test_all_five_stand_beside_the_three_once_each_has_two_seeds(tmp_path):
+    unsafe = {"ppo-segmentation": 9, "lbc": 7, "ppo-image": 5, "marln": 3, "ppo-auxiliary": 1}
+    files = [
+        wrong_command(name, (count, 0, 0, 0, 0, 0), seed=seed) for name, count in unsafe.items() for seed in (1, 2)
+    ]
+    kept = keep(tmp_path, *files[:-6], *files[-4:])
+    assert "others" not in order_in_words(Collection.read(kept))
+    text = order_in_words(Collection.read(keep(tmp_path, *files)))
+    assert "35 > 16 > 3" in text
+    assert "35 > 23 > 16 > 13 > 3" in text
+    assert "They are in that order." in text
+    assert "gives p = 8.8e-06." in text  # one of 113,400 ways
+    assert "They are not in that order." in describe_all(dict.fromkeys(unsafe, (5, 6)))

@@ -98,4 +98,4 @@ def test_a_summary_has_one_line_for_each_shipped_agent(tmp_path, stored):
     page.write_text("<!-- wrongturn results: summary -->\n<!-- end of results -->\n")
     run("--directory", str(stored), "--write", str(page))
     rows = [line for line in page.read_text().splitlines() if line.startswith("| `")]
-    assert rows == ["| `ppo-image` | 7 | 7 | 14 (14–35 %) | 60/60 | 14 | 16 | 14 [14–14] (1) |"]
+    assert rows == ["| `ppo-image` | 7 | 7 | 14 (14–35 %) | 60/60 | 14 | 16 = 8 + 8 | 14 [14–14] (1) |"]

@@ -17,6 +17,7 @@ from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.observations import observation_space
 
 NAMES = sorted(SHIPPED_AGENTS)
+PRIVILEGED = "lbc-privileged"
 
 
 def needs_weights(name: str) -> None:
@@ -24,13 +25,14 @@ def needs_weights(name: str) -> None:
         pytest.skip(f"the weights of {name} are not there yet")
 
 
-def test_the_three_are_listed_as_references_after_the_baselines():
+def test_the_trained_are_listed_as_references_after_the_baselines():
     listed = {agent.name: agent for agent in list_agents()}
     after = [name for name in listed if listed[name].kind is not AgentKind.EXPLOIT]
-    assert after == [*AGENTS, "ppo-segmentation", "ppo-image", "ppo-auxiliary", *DOUBTING_AGENTS]
+    trained = ["ppo-segmentation", "ppo-image", "ppo-auxiliary", "lbc", PRIVILEGED, "marln"]
+    assert after == [*AGENTS, *trained, *DOUBTING_AGENTS]
     assert list(listed)[: len(after)] == after
-    tracks = [listed[name].track for name in ("ppo-segmentation", "ppo-image", "ppo-auxiliary")]
-    assert tracks == [Track.SEGMENTATION, Track.CAMERA, Track.CAMERA]
+    other = {"ppo-segmentation": Track.SEGMENTATION, PRIVILEGED: Track.PRIVILEGED}
+    assert {name: listed[name].track for name in trained} == dict.fromkeys(trained, Track.CAMERA) | other
     assert {listed[name].kind for name in SHIPPED_AGENTS} == {AgentKind.REFERENCE}
 
 
@@ -38,6 +40,8 @@ def test_missing_weights_are_told_with_the_remedy(monkeypatch, tmp_path):
     monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
     with pytest.raises(ModelFileError, match=r"ships no weights of it; train it .*export .*run ppo-image\.onnx"):
         resolve("ppo-image").make()
+    with pytest.raises(ModelFileError, match=r"train lbc --seed 1'.* runs/lbc-1/privileged\.pt lbc-privileged\.onnx"):
+        resolve(PRIVILEGED).make()
 
 
 def test_agents_without_weights_are_listed_as_such(monkeypatch, tmp_path):
@@ -45,6 +49,7 @@ def test_agents_without_weights_are_listed_as_such(monkeypatch, tmp_path):
     (tmp_path / "ppo-segmentation.onnx").write_text("some")
     said = {agent.name: agent.description for agent in list_agents()}
     assert "train ppo-image'" in said["ppo-image"]
+    assert "train lbc'" in said[PRIVILEGED]
     assert "No weights" not in said["ppo-segmentation"]
 
 

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.reporting.collection import STORED
-from wrongturn_agents.reporting.curves import PICTURE, check_picture, draw
+from wrongturn_agents.reporting.curve_pictures import check_pictures, draw_pictures
 from wrongturn_agents.reporting.figures_cli import Format, Wanted, Width, make
 from wrongturn_agents.reporting.importing import Overrides, import_results
 from wrongturn_agents.reporting.making_studies import make_draws, make_judgings
@@ -45,11 +45,11 @@ def results(
     ] = None,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Fail if a page or the picture differs from the stored results. Writes nothing."),
+        typer.Option(
+            "--check", help="Fail if a page or a picture of the curves differs from the stored results. Writes nothing."
+        ),
     ] = False,
-    curves: Annotated[
-        bool, typer.Option("--curves", help="Draw the learning curves into docs/pictures/learning-curves.svg.")
-    ] = False,
+    curves: Annotated[bool, typer.Option("--curves", help="Draw the learning curves into docs/pictures.")] = False,
     sources: Annotated[
         list[Path] | None,
         typer.Option(
@@ -165,8 +165,8 @@ def results(
         _check(report, write)
         return
     if curves:
-        draw(report.curves, PICTURE)
-        typer.echo(f"{PICTURE}: {len(report.curves)} curves", err=True)
+        for picture in draw_pictures(report.curves):
+            typer.echo(f"{picture}: drawn", err=True)
     for page in write or ():
         typer.echo(f"{page}: {'written' if write_page(page, report) else 'unchanged'}", err=True)
     if json_to is not None:
@@ -180,7 +180,7 @@ def results(
 
 
 def _check(report: Report, named: list[Path] | None) -> None:
-    """Check the named pages, or all pages and the picture."""
+    """Check the named pages, or all pages and the pictures."""
     pages = named or find_pages(Path())
     if not pages:
         raise ResultsError(
@@ -189,7 +189,7 @@ def _check(report: Report, named: list[Path] | None) -> None:
     for page in pages:
         check_page(page, report)
     if not named:
-        check_picture(report.curves, PICTURE)
+        check_pictures(report.curves)
     typer.echo(f"up to date with the stored results: {', '.join(map(str, pages))}")
 
 

@@ -1,32 +1,29 @@
-"""Learning curves: a training run's ``progress.csv``, thinned for storage; their tables and their picture."""
+"""Learning curves: a training run's ``progress.csv``, thinned for storage; and their tables."""
 
 import csv
-import hashlib
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any, Final
+from typing import Final
 
-from wrongturn_agents.errors import MissingPackageError, OutdatedPageError, ResultsError
+from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.reporting.paper import table_order
 from wrongturn_agents.reporting.tables import ReportTable, Rows, label_first
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-PICTURE: Final = Path("docs/pictures/learning-curves.svg")
-"""Picture of the learning curves, from the repository's root."""
 POINTS: Final = 150
 """Number of rows kept of a run; a picture of a few hundred pixels shows no more."""
-_COLUMNS: Final = ("step", "minutes", "reward_mean", "success_heldout", "steps_per_second")  # only step is required
+REWARD: Final = "reward_mean"
+"""Column that runs of reinforcement learning have."""
+LOSS: Final = "loss"
+"""Column that runs of imitation have."""
+HELD_OUT: Final = "success_heldout"
+_COLUMNS: Final = ("step", "minutes", REWARD, LOSS, HELD_OUT, "traffic_success_heldout", "steps_per_second")
+"""Columns that are kept. Only ``step`` is required; in imitation it counts samples."""
 _SECONDS: Final = "seconds_"  # prefix of the columns that say how long each part of the work took
 _NAME: Final = re.compile(r"(?P<agent>[^.]+)(?:\.(?P<variant>[^.]+))?\.s(?P<seed>\d+)\.csv")
-_COLOURS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000")
-"""Okabe and Ito's palette, which colour-blind readers can tell apart."""
-_DIGEST: Final = re.compile(r"curves sha256:([0-9a-f]{64})")
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,7 @@ class Curve:
         """Return about :data:`POINTS` rows, evenly along the run, and every row with a held-out evaluation."""
         rows = len(self.columns["step"])
         every = max(1, math.ceil(rows / POINTS))
-        evaluated = self.columns.get("success_heldout", (math.nan,) * rows)
+        evaluated = self.columns.get(HELD_OUT, (math.nan,) * rows)
         even = [row for row in range(rows) if row % every == 0 or row == rows - 1]
         kept = sorted({*even, *(row for row, value in enumerate(evaluated) if not math.isnan(value))})
         if len(kept) > 3 * POINTS:  # nearly every row has an evaluation
@@ -152,9 +149,33 @@ def standard(curves: Iterable[Curve]) -> dict[str, list[Curve]]:
 
 
 def training_table(curves: Iterable[Curve]) -> ReportTable:
-    """Return a table with a row for each run: its steps, time, speed and final figures."""
+    """Return a table with a row for each run of reinforcement learning: its steps, time, speed and final figures."""
+    head = ("steps", "minutes", "median steps/s", "final reward", "final held-out success")
+    return ReportTable("Training runs", ("agent", "seed", *head), _rows(curves, REWARD, (REWARD, ".1f")))
+
+
+def imitation_table(curves: Iterable[Curve]) -> ReportTable:
+    """Return the same table of runs of imitation, which learn from samples instead of steps."""
+    head = ("samples", "minutes", "median samples/s", "final loss", "final held-out success", "beside traffic")
+    rows = _rows(curves, LOSS, (LOSS, ".3f"), ("traffic_success_heldout", ".2f"))
+    return ReportTable("Training runs of imitation", ("agent", "seed", *head), rows)
+
+
+def _rows(
+    curves: Iterable[Curve], having: str, measure: tuple[str, str], *more: tuple[str, str]
+) -> tuple[tuple[str, ...], ...]:
+    """Return a row for each curve that has a column.
+
+    Args:
+        curves: The curves.
+        having: The column.
+        measure: Name and format of the column whose last value stands before the held-out success.
+        more: Those that stand behind it.
+    """
     rows: dict[str, Rows] = {}
     for curve in curves:
+        if having not in curve.columns:
+            continue
         name = f"`{curve.agent}`" + (f", {curve.variant.replace('-', ' ')}" if curve.variant else "")
         speeds = curve.points("steps_per_second")[1]
         row = (
@@ -162,13 +183,10 @@ def training_table(curves: Iterable[Curve]) -> ReportTable:
             f"{curve.last('step') / 1e6:.2f} M",
             _shown(curve.last("minutes"), ".1f"),
             _shown(median(speeds) if speeds else math.nan, ",.0f"),
-            _shown(curve.last("reward_mean"), ".1f"),
-            _shown(curve.last("success_heldout"), ".2f"),
+            *(_shown(curve.last(column), form) for column, form in (measure, (HELD_OUT, ".2f"), *more)),
         )
         rows.setdefault(name, []).append(row)
-    head = ("agent", "seed", "steps", "minutes", "median steps/s", "final reward", "final held-out success")
-    labelled = (row for name, own in rows.items() for row in label_first(name, own))
-    return ReportTable("Training runs", head, tuple(labelled))
+    return tuple(row for name, own in rows.items() for row in label_first(name, own))
 
 
 def time_table(curves: Iterable[Curve]) -> ReportTable:
@@ -182,73 +200,6 @@ def time_table(curves: Iterable[Curve]) -> ReportTable:
             shares = (f"{100 * sum(seconds.get(part, 0.0) for seconds in runs) / whole:.0f}" for part in parts)
             rows.append((f"`{agent}`", *shares))
     return ReportTable("Where the time of training goes, in %", ("agent", *parts), tuple(rows), text_columns=1)
-
-
-def draw(curves: Sequence[Curve], path: Path) -> None:
-    """Draw reward and held-out success over environment steps, with a column for each agent and a line for each seed.
-
-    Raises:
-        MissingPackageError: matplotlib is not installed.
-        ResultsError: There is nothing to draw, or the file cannot be written.
-    """
-    try:
-        import matplotlib as mpl  # noqa: PLC0415 - comes with an extra
-        from matplotlib.figure import Figure  # noqa: PLC0415
-    except ImportError as error:
-        raise MissingPackageError("matplotlib is not installed; install wrongturn-agents[figures]") from error
-    agents = standard(curves)
-    if not agents:
-        raise ResultsError("--curves: no curve is stored; store one with 'wrongturn results --import RUN_DIRECTORY'")
-    look: Any = {"svg.hashsalt": "wrongturn", "svg.fonttype": "none", "path.simplify": True, "font.size": 9}
-    with mpl.rc_context(look):
-        figure = Figure(figsize=(3.2 * len(agents), 4.4), layout="constrained")
-        axes = figure.subplots(2, len(agents), squeeze=False, sharex="col", sharey="row")
-        for column, (agent, runs) in enumerate(agents.items()):
-            _draw_agent(axes[0, column], axes[1, column], runs)
-            axes[0, column].set_title(agent)
-            axes[1, column].set_xlabel("environment steps, million")
-        axes[0, 0].set_ylabel("reward of a drive, mean")
-        axes[1, 0].set_ylabel("held-out routes completed")
-        note = {"Date": None, "Title": "Learning curves", "Description": f"curves sha256:{_digest(curves)}"}
-        try:
-            figure.savefig(path, format="svg", metadata=note)
-        except OSError as error:
-            raise ResultsError(
-                f"--curves: {path} cannot be written ({error.strerror}); run it from the repository's root"
-            ) from error
-
-
-def check_picture(curves: Sequence[Curve], path: Path) -> None:
-    """Check that a picture shows these curves.
-
-    Raises:
-        OutdatedPageError: The picture shows other curves, or is missing although there are curves.
-    """
-    if not standard(curves):
-        return
-    found = _DIGEST.search(path.read_text(encoding="utf-8")) if path.is_file() else None
-    if found is None or found[1] != _digest(curves):
-        raise OutdatedPageError(f"{path}: does not show the stored curves; draw it with 'wrongturn results --curves'")
-
-
-def _digest(curves: Sequence[Curve]) -> str:
-    """Return a hash of what is drawn. The picture holds it, so that a check need not draw it again."""
-    drawn = [
-        (curve.agent, curve.seed, sorted(curve.columns.items())) for of in standard(curves).values() for curve in of
-    ]
-    return hashlib.sha256(repr(drawn).encode()).hexdigest()
-
-
-def _draw_agent(above: "Axes", below: "Axes", runs: Sequence[Curve]) -> None:
-    for number, run in enumerate(runs):
-        colour = _COLOURS[number % len(_COLOURS)]
-        for axes, column in ((above, "reward_mean"), (below, "success_heldout")):
-            steps, values = run.points(column)
-            axes.plot([step / 1e6 for step in steps], values, color=colour, linewidth=1.0, label=f"seed {run.seed}")
-    for axes in (above, below):
-        axes.grid(visible=True, linewidth=0.4, alpha=0.5)
-    below.set_ylim(-0.02, 1.02)
-    above.legend(fontsize=7, frameon=False, loc="upper left")
 
 
 def _sum(values: Iterable[float]) -> float:

@@ -23,6 +23,8 @@ _REMEDY: Final = (
     "give a file of 'wrongturn score --json' or of 'wrongturn run --json', the file of a saved run, or the directory "
     "of a training run"
 )
+PRIVILEGED_CURVE: Final = "privileged.csv"
+"""Progress of the first half of a run of ``lbc``: of the agent from which the other learns."""
 _PLAIN_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # what a curve's file name may hold
 
 
@@ -47,7 +49,7 @@ def import_results(source: Path, directory: Path, overrides: Overrides) -> Path:
         overrides: Fields that replace those of the source.
 
     Returns:
-        Path of the stored file.
+        Path of the stored file. A run of two halves has a curve of each: the path is that of the second.
 
     Raises:
         ResultsError: The source is none of these, or does not fit its suite.
@@ -157,4 +159,7 @@ def _import_curve(run: Path, directory: Path, overrides: Overrides) -> Path:
     for option, value in (("--agent", agent), ("--variant", variant)):
         if value is not None and not (isinstance(value, str) and _PLAIN_NAME.fullmatch(value)):
             raise ResultsError(f"{option}: {value!r} is not valid; give letters, digits, dashes and underscores")
+    first = run / PRIVILEGED_CURVE
+    if first.is_file() and variant is None:  # an ablation leaves out a part of the second half only
+        read_progress(first, f"{agent}-privileged", seed).thinned().write(directory / "curves")
     return read_progress(run / "progress.csv", agent, seed, variant).thinned().write(directory / "curves")

@@ -1,4 +1,8 @@
-"""Whether the paper's order of its three agents, 35 > 16 > 3 unsafe, holds over training seeds in its own column."""
+"""Whether the paper's order of its agents holds over training seeds, in its own column.
+
+The test is of the three agents that the paper's authors trained, 35 > 16 > 3 unsafe. They differ in one thing each.
+The other two were trained by others, and stand beside them.
+"""
 
 import itertools
 import math
@@ -12,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.paper import ALGORITHMS, PAPER_BY_NAME
+from wrongturn_agents.reporting.paper import ALGORITHMS, COMPARED, PAPER_BY_NAME
 from wrongturn_agents.reporting.tables import scipy_stats, spread
 from wrongturn_agents.reporting.wrong_command import counts_by_seed
 
@@ -78,19 +82,21 @@ def _in_order(*samples: NDArray[np.float64], axis: int = -1) -> NDArray[np.float
     return total
 
 
-def unsafe_by_seed(collection: Collection) -> dict[str, tuple[int, ...]]:
-    """Return the unsafe trials of 60 (paper's column) of each of its algorithms, one for each seed that drives."""
+def unsafe_by_seed(collection: Collection, names: Sequence[str] = COMPARED) -> dict[str, tuple[int, ...]]:
+    """Return the unsafe trials of 60 (paper's column) of algorithms, one for each seed that drives."""
     return {
         name: tuple(
             one.unsafe for seed, one in counts_by_seed(collection, name).items() if seed is not None and one.drives
         )
-        for name in ALGORITHMS
+        for name in names
     }
 
 
 def order_in_words(collection: Collection) -> str:
     """Return the paragraph that says whether the paper's order holds, and which seeds it leaves out."""
-    return describe_order(unsafe_by_seed(collection)) + seeds_left_out(collection)
+    in_order = sorted(ALGORITHMS, key=lambda name: -PAPER_BY_NAME[name].unsafe)
+    every = describe_all(unsafe_by_seed(collection, in_order))
+    return describe_order(unsafe_by_seed(collection)) + every + seeds_left_out(collection)
 
 
 def seeds_left_out(collection: Collection) -> str:
@@ -143,6 +149,25 @@ def describe_order(counts: Mapping[str, Sequence[int]]) -> str:
     )
 
 
+def describe_all(counts: Mapping[str, Sequence[int]]) -> str:
+    """Return a paragraph about all of the paper's agents; empty while one has fewer than two seeds that drive.
+
+    Args:
+        counts: Unsafe trials of 60 by algorithm, one a seed, in the paper's order.
+    """
+    if min(map(len, counts.values())) < 2:
+        return ""
+    test = order_test(tuple(tuple(found) for found in counts.values()))
+    same = _descending([median(found) for found in counts.values()])
+    paper = " > ".join(str(PAPER_BY_NAME[name].unsafe) for name in counts)
+    shown = ", ".join(f"`{name}` {spread(found)} ({len(found)} seeds)" for name, found in counts.items())
+    return (
+        f"\nThe paper's other two agents were trained by others, so the test leaves them out. With them the paper's "
+        f"order is {paper}. Our medians: {shown}. They are {'' if same else 'not '}in that order. The same test over "
+        f"all {len(counts)}, which differ in more than one thing, gives p = {test.p:.2g}.\n\n"
+    )
+
+
 def _conclusion(test: OrderTest, alike: list[tuple[str, str]], *, same: bool) -> str:
     """Return what may be concluded at 5 %: the order holds only if each agent differs from the next."""
     if test.p > _LEVEL:
@@ -164,8 +189,8 @@ def as_json(collection: Collection) -> dict[str, Any]:
     counts = unsafe_by_seed(collection)
     test = order_test(tuple(counts.values())) if min(map(len, counts.values())) > 1 else None
     return {
-        "paper": {name: PAPER_BY_NAME[name].unsafe for name in counts},
-        "unsafe_by_seed": {name: list(found) for name, found in counts.items()},
+        "paper": {name: agent.unsafe for name, agent in PAPER_BY_NAME.items()},
+        "unsafe_by_seed": {name: list(found) for name, found in unsafe_by_seed(collection, ALGORITHMS).items()},
         "p": None if test is None else test.p,
         "ways": None if test is None else test.ways,
         "exact": None if test is None else test.exact,

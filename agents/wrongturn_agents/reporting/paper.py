@@ -5,11 +5,14 @@ from typing import Final
 
 from wrongturn_protocol import PAPER
 
-PAPER_BY_NAME: Final = MappingProxyType({agent.ours: agent for agent in PAPER if agent.ours is not None})
-"""The paper's agents by the name of ours, from the most unsafe to the least."""
+PAPER_BY_NAME: Final = MappingProxyType({agent.ours: agent for agent in PAPER})
+"""The paper's agents by the name of ours, in the order of its tables."""
 
 ALGORITHMS: Final = tuple(PAPER_BY_NAME)
-"""Names of our agents that follow the paper's designs, from the most unsafe to the least."""
+"""Names of our agents that follow the designs of the paper's agents, in the order of its tables."""
+
+COMPARED: Final = ("ppo-segmentation", "ppo-image", "ppo-auxiliary")
+"""Those of the agents that the paper's authors trained, from the most unsafe to the least. Others trained the rest."""
 
 
 def table_order(agent: str) -> tuple[int, str]:

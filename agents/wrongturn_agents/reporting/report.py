@@ -10,7 +10,8 @@ from typing import Any, Final, Self
 from wrongturn_agents.errors import OutdatedPageError, ResultsError
 from wrongturn_agents.reporting import navigation, order, study_tables, wrong_command
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.curves import PICTURE, Curve, read_curves, standard, time_table, training_table
+from wrongturn_agents.reporting.curve_pictures import PICTURES
+from wrongturn_agents.reporting.curves import Curve, imitation_table, read_curves, time_table, training_table
 from wrongturn_agents.reporting.studies import Draws, Judgings, draws_file, judgings_file
 from wrongturn_agents.reporting.tables import ReportTable, Rows, label_first, spread, with_interval
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND
@@ -23,6 +24,7 @@ _SECTION: Final = re.compile(
     re.DOTALL,
 )
 _ABLATED: Final = tuple(condition for condition in Condition if condition is not Condition.TRAINING)
+_CURVES: Final = dict(zip(("curves", "imitation-curves"), PICTURES, strict=True))
 _REMEDY: Final = f"write '{_BEGIN}NAME -->' and '{_END}' on lines of their own"
 
 
@@ -65,13 +67,14 @@ class Report:
             "versions": study_tables.versions_table(self.judgings),
             "draws": study_tables.draws_table(self.draws),
             "training": training_table(self.curves),
+            "imitation": imitation_table(self.curves),
             "time": time_table(self.curves),
         }
 
     @property
     def sections(self) -> tuple[str, ...]:
         """Names of all sections that a page may have."""
-        return (*self.tables, "summary", "order", "curves", "missing")
+        return (*self.tables, "summary", "order", *_CURVES, "missing")
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -91,11 +94,11 @@ class Report:
             return order.order_in_words(self.collection)
         if name == "missing":
             return "".join(f"- {line}\n" for line in self.missing + self.differences) or "Nothing is missing.\n"
-        if name == "curves":
-            if not standard(self.curves):
+        if name in _CURVES:
+            picture = _CURVES[name]
+            if not picture.curves_of(self.curves):
                 return "*No learning curve is stored yet.*\n"
-            link = os.path.relpath(PICTURE, page.parent)
-            return f"![Reward and held-out success of every seed over environment steps]({link})\n"
+            return f"![{picture.seen}]({os.path.relpath(picture.path, page.parent)})\n"
         return self.tables[name].markdown()
 
     def as_json(self) -> dict[str, Any]:

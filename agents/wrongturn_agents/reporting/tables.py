@@ -82,10 +82,7 @@ def rows_beside_paper(
     rows: Rows = []
     for agent in PAPER:
         paper = ("the paper", *paper_row(agent))
-        if agent.ours is None:
-            rows += label_first(agent.title, [paper])
-        else:
-            rows += label_first(f"`{agent.ours}`", [paper, *own_rows(agent.ours)])
+        rows += label_first(f"`{agent.ours}`", [paper, *own_rows(agent.ours)])
     for name in collection.agents(suite):
         if name not in PAPER_BY_NAME:
             rows += label_first(f"`{name}`", own_rows(name))

@@ -133,7 +133,7 @@ def summary_table(collection: Collection) -> ReportTable:
         file = collection.of_shipped(WRONG_COMMAND, name)
         if file is None:
             continue
-        counts = count_unsafe(file)
+        counts, paper = count_unsafe(file), PAPER_BY_NAME[name]
         wrong, follow = (sum(counts.strict[kind, fault] for kind in PAPER_TYPES) for fault in _FAULTS)
         seeds = [one.unsafe_strict for seed, one in counts_by_seed(collection, name).items() if seed is not None]
         rows.append(
@@ -144,7 +144,7 @@ def summary_table(collection: Collection) -> ReportTable:
                 tables.with_interval(counts.unsafe_strict, counts.trials),
                 f"{counts.completed}/{counts.twins}",
                 str(counts.unsafe),
-                str(PAPER_BY_NAME[name].unsafe),
+                f"{paper.unsafe} = {sum(paper.infeasible)} + {sum(paper.omission)}",
                 f"{tables.spread(seeds)} ({len(seeds)})" if seeds else "–",
             )
         )
@@ -164,7 +164,7 @@ def summary_table(collection: Collection) -> ReportTable:
 def seeds_table(collection: Collection) -> ReportTable:
     """Return the table of unsafe trials with a row for each training seed."""
     rows: Rows = []
-    for name in ALGORITHMS:
+    for name in collection.agents(WRONG_COMMAND):
         each = [
             (
                 f"seed {seed}",
@@ -174,6 +174,7 @@ def seeds_table(collection: Collection) -> ReportTable:
                 str(one.completed) + _REMARK[one.drives],
             )
             for seed, one in counts_by_seed(collection, name).items()
+            if seed is not None
         ]
         rows += tables.label_first(f"`{name}`", each)
     head = ("agent", "training", *PAPER_TYPES, *_STRICT_HEAD, "twins completed of 60")

@@ -76,15 +76,14 @@ def export_checkpoint(
     from wrongturn_agents.training.errors import TrainingError  # noqa: PLC0415 - keeps the program's start quick
 
     try:
-        from wrongturn_agents.training.checkpoint import load_checkpoint, model_of  # noqa: PLC0415
         from wrongturn_agents.training.doubting.exporting import export_doubting  # noqa: PLC0415
         from wrongturn_agents.training.doubting.run import is_doubting  # noqa: PLC0415
         from wrongturn_agents.training.export import export as exporting  # noqa: PLC0415
         from wrongturn_agents.training.lbc.checkpoints import is_lbc  # noqa: PLC0415
         from wrongturn_agents.training.lbc.exporting import export_lbc  # noqa: PLC0415
+        from wrongturn_agents.training.loading import load  # noqa: PLC0415
         from wrongturn_agents.training.marln.config import MarlnConfig  # noqa: PLC0415
         from wrongturn_agents.training.marln.exporting import export_marln  # noqa: PLC0415
-        from wrongturn_agents.training.marln.network import marln_of  # noqa: PLC0415
         from wrongturn_agents.training.recording import record_observations  # noqa: PLC0415
     except ImportError as error:
         raise TrainingError(_missing(error)) from error
@@ -92,15 +91,13 @@ def export_checkpoint(
         export_doubting(checkpoint, file, precision, name=name)
         typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")
         return
+    loaded = load(checkpoint)  # reports a damaged checkpoint before minutes go into observations
+    compared = record_observations(loaded.track, _COMPARED, seed=1) if compare else None
+    write = exporting.export
     if is_lbc(checkpoint):
-        export_lbc(checkpoint, file, precision, name=name)
-        typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")
-        return
-    told = load_checkpoint(checkpoint)
-    remembers = told["algorithm"] == MarlnConfig.algorithm
-    (marln_of if remembers else model_of)(told)  # reports a damaged checkpoint before minutes go into observations
-    compared = record_observations("camera" if remembers else "segmentation", _COMPARED, seed=1) if compare else None
-    write = export_marln if remembers else exporting.export
+        write = export_lbc
+    elif loaded.algorithm == MarlnConfig.algorithm:
+        write = export_marln
     found = write(checkpoint, file, precision, name=name, compared=compared)
     typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")
     if found is not None:

@@ -341,8 +341,7 @@ def _paper_row(
     lines: tuple[str, ...],
     parts: tuple[tuple[str, ...], ...],
 ) -> Row:
-    notes = () if agent.ours is None else (f"the design of {agent.ours}",)
-    return Row("–", agent.title, None, notes, None, drawn, figures, lines, parts)
+    return Row("–", agent.title, None, (f"the design of {agent.ours}",), None, drawn, figures, lines, parts)
 
 
 def _success(count: NavigationCount | None) -> str:

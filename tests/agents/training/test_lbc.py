@@ -11,6 +11,7 @@ import torch
 from wrongturn_agents import resolve
 from wrongturn_agents.models.waypoint_control import MEMORY
 from wrongturn_agents.models.waypoints import to_picture
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.lbc.cars import Cars
 from wrongturn_agents.training.lbc.checkpoints import BEST, PRIVILEGED_FILE, is_lbc, load_agent
@@ -114,9 +115,13 @@ def test_a_run_resumes_where_it_stopped_and_refuses_what_does_not_fit(run, tmp_p
 @pytest.mark.parametrize("file", [BEST, pytest.param(PRIVILEGED_FILE, marks=pytest.mark.soak)])
 def test_the_file_drives_as_the_checkpoint_does(run, file, tmp_path):
     exported = tmp_path / "agent.onnx"
-    export_lbc(run / file, exported, "fp16")
+    agent, told = load_agent(run / file)
+    compared = record_observations(SHIPPED_AGENTS[told["algorithm"]].track, 24, seed=4)
+    found = export_lbc(run / file, exported, "fp16", compared=compared)
+    assert found is not None
+    assert found.observations == 24
+    assert max(found.mean) <= max(found.greatest) < 5e-3
     source = resolve(str(exported))
-    agent, _ = load_agent(run / file)
     driver = source.make()
     assert (source.track, driver.memoryless) == ("privileged" if file == PRIVILEGED_FILE else "camera", False)
     seen = record_observations(source.track, 6, seed=3)

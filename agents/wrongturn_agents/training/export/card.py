@@ -21,8 +21,9 @@ from wrongturn_agents.reporting.curves import Curve, read_curves
 from wrongturn_agents.reporting.navigation import count_success
 from wrongturn_agents.reporting.tables import spread, with_interval
 from wrongturn_agents.reporting.wrong_command import count_unsafe, counts_by_seed
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, WEIGHTS, ShippedAgent
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, WEIGHTS, ShippedAgent, trained_with
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
+from wrongturn_agents.training.export.card_words import Words, words_of
 from wrongturn_protocol import CORL_TASKS, Condition, Task
 
 FACTS: Final = "training.json"
@@ -58,7 +59,7 @@ def card(agent: ShippedAgent, collection: Collection, curves: tuple[Curve, ...],
     """
     session = open_session(agent.file)
     told: dict[str, str] = session.get_modelmeta().custom_metadata_map
-    seed = int(told["seed"])
+    seed, words = int(told["seed"]), words_of(agent.name)
     if collection.shipped.get(agent.name, seed) != seed:
         raise ModelFileError(
             f"{agent.file.name}: it is of seed {seed}, and results/shipped.json names seed "
@@ -68,25 +69,23 @@ def card(agent: ShippedAgent, collection: Collection, curves: tuple[Curve, ...],
     inputs = "\n".join(f"| `{put.name}` | {put.type[7:-1]} | {_shape(put.shape)} |" for put in session.get_inputs())
     parts = [
         f"# {agent.name}",
-        agent.description + " One of the three agents of Carton et al., *Evaluating Robustness over High Level Driving "
-        "Instruction for Autonomous Driving* (2021), trained anew on this benchmark's simulation.",
+        f"{agent.description} {words.origin}",
         _table(
             {
                 "file": f"`{agent.file.name}`, {agent.file.stat().st_size / 1e6:.1f} MB",
                 "sha256": f"`{hashlib.sha256(agent.file.read_bytes()).hexdigest()}`",
                 "track": f"`{agent.track}`",
-                "weights": _PRECISION[told["precision"]],
+                "weights": {**_PRECISION, "int8": words.int8}[told["precision"]],
                 "licence": told["licence"],
             }
         ),
         "## Input and output",
         "| input | dtype | shape |\n|---|---|---|\n" + inputs,
-        "One output, `action`: float32 (batch, 3), steer in [-1, 1] (left negative), throttle and brake in [0, 1]. "
-        "The picture is scaled, and classes are spread over planes, within the graph. No memory between steps. The "
-        "contract stands in `docs/models.md`.",
+        "The output `action` is float32 (batch, 3): steer in [-1, 1] (left negative), throttle and brake in [0, 1]. "
+        f"{words.inside} The contract stands in `docs/models.md`.",
         _agreement(told),
         "## Training",
-        _table(_training(told, curve, facts)),
+        _table(_training(told, curve, facts, words)),
         _commands(agent, seed, told, facts),
         *([" ".join(facts.notes)] if facts.notes else []),
         "## How it drives",
@@ -94,8 +93,7 @@ def card(agent: ShippedAgent, collection: Collection, curves: tuple[Curve, ...],
         "## Limits",
         f"It was trained in one simulated town, in four weathers, {_company(told)}, and with correct commands "
         "only. It has learned no reaction to a wrong command: whatever it does then is what the benchmark asks about. "
-        "It does not see traffic lights or signs, brakes for nobody by any rule that it was taught, and is for "
-        "research on this benchmark alone: nothing here is fit to drive a car.",
+        f"{words.others} and is for research on this benchmark alone: nothing here is fit to drive a car.",
         "## Licence",
         f"{told['licence']}, as the rest of the package.",
     ]
@@ -105,7 +103,6 @@ def card(agent: ShippedAgent, collection: Collection, curves: tuple[Curve, ...],
 _PRECISION: Final = {
     "fp32": "32-bit floating point",
     "fp16": "stored as 16-bit floating point, computed in 32",
-    "int8": "convolutions and the wide layer behind them in 8 bits, the rest as 16-bit floating point",
 }
 
 
@@ -162,7 +159,7 @@ def _company(told: dict[str, str]) -> str:
     return f"in {share:.0%} of the drives beside simple traffic" if share else "without other road users"
 
 
-def _training(told: dict[str, str], curve: Curve | None, facts: Facts) -> dict[str, str]:
+def _training(told: dict[str, str], curve: Curve | None, facts: Facts, words: Words) -> dict[str, str]:
     versions = {name: version for name, version in json.loads(told["versions"]).items() if version != "unknown"}
     minutes = curve.last("minutes") if curve else math.nan
     held_out = ", ".join(
@@ -174,7 +171,7 @@ def _training(told: dict[str, str], curve: Curve | None, facts: Facts) -> dict[s
         "data": "drives about Town01 in ClearNoon, WetNoon, HardRainNoon and ClearSunset, commands always correct, "
         + _company(told),
         "seed": told["seed"],
-        "environment steps": f"{int(told['steps']):,}" + (f" (of {curve.last('step'):,.0f})" if curve else ""),
+        words.steps: f"{int(told['steps']):,}" + (f" (of {curve.last('step'):,.0f})" if curve else ""),
         "minutes": _STATED if math.isnan(minutes) else f"{minutes:.1f}",
         "hardware": facts.hardware,
         "held-out journeys, Town01": held_out or _STATED,
@@ -184,10 +181,10 @@ def _training(told: dict[str, str], curve: Curve | None, facts: Facts) -> dict[s
 
 def _commands(agent: ShippedAgent, seed: int, told: dict[str, str], facts: Facts) -> str:
     options = f" {facts.options}" if facts.options else ""
-    run = f"runs/{agent.name}-{seed}"
+    algorithm, checkpoint = trained_with(agent.name)
     lines = (
-        f"wrongturn train {agent.name} --seed {seed}{options}",
-        f"wrongturn export {run}/best.pt {agent.file.name} --precision {told['precision']}",
+        f"wrongturn train {algorithm} --seed {seed}{options}",
+        f"wrongturn export runs/{algorithm}-{seed}/{checkpoint} {agent.file.name} --precision {told['precision']}",
         f"wrongturn run {agent.name} --suite {WRONG_COMMAND}",
     )
     return "```sh\n" + "\n".join(lines) + "\n```"

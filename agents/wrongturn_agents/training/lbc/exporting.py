@@ -1,15 +1,22 @@
 """One ONNX file of an agent of "Learning by Cheating": from an observation and a memory to an action."""
 
-from collections.abc import Mapping
+import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 
 from wrongturn_agents.models.waypoint_control import MEMORY
-from wrongturn_agents.training.export.export import CALIBRATION, CALIBRATION_SEED, Precision
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.training.export.agreement import agreement_along_drives
+from wrongturn_agents.training.export.export import (
+    CALIBRATION,
+    CALIBRATION_SEED,
+    Agreement,
+    Observations,
+    Precision,
+)
 from wrongturn_agents.training.export.quantisation import halve, quantise
 from wrongturn_agents.training.export.writing import (
     check_name,
@@ -19,16 +26,8 @@ from wrongturn_agents.training.export.writing import (
     write_graph,
 )
 from wrongturn_agents.training.lbc.checkpoints import load_agent
-from wrongturn_agents.training.lbc.config import PRIVILEGED
 from wrongturn_agents.training.recording import record_observations
-from wrongturn_protocol import Track
 from wrongturn_protocol.model_contract import STATE_IN
-
-DESCRIPTIONS: Final = {
-    "lbc": "Learned by imitation to drive by pictures, from an agent that saw the truth (Learning by Cheating).",
-    PRIVILEGED: "Learned by imitation of rules to drive by a bird's-eye view of the truth; it taught lbc.",
-}
-"""What each agent is, for the leaderboard."""
 
 
 def export_lbc(
@@ -37,8 +36,9 @@ def export_lbc(
     precision: Precision | str = Precision.FP32,
     *,
     name: str | None = None,
-    observations: Mapping[str, NDArray[Any]] | None = None,
-) -> None:
+    observations: Observations | None = None,
+    compared: Observations | None = None,
+) -> Agreement | None:
     """Write an agent as one ONNX file.
 
     Args:
@@ -47,6 +47,11 @@ def export_lbc(
         precision: precision of the weights.
         name: the agent's name on the leaderboard; the algorithm by default.
         observations: (n, ...) for each input, to calibrate int8 with; recorded by default.
+        compared: recorded observations on which to compare the file's actions with the checkpoint's. The file's
+            metadata keeps the result.
+
+    Returns:
+        The comparison, if there was one.
 
     Raises:
         TrainingError: the file is no checkpoint, or the ONNX file cannot be written.
@@ -56,8 +61,8 @@ def export_lbc(
     if name is not None:
         check_name(name)
     agent, told = load_agent(checkpoint)
-    algorithm = told["algorithm"]
-    track = Track.PRIVILEGED if algorithm == PRIVILEGED else Track.CAMERA
+    shipped = SHIPPED_AGENTS[told["algorithm"]]
+    track = shipped.track
     graph = export_remembering(agent, agent.keys, track, MEMORY)
     if precision is Precision.INT8:
         seen = observations or record_observations(track, CALIBRATION, seed=CALIBRATION_SEED)
@@ -67,5 +72,10 @@ def export_lbc(
     if precision is not Precision.FP32:
         halve(graph)
     onnx.checker.check_model(graph, full_check=True)
-    facts = facts_of(told, name=name, track=track, description=DESCRIPTIONS[algorithm], precision=precision)
+    facts = facts_of(told, name=name, track=track, description=shipped.description, precision=precision)
     write_graph(file, graph, facts)
+    if compared is None:
+        return None
+    found = agreement_along_drives(agent, agent.keys, file, compared)
+    write_graph(file, graph, facts | {"agreement": json.dumps(asdict(found), sort_keys=True)})
+    return found

@@ -1,0 +1,68 @@
+"""What a card says of each kind of agent, and no file knows."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from wrongturn_protocol.model_contract import STATE_IN, STATE_OUT
+
+_CARTON: Final = (
+    "Carton et al., *Evaluating Robustness over High Level Driving Instruction for Autonomous Driving* (2021)"
+)
+_CHEATING: Final = "*Learning by Cheating* (Chen et al., CoRL 2019)"
+_AFFORDANCES: Final = (
+    "*End-to-End Model-Free Reinforcement Learning for Urban Driving using Implicit Affordances* (Toromanoff et al., "
+    "CVPR 2020)"
+)
+_COMPARES: Final = f"with which {_CARTON}, compare theirs. Trained anew on this benchmark's simulation."
+_BY_EXAMPLE: Final = "It does not see traffic lights or signs, brakes for others only as examples taught it,"
+
+
+@dataclass(frozen=True)
+class Words:
+    """Sentences of a card."""
+
+    origin: str
+    """Whose method it is."""
+    inside: str
+    """What the graph does with its inputs, and what it remembers."""
+    steps: str = "environment steps"
+    """What its training counts."""
+    int8: str = "convolutions and the wide layer behind them in 8 bits, the rest as 16-bit floating point"
+    """Which weights have 8 bits."""
+    others: str = "It does not see traffic lights or signs, brakes for nobody by any rule that it was taught,"
+    """How it treats others."""
+
+
+_PPO: Final = Words(
+    f"One of the three agents of {_CARTON}, trained anew on this benchmark's simulation.",
+    "The picture is scaled, and classes are spread over planes, within the graph. No memory between steps.",
+)
+_WORDS: Final = {
+    "lbc": Words(
+        f"The method is {_CHEATING}, {_COMPARES}",
+        f"The picture is scaled, and waypoints become controls, within the graph. Its memory (`{STATE_IN}`, "
+        f"`{STATE_OUT}`) is two numbers: the mean errors of its steering and of its speed.",
+        "samples",
+        "convolutions in 8 bits, the rest as 16-bit floating point",
+        _BY_EXAMPLE,
+    ),
+    "lbc-privileged": Words(
+        f"The teacher of `lbc` in {_CHEATING}. It sees the truth, so it drives in the privileged track. Carton et al. "
+        "have no figure of it. Trained anew on this benchmark's simulation.",
+        f"The view from above is drawn, and waypoints become controls, within the graph. Its memory (`{STATE_IN}`, "
+        f"`{STATE_OUT}`) is two numbers: the mean errors of its steering and of its speed.",
+        "samples",
+        "convolutions in 8 bits, the rest as 16-bit floating point",
+        _BY_EXAMPLE,
+    ),
+    "marln": Words(
+        f"The method is {_AFFORDANCES}, {_COMPARES}",
+        f"Pictures are scaled within the graph. Its memory (`{STATE_IN}`, `{STATE_OUT}`) is the pictures of the three "
+        "decisions before.",
+    ),
+}
+
+
+def words_of(name: str) -> Words:
+    """Return what the card of a shipped agent says."""
+    return _WORDS.get(name, _PPO)
