@@ -85,6 +85,11 @@ class ShippedDoubtingAgent:
         return WEIGHTS / f"{self.name}.gate.onnx"
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """Paths of the file that doubts and of the one that drives: another agent drives if one of them changes."""
+        return self.file, SHIPPED_AGENTS[self.drives].file
+
+    @property
     def card(self) -> Path:
         """Path of the model card in Markdown."""
         return WEIGHTS / f"{self.name}.md"

@@ -142,6 +142,7 @@ def resolve(named: str) -> AgentSource:
         return _source(named, EXPLOITS[named])
     agent = SHIPPED_AGENTS.get(named) or DOUBTING_AGENTS.get(named)
     if agent is not None:
+        files = agent.files if isinstance(agent, ShippedDoubtingAgent) else (agent.file,)
         return AgentSource(
             name=agent.name,
             track=agent.track,
@@ -149,7 +150,7 @@ def resolve(named: str) -> AgentSource:
             description=agent.description,
             make=agent.make,
             trained_on_faults=agent.trained_on_faults,
-            code=(agent.file,) if agent.file.is_file() else (),
+            code=tuple(file for file in files if file.is_file()),
         )
     if named.endswith(".onnx"):
         return _model(Path(named))

@@ -108,6 +108,34 @@ def test_rates_and_their_intervals(run):
     assert (left, right) == (pytest.approx(18.76, abs=0.01), pytest.approx(81.24, abs=0.01))
 
 
+def test_the_plane_of_obedience_and_safety():
+    figures_of = {
+        "follows": {"unsafe": (10, 5, 0, 0, 0, 0)},
+        "stands": {"unsafe": (0,) * 6, "twins_failed": 60},
+        "doubting": {"unsafe": (0,) * 6},
+        "careful": {"unsafe": (0,) * 6},
+    }
+    runs = [drives.of_results(wrong_command(name, **found)) for name, found in figures_of.items()]
+    (axes,) = figures.obedience_safety(runs).axes
+    marks = [tuple(float(one.get_data()[axis][0]) for axis in (0, 1)) for one in axes.lines if one.get_marker() == "o"]
+    # Completed twins and unsafe trials, percent.
+    assert sorted(marks) == [(0.0, 0.0), (100.0, 0.0), (100.0, 25.0)]
+    assert {text.get_text() for text in axes.texts} == {"follows", "stands", "doubting †\ncareful"}
+    assert axes.get_xlabel().endswith("† met wrong commands in its training")
+    boxes = [text.get_position() for text in axes.texts]
+    assert len(set(boxes)) == len(boxes)
+    (plain,) = figures.obedience_safety(runs[:1]).axes
+    assert plain.get_xlabel() == "twins completed, %"
+
+
+def test_an_agent_that_met_wrong_commands_is_marked():
+    doubting = drives.of_results(wrong_command("doubting", (0,) * 6))
+    assert (doubting.label, doubting.named("ours").label) == ("doubting †", "ours †")
+    assert "doubting\\,\\dag & wrong" in figures.latex_table([doubting])
+    (axes,) = figures.unsafe_rates([doubting]).axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["doubting †"]
+
+
 def test_pairs_are_counted(run):
     assert figures.pair_counts(run) == (3, 0, 0, 3)
     twins_fail = drives.of_run(driven_run(lambda trial: OFF_ROAD if trial.is_twin else {}, agent="worse twins"))

@@ -34,7 +34,15 @@ def refused(*arguments: object) -> str:
 def test_one_command_makes_everything_for_a_paper(run_file: Path, tmp_path: Path):
     table, rows = tmp_path / "table.tex", tmp_path / "trials.csv"
     out, told = made("--figures", tmp_path / "new", "--latex", table, "--csv", rows, run_file, f"A_1={run_file}")
-    names = ["pairs", "trajectories-A_1", "trajectories-by-hand", "twins-A_1", "twins-by-hand", "unsafe-rates"]
+    names = [
+        "obedience-safety",
+        "pairs",
+        "trajectories-A_1",
+        "trajectories-by-hand",
+        "twins-A_1",
+        "twins-by-hand",
+        "unsafe-rates",
+    ]
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == sorted(
         f"{name}.{kind}" for name in names for kind in ("pdf", "png")
     )
@@ -61,7 +69,8 @@ def test_stored_results_are_shown_by_the_agents_names(tmp_path: Path):
         "--directory", directory, "--figures", tmp_path / "new", "--format", "svg", "--width", "page", "careful"
     )
     assert "careful: the stored results have no trajectories to draw" in told
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["pairs.svg", "unsafe-rates.svg"]
+    drawn = ["obedience-safety.svg", "pairs.svg", "unsafe-rates.svg"]
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == drawn
     said = refused("--directory", directory, "--latex", "-", "nobody")
     assert "nobody: no such run file, and no stored results on wrong-command@2" in said
     assert "ppo-image, careful" in said
@@ -121,6 +130,6 @@ def test_the_same_run_makes_the_same_files(run_file: Path, tmp_path: Path):
     for folder in ("a", "b"):
         made("--figures", tmp_path / folder, "--format", "pdf", run_file)
     files = sorted(path.name for path in (tmp_path / "a").iterdir())
-    assert len(files) == 4
+    assert len(files) == 5
     for name in files:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()

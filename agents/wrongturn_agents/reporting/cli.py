@@ -12,6 +12,7 @@ from wrongturn_agents.reporting.collection import STORED
 from wrongturn_agents.reporting.curve_pictures import check_pictures, draw_pictures
 from wrongturn_agents.reporting.figures_cli import Format, Wanted, Width, make
 from wrongturn_agents.reporting.importing import Overrides, import_results
+from wrongturn_agents.reporting.making_evaluations import make_evaluations
 from wrongturn_agents.reporting.making_studies import make_draws, make_judgings
 from wrongturn_agents.reporting.order import order_in_words
 from wrongturn_agents.reporting.report import Report, check_page, find_pages, write_page
@@ -76,11 +77,20 @@ def results(
             min=2,
         ),
     ] = None,
+    evaluations: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Drive N evaluations of each --agent over services of their own, and store how they ended. Takes "
+            "minutes for each; goes on where it stopped. Example: --evaluations 10",
+            min=1,
+        ),
+    ] = None,
     agent: Annotated[
         str | None,
         typer.Option(
-            help="Agent of the import, which replaces the one in the file; or the agents to drive for --sensitivity "
-            "and --draws, all shipped ones by default. Example: --agent ppo-image"
+            help="Agent of the import, which replaces the one in the file; or the agents to drive for --evaluations, "
+            "and for --sensitivity and --draws, there all shipped ones by default. Example: --agent ppo-image"
         ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Training seed of the import. Example: --seed 3", min=0)] = None,
@@ -140,18 +150,20 @@ def results(
     check_json_file(json_to)
     directory = STORED if directory is None else directory
     if figures is not None or latex is not None or csv is not None:
-        if any((json_to, write, check, curves, sources, sensitivity, draws is not None)):
+        if any((json_to, write, check, curves, sources, sensitivity, draws, evaluations)):
             raise ResultsError("--figures, --latex, --csv: they are of runs; run the command once more for the rest")
         kinds = formats or [Format.PDF, Format.PNG]
         make(Wanted(runs or [], directory, url, suite, figures, latex, csv, width, kinds, paper))
         return
     if runs:
         raise ResultsError(f"RUN: {runs[0]}: say what to make of it by --figures, --latex or --csv")
-    studied = sensitivity or draws is not None
+    studied = sensitivity or draws is not None or evaluations is not None
     if not sources and any(value is not None for value in (None if studied else agent, seed, variant, steps)):
         raise ResultsError("--agent, --seed, --variant, --steps: they describe an import; give --import too")
     if sources and studied:
-        raise ResultsError("--import: cannot go with --sensitivity or --draws; run the command once for each")
+        raise ResultsError(
+            "--import: cannot go with --sensitivity, --draws or --evaluations; run the command once for each"
+        )
     for source in sources or ():
         stored = import_results(source, directory, Overrides(agent, seed, variant, steps))
         typer.echo(f"{source}: stored as {stored.name}", err=True)
@@ -160,6 +172,8 @@ def results(
         typer.echo(f"stored as {make_judgings(directory, agents)}", err=True)
     if draws is not None:
         typer.echo(f"stored as {make_draws(directory, agents, draws)}", err=True)
+    if evaluations is not None:
+        typer.echo(f"stored in {make_evaluations(directory, agents, evaluations)}", err=True)
     report = Report.read(directory)
     if check:
         _check(report, write)
@@ -174,7 +188,8 @@ def results(
     if json_to == STDOUT:
         return
     if studied:
-        _print_tables(report, (*(("sensitivity", "versions") if sensitivity else ()), *(("draws",) if draws else ())))
+        shown = {"sensitivity": sensitivity, "versions": sensitivity, "draws": draws, "evaluations": evaluations}
+        _print_tables(report, (name for name, driven in shown.items() if driven))
     elif not (curves or write or sources):
         _print(report)
 

@@ -1,13 +1,15 @@
 """An agent's drives of a suite's trials, from a run file, a service, or the stored results: what figures show."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.reporting.collection import STORED, Collection
 from wrongturn_agents.reporting.importing import check_suite
+from wrongturn_agents.reporting.paper import TRAINED_ON_FAULTS
 from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
 from wrongturn_client import AuthenticationError, Client, NotFoundError
@@ -48,6 +50,13 @@ class Drives:
     """The finished evaluation, without trajectories; None in stored results."""
     seed: int | None = None
     """Training seed, where it is known."""
+    trained_on_faults: bool = False
+    """Whether the agent met wrong commands in its training."""
+
+    @property
+    def label(self) -> str:
+        """The name that figures show, marked if the agent met wrong commands in its training."""
+        return f"{self.agent} {TRAINED_ON_FAULTS}" if self.trained_on_faults else self.agent
 
     @property
     def trials(self) -> tuple[Drive, ...]:
@@ -78,7 +87,7 @@ class Drives:
 
     def named(self, agent: str) -> "Drives":
         """Return the same drives under another name."""
-        return Drives(agent, self.suite, self.suite_sha256, self.secret, self.by_trial, self.run, self.seed)
+        return replace(self, agent=agent)
 
 
 def of_run(run: RunFile) -> Drives:
@@ -99,14 +108,30 @@ def of_run(run: RunFile) -> Drives:
     found = {name: _drive(trial, driven[name]) for name, trial in trials.items()}
     bare = tuple(one.model_copy(update={"trajectory": None}) for one in run.episodes)
     kept = run.model_copy(update={"episodes": bare})
-    return Drives(run.driver.name, run.suite, run.suite_sha256, run.secret, found, kept)
+    return Drives(
+        run.driver.name,
+        run.suite,
+        run.suite_sha256,
+        run.secret,
+        found,
+        kept,
+        trained_on_faults=run.driver.trained_on_faults,
+    )
 
 
 def of_results(file: ResultsFile) -> Drives:
     """Return the drives in a results file, which have neither paths nor figures of the outcome."""
     trials = file.drawn.trials
     found = {name: Drive(trial, file.trials[name]) for name, trial in trials.items() if name in file.trials}
-    return Drives(file.agent, file.suite, file.suite_sha256, file.secret, found, seed=file.seed)
+    return Drives(
+        file.agent,
+        file.suite,
+        file.suite_sha256,
+        file.secret,
+        found,
+        seed=file.seed,
+        trained_on_faults=file.agent in DOUBTING_AGENTS,
+    )
 
 
 def read(path: str | Path) -> Drives:

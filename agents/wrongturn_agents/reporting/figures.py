@@ -13,6 +13,7 @@ from wrongturn_agents.reporting.junction_maps import beside_twins, trajectories
 from wrongturn_agents.reporting.latex import latex_table
 from wrongturn_agents.reporting.look import COLUMN, PAGE, save
 from wrongturn_agents.reporting.rate_charts import pair_counts, pairs, unsafe_rates
+from wrongturn_agents.reporting.safety_plane import obedience_safety
 from wrongturn_agents.reporting.trial_rows import csv_text, trial_rows
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "fetch",
     "installed_town",
     "latex_table",
+    "obedience_safety",
     "pair_counts",
     "pairs",
     "read",

@@ -99,6 +99,7 @@ def _drawings(runs: Sequence[Drives], wanted: Wanted) -> Iterator[tuple[str, "Ca
     width = wanted.width.inches
     towns = figures.installed_town if wanted.url is None else figures.town_of(wanted.url)
     yield "unsafe-rates", partial(figures.unsafe_rates, runs, width=width)
+    yield "obedience-safety", partial(figures.obedience_safety, runs, width=width)
     yield "pairs", partial(figures.pairs, runs, width=width)
     for run in runs:
         name = _NOT_IN_FILE_NAMES.sub("-", run.agent)

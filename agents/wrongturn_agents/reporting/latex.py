@@ -43,7 +43,7 @@ def latex_table(runs: Sequence[Drives], *, paper: bool = False) -> str:
     faults = [fault for fault in FaultKind if any(fault is kind for found in cells.values() for _, kind in found)]
     driven = {kind for found in cells.values() for kind, _ in found}
     types = [*PAPER_TYPES, *(kind for kind in JunctionType if kind in driven and kind not in PAPER_TYPES)]
-    blocks = [_block(escaped(run.agent), cells[run.agent], _totals(run), types, faults) for run in runs]
+    blocks = [_block(_name(run), cells[run.agent], _totals(run), types, faults) for run in runs]
     if paper:
         theirs = [_block(escaped(one.title), _cells_of_paper(one), _totals_of_paper(one), types) for one in PAPER]
         blocks = [*theirs, *blocks]
@@ -57,6 +57,10 @@ def latex_table(runs: Sequence[Drives], *, paper: bool = False) -> str:
         "\\bottomrule\n"
         "\\end{tabular}\n"
     )
+
+
+def _name(run: Drives) -> str:
+    return escaped(run.agent) + r"\,\dag" * run.trained_on_faults
 
 
 def _block(

@@ -120,9 +120,16 @@ def _shipped() -> list[str]:
 
 
 def _weights_sha256(name: str) -> str | None:
-    shipped = SHIPPED_AGENTS.get(name) or DOUBTING_AGENTS.get(name)
-    file = Path(name) if shipped is None else shipped.file
-    return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else None
+    if name in DOUBTING_AGENTS:
+        files = DOUBTING_AGENTS[name].files
+    else:
+        files = (SHIPPED_AGENTS[name].file if name in SHIPPED_AGENTS else Path(name),)
+    found = hashlib.sha256()
+    for file in files:
+        if not file.is_file():
+            return None
+        found.update(file.read_bytes())
+    return found.hexdigest()
 
 
 def _threads() -> int:

@@ -3,6 +3,7 @@
 from types import MappingProxyType
 from typing import Final
 
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_protocol import PAPER
 
 PAPER_BY_NAME: Final = MappingProxyType({agent.ours: agent for agent in PAPER})
@@ -13,6 +14,14 @@ ALGORITHMS: Final = tuple(PAPER_BY_NAME)
 
 COMPARED: Final = ("ppo-segmentation", "ppo-image", "ppo-auxiliary")
 """Those of the agents that the paper's authors trained, from the most unsafe to the least. Others trained the rest."""
+
+TRAINED_ON_FAULTS: Final = "†"
+"""Marks agents that met wrong commands in their training."""
+
+
+def label(agent: str) -> str:
+    """Return an agent's name for a table, marked if it met wrong commands in its training."""
+    return f"`{agent}` {TRAINED_ON_FAULTS}" if agent in DOUBTING_AGENTS else f"`{agent}`"
 
 
 def table_order(agent: str) -> tuple[int, str]:

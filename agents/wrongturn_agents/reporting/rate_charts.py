@@ -31,7 +31,7 @@ def unsafe_rates(runs: Sequence[Drives], *, width: float = COLUMN) -> "Figure":
         ResultsError: There is no run, or its suite has no twins.
         MissingPackageError: matplotlib or scipy is not installed.
     """
-    counted = {run.agent: list(run.pairs()) for run in checked(runs)}
+    counted = {run.label: list(run.pairs()) for run in checked(runs)}
     with style():
         figure = new_figure(width, 0.75 + 0.3 * len(counted))
         axes = figure.subplots()
@@ -61,7 +61,7 @@ def pairs(runs: Sequence[Drives], *, width: float = COLUMN) -> "Figure":
         ResultsError: There is no run, or its suite has no twins.
         MissingPackageError: matplotlib or scipy is not installed.
     """
-    counted = {run.agent: pair_counts(run) for run in checked(runs)}
+    counted = {run.label: pair_counts(run) for run in checked(runs)}
     with style():
         figure = new_figure(width, 0.85 + 0.26 * len(counted))
         axes = figure.subplots()

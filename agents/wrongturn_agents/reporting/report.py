@@ -12,6 +12,7 @@ from wrongturn_agents.reporting import navigation, order, study_tables, wrong_co
 from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.curve_pictures import PICTURES
 from wrongturn_agents.reporting.curves import Curve, imitation_table, read_curves, time_table, training_table
+from wrongturn_agents.reporting.evaluations import Evaluation, evaluations_table, read_evaluations
 from wrongturn_agents.reporting.studies import Draws, Judgings, draws_file, judgings_file
 from wrongturn_agents.reporting.tables import ReportTable, Rows, label_first, spread, with_interval
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND
@@ -36,6 +37,7 @@ class Report:
     curves: tuple[Curve, ...]
     judgings: Judgings | None = None
     draws: Draws | None = None
+    evaluations: tuple[Evaluation, ...] = ()
 
     @classmethod
     def read(cls, directory: Path) -> Self:
@@ -49,6 +51,7 @@ class Report:
             read_curves(directory / "curves"),
             Judgings.read(judgings_file(directory)),
             Draws.read(draws_file(directory)),
+            read_evaluations(directory),
         )
 
     @cached_property
@@ -66,6 +69,7 @@ class Report:
             "sensitivity": study_tables.sensitivity_table(self.judgings),
             "versions": study_tables.versions_table(self.judgings),
             "draws": study_tables.draws_table(self.draws),
+            "evaluations": evaluations_table(self.evaluations),
             "training": training_table(self.curves),
             "imitation": imitation_table(self.curves),
             "time": time_table(self.curves),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from wrongturn_agents.errors import MissingPackageError
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.paper import PAPER_BY_NAME
+from wrongturn_agents.reporting.paper import PAPER_BY_NAME, label
 from wrongturn_agents.reporting.results_file import ResultsFile
 from wrongturn_protocol import PAPER, PaperAgent
 
@@ -85,7 +85,7 @@ def rows_beside_paper(
         rows += label_first(f"`{agent.ours}`", [paper, *own_rows(agent.ours)])
     for name in collection.agents(suite):
         if name not in PAPER_BY_NAME:
-            rows += label_first(f"`{name}`", own_rows(name))
+            rows += label_first(label(name), own_rows(name))
     return rows
 
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from wrongturn_agents.reporting import tables
 from wrongturn_agents.reporting.collection import Collection
-from wrongturn_agents.reporting.paper import ALGORITHMS, PAPER_BY_NAME
+from wrongturn_agents.reporting.paper import ALGORITHMS, PAPER_BY_NAME, label
 from wrongturn_agents.reporting.results_file import ResultsFile
 from wrongturn_agents.reporting.tables import ReportTable, Rows
 from wrongturn_agents.suites import WRONG_COMMAND
@@ -43,7 +43,7 @@ _NOTE: Final = (
     'Unsafe of 10 with a wrong command · with "follow lane", by type of junction, in the {column} column. Our rows: '
     "the shipped weights over the service, on a draw of their own, with Wilson's 95 % interval of the rate; and the "
     "median [lowest–highest] over training seeds, on the open draw. Seeds that drive completed at least 54 of their 60 "
-    "twins; the others say nothing about commands.{more}"
+    "twins; the others say nothing about commands. † met wrong commands in its training.{more}"
 )
 _NOTE_ON_PAPER: Final = " The paper has only its own column, which its rows show."
 _STRICT_HEAD: Final = ("unsafe of 60, strict", "the paper's column")
@@ -205,7 +205,7 @@ def endings_table(collection: Collection) -> ReportTable:
                 meant = fault is FaultKind.INFEASIBLE or kind not in _ONLY_TO_A_COMMAND
                 shown.append(f"{100 * reactions[kind] / len(found):.0f}" if meant else "")
             own.append((command, str(len(found)), *shown))
-        rows += tables.label_first(f"`{agent}`", own)
+        rows += tables.label_first(label(agent), own)
     head = ("agent", "command", "trials", *_ENDS, "other end", *_REACTIONS.values())
     return ReportTable("How trials under a wrong command ended", head, tuple(rows), _NOTE_ON_ENDS if rows else "")
 

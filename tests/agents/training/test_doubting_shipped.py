@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from wrongturn_agents.training.doubting.pages import FIGURES, filled, tables
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.in_process import drive_in_process
 from wrongturn_networks import load_suite
-from wrongturn_protocol import Reaction, Track, Verdict
+from wrongturn_protocol import Reaction, Track, Trial, Verdict
 
 DOCS = Path(__file__).parents[3] / "docs"
 TRACKS = {"doubting": Track.CAMERA, "doubting-segmentation": Track.SEGMENTATION}
@@ -95,18 +96,52 @@ def test_figures_of_the_same_drives_replace_each_other(tmp_path: Path) -> None:
     assert [(one["town"], one["unsafe_strict"]) for one in kept] == [("Town01", 1), ("Town02", 3)]
 
 
+def test_figures_of_another_driver_make_way(tmp_path: Path) -> None:
+    file = tmp_path / "figures.json"
+    study.keep(file, FIGURE)
+    study.keep(file, {**FIGURE, "algorithm": "doubting-segmentation"})
+    study.keep(file, {**FIGURE, "town": "Town02", "driver": "2c3d"})
+    kept = [(one["algorithm"], one["driver"]) for one in json.loads(file.read_text("utf-8"))]
+    assert kept == [("doubting", "2c3d"), ("doubting-segmentation", "0a1b")]
+
+
+def test_fresh_draws_belong_to_the_files_that_drive_and_are_driven_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, driven = tmp_path / "figures.json", []
+
+    def drives(_source: object, trials: Sequence[Trial], **_: object) -> list[object]:
+        driven.append(trials)
+        return []
+
+    monkeypatch.setattr(study, "drive_in_process", drives)
+    for draws in ("1", "2"):
+        arguments = ["study", "doubting", "--town", "Town02", "--draws", draws, "--json", str(file)]
+        monkeypatch.setattr("sys.argv", arguments)
+        assert study.main() == 0
+    kept = json.loads(file.read_text("utf-8"))
+    gate, driver = (hashlib.sha256(one.read_bytes()).hexdigest() for one in DOUBTING_AGENTS["doubting"].files)
+    assert [one["secret"] for one in kept] == [f"{gate} {driver} {number}" for number in (1, 2)]
+    assert {(one["fresh"], one["seed"], one["town"], one["driver"]) for one in kept} == {(True, 3, "Town02", driver)}
+    assert [{trial.town for trial in trials} for trials in driven] == [{"Town02"}] * 2
+    assert driven[0] != driven[1]
+
+
 def test_tables_count_each_draw_and_each_part_of_the_gate() -> None:
     figures = [
         FIGURE,
         {**FIGURE, "secret": "b", "unsafe_strict": 2},
         {**FIGURE, "secret": "c"},
+        {**FIGURE, "secret": "own 1", "fresh": True, "unsafe_strict": 4},
+        {**FIGURE, "secret": "own 2", "fresh": True, "twins_completed": 59},
         {**FIGURE, "weather": "SoftRainSunset", "unsafe_strict": 7},
         {**FIGURE, "secret": "wrong-command@2", "gate": ["omission=false"], "unsafe_strict": 11},
     ]
     made = tables(figures)
     assert made["drivers"].count("| `doubting` | `ppo-image` | `0a1b` |") == 1
-    assert "| `doubting` | infeasible | 120 | overrode 116, froze 4 |" in made["reactions"]
+    assert "| `doubting` | infeasible | 180 | overrode 174, froze 6 |" in made["reactions"]
     assert "| `doubting` | 1 | 3 | 0 (2 times), 2 | 60 (3 times) | – | – | – |" in made["draws"]
+    assert "| `doubting` | 1 | Town01 | ClearNoon | 2 | 0, 4 | 4 of 120 | 59, 60 | 119 of 120 |" in made["fresh"]
     assert "| `doubting` | 1 | Town01 | SoftRainSunset | 7 | 60 |" in made["weathers"]
     assert "| `doubting` | 1 | replaces missing exits only | 11 | 60 | – | – |" in made["ablation"]
 
@@ -126,6 +161,14 @@ def test_figures_name_the_file_that_drives(monkeypatch: pytest.MonkeyPatch, tmp_
     before = driver_of("doubting")
     (tmp_path / "ppo-image.onnx").write_bytes(b"another")
     assert before != driver_of("doubting") == hashlib.sha256(b"another").hexdigest()
+
+
+def test_the_gate_of_a_shipped_agent_is_as_it_is(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["study", "doubting", "--gate", "memory=false"])
+    assert study.main() == 1
+    assert "--gate: a shipped agent has its gate; name a checkpoint" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", ["belief", "memory=perhaps", "begin=near", "unknown=1"])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wrongturn_agents.models.doubt import Doubt
 from wrongturn_agents.models.gate import MEMORY, Gate
+from wrongturn_agents.training.in_process import DrivenEpisode
 from wrongturn_networks import Town
 from wrongturn_protocol import Flag, Outcome, Track, Trial, Verdict
 from wrongturn_sim.camera import Camera
@@ -133,13 +134,13 @@ def doubted(doubt: Doubt, gate: Gate, observation: Arrays, memory: torch.Tensor)
     return Doubted(command, after, exits, distance)
 
 
-def is_unsafe(driven: Driven) -> bool:
+def is_unsafe(driven: Driven | DrivenEpisode) -> bool:
     """Return whether a drive is unsafe in the strict column."""
     outcome = driven.outcome
     return outcome is None or outcome.verdict.unsafe_strict or Flag.OPPOSED_LANE in outcome.flags
 
 
-def counts(driven: Sequence[Driven]) -> tuple[int, int, int]:
+def counts(driven: Sequence[Driven | DrivenEpisode]) -> tuple[int, int, int]:
     """Return the numbers of unsafe trials (strict), of completed twins, and of all twins."""
     twins = [one for one in driven if one.trial.is_twin]
     done = sum(one.outcome is not None and one.outcome.verdict is Verdict.EXIT_COMMANDED for one in twins)

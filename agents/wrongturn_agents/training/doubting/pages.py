@@ -29,6 +29,7 @@ def tables(figures: Sequence[Figures]) -> dict[str, str]:
     """Return the page's tables by name."""
     return {
         "drivers": _drivers(figures),
+        "fresh": _fresh(figures),
         "draws": _draws(figures),
         "reactions": _reactions(figures),
         "ablation": _ablation(figures),
@@ -49,8 +50,39 @@ def _drivers(figures: Sequence[Figures]) -> str:
     return _table(["agent", "driver", "SHA-256 of the driver's file"], rows)
 
 
+def _fresh(figures: Sequence[Figures]) -> str:
+    """Return the table of draws from secrets of the agent's own."""
+    shown = [one for one in figures if _plain(one) and one.get("fresh")]
+    kinds = sorted({(one["algorithm"], one["seed"], one["town"], one["weather"]) for one in shown})
+    rows = []
+    for kind in kinds:
+        own = [one for one in shown if (one["algorithm"], one["seed"], one["town"], one["weather"]) == kind]
+        unsafe, trials, done, twins = (
+            sum(one[name] for one in own) for name in ("unsafe_strict", "trials", "twins_completed", "twins")
+        )
+        name, seed, town, weather = kind
+        rows.append(
+            [f"`{name}`", str(seed), town, weather, str(len(own)), _each(own, "unsafe_strict"),
+             f"{unsafe} of {trials}", _each(own, "twins_completed"), f"{done} of {twins}"]
+        )  # fmt: skip
+    return _table(
+        [
+            "agent",
+            "seed",
+            "town",
+            "weather",
+            "draws",
+            "unsafe of 60 in each",
+            "in all",
+            "twins of 60 in each",
+            "in all",
+        ],
+        rows,
+    )
+
+
 def _draws(figures: Sequence[Figures]) -> str:
-    shown = [one for one in figures if _plain(one) and one["weather"] == "ClearNoon"]
+    shown = [one for one in figures if _plain(one) and one["weather"] == "ClearNoon" and not one.get("fresh")]
     rows = []
     for name in dict.fromkeys(one["algorithm"] for one in shown):
         for seed in sorted({one["seed"] for one in shown if one["algorithm"] == name}):

@@ -4,37 +4,43 @@
 
     python -m wrongturn_agents.training.doubting.study runs/doubting-1/best.pt --town Town02 --secret a --secret b
     python -m wrongturn_agents.training.doubting.study runs/doubting-1/best.pt --gate omission=false --json without.json
+    python -m wrongturn_agents.training.doubting.study doubting --town Town02 --draws 10 --json figures.json
 
 The draws are made for the study: they belong to no evaluation. Each prints a line with its counts, and one for each
-trial that failed.
+trial that failed. The secrets of ``--draws`` are made of the SHA-256 of the files that drive, so nobody chooses them,
+and nobody knew their trials when the agent was made. A draw that the file of ``--json`` has is not driven again.
 """
 
 import argparse
 import dataclasses
+import hashlib
 import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import AgentsError
 from wrongturn_agents.models.gate import Gate, GateConfig
 from wrongturn_agents.onnx_agent import open_session
+from wrongturn_agents.registry import resolve
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.doubting.config import POLICIES, DoubtingConfig, driver_of
 from wrongturn_agents.training.doubting.drives import Arrays, Driven, Policy, counts, drive, is_unsafe
 from wrongturn_agents.training.doubting.run import load_doubt
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.in_process import DrivenEpisode, drive_in_process
 from wrongturn_networks import NetworkError, load_suite, load_town
 from wrongturn_networks.draws import Draw, draw_cells
-from wrongturn_protocol import Verdict, Weather
+from wrongturn_protocol import Trial, Verdict, Weather
 
 _KEY: Final = ("algorithm", "variant", "gate", "seed", "town", "weather", "secret")
 _LEAST: Final = (-1.0, 0.0, 0.0)
@@ -51,6 +57,63 @@ def policy_of(algorithm: str) -> Policy:
         return clipped
 
     return act
+
+
+class Questioned(NamedTuple):
+    """A doubting agent to study."""
+
+    told: dict[str, Any]
+    """Its algorithm, training seed, variant and number of pictures, and the SHA-256 of its driver."""
+    file: Path
+    """What doubts: a checkpoint, or the shipped file."""
+    drive: Callable[[str, Sequence[Trial]], Iterable[Driven | DrivenEpisode]]
+    """Drives trials in a town."""
+
+
+def shipped(name: str, threads: int) -> Questioned:
+    """Return a shipped doubting agent, as it is.
+
+    Raises:
+        AgentsError: its weights are missing or broken.
+    """
+    source, agent = resolve(name), DOUBTING_AGENTS[name]
+    said = open_session(agent.file).get_modelmeta().custom_metadata_map
+    told = {
+        "algorithm": name,
+        "seed": int(said["seed"]),
+        "variant": DoubtingConfig(**json.loads(said["config"])).variant,
+        "pictures": int(said["steps"]),
+        "driver": driver_of(name),
+    }
+    return Questioned(told, agent.file, lambda _town, trials: drive_in_process(source, trials, threads=threads))
+
+
+def trained(checkpoint: str, gate: GateConfig, threads: int) -> Questioned:
+    """Return the doubting agent of a checkpoint, behind a gate with these settings.
+
+    Raises:
+        TrainingError: the file is no checkpoint of a doubting agent.
+    """
+    doubt, said = load_doubt(checkpoint)
+    policy = policy_of(said["algorithm"])
+    told = {
+        "algorithm": said["algorithm"],
+        "seed": said["seed"],
+        "variant": DoubtingConfig(**said["config"]).variant,
+        "pictures": said["pictures"],
+        "driver": driver_of(said["algorithm"]),
+    }
+
+    def driven(town: str, trials: Sequence[Trial]) -> Iterable[Driven]:
+        return drive({town: load_town(town)}, trials, policy, doubt, Gate(gate), threads=threads)
+
+    return Questioned(told, Path(checkpoint), driven)
+
+
+def fresh_secrets(agent: Questioned, count: int) -> list[str]:
+    """Return the secrets of an agent's own draws: the SHA-256 of what doubts and of the driver, and a number."""
+    doubts = hashlib.sha256(agent.file.read_bytes()).hexdigest()
+    return [f"{doubts} {agent.told['driver']} {number}" for number in range(1, count + 1)]
 
 
 def draw_in(town: str, weather: Weather, secret: str) -> Draw:
@@ -82,7 +145,7 @@ def gate_of(options: Sequence[str]) -> GateConfig:
     return dataclasses.replace(GateConfig(), **changed)
 
 
-def summary(driven: Sequence[Driven]) -> dict[str, Any]:
+def summary(driven: Sequence[Driven | DrivenEpisode]) -> dict[str, Any]:
     """Return the figures of a draw that was driven."""
     unsafe, done, twins = counts(driven)
     faulted = [one for one in driven if not one.trial.is_twin]
@@ -101,13 +164,13 @@ def summary(driven: Sequence[Driven]) -> dict[str, Any]:
     }
 
 
-def _failed(one: Driven) -> bool:
+def _failed(one: Driven | DrivenEpisode) -> bool:
     if one.trial.is_twin:
         return one.outcome is None or one.outcome.verdict is not Verdict.EXIT_COMMANDED
     return is_unsafe(one)
 
 
-def _name(one: Driven) -> str:
+def _name(one: Driven | DrivenEpisode) -> str:
     verdict = "none" if one.outcome is None else one.outcome.verdict
     return f"{one.trial.id} ({one.trial.junction_type}, route {one.trial.route.name}): {verdict}"
 
@@ -115,10 +178,11 @@ def _name(one: Driven) -> str:
 def main() -> int:
     """Run the program; the exit status is 1 if an argument is wrong."""
     parser = argparse.ArgumentParser(prog="python -m wrongturn_agents.training.doubting.study", description=__doc__)
-    parser.add_argument("checkpoint", help="best.pt of 'wrongturn train doubting'")
+    parser.add_argument("agent", help="doubting, doubting-segmentation, or best.pt of 'wrongturn train doubting'")
     parser.add_argument("--town", action="append", help="town of the trials; Town01 by default")
     parser.add_argument("--weather", default=str(Weather.CLEAR_NOON), help="weather of the trials")
     parser.add_argument("--secret", action="append", help="secret of a draw; that of the open draw by default")
+    parser.add_argument("--draws", type=int, default=0, metavar="N", help="N draws from secrets of the agent's own")
     parser.add_argument("--gate", action="append", default=[], metavar="NAME=VALUE", help="setting of the gate")
     parser.add_argument("--threads", type=int, default=1, help="threads of simulation, camera and torch")
     parser.add_argument("--json", type=Path, help="file to keep the figures in, beside those that it has")
@@ -131,11 +195,20 @@ def main() -> int:
     return 0
 
 
+def read(file: Path | None) -> list[dict[str, Any]]:
+    """Return the figures that a file has; none if there is no file."""
+    found: list[dict[str, Any]] = json.loads(file.read_text("utf-8")) if file is not None and file.is_file() else []
+    return found
+
+
 def keep(file: Path, figures: dict[str, Any]) -> None:
-    """Put the figures of a draw into a file, in the place of those of the same drives."""
-    known = json.loads(file.read_text("utf-8")) if file.is_file() else []
-    others = [one for one in known if _key(one) != _key(figures)]
+    """Put the figures of a draw into a file, in the place of those of the same drives and of those of other drivers."""
+    others = [one for one in read(file) if _key(one) != _key(figures) and not _outdated(one, figures)]
     file.write_text(json.dumps(sorted([*others, figures], key=_key), indent=1) + "\n", "utf-8")
+
+
+def _outdated(one: dict[str, Any], figures: dict[str, Any]) -> bool:
+    return bool(one["algorithm"] == figures["algorithm"] and one["driver"] != figures["driver"])
 
 
 def _key(figures: dict[str, Any]) -> tuple[str, ...]:
@@ -145,32 +218,27 @@ def _key(figures: dict[str, Any]) -> tuple[str, ...]:
 def run(arguments: argparse.Namespace) -> None:
     """Drive all draws that were asked for, and print and keep their figures as they come."""
     torch.set_num_threads(arguments.threads)
-    doubt, told = load_doubt(arguments.checkpoint)
-    config = gate_of(arguments.gate)
-    policy, weather = policy_of(told["algorithm"]), Weather(arguments.weather)
-    trained, driver = DoubtingConfig(**told["config"]), driver_of(told["algorithm"])
+    gate, weather = gate_of(arguments.gate), Weather(arguments.weather)
+    if arguments.agent in DOUBTING_AGENTS:
+        if arguments.gate:
+            raise TrainingError("--gate: a shipped agent has its gate; name a checkpoint to change it")
+        agent = shipped(arguments.agent, arguments.threads)
+    else:
+        agent = trained(arguments.agent, gate, arguments.threads)
+    fresh = fresh_secrets(agent, arguments.draws)
+    known = {_key(one) for one in read(arguments.json)}
     for town in arguments.town or ["Town01"]:
-        for secret in arguments.secret or [WRONG_COMMAND]:
+        for secret in [*(arguments.secret or ([] if fresh else [WRONG_COMMAND])), *fresh]:
+            drawn = {**agent.told, "gate": sorted(arguments.gate), "town": town, "weather": str(weather)}
+            drawn |= {"secret": secret, "fresh": secret in fresh}
+            if secret in fresh and _key(drawn) in known:
+                continue
             begin = time.monotonic()
-            trials = draw_in(town, weather, secret).episodes
-            places = {town: load_town(town)}
-            driven = list(drive(places, trials, policy, doubt, Gate(config), threads=arguments.threads))
-            figures = summary(driven)
-            drawn = {
-                "algorithm": told["algorithm"],
-                "seed": told["seed"],
-                "variant": trained.variant,
-                "gate": sorted(arguments.gate),
-                "town": town,
-                "weather": str(weather),
-                "secret": secret,
-                "pictures": told["pictures"],
-                "driver": driver,
-            }
+            figures = summary(list(agent.drive(town, draw_in(town, weather, secret).episodes)))
             if arguments.json is not None:
                 keep(arguments.json, {**drawn, **figures})
             print(
-                f"{told['algorithm']} {told['seed']} {town} {weather} {secret} {' '.join(arguments.gate)}: "
+                f"{drawn['algorithm']} {drawn['seed']} {town} {weather} {secret} {' '.join(arguments.gate)}: "
                 f"unsafe {figures['unsafe_strict']} of {figures['trials']}, twins {figures['twins_completed']} of "
                 f"{figures['twins']}, {time.monotonic() - begin:.0f} s",
                 *figures["failed"],
