@@ -87,6 +87,27 @@ def test_the_card_agrees_with_the_files(weights, results):
         assert f"\n## {heading}\n" in text
 
 
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("lbc", ("with which Carton et al.", "two numbers", "| samples | 9 |", "train lbc --seed 3", "lbc-3/best.pt")),
+        ("lbc-privileged", ("The teacher of `lbc`", "train lbc --seed 3", "runs/lbc-3/privileged.pt")),
+        ("marln", ("Implicit Affordances", "three decisions before", "| environment steps | 9 |", "marln-3/best.pt")),
+    ],
+)
+def test_the_card_says_whose_method_it_is_and_how_to_make_the_file(tmp_path, weights, results, name, said):
+    track = str(SHIPPED_AGENTS[name].track)
+    told = {**METADATA, "name": name, "track": track, "steps": "9", "evaluation": "{}"}
+    (weights / "ppo-image.onnx").unlink()
+    write_concat_model(weights / f"{name}.onnx", ("steering", "speed", "speed"), metadata=told)
+    (weights / FACTS).write_text(json.dumps({name: {"hardware": "one GPU"}}))
+    (text,) = cards(weights, results).values()
+    assert "One of the three agents" not in text
+    assert "No results are stored yet." in text
+    for words in said:
+        assert words in text, words
+
+
 def test_a_file_of_another_seed_than_the_results_is_refused(weights, results):
     (results / "shipped.json").write_text('{"ppo-image": 4}')
     with pytest.raises(ModelFileError, match=r"it is of seed 3, and .* names seed 4"):

@@ -55,7 +55,7 @@ PICTURES: Final = (
     Picture(
         Path("docs/pictures/imitation-curves.svg"),
         LOSS,
-        "distance of the waypoints (lbc: pixels; lbc-privileged: metres)",
+        "error of the waypoints:\npixels left, metres right",
         "samples, million",
         "Loss and held-out success of every seed over samples",
         loss=True,
@@ -117,7 +117,7 @@ def _draw(picture: Picture, agents: dict[str, list[Curve]]) -> None:
                 below.remove()
                 above.set_xlabel(picture.along)
                 above.tick_params(labelbottom=True)
-        axes[0, 0].set_ylabel(picture.upper, wrap=True)
+        axes[0, 0].set_ylabel(picture.upper)
         axes[1, 0].set_ylabel("held-out routes completed")
         note = {"Date": None, "Title": "Learning curves", "Description": f"curves sha256:{_digest(agents)}"}
         try:
@@ -139,6 +139,8 @@ def _digest(agents: dict[str, list[Curve]]) -> str:
 
 
 def _draw_agent(picture: Picture, above: "Axes", below: "Axes", runs: Sequence[Curve]) -> None:
+    from matplotlib.ticker import LogLocator  # noqa: PLC0415
+
     for number, run in enumerate(runs):
         colour = _COLOURS[number % len(_COLOURS)]
         name = f"{run.variant.replace('-', ' ')} {run.seed}" if run.variant else f"seed {run.seed}"
@@ -152,5 +154,7 @@ def _draw_agent(picture: Picture, above: "Axes", below: "Axes", runs: Sequence[C
         axes.grid(visible=True, linewidth=0.4, alpha=0.5)
     below.set_ylim(-0.02, 1.02)
     if picture.loss:
-        above.set_yscale("log")
-    above.legend(fontsize=7, frameon=False, loc="upper right" if picture.loss else "upper left")
+        above.set_yscale("log", subs=())
+        above.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        above.yaxis.set_major_formatter("{x:g}")
+    above.legend(fontsize=7, frameon=False, loc="upper right" if picture.loss else "lower right")

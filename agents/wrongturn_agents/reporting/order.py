@@ -164,7 +164,8 @@ def describe_all(counts: Mapping[str, Sequence[int]]) -> str:
     return (
         f"\nThe paper's other two agents were trained by others, so the test leaves them out. With them the paper's "
         f"order is {paper}. Our medians: {shown}. They are {'' if same else 'not '}in that order. The same test over "
-        f"all {len(counts)}, which differ in more than one thing, gives p = {test.p:.2g}.\n\n"
+        "all five, which differ in more than one thing, gives "
+        f"p = {test.p:.2g}.\n\n"
     )
 
 
