@@ -1,7 +1,9 @@
 """What all tests share: the order in which they run, who runs them, and what services and clients need not do."""
 
 import functools
+import gc
 import os
+from collections.abc import Generator
 from typing import Any
 
 import httpx._transports.default
@@ -30,6 +32,20 @@ class FolderScheduling(LoadFileScheduling):  # type: ignore[misc]
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FolderScheduling | None:
     return FolderScheduling(config, log) if config.getvalue("dist") == "loadfile" else None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Import the tests without garbage collections, and leave what they imported out of later ones.
+
+    These objects stay until the end. To look through them again and again takes a fifth of the collection's time.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
