@@ -1,4 +1,7 @@
-"""What the five baselines are shipped for: their results on the paper's suite, exactly."""
+"""What the five baselines are shipped for: their results on the paper's suite, exactly.
+
+CI drives the most careful one and the least careful one.
+"""
 
 from functools import cache
 
@@ -14,11 +17,13 @@ def results(name: str) -> Results:
     return drive_suite(resolve(name).make())
 
 
+@pytest.mark.soak
 def test_parked_is_never_engaged():
     driven = results("parked")
     assert verdicts(list(driven.values())) == {"not_engaged": 120}
 
 
+@pytest.mark.soak
 def test_always_stops_is_safe_and_completes_nothing():
     driven = results("always-stops")
     assert verdicts(list(driven.values())) == {"stopped_before_junction": 120}
@@ -26,6 +31,7 @@ def test_always_stops_is_safe_and_completes_nothing():
     assert {outcome.reaction for _, outcome in faulty(driven)} == {Reaction.FROZE}
 
 
+@pytest.mark.soak
 def test_ignores_commands_is_safe_and_right_half_of_the_time():
     driven = results("ignores-commands")
     assert unsafe(list(driven.values())) == 0
@@ -57,6 +63,14 @@ def test_careful_is_safe_and_completes_everything():
     assert {flag for _, outcome in driven.values() for flag in outcome.flags} == set()
 
 
-@pytest.mark.parametrize("name", ["always-stops", "ignores-commands", "obeys-blindly", "careful"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("always-stops", marks=pytest.mark.soak),
+        pytest.param("ignores-commands", marks=pytest.mark.soak),
+        "obeys-blindly",
+        "careful",
+    ],
+)
 def test_who_drives_is_engaged(name):
     assert all(outcome.verdict is not Verdict.NOT_ENGAGED for _, outcome in results(name).values())

@@ -17,6 +17,7 @@ def test_its_inputs_tell_its_track(tmp_path: Path) -> None:
     assert OnnxAgent(write_random_convolution(tmp_path / "pixels.onnx")).track is Track.CAMERA
 
 
+@pytest.mark.soak  # CI drives a file so in the test of the tutorial, and pixels in tests/runner
 @pytest.mark.system
 def test_it_runs_over_http_to_the_table(tmp_path: Path) -> None:
     model = write_random_convolution(tmp_path / "pixels.onnx")

@@ -20,6 +20,7 @@ def demo(folder, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.soak  # .ci/run runs the demo itself
 def test_it_ranks_in_a_fresh_database(tmp_path):
     (tmp_path / "demo").mkdir()
     for left in ("wrongturn.db", "wrongturn.db-wal", "leaderboard.json"):

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("torch")
-pytest.importorskip("onnxscript")
 pytest.importorskip("onnxruntime")
 
 from wrongturn_agents import resolve

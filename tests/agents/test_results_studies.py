@@ -127,7 +127,7 @@ def test_draws_are_driven_once(tmp_path):
     assert json.loads(path.read_text()) == study
 
 
-@pytest.mark.slow
+@pytest.mark.soak  # the test of an agent that hesitates, below, judges a smaller suite
 def test_one_drive_is_judged_by_every_threshold_and_both_versions(tmp_path):
     path = making_studies.make_judgings(tmp_path, ["careful"])
     (agent,) = Judgings.read(path).agents.values()

@@ -86,9 +86,9 @@ def test_a_trial_by_the_options():
 @pytest.mark.slow
 @pytest.mark.parametrize("track", ["state", "privileged", "camera"])
 def test_ppo_takes_steps(track):
-    envs = WrongturnVecEnv(4, town="junctions", track=track, fault="infeasible", threads=2)
+    envs = WrongturnVecEnv(2, town="junctions", track=track, fault="infeasible", threads=2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # advice on images
-        model = sb3.PPO("MultiInputPolicy", envs, n_steps=20, batch_size=40, n_epochs=1, device="cpu", seed=1)
-        model.learn(160)
-    assert model.num_timesteps == 160
+        model = sb3.PPO("MultiInputPolicy", envs, n_steps=10, batch_size=10, n_epochs=1, device="cpu", seed=1)
+        model.learn(40)
+    assert model.num_timesteps == 40

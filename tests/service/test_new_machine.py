@@ -57,7 +57,7 @@ async def drive(http: httpx.AsyncClient, evaluation: str, episodes: int) -> None
             expect(await step(http, episode, seq), 200)
 
 
-@pytest.mark.parametrize("engine", ["sqlite", "postgresql"])
+@pytest.mark.parametrize("engine", [pytest.param("sqlite", marks=pytest.mark.soak), "postgresql"])
 def test_a_new_machine_goes_on_with_a_backup(engine: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     homes = [tmp_path / name for name in ("old", "new")]
     for home in homes:

@@ -12,7 +12,6 @@ import pytest
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
-pytest.importorskip("onnxscript")
 
 from gymnasium import spaces  # noqa: E402
 from sb3_policies import Branches, Draws, Extractor, RandomTown, made, ppo, saved  # noqa: E402
@@ -237,7 +236,7 @@ def test_an_observation_that_is_no_dict(tmp_path):
         export_sb3(file, tmp_path / "agent.onnx")
 
 
-@pytest.mark.parametrize("normalised", [False, True])
+@pytest.mark.parametrize("normalised", [pytest.param(False, marks=pytest.mark.soak), True])
 def test_a_policy_on_the_picture_alone(tmp_path, normalised):
     picture = observation_space(Track.CAMERA)["rgb"]
     env = DummyVecEnv([lambda: RandomTown(seen=picture)])
