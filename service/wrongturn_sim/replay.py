@@ -114,13 +114,25 @@ class Replay:
 
         return draw_picture(self.town, self.trajectory, self.outcome, size)
 
-    def frames(self, view: View | str, size: int = SIZE) -> "Iterator[Image]":
-        """Yield a picture for each decision. Raises ViewError."""
+    def frames(self, view: View | str, size: int = SIZE, *, first: int = 0, every: int = 1) -> "Iterator[Image]":
+        """Yield a picture for each decision, or for some of them; the last one is always among them.
+
+        Args:
+            view: ``top``, ``camera`` or ``both``.
+            size: Side of the view from above, or width of the camera's, pixels.
+            first: The first decision that is shown. The view from above shows the way from there on.
+            every: 2 shows every second decision, and so on.
+
+        Raises:
+            IndexError: There is no such first decision.
+            ViewError: The view is unknown, or the size is too small or too large.
+        """
         from wrongturn_sim.view.views import view_of  # noqa: PLC0415 - as below
 
-        view = view_of(view)
-        views, renderer = self._views(size), None if view is View.TOP else self._renderer(None)
-        return (views.draw(view, self._moment(decision, renderer)) for decision in range(len(self)))
+        view, last = view_of(view), len(self) - 1
+        views, renderer = self._views(size, self._index(first)), None if view is View.TOP else self._renderer(None)
+        shown = (*range(first, last, every), last)
+        return (views.draw(view, self._moment(decision, renderer)) for decision in shown)
 
     def video(self, file: str | Path, view: View | str = View.BOTH, size: int = SIZE) -> int:
         """Write a film of ten frames a second, one for each decision, and return their number.
@@ -149,10 +161,10 @@ class Replay:
 
         return plot_episode(self.town, self.trajectory, self.outcome)
 
-    def _views(self, size: int) -> "Views":
+    def _views(self, size: int, first: int = 0) -> "Views":
         from wrongturn_sim.view.views import Views  # noqa: PLC0415 - OpenCV is slow, and only pictures need it
 
-        return Views(self.town, self.trajectory.trial, self.trajectory.rows, size, still=True)
+        return Views(self.town, self.trajectory.trial, self.trajectory.rows, size, still=True, first=first)
 
     def _moment(self, decision: int, renderer: "Renderer | None") -> "Moment":
         from wrongturn_sim.view.views import Moment  # noqa: PLC0415 - as above

@@ -13,9 +13,12 @@ from wrongturn_sim import Episode, Trajectory, TrajectoryError
 from wrongturn_sim.replay import Replay
 from wrongturn_sim.view import colours
 from wrongturn_sim.view.errors import FilmError, ViewError
-from wrongturn_sim.view.film import FRAMES_A_SECOND, LAST
+from wrongturn_sim.view.film import FRAMES_A_SECOND, LAST, write_film
 from wrongturn_sim.view.scene import fastest_of, whole_window
 from wrongturn_sim.view.shown import show
+
+HELD = round(LAST * FRAMES_A_SECOND)
+"""Frames for which a film of ten frames a second stays at its end."""
 
 
 @pytest.fixture(scope="module")
@@ -124,13 +127,13 @@ class TestFilm:
     @pytest.mark.parametrize("view", View)
     def test_it_has_a_frame_for_each_decision_and_stays_at_its_end(self, left, tmp_path, view):
         file = tmp_path / "film.mp4"
-        assert left.video(file, view, 160) == len(left) + LAST
+        assert left.video(file, view, 160) == len(left) + HELD
         with av.open(str(file)) as film:
             stream = film.streams.video[0]
             assert (stream.codec_context.name, stream.pix_fmt) == ("h264", "yuv420p")
             assert stream.width % 2 == stream.height % 2 == 0
             frames = list(film.decode(stream))
-        assert len(frames) == len(left) + LAST
+        assert len(frames) == len(left) + HELD
         assert frames[-1].time == pytest.approx((len(frames) - 1) / FRAMES_A_SECOND)
         expected = list(left.frames(view, 160))[3]
         assert np.abs(frames[3].to_ndarray(format="rgb24").astype(int) - expected).mean() < 10
@@ -142,7 +145,22 @@ class TestFilm:
         assert files[0].read_bytes() == files[1].read_bytes()
         read, animation = cv2.imreadanimation(str(files[0]))
         assert read
-        assert sum(animation.durations) == pytest.approx(100 * (len(left) + LAST), abs=100)
+        assert sum(animation.durations) == pytest.approx(100 * (len(left) + HELD), abs=100)
+
+    def test_a_part_shows_the_way_from_there_on_and_ends_with_the_verdict(self, left):
+        first = len(left) - 12
+        whole, part = list(left.frames("top", 160)), list(left.frames("top", 160, first=first, every=2))
+        assert len(part) == len(range(first, len(left) - 1, 2)) + 1
+        assert not np.array_equal(part[-1], whole[-1]), "the window is another one"
+        assert np.array_equal(part[-1][160:], whole[-1][160:]), "the words are the same"
+        with pytest.raises(IndexError, match=f"{len(left)} is not one of"):
+            left.frames("top", 160, first=len(left))
+
+    def test_a_small_film_is_smaller(self, left, tmp_path):
+        pictures = list(left.frames("both", 160, every=4))
+        assert write_film(tmp_path / "film.webp", pictures, rate=5) == len(pictures) + round(5 * LAST)
+        write_film(tmp_path / "small.webp", pictures, rate=5, small=True)
+        assert (tmp_path / "small.webp").stat().st_size < (tmp_path / "film.webp").stat().st_size
 
     def test_a_name_that_is_no_film_and_a_folder_that_is_not_there_are_named(self, left, tmp_path):
         with pytest.raises(FilmError, match=r"'film.avi' is not a film; give a name that ends in .mp4 or .webp"):
@@ -174,7 +192,7 @@ class TestShown:
             size=160,
         )
         assert f"{left.trajectory.trial.id}, {left.outcome.verdict}" in lines[0]
-        assert f"{len(left) + LAST} frames" in lines[1]
+        assert f"{len(left) + HELD} frames" in lines[1]
         assert np.array_equal(cv2.imread(str(tmp_path / "p.png"))[:, :, ::-1], left.picture(160))
 
     @pytest.mark.parametrize(

@@ -10,9 +10,11 @@ from rich.text import Text
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.reporting.collection import STORED
 from wrongturn_agents.reporting.curve_pictures import check_pictures, draw_pictures
+from wrongturn_agents.reporting.failures import FILMS, check_films
 from wrongturn_agents.reporting.figures_cli import Format, Wanted, Width, make
 from wrongturn_agents.reporting.importing import Overrides, import_results
 from wrongturn_agents.reporting.making_evaluations import make_evaluations
+from wrongturn_agents.reporting.making_failures import make_failures
 from wrongturn_agents.reporting.making_studies import make_draws, make_judgings
 from wrongturn_agents.reporting.order import order_in_words
 from wrongturn_agents.reporting.report import Report, check_page, find_pages, write_page
@@ -66,6 +68,14 @@ def results(
             "--sensitivity",
             help="Drive the agents on past their verdicts, judge the drives by other thresholds and by version 1, and "
             "store what changes. Takes minutes for each agent; goes on where it stopped.",
+        ),
+    ] = False,
+    failures: Annotated[
+        bool,
+        typer.Option(
+            "--failures",
+            help="Drive the learned agents' unsafe trials again, measure what they do, and make the films of "
+            "docs/failures.md. Takes minutes for each agent; goes on where it stopped.",
         ),
     ] = False,
     draws: Annotated[
@@ -150,19 +160,19 @@ def results(
     check_json_file(json_to)
     directory = STORED if directory is None else directory
     if figures is not None or latex is not None or csv is not None:
-        if any((json_to, write, check, curves, sources, sensitivity, draws, evaluations)):
+        if any((json_to, write, check, curves, sources, sensitivity, failures, draws, evaluations)):
             raise ResultsError("--figures, --latex, --csv: they are of runs; run the command once more for the rest")
         kinds = formats or [Format.PDF, Format.PNG]
         make(Wanted(runs or [], directory, url, suite, figures, latex, csv, width, kinds, paper))
         return
     if runs:
         raise ResultsError(f"RUN: {runs[0]}: say what to make of it by --figures, --latex or --csv")
-    studied = sensitivity or draws is not None or evaluations is not None
+    studied = sensitivity or failures or draws is not None or evaluations is not None
     if not sources and any(value is not None for value in (None if studied else agent, seed, variant, steps)):
         raise ResultsError("--agent, --seed, --variant, --steps: they describe an import; give --import too")
     if sources and studied:
         raise ResultsError(
-            "--import: cannot go with --sensitivity, --draws or --evaluations; run the command once for each"
+            "--import: cannot go with --sensitivity, --draws, --evaluations, --failures; run the command once for each"
         )
     for source in sources or ():
         stored = import_results(source, directory, Overrides(agent, seed, variant, steps))
@@ -174,6 +184,8 @@ def results(
         typer.echo(f"stored as {make_draws(directory, agents, draws)}", err=True)
     if evaluations is not None:
         typer.echo(f"stored in {make_evaluations(directory, agents, evaluations)}", err=True)
+    if failures:
+        typer.echo(f"stored as {make_failures(directory, agents)}", err=True)
     report = Report.read(directory)
     if check:
         _check(report, write)
@@ -205,6 +217,7 @@ def _check(report: Report, named: list[Path] | None) -> None:
         check_page(page, report)
     if not named:
         check_pictures(report.curves)
+        check_films(report.collection, report.failures, FILMS)
     typer.echo(f"up to date with the stored results: {', '.join(map(str, pages))}")
 
 

@@ -1,13 +1,11 @@
 """Makes the stored studies, ``wrongturn results --sensitivity`` and ``--draws``, which needs the extra ``training``."""
 
-import hashlib
 import os
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import MissingPackageError
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import AGENTS, EXPLOITS, resolve
@@ -19,6 +17,7 @@ from wrongturn_agents.reporting.studies import (
     judgings_file,
     secrets_of_draws,
 )
+from wrongturn_agents.reporting.weights import weights_sha256
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
 
@@ -50,12 +49,12 @@ def make_judgings(directory: Path, agents: Sequence[str]) -> Path:
     found = Judgings.read(path)
     study = Judgings.of(WRONG_COMMAND, installed_suite(WRONG_COMMAND).sha256, VERSION, found)
     for name in agents or (*_shipped(), *EXPLOITS):
-        weights = _weights_sha256(name)
+        weights = weights_sha256(name)
         if name in study.agents and study.agents[name].weights_sha256 == weights:
             continue
         source = resolve(name)
         with show_progress(ProgressStyle.AUTO, name) as progress:
-            judged = judge_agent(source, weights, threads=_threads(), progress=progress)
+            judged = judge_agent(source, weights, threads=threads(), progress=progress)
         study = study.model_copy(update={"agents": {**study.agents, name: judged}})
         study.write(path)
     return path
@@ -85,7 +84,7 @@ def make_draws(directory: Path, agents: Sequence[str], count: int) -> Path:
     path = draws_file(directory)
     study = Draws.of(WRONG_COMMAND, installed_suite(WRONG_COMMAND).sha256, VERSION, Draws.read(path))
     for name in agents or _shipped():
-        source, weights = resolve(name), _weights_sha256(name)
+        source, weights = resolve(name), weights_sha256(name)
         agent = study.agents.get(name)
         if agent is None or agent.weights_sha256 != weights:
             agent = DrawnAgent(weights_sha256=weights, draws={})
@@ -93,7 +92,7 @@ def make_draws(directory: Path, agents: Sequence[str], count: int) -> Path:
             if secret in agent.draws:
                 continue
             with show_progress(ProgressStyle.AUTO, f"{name}, {secret}") as progress:
-                counts = drive_draw(source, WRONG_COMMAND, secret, threads=_threads(), progress=progress)
+                counts = drive_draw(source, WRONG_COMMAND, secret, threads=threads(), progress=progress)
             agent = agent.model_copy(update={"draws": {**agent.draws, secret: counts}})
             study = study.model_copy(update={"agents": {**study.agents, name: agent}})
             study.write(path)
@@ -119,18 +118,6 @@ def _shipped() -> list[str]:
     return [*AGENTS, *(name for name, agent in SHIPPED_AGENTS.items() if agent.file.is_file())]
 
 
-def _weights_sha256(name: str) -> str | None:
-    if name in DOUBTING_AGENTS:
-        files = DOUBTING_AGENTS[name].files
-    else:
-        files = (SHIPPED_AGENTS[name].file if name in SHIPPED_AGENTS else Path(name),)
-    found = hashlib.sha256()
-    for file in files:
-        if not file.is_file():
-            return None
-        found.update(file.read_bytes())
-    return found.hexdigest()
-
-
-def _threads() -> int:
+def threads() -> int:
+    """Return the number of threads that drive: one for each core that this process may use."""
     return len(os.sched_getaffinity(0))

@@ -13,6 +13,8 @@ from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.curve_pictures import PICTURES
 from wrongturn_agents.reporting.curves import Curve, imitation_table, read_curves, time_table, training_table
 from wrongturn_agents.reporting.evaluations import Evaluation, evaluations_table, read_evaluations
+from wrongturn_agents.reporting.failures import Failures, failures_file
+from wrongturn_agents.reporting.failures_page import collisions_text, counts_table, ways_text
 from wrongturn_agents.reporting.studies import Draws, Judgings, draws_file, judgings_file
 from wrongturn_agents.reporting.tables import ReportTable, Rows, label_first, spread, with_interval
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND
@@ -38,6 +40,7 @@ class Report:
     judgings: Judgings | None = None
     draws: Draws | None = None
     evaluations: tuple[Evaluation, ...] = ()
+    failures: Failures | None = None
 
     @classmethod
     def read(cls, directory: Path) -> Self:
@@ -52,6 +55,7 @@ class Report:
             Judgings.read(judgings_file(directory)),
             Draws.read(draws_file(directory)),
             read_evaluations(directory),
+            Failures.read(failures_file(directory)),
         )
 
     @cached_property
@@ -70,6 +74,7 @@ class Report:
             "versions": study_tables.versions_table(self.judgings),
             "draws": study_tables.draws_table(self.draws),
             "evaluations": evaluations_table(self.evaluations),
+            "failure-counts": counts_table(self.collection, self.failures),
             "training": training_table(self.curves),
             "imitation": imitation_table(self.curves),
             "time": time_table(self.curves),
@@ -78,7 +83,7 @@ class Report:
     @property
     def sections(self) -> tuple[str, ...]:
         """Names of all sections that a page may have."""
-        return (*self.tables, "summary", "order", *_CURVES, "missing")
+        return (*self.tables, "summary", "order", *_CURVES, "missing", "failures", "collisions")
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -103,6 +108,10 @@ class Report:
             if not picture.curves_of(self.curves):
                 return "*No learning curve is stored yet.*\n"
             return f"![{picture.seen}]({os.path.relpath(picture.path, page.parent)})\n"
+        if name == "failures":
+            return ways_text(self.collection, self.failures, page)
+        if name == "collisions":
+            return collisions_text(self.failures, page)
         return self.tables[name].markdown()
 
     def as_json(self) -> dict[str, Any]:

@@ -19,11 +19,13 @@ DrawCounts = dict[JunctionType, dict[FaultKind, _Count]]
 """Unsafe trials in the strict column, by junction type and fault."""
 
 
-class _Model(BaseModel):
+class StudyModel(BaseModel):
+    """Base of the studies' models."""
+
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
-class Variant(_Model):
+class Variant(StudyModel):
     """What another value of one threshold changes for an agent."""
 
     verdicts: _Count
@@ -36,7 +38,7 @@ class Variant(_Model):
     """Unsafe trials in the strict column with this value."""
 
 
-class Move(_Model):
+class Move(StudyModel):
     """Trials and twins that the two versions of the judge end alike."""
 
     before: Verdict
@@ -50,7 +52,7 @@ class Move(_Model):
     episodes: _Count
 
 
-class JudgedAgent(_Model):
+class JudgedAgent(StudyModel):
     """One agent's drives on the open draw, judged again and again."""
 
     weights_sha256: str | None
@@ -63,7 +65,7 @@ class JudgedAgent(_Model):
     """Verdicts of both versions of the judge, by suite."""
 
 
-class DrawnAgent(_Model):
+class DrawnAgent(StudyModel):
     """One agent on several draws."""
 
     weights_sha256: str | None
@@ -72,7 +74,7 @@ class DrawnAgent(_Model):
     """Unsafe trials of each draw, by its secret."""
 
 
-class Study(_Model):
+class Study(StudyModel):
     """What all studies say of themselves."""
 
     suite: str

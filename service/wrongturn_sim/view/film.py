@@ -14,8 +14,8 @@ from wrongturn_sim.view.window import Image
 
 FRAMES_A_SECOND: Final = 10
 """A frame for each decision."""
-LAST: Final = 12
-"""Frames for which a film stays at its end."""
+LAST: Final = 1.2
+"""Seconds for which a film stays at its end."""
 _BT709: Final = 1
 """The number of the colours of HD video. Players guess the colours of a film that does not say."""
 
@@ -31,6 +31,8 @@ _FORMATS: Final = {
     ".mp4": _Format("libx264", {"crf": "20", "threads": "1"}, {"movflags": "+faststart"}),
     ".webp": _Format("libwebp_anim", {"quality": "70", "threads": "1"}, {"loop": "0"}),
 }
+_SMALL: Final = {".mp4": {"crf": "30"}, ".webp": {"quality": "40"}}
+"""Options of smaller files."""
 
 
 def check_film(file: Path) -> None:
@@ -43,7 +45,7 @@ def check_film(file: Path) -> None:
         raise FilmError(f"video: {file.name!r} is not a film; give a name that ends in .mp4 or .webp")
 
 
-def write_film(file: Path, frames: Iterable[Image]) -> int:
+def write_film(file: Path, frames: Iterable[Image], *, rate: int = FRAMES_A_SECOND, small: bool = False) -> int:
     """Write a film and return its number of frames. The last picture stays for a while.
 
     The same pictures give the same bytes with the same version of PyAV.
@@ -51,6 +53,8 @@ def write_film(file: Path, frames: Iterable[Image]) -> int:
     Args:
         file: the file; its suffix, ``.mp4`` or ``.webp``, chooses the format.
         frames: pictures of one size with even sides, RGB uint8 (height, width, 3), one at least.
+        rate: frames a second.
+        small: whether a small file is worth coarser pictures.
 
     Raises:
         FilmError: The file's name ends otherwise, or it cannot be written.
@@ -58,7 +62,10 @@ def write_film(file: Path, frames: Iterable[Image]) -> int:
     check_film(file)
     part = file.with_name(f".part-{file.name}")
     try:
-        count = _encode(part, frames, _FORMATS[file.suffix])
+        form = _FORMATS[file.suffix]
+        if small:
+            form = form._replace(options={**form.options, **_SMALL[file.suffix]})
+        count = _encode(part, frames, form, rate)
         part.replace(file)
     except (OSError, av.error.FFmpegError) as error:
         raise FilmError(
@@ -70,12 +77,12 @@ def write_film(file: Path, frames: Iterable[Image]) -> int:
     return count
 
 
-def _encode(file: Path, frames: Iterable[Image], form: _Format) -> int:
+def _encode(file: Path, frames: Iterable[Image], form: _Format, rate: int) -> int:
     coming = iter(frames)
     first = last = next(coming)
     count = 0
     with av.open(str(file), "w", options=form.container) as container:
-        stream: Any = container.add_stream(form.codec, rate=FRAMES_A_SECOND)
+        stream: Any = container.add_stream(form.codec, rate=rate)
         stream.height, stream.width = first.shape[:2]
         stream.pix_fmt = "yuv420p"
         stream.options = form.options
@@ -92,7 +99,7 @@ def _encode(file: Path, frames: Iterable[Image], form: _Format) -> int:
 
         for last in chain([first], coming):
             put(last)
-        for again in repeat(last, LAST):
+        for again in repeat(last, round(LAST * rate)):
             put(again)
         container.mux(stream.encode(None))
     return count

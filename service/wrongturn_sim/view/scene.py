@@ -52,18 +52,18 @@ def fastest_of(rows: list[Row]) -> float:
     return max(FASTEST, float(math.ceil(max(row.v for row in rows))))
 
 
-def whole_window(town: Town, rows: list[Row], approach: str, size: int) -> Window:
+def whole_window(town: Town, rows: list[Row], approach: str | None, size: int) -> Window:
     """Return a window with the whole way, and with the trial's junction if the way is short.
 
     Args:
         town: the town.
         rows: the trajectory.
-        approach: id of the trial's approach.
+        approach: id of the trial's approach; None shows the way alone.
         size: the window's side, pixels.
     """
     places = np.array([(row.x, row.y) for row in rows])
     low, high = places.min(axis=0), places.max(axis=0)
-    if (high - low).max() <= MOST:
+    if approach is not None and (high - low).max() <= MOST:
         area = town.junctions[town.approach(approach).junction].area.bounds
         low, high = np.minimum(low, area[:2]), np.maximum(high, area[2:])
     x, y = ((low + high) / 2).tolist()

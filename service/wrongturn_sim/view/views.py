@@ -77,17 +77,21 @@ class Views:
         rows: the trajectory; it may grow.
         size: side of the view from above, pixels.
         still: whether the window shows the whole way. If not, or if that is long, it follows the car.
+        first: number of the first row whose place is shown.
 
     Raises:
         ViewError: The size is too small or too large.
     """
 
-    def __init__(self, town: Town, trial: Trial, rows: list[Row], size: int, *, still: bool) -> None:
+    def __init__(self, town: Town, trial: Trial, rows: list[Row], size: int, *, still: bool, first: int = 0) -> None:
         self._town = town
         self._trial = trial
         self._rows = rows
         self._size = checked_size(size)
-        window = scene.whole_window(town, rows, trial.approach, self._size) if still else None
+        self._first = first
+        # A journey has left its first junction behind when it is seen from later on.
+        approach = trial.approach if trial.journey is None or first == 0 else None
+        window = scene.whole_window(town, rows[first:], approach, self._size) if still else None
         self._window = window if window is not None and window.extent <= scene.MOST else None
 
     @cached_property
@@ -119,7 +123,9 @@ class Views:
         else:
             window, image = self._window, self._still.copy()
         fastest = scene.fastest_of(self._rows)
-        scene.draw_trail(image, window, self._rows[max(0, moment.index - _REMEMBERED) : moment.index + 1], fastest)
+        scene.draw_trail(
+            image, window, self._rows[max(self._first, moment.index - _REMEMBERED) : moment.index + 1], fastest
+        )
         scene.draw_road_users(image, window, row.road_users)
         scene.draw_car(image, window, row)
         if moment.outcome is not None:
