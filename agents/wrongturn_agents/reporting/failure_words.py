@@ -138,9 +138,10 @@ def _turns(own: Sequence[Measures], twins: Sequence[Measures]) -> Iterable[str]:
         late = f", {later:.1f} m later than with the right command" if later >= _LATER else ""
         yield f"It begins to turn {_beside_line(begins)}{late}."
     yield from _share(len(own) - len(begins), own, "does not turn")
-    tight, needed = _tightest(own), _tightest(twins)
-    if begins and tight and needed and median(needed) - median(tight) >= _LESS:
-        yield f"It steers {spread(tight, '', 2)} of full lock, where turns with the right command take " + (
+    side = _side(median(one.turned for one in own))
+    tight, needed = _tightest(own, side), _tightest(twins, side)
+    if tight and needed and median(needed) - median(tight) >= _LESS:
+        yield f"It steers {spread(tight, '', 2)} of full lock, and {side} turns with the right command take " + (
             f"{spread(needed, '', 2)}."
         )
     undecided = sum((one.steer_left or 0) >= _STEERS and (one.steer_right or 0) >= _STEERS for one in own)
@@ -205,9 +206,9 @@ def _side(turned: float) -> str:
     return "left" if turned >= 0 else "right"
 
 
-def _tightest(drives: Sequence[Measures]) -> list[float]:
-    """Return the most steering past the line of each drive that turns."""
-    turning = [one for one in drives if one.turn_begins is not None]
+def _tightest(drives: Sequence[Measures], side: str) -> list[float]:
+    """Return the most steering past the line of each drive that turns to a side; the sides need different curves."""
+    turning = (one for one in drives if one.turn_begins is not None and _side(one.turned) == side)
     return [max(one.steer_left or 0, one.steer_right or 0) for one in turning if one.line_speed is not None]
 
 
