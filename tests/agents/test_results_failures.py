@@ -45,6 +45,9 @@ LATE = STRAIGHT_THROUGH.model_copy(update={"turn_begins": 9.0, "turned": -12.0, 
 TWIN = STRAIGHT_THROUGH.model_copy(update={"turn_begins": 4.0, "turned": 90.0, "line_speed": 4.0, "past_middle": 2.0})
 
 
+FILM = "ppo-image.left-right.omission.collision.none.webp"
+
+
 @pytest.fixture
 def collection(tmp_path: Path) -> Collection:
     """Results of an agent that fails twice, where no command tells it to turn."""
@@ -86,7 +89,8 @@ def test_sentences_say_what_was_measured(collection):
     assert "begins to turn 9.0 m past the stop line, 5.0 m later than with the right command. In 1 of 2" in said
     assert "It steers to one side and then to the other." in said
     assert heading(way.way) == "No command where roads lead left and right: hits something"
-    alt = shown("ppo-image", way)
+    assert way.film is not None
+    alt = shown("ppo-image", way, way.film)
     assert "told nothing" in alt
     assert "it crosses the stop line at 7.0 m/s, turns 12° right and hits something." in alt
 
@@ -140,7 +144,7 @@ def test_the_page_shows_counts_films_and_who_is_not_filmed(tmp_path, collection)
 def test_films_of_other_weights_or_results_are_outdated(tmp_path, collection, change, why):
     film = b"film"
     filmed = filmed_of(collection, film)
-    (tmp_path / filmed.ways[0].film.file).write_bytes(film)
+    (tmp_path / FILM).write_bytes(film)
     assert outdated(collection, "ppo-image", filmed) is None
     check_films(collection, study_of(filmed), tmp_path)
     with pytest.raises(OutdatedPageError, match=f"films of ppo-image: {why}; make them with"):
@@ -151,7 +155,7 @@ def test_a_film_that_is_missing_or_left_over_is_named(tmp_path, collection):
     filmed = filmed_of(collection, b"film")
     with pytest.raises(OutdatedPageError, match=r"omission.collision.none.webp: is not the film that was made"):
         check_films(collection, study_of(filmed), tmp_path)
-    (tmp_path / filmed.ways[0].film.file).write_bytes(b"film")
+    (tmp_path / FILM).write_bytes(b"film")
     (tmp_path / "old.webp").write_bytes(b"film")
     with pytest.raises(OutdatedPageError, match=r"old.webp: no page shows it; delete it"):
         check_films(collection, study_of(filmed), tmp_path)

@@ -5,7 +5,7 @@ from statistics import median
 from types import MappingProxyType
 from typing import Final
 
-from wrongturn_agents.reporting.failures import Contact, Ending, FilmedWay, Measures, Other, Way
+from wrongturn_agents.reporting.failures import Contact, Ending, Film, FilmedWay, Measures, Other, Way
 from wrongturn_protocol import Command, FaultKind, JunctionType, Reaction
 
 _FASTER: Final = 1.0
@@ -77,12 +77,14 @@ def heading(way: Way) -> str:
 def explanation(filmed: FilmedWay) -> str:
     """Return a few sentences: why the drives of a way end so; then how they enter the junction, turn, and end."""
     own, twins = [one.own for one in filmed.drives], [one.twin for one in filmed.drives]
-    return " ".join([_why(filmed.way, own, twins), _enters(own, twins), *_turns(own, twins), *_ends(filmed.way, own)])
+    return " ".join(
+        [_why(filmed.way, own, twins), _enters(own, twins), *_turns(filmed.way, own, twins), *_ends(filmed.way, own)]
+    )
 
 
-def shown(agent: str, filmed: FilmedWay) -> str:
-    """Return the alternative text of a film: what happens in this one drive."""
-    own = next(one.own for one in filmed.drives if one.trial == filmed.film.trial)
+def shown(agent: str, filmed: FilmedWay, film: Film) -> str:
+    """Return the alternative text of a way's film: what happens in this one drive."""
+    own = next(one.own for one in filmed.drives if one.trial == film.trial)
     way = filmed.way
     happens = [] if own.line_speed is None else [f"it crosses the stop line at {own.line_speed:.1f} m/s"]
     if abs(own.turned) >= 10:
@@ -131,13 +133,14 @@ def _enters(own: Sequence[Measures], twins: Sequence[Measures]) -> str:
     return f"{here}, {how} with the right command: {spread(usual, ' m/s')}."
 
 
-def _turns(own: Sequence[Measures], twins: Sequence[Measures]) -> Iterable[str]:
+def _turns(way: Way, own: Sequence[Measures], twins: Sequence[Measures]) -> Iterable[str]:
     begins = _known(own, _turn_begins)
     if begins:
         later = _later(own, twins)
         late = f", {later:.1f} m later than with the right command" if later >= _LATER else ""
         yield f"It begins to turn {_beside_line(begins)}{late}."
-    yield from _share(len(own) - len(begins), own, "does not turn")
+    straight = "drives straight on" if way.ending is Ending.EXIT else "does not turn"
+    yield from _share(len(own) - len(begins), own, straight)
     side = _side(median(one.turned for one in own))
     tight, needed = _tightest(own, side), _tightest(twins, side)
     if tight and needed and median(needed) - median(tight) >= _LESS:

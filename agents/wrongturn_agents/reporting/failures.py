@@ -127,7 +127,8 @@ class FilmedWay(StudyModel):
     """Ids of all trials that ended this way."""
     drives: tuple[MeasuredDrive, ...]
     """Those that ended this way again when they were driven again."""
-    film: Film
+    film: Film | None
+    """None if other ways are more frequent, and those are enough."""
 
     @property
     def way(self) -> Way:
@@ -198,7 +199,7 @@ class Failures(Study):
 
     def films(self) -> dict[str, Film]:
         """Return all films by the names of their files."""
-        found = [way.film for agent in self.agents.values() for way in agent.ways]
+        found = [one.film for agent in self.agents.values() for one in agent.ways if one.film is not None]
         found += [one.film for agent in self.agents.values() for one in agent.journeys or () if one.film is not None]
         return {film.file: film for film in found}
 

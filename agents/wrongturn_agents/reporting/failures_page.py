@@ -67,14 +67,15 @@ def ways_text(collection: Collection, study: Failures | None, page: Path) -> str
     return "\n".join(parts)
 
 
-_INSTEAD = " The films show what it does where other agents fail."
+_INSTEAD = " Here is what it does where other agents fail."
 
 
 def _ways(agent: str, filmed: FilmedAgent, ended: Ended, page: Path) -> Iterable[str]:
     for one in filmed.ways:
         of_cell = sum(len(names) for way, names in ended.ways().items() if way.cell == one.way.cell)
         yield f"### {heading(one.way)}\n"
-        yield _image(shown(agent, one), one.film, page)
+        if one.film is not None:
+            yield _image(shown(agent, one, one.film), one.film, page)
         again = "" if len(one.drives) == len(one.trials) else f" Driven again, {len(one.drives)} of them ended so."
         yield f"**{len(one.trials)} of {of_cell}.**{again} {explanation(one)}\n"
 

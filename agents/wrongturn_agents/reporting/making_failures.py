@@ -1,5 +1,6 @@
 """Makes the study of failures and its films, ``wrongturn results --failures``, which needs the extra ``training``."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from wrongturn_agents.reporting.making_studies import check_extra, threads
 from wrongturn_agents.reporting.weights import learned_agents, weights_sha256
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
+from wrongturn_protocol import FaultKind, JunctionType
 
 
 def make_failures(directory: Path, agents: Sequence[str]) -> Path:
@@ -70,8 +72,11 @@ def _with_ways(name: str, collection: Collection, known: FilmedAgent | None) -> 
         return known
     FILMS.mkdir(exist_ok=True)
     stored = stored_results(collection, name)
-    others = (stored_results(collection, other) for other in learned_agents())
-    cells = {way.cell for other in others if other is not None for way in other.unsafe_ways()}
+    cells: Counter[tuple[JunctionType, FaultKind]] = Counter()
+    for other in learned_agents():
+        found = stored_results(collection, other)
+        for way, trials in ({} if found is None else found.unsafe_ways()).items():
+            cells[way.cell] += len(trials)
     weights = weights_sha256(name)
     assert weights is not None  # a learned agent has some
     with show_progress(ProgressStyle.AUTO, f"{name}, films") as progress:

@@ -9,6 +9,7 @@ from wrongturn_agents.registry import resolve
 from wrongturn_agents.reporting.failures import Ended, Ending, Other
 from wrongturn_agents.reporting.results_file import TrialResult
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
+from wrongturn_agents.training.filming import study
 from wrongturn_agents.training.filming.journeys import contact_of, journeys
 from wrongturn_agents.training.filming.study import Filmer
 from wrongturn_protocol import Condition, FaultKind, JunctionType, Reaction, Task, Verdict
@@ -26,16 +27,17 @@ def filmer(tmp_path_factory) -> Filmer:
 @pytest.fixture(scope="module")
 def trial() -> str:
     """A trial of the open draw that says STRAIGHT where no road goes straight on."""
+    return trial_at(JunctionType.LEFT_RIGHT, FaultKind.INFEASIBLE)
+
+
+def trial_at(kind: JunctionType, fault: FaultKind) -> str:
+    """Return the id of the open draw's first trial of a junction type and fault."""
     trials = installed_suite(WRONG_COMMAND).trials.values()
-    return next(
-        one.id
-        for one in trials
-        if one.junction_type is JunctionType.LEFT_RIGHT and one.fault.kind is FaultKind.INFEASIBLE
-    )
+    return next(one.id for one in trials if (one.junction_type, one.fault.kind) == (kind, fault))
 
 
 def test_a_way_is_driven_measured_and_filmed(filmer, trial):
-    (way,) = filmer.ways(Ended(WRONG_COMMAND, {trial: OBEYED}), ())
+    (way,) = filmer.ways(Ended(WRONG_COMMAND, {trial: OBEYED}), {})
     assert (way.ending, way.trials) == (Ending.OFF_ROAD, (trial,))
     (drive,) = way.drives
     assert drive.own.turn_begins is None
@@ -45,23 +47,29 @@ def test_a_way_is_driven_measured_and_filmed(filmer, trial):
     # The twin takes an exit: it has turned by a right angle.
     assert abs(drive.twin.turned) == pytest.approx(90, abs=25)
     assert drive.twin.turn_begins is not None
+    assert way.film is not None
     film = filmer.directory / way.film.file
     assert film.name == "obeys-blindly.left-right.infeasible.off-road.obeyed.webp"
     assert film.read_bytes()[8:12] == b"WEBP"
     again = film.read_bytes()
-    filmer.ways(Ended(WRONG_COMMAND, {trial: OBEYED}), ())
+    filmer.ways(Ended(WRONG_COMMAND, {trial: OBEYED}), {})
     assert film.read_bytes() == again
 
 
 def test_a_trial_that_ends_otherwise_is_refused(filmer, trial):
     froze = TrialResult(verdict=Verdict.STOPPED_IN_JUNCTION, reaction=Reaction.FROZE)
     with pytest.raises(ResultsError, match=rf"none of {trial} ends in stopped_in_junction again"):
-        filmer.ways(Ended(WRONG_COMMAND, {trial: froze}), ())
+        filmer.ways(Ended(WRONG_COMMAND, {trial: froze}), {})
 
 
-def test_an_agent_without_failures_is_filmed_where_others_fail(filmer, trial):
-    ended = Ended(WRONG_COMMAND, {trial: TrialResult(verdict=Verdict.EXIT_ROUTE, reaction=Reaction.OVERRODE)})
-    assert filmer.ways(ended, ()) == ()
+def test_an_agent_without_failures_is_filmed_where_others_fail_most(filmer, monkeypatch):
+    monkeypatch.setattr(study, "INSTEAD", 1)
+    left, right = JunctionType.STRAIGHT_LEFT, JunctionType.STRAIGHT_RIGHT
+    took = TrialResult(verdict=Verdict.EXIT_ROUTE, reaction=Reaction.EXIT)
+    ended = Ended(WRONG_COMMAND, {trial_at(kind, FaultKind.OMISSION): took for kind in (left, right)})
+    assert filmer.ways(ended, {}) == ()
+    ways = filmer.ways(ended, {(left, FaultKind.OMISSION): 1, (right, FaultKind.OMISSION): 5})
+    assert {way.junction_type: way.film is not None for way in ways} == {left: False, right: True}
 
 
 def test_journeys_are_few_and_of_all_conditions():

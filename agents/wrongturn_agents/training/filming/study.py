@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from statistics import median
 from typing import Final
@@ -38,6 +38,10 @@ _RATE: Final = 10 // EVERY
 """Frames a second."""
 _RUN_UP: Final = 10.0
 """Metres before the stop line at which a film begins."""
+MOST: Final = 6
+"""Films of an agent: its most frequent ways have one, so that an agent that cannot drive does not fill the page."""
+INSTEAD: Final = 2
+"""Films of an agent without an unsafe trial."""
 _LONGEST_S: Final = 7.0
 """Seconds of the longest film, which shows the end."""
 
@@ -67,23 +71,53 @@ class Filmer:
         self._drive(trials)
         return Ended(WRONG_COMMAND, {trial.id: _result(self._driven[trial.id]) for trial in trials})
 
-    def ways(self, ended: Ended, cells: Collection[Cell]) -> tuple[FilmedWay, ...]:
+    def ways(self, ended: Ended, cells: Mapping[Cell, int]) -> tuple[FilmedWay, ...]:
         """Drive the unsafe trials and their twins again, and make a film of each way in which they end.
 
         Args:
             ended: how the trials ended.
-            cells: where other agents fail. An agent without an unsafe trial is filmed there.
+            cells: where other agents fail, and how often. An agent without an unsafe trial is filmed there.
 
         Raises:
             AgentsError: the agent cannot be made, or fails.
             ResultsError: no trial of a way ends that way again.
         """
-        ways = ended.unsafe_ways() or {way: names for way, names in ended.ways().items() if way.cell in cells}
+        ways = ended.unsafe_ways()
+        often = sorted(ways, key=lambda way: -len(ways[way]))[:MOST]
+        if not ways:
+            ways = {way: names for way, names in ended.ways().items() if way.cell in cells}
+            often = sorted(ways, key=lambda way: -cells[way.cell])[:INSTEAD]
         trials = installed_suite(WRONG_COMMAND, ended.secret).trials
         names = [name for of_way in ways.values() for name in of_way]
         wanted = dict.fromkeys([*names, *(twin_id(trials[name]) for name in names)])
         self._drive([trials[name] for name in wanted])
-        return tuple(_film_way(self._source.name, way, of, self._driven, self.directory) for way, of in ways.items())
+        return tuple(self._way(way, of, filmed=way in often) for way, of in ways.items())
+
+    def _way(self, way: Way, names: tuple[str, ...], *, filmed: bool) -> FilmedWay:
+        """Return what was measured of a way, with its film if it has one."""
+        again = [self._driven[name] for name in names]
+        alike = [one for one in again if Way.of(one.trial, _result(one)) == way]
+        if not alike:
+            raise ResultsError(
+                f"{self._source.name}: none of {', '.join(names)} ends in {way.ending} again; its results are of other "
+                "weights, or of another machine: drive it over the service again and import the run"
+            )
+        drives = {
+            one.trial.id: MeasuredDrive(
+                trial=one.trial.id, own=_measured(one), twin=_measured(self._driven[twin_id(one.trial)])
+            )
+            for one in alike
+        }
+        return FilmedWay(
+            **way._asdict(),
+            trials=names,
+            drives=tuple(drives.values()),
+            film=self._film_of_way(way, min(alike, key=lambda one: _rank(one.trial.id, drives))) if filmed else None,
+        )
+
+    def _film_of_way(self, way: Way, driven: DrivenEpisode) -> Film:
+        first = decision_before_line(driven.trajectory, _RUN_UP)
+        return _film(driven, self.directory / way.film(self._source.name), first)
 
     def _drive(self, trials: Iterable[Trial]) -> None:
         """Drive those trials that have not been driven yet."""
@@ -113,29 +147,9 @@ class Filmer:
         return tuple(found.values())
 
 
-def _film_way(
-    agent: str, way: Way, names: tuple[str, ...], driven: Mapping[str, DrivenEpisode], directory: Path
-) -> FilmedWay:
-    alike = [driven[name] for name in names if Way.of(driven[name].trial, _result(driven[name])) == way]
-    if not alike:
-        raise ResultsError(
-            f"{agent}: none of {', '.join(names)} ends in {way.ending} again; its results are of other weights, or of "
-            "another machine: drive it over the service again and import the run"
-        )
-    measured = {
-        one.trial.id: MeasuredDrive(trial=one.trial.id, own=_measured(one), twin=_measured(driven[twin_id(one.trial)]))
-        for one in alike
-    }
-    shown = min(alike, key=lambda one: (_oddness(measured[one.trial.id].own, measured.values()), one.trial.id))
-    return FilmedWay(
-        junction_type=way.junction_type,
-        fault=way.fault,
-        ending=way.ending,
-        reaction=way.reaction,
-        trials=names,
-        drives=tuple(measured.values()),
-        film=_film(shown, directory / way.film(agent), decision_before_line(shown.trajectory, _RUN_UP)),
-    )
+def _rank(trial: str, drives: Mapping[str, MeasuredDrive]) -> tuple[float, str]:
+    """Return a sort key: the drive that is nearest to the middle of all comes first."""
+    return _oddness(drives[trial].own, drives.values()), trial
 
 
 def _oddness(own: Measures, all_of_them: Iterable[MeasuredDrive]) -> float:
