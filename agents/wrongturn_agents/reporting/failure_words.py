@@ -263,7 +263,9 @@ def collisions_in_words(contacts: Sequence[Contact]) -> str:
 
 
 def _before(other: Other, own: Sequence[Contact]) -> str:
-    seen = "" if other is Other.SCENERY else f"It was in view for {spread([one.in_view_s for one in own], ' s')}. "
+    seen = (
+        "" if other is Other.SCENERY else f"The other was in view for {spread([one.in_view_s for one in own], ' s')}. "
+    )
     brake, throttle = (spread(values, "", 2) for values in ([one.brake for one in own], [one.throttle for one in own]))
     return f"{seen}In the last two seconds the brake was at {brake} and the throttle at {throttle} on average."
 

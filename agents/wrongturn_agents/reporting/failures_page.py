@@ -4,6 +4,7 @@ import os
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Final
 
 from wrongturn_agents.reporting.collection import Collection
 from wrongturn_agents.reporting.failure_words import (
@@ -24,9 +25,15 @@ from wrongturn_agents.reporting.failures import (
 )
 from wrongturn_agents.reporting.tables import ReportTable
 from wrongturn_agents.reporting.weights import learned_agents
-from wrongturn_protocol import PAPER_TYPES, FaultKind
+from wrongturn_protocol import PAPER_TYPES, FaultKind, Verdict
 
-_FAULTS = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
+_FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
+_JOURNEYS: Final = {
+    Verdict.ARRIVED: "arrived",
+    Verdict.COLLISION: "ended in a collision",
+    Verdict.TIMEOUT: "ran out of time",
+}
+_INSTEAD: Final = " Here is what it does where other agents fail."
 
 
 def counts_table(collection: Collection, study: Failures | None) -> ReportTable:
@@ -67,9 +74,6 @@ def ways_text(collection: Collection, study: Failures | None, page: Path) -> str
     return "\n".join(parts)
 
 
-_INSTEAD = " Here is what it does where other agents fail."
-
-
 def _ways(agent: str, filmed: FilmedAgent, ended: Ended, page: Path) -> Iterable[str]:
     for one in filmed.ways:
         of_cell = sum(len(names) for way, names in ended.ways().items() if way.cell == one.way.cell)
@@ -83,11 +87,12 @@ def _ways(agent: str, filmed: FilmedAgent, ended: Ended, page: Path) -> Iterable
 def collisions_text(study: Failures | None, page: Path) -> str:
     """Return how each agent's journeys beside traffic ended, and how its collisions happened."""
     parts: list[str] = []
-    for agent, filmed in ({} if study is None else study.agents).items():
-        if not filmed.journeys:
+    for agent in learned_agents():
+        filmed = None if study is None else study.agents.get(agent)
+        if filmed is None or not filmed.journeys:
             continue
         contacts = [one.contact for one in filmed.journeys if one.contact is not None]
-        ends = Counter(str(one.verdict).replace("_", " ") for one in filmed.journeys)
+        ends = Counter(_JOURNEYS.get(one.verdict, "ended otherwise") for one in filmed.journeys)
         said = ", ".join(f"{count} {end}" for end, count in ends.most_common())
         line = f"**`{agent}`**, {len(filmed.journeys)} journeys: {said}. {collisions_in_words(contacts)}"
         parts.append(line.strip() + "\n")
