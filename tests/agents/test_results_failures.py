@@ -127,7 +127,7 @@ def test_the_page_shows_counts_films_and_who_is_not_filmed(tmp_path, collection)
     study.write(failures_file(tmp_path / "stored"))
     write_page(page, Report.read(tmp_path / "stored"))
     text = page.read_text()
-    assert "| `ppo-image` | over the service | 0 · 0 | 0 · 0 | 0 · 2 | 2 |" in text
+    assert "| `ppo-image` | open | 0 · 0 | 0 · 0 | 0 · 2 | 2 |" in text
     assert "## ppo-image\n\n2 of 60 trials are unsafe.\n\n### No command where" in text
     assert "ppo-image.left-right.omission.collision.none.webp)\n\n**2 of 10.** " in text
     assert text.count("*Not filmed yet.*") == len(learned_agents()) - 1

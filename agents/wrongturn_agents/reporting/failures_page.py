@@ -21,10 +21,10 @@ from wrongturn_agents.reporting.failures import (
     Film,
     FilmedAgent,
     results_of,
-    stored_results,
 )
 from wrongturn_agents.reporting.tables import ReportTable
 from wrongturn_agents.reporting.weights import learned_agents
+from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_protocol import PAPER_TYPES, FaultKind, Verdict
 
 _FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
@@ -42,11 +42,15 @@ def counts_table(collection: Collection, study: Failures | None) -> ReportTable:
     for agent in learned_agents():
         ended = results_of(collection, agent, None if study is None else study.agents.get(agent))
         if ended is not None:
-            driven = "over the service" if stored_results(collection, agent) is not None else "on the open draw"
-            rows.append((f"`{agent}`", driven, *_counts(ended)))
-    head = ("agent", "driven", *(str(kind) for kind in PAPER_TYPES), "unsafe")
+            rows.append((f"`{agent}`", _draw(ended), *_counts(ended)))
+    head = ("agent", "draw", *(str(kind) for kind in PAPER_TYPES), "unsafe")
     note = "Unsafe trials, strict column: with a wrong command · without a command. Ten trials each, 60 in all."
     return ReportTable("Failures", head, tuple(rows), note)
+
+
+def _draw(ended: Ended) -> str:
+    """Return which draw the trials are of: the open one, or that of an evaluation over the service."""
+    return "open" if ended.secret == WRONG_COMMAND else "of its evaluation over the service"
 
 
 def _counts(ended: Ended) -> tuple[str, ...]:
