@@ -32,6 +32,8 @@ from wrongturn_protocol import Action, AgentKind, EvaluationState, RunFile, Trac
 from wrongturn_protocol.json_output import JsonFileError
 
 SUITE = "smoke@2"
+LEAVES = "own_agents:Leaves"
+"""Leaves the road in a second, so that a whole run takes 93 steps."""
 NUMBERS = itertools.count(1)
 OPERATOR = "operator-token-of-the-tests-0123456789"
 OWN = """
@@ -86,6 +88,12 @@ class Blind(Careful):
 class Sees(Careful):
     name = "sees"
     track = "camera"
+
+class Leaves(Careful):
+    name = "leaves"
+
+    def act(self, observation):
+        return Action(steer=1.0, throttle=1.0, brake=0.0)
 
 class Blocks(Careful):
     name = "blocks"
@@ -170,7 +178,7 @@ def test_a_run_whose_file_cannot_be_written_is_not_lost(url, tmp_path):
     written.write_text("another run's")
     # A folder in the way of the new file stands for a full disk.
     (tmp_path / ".run.json.new").mkdir()
-    done = run("always-stops", "--suite", SUITE, "--url", url, "--name", "unwritten", "--json", str(written))
+    done = run(LEAVES, "--suite", SUITE, "--url", url, "--name", "unwritten", "--json", str(written))
     assert done.returncode == 1
     assert "twins" in done.stdout
     (command,) = re.findall(r"the run is finished: '(.*) --json FILE' writes it", done.stderr)
@@ -300,7 +308,7 @@ def closed(tmp_path_factory):
 
 
 def test_a_run_with_an_owners_token_registers_the_owners_agent(closed):
-    arguments = ("always-stops", "--suite", SUITE, "--url", closed, "--name", "ours")
+    arguments = (LEAVES, "--suite", SUITE, "--url", closed, "--name", "ours")
     refused = run(*arguments)
     assert refused.returncode == 1
     assert f"WRONGTURN_OWNER_TOKEN: {closed} registers agents only for owners; ask its operator" in refused.stderr
@@ -327,8 +335,8 @@ def test_a_track_that_the_suite_lacks(url):
 
 
 def test_an_interrupted_run_goes_on(url):
-    saved_run = started(url)
-    source = resolve("careful")
+    saved_run = started(url, LEAVES)
+    source = resolve(LEAVES)
     seen = []
 
     def interrupting(finished: int, total: int) -> None:
@@ -467,7 +475,7 @@ def test_what_cannot_be_gone_on_with_registers_nobody(url, home):
 def test_a_token_of_ones_own_stands_for_its_agent(url):
     with Client(url) as client:
         registered = client.register("registered before", Track.PRIVILEGED)
-    done = run("careful", "--suite", SUITE, "--url", url, WRONGTURN_TOKEN=registered.token)
+    done = run(LEAVES, "--suite", SUITE, "--url", url, WRONGTURN_TOKEN=registered.token)
     assert done.returncode == 0, done.stderr
     with Client(url) as client:
         assert "registered before" in {entry.agent.name for entry in client.leaderboard(SUITE).entries}
@@ -552,10 +560,10 @@ def own_service(url, monkeypatch):
 
 
 def test_a_runs_own_database_is_thrown_away_unless_it_is_kept(own_service, home, tmp_path, capsys):
-    cli.run("parked", suite=SUITE, name="thrown away")
+    cli.run(LEAVES, suite=SUITE, name="thrown away")
     assert "Would not be ranked on smoke@2: Completed 0 of 6 twins" in capsys.readouterr().out
     assert list((home / "runs").iterdir()) == []
-    cli.run("parked", suite=SUITE, name="kept", keep=True)
+    cli.run(LEAVES, suite=SUITE, name="kept", keep=True)
     database = own_service[-1]
     assert f"serve --database sqlite+aiosqlite:///{database}" in capsys.readouterr().err
     # Kept for good: whoever resumes the run only writes its file.
@@ -578,7 +586,7 @@ def test_a_run_that_did_not_begin_leaves_nothing(own_service, home):
 def test_a_file_that_cannot_be_written_keeps_the_runs_own_database(own_service, tmp_path):
     (tmp_path / ".run.json.new").mkdir()  # stands for a full disk
     with pytest.raises(RunError, match=r"--json: run\.json cannot be written"):
-        cli.run("parked", suite=SUITE, name="nearly lost", json_file=Path("run.json"))
+        cli.run(LEAVES, suite=SUITE, name="nearly lost", json_file=Path("run.json"))
     assert own_service[-1].exists()
     (tmp_path / ".run.json.new").rmdir()
     (saved,) = (tmp_path / "home/runs").glob("*.json")
