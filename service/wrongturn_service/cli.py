@@ -1,5 +1,6 @@
 """``wrongturn serve``, and the service's checks for ``wrongturn doctor``. Heavy imports wait until a command runs."""
 
+import gc
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -73,7 +74,10 @@ def serve(
     except AddressError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(_USAGE) from None
+    gc.disable()  # hardly anything that is imported is garbage
     from wrongturn_service import logs, server  # noqa: PLC0415 - slow, so only once the address is bound
+
+    gc.enable()
 
     logs.configure(settings.log_level)
     try:

@@ -32,7 +32,7 @@ def running(store: Store, folder: Path) -> Service:
     return service
 
 
-@pytest.mark.slow
+@pytest.mark.soak  # CI puts a backup back in tests/service/test_new_machine.py
 def test_what_was_acknowledged_is_in_a_backup_and_the_rest_is_driven_again(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()

@@ -199,5 +199,5 @@ def problem(response: httpx.Response, status: int, kind: str, path: str | None =
 def _is_simulator(pid: int) -> bool:
     """Return whether a child of the service is a simulator. One that was just forked is still a copy of the service."""
     with contextlib.suppress(FileNotFoundError):
-        return b"wrongturn_service.simulators.worker" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        return b"wrongturn_service.simulators\0" in Path(f"/proc/{pid}/cmdline").read_bytes()
     return False

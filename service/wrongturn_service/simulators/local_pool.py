@@ -23,7 +23,7 @@ from wrongturn_service.simulators.local_simulator import LocalSimulator
 from wrongturn_service.simulators.memory import memory_of
 from wrongturn_service.simulators.turns import in_turn
 
-COMMAND = (sys.executable, "-m", "wrongturn_service.simulators.worker")
+COMMAND = (sys.executable, "-m", "wrongturn_service.simulators")
 """Command of a simulator process; :meth:`LocalSimulator.start` adds its arguments."""
 
 START_WAIT_S: Final = 20.0

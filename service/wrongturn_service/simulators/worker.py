@@ -1,4 +1,4 @@
-"""The program of a simulator process: ``python -m wrongturn_service.simulators.worker SOCKET SECONDS MEMORY``.
+"""The program of a simulator process: ``python -m wrongturn_service.simulators SOCKET SECONDS MEMORY``.
 
 The arguments are the file descriptor of a socket to the service, whole seconds after which a hanging request ends the
 process, and the file descriptor of the shared memory. The process answers one request at a time. It ends with the
@@ -154,6 +154,7 @@ def serve(connection: socket.socket, limit_s: int, writer: SharedMemoryWriter) -
     # These objects stay. A full garbage collection of them would make a step wait.
     gc.collect()
     gc.freeze()
+    gc.enable()
     connection.sendall(frames.pack([frames.OK]))
     requests = frames.Receiver(connection)
     while True:
@@ -188,7 +189,3 @@ def main() -> None:
     # If the service was killed, nobody is left to answer.
     with socket.socket(fileno=int(sys.argv[1])) as connection, contextlib.suppress(ConnectionError):
         serve(connection, int(sys.argv[2]), SharedMemoryWriter(int(sys.argv[3])))
-
-
-if __name__ == "__main__":
-    main()
