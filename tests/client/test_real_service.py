@@ -145,6 +145,7 @@ def test_an_interrupted_evaluation_goes_on(service: LocalService) -> None:
     assert detail.metrics.verdicts["none"].get("aborted", 0) == 0  # type: ignore[call-overload]
 
 
+@pytest.mark.soak  # tests/faults kills a service, a simulator and a client in CI
 def test_a_service_that_is_killed_and_started_again_costs_nothing(tmp_path: Path) -> None:
     database = f"sqlite+aiosqlite:///{tmp_path / 'wrongturn.db'}"
     with ExitStack() as stack:

@@ -21,7 +21,7 @@ def check(report: Report, kills: int) -> None:
     assert report.submissions
 
 
-@pytest.mark.slow
+@pytest.mark.soak  # tests/service/test_submissions_dispatch.py stops and kills each part once
 def test_a_submission_survives_a_few_kills(tmp_path: Path) -> None:
     """Three kills have one of each kind."""
     check(run(tmp_path, blows(1, 3), spare=0), 3)

@@ -51,14 +51,19 @@ def run(command: str, folder: Path) -> str:
     return done.stdout
 
 
-def follow(text: str, folder: Path) -> tuple[str, dict[str, object]]:
-    """Write the files, run the commands; return the last output and the leaderboard's only entry."""
+def begin(text: str, folder: Path) -> str:
+    """Write the files, run the commands that need no service, and return the last output."""
     for name, content in files(text).items():
         (folder / name).write_text(content, "utf-8")
     shown = commands(text)
+    return [run(command, folder) for command in shown[: shown.index(SERVE)]][-1]
+
+
+def follow(text: str, folder: Path) -> tuple[str, dict[str, object]]:
+    """Write the files, run the commands; return the last output and the leaderboard's only entry."""
+    begin(text, folder)
+    shown = commands(text)
     here = shown.index(SERVE)
-    for command in shown[:here]:
-        run(command, folder)
     with LocalService(database=f"sqlite+aiosqlite:///{folder}/wrongturn.db") as service:
         for command in shown[here + 1 :]:
             assert SERVED_AT in command
@@ -108,14 +113,21 @@ def test_the_readmes_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.system
-@pytest.mark.timeout(1200)
-@pytest.mark.usefixtures("bubblewrap")
-@pytest.mark.parametrize("steps", ["2_048", pytest.param("80_000", marks=pytest.mark.soak)])
-def test_the_tutorials_agent_comes_to_the_leaderboard(tmp_path: Path, steps: str) -> None:
-    """The few steps of CI go the whole way; only those that the page shows suffice to drive."""
+@pytest.mark.timeout(900)
+def test_the_tutorials_agent_is_trained_exported_and_driven(tmp_path: Path) -> None:
+    """A few steps do for that. Only those that the page shows suffice to drive."""
     text = TUTORIAL.split("\n## 2. ")[1]
     assert text.count("model.learn(80_000)") == 1
-    text = text.replace("80_000", steps)
+    assert "LEFT_RIGHT" in begin(text.replace("80_000", "2_048"), tmp_path)
+
+
+@pytest.mark.soak
+@pytest.mark.system
+@pytest.mark.timeout(1200)
+@pytest.mark.usefixtures("bubblewrap")
+def test_the_tutorials_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
+    """CI follows the page up to the service, and hands models in by the commands of the page on submitting."""
+    text = TUTORIAL.split("\n## 2. ")[1]
     assert [command.split()[:2] for command in commands(text)] == [
         ["python", "train.py"],
         ["wrongturn", "export"],
@@ -131,6 +143,5 @@ def test_the_tutorials_agent_comes_to_the_leaderboard(tmp_path: Path, steps: str
         "privileged",
     )
     assert entry["unsafe"]["trials"] == 6
-    if steps == "80_000":
-        # A network that has not learned completes none of the six.
-        assert entry["twins"]["completed"] >= 1
+    # A network that has not learned completes none of the six.
+    assert entry["twins"]["completed"] >= 1

@@ -363,16 +363,18 @@ class Mine(Extractor):
 """
 
 
-@pytest.mark.slow
 def test_an_own_features_extractor_is_imported_from_the_working_directory(tmp_path, monkeypatch):
     (tmp_path / "my_extractor.py").write_text(OWN)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
     from my_extractor import Mine
 
     saved(ppo(RandomTown(), policy_kwargs={"features_extractor_class": Mine}), tmp_path / "agent.zip")
-    done = run(tmp_path, MAIN)
-    assert done.returncode == 0, done.stderr
+    command = ["export", "sb3", str(tmp_path / "agent.zip"), "--out", str(tmp_path / "agent.onnx")]
+    sys.path.remove(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "my_extractor")
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
     assert resolve(str(tmp_path / "agent.onnx")).track is Track.STATE
     (tmp_path / "my_extractor.py").rename(tmp_path / "hidden.py")
     monkeypatch.delitem(sys.modules, "my_extractor")
