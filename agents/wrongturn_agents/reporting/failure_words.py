@@ -108,7 +108,7 @@ def _why(way: Way, own: Sequence[Measures], twins: Sequence[Measures]) -> str:
     fast, late = _faster(own, twins) >= _FASTER, _later(own, twins) >= _LATER
     if way.fault is FaultKind.OMISSION:
         if way.ending is Ending.EXIT:
-            return "It slows down by itself, and takes an exit." if not fast else "It takes an exit."
+            return "It takes an exit." if fast else "It comes as it does with a command, and takes an exit."
         what = " and ".join(["comes too fast"] * fast + ["turns too late"] * late)
         return f"Without a command it {what or 'misses its way'}."
     if way.reaction is Reaction.OBEYED:
