@@ -89,6 +89,14 @@ def _program(*args: str, **environment: str) -> subprocess.CompletedProcess[str]
     )
 
 
+def _main(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *args: str) -> tuple[Any, str, str]:
+    """Return status, output and errors of a command that runs in this process."""
+    monkeypatch.setattr(sys, "argv", ["wrongturn", *args])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    return caught.value.code, *capsys.readouterr()
+
+
 def test_help_lists_the_commands() -> None:
     done = _program("--help")
     assert done.returncode == 0
@@ -152,9 +160,10 @@ def test_the_parts_commands_are_those_that_they_add() -> None:
         (["run", "careful", "--progress", "loud"], "--progress: 'loud' is not one of 'auto', 'bar', 'lines', 'json'"),
     ],
 )
-def test_a_value_that_an_option_cannot_have_is_told_in_one_line(arguments: list[str], says: str) -> None:
-    done = _program(*arguments)
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"wrongturn: {says}\n")
+def test_a_value_that_an_option_cannot_have_is_told_in_one_line(
+    arguments: list[str], says: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _main(monkeypatch, capsys, *arguments) == (2, "", f"wrongturn: {says}\n")
 
 
 def test_another_parts_command_is_listed_and_runs(points: dict[tuple[str, str], str]) -> None:
@@ -204,12 +213,13 @@ def test_expected_errors_are_one_line(
 
 
 @pytest.mark.parametrize("command", [["suites"], ["agents"], ["towns"], ["leaderboard"], ["leaderboard", "--json"]])
-def test_a_service_that_is_not_there_is_one_line(command: list[str]) -> None:
-    done = _program(*command, "--url", "http://127.0.0.1:9")
-    assert done.returncode == 1
-    assert done.stdout == ""
-    assert done.stderr.startswith("wrongturn: no Wrongturn service answers at http://127.0.0.1:9 ")
-    assert done.stderr.count("\n") == 1
+def test_a_service_that_is_not_there_is_one_line(
+    command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, told = _main(monkeypatch, capsys, *command, "--url", "http://127.0.0.1:9")
+    assert (status, out) == (1, "")
+    assert told.startswith("wrongturn: no Wrongturn service answers at http://127.0.0.1:9 ")
+    assert told.count("\n") == 1
 
 
 def test_local_suites_as_table_and_json(points: dict[tuple[str, str], str]) -> None:

@@ -14,7 +14,8 @@ from service_harness import RunningService, expect, problem
 from small_models import steady
 from submission_owner import Owner, until
 
-pytestmark = pytest.mark.slow
+# CI has tests/sandbox/test_listener.py for the program, and test_submissions_dispatch.py for sandboxes that are lost.
+pytestmark = pytest.mark.soak
 
 
 @contextlib.contextmanager

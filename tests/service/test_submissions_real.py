@@ -48,6 +48,7 @@ def owner(serving: RunningService) -> Iterator[Owner]:
     owner.close()
 
 
+@pytest.mark.soak  # CI sees the rank of an upload in tests/system/test_submitting_page.py
 def test_a_submission_is_ranked_like_any_agent(serving: RunningService, owner: Owner) -> None:
     assert expect(httpx.get(f"{serving.url}/health/ready"), 200)["submissions"].startswith("on: bubblewrap")
     submission = owner.hand_in(wavering(), suite="smoke@2")
