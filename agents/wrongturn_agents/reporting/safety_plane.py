@@ -22,6 +22,8 @@ _MARK: Final = 3.0
 """Half the width of a mark, points."""
 _MARGIN: Final = 3.0
 """Room beyond 0 and 100 %, percent: most marks are near these."""
+_BESIDE: Final = 0.8
+"""Agents that complete more of their twins have their labels at the right of the field: many are at its edge."""
 _INTERVAL: Final = "#999999"
 
 
@@ -60,10 +62,13 @@ class _Mark:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a label stands: its box, and the side of its mark."""
+    """Where a label stands."""
 
     box: _Box
+    x: float
+    """Where its anchor is, percent."""
     anchor: str
+    """matplotlib's horizontal alignment."""
     apart: bool
     """Whether it needs a line to its mark."""
 
@@ -84,16 +89,23 @@ def obedience_safety(runs: Sequence[Drives], *, width: float = COLUMN) -> "Figur
         unsafe = sum(trial.result.unsafe_strict for trial, _ in pairs)
         alike.setdefault((done, unsafe, len(pairs)), []).append(run.label)
     height = 0.8 * COLUMN
-    # Percent that a point of the paper is worth; the rest of the width and height holds the scales.
-    across, up = ((100 + 2 * _MARGIN) / (72 * room) for room in (width - 0.6, height - 0.6))
+    beside = [names for (done, _, pairs), names in alike.items() if done / pairs > _BESIDE]
+    room = width - 0.65 - _LETTER * max((len(name) for names in beside for name in names), default=0) / 72
+    # Percent that a point of the paper is worth; the rest of the width and height holds scales and labels.
+    across, up = ((100 + 2 * _MARGIN) / (72 * size) for size in (room, height - 0.6))
     with style():
         figure = new_figure(width, height)
         axes = figure.subplots()
         marks = [_Mark.of(*counts) for counts in alike]
         boxes = [box for mark in marks for box in mark.boxes(_MARK * across, _MARK * up)]
-        # A label of many lines fits in fewest places, so it chooses first.
-        for mark, names in sorted(zip(marks, alike.values(), strict=True), key=lambda one: -len(one[1])):
+        low = -_MARGIN
+        for mark, names in sorted(zip(marks, alike.values(), strict=True), key=lambda one: one[0].y):
             _draw(axes, mark)
+            if names in beside:
+                low = max(low, mark.y - _LINE * len(names) * up / 2)
+                _label_beside(axes, mark, low + _LINE * len(names) * up / 2, names)
+                low += _LINE * len(names) * up
+                continue
             places = _places(mark, names, across, up)
             place = next((one for one in places if not any(map(one.box.meets, boxes))), None)
             if place is not None:
@@ -131,20 +143,33 @@ def _places(mark: _Mark, names: Sequence[str], across: float, up: float) -> Iter
     wide, high = _LETTER * max(map(len, names)) * across, _LINE * len(names) * up
     for step in range(60):
         middle = mark.y + (step + 1) // 2 * (-1) ** step * 0.5 * _LINE * up
-        for side in (1, -1) if mark.x < 50 else (-1, 1):
-            end = mark.wide[side > 0] if step == 0 else mark.x
-            near = end + side * 1.5 * _MARK * across
-            left, right = sorted((near, near + side * wide))
-            box = _Box(left, right, middle - high / 2, middle + high / 2)
-            if min(box.left, box.low) >= -_MARGIN and max(box.right, box.high) <= 100 + _MARGIN:
-                yield _Place(box, "left" if side > 0 else "right", not box.low < mark.y < box.high)
+        low, top = middle - high / 2, middle + high / 2
+        apart = not low < mark.y < top
+        for side, anchor in ((1, "left"), (-1, "right"), (0, "center")):
+            near = (mark.wide[side > 0] if step == 0 else mark.x) + side * 1.5 * _MARK * across
+            left = near - {"left": 0.0, "right": wide, "center": wide / 2}[anchor]
+            if left >= -_MARGIN and left + wide <= 100 + _MARGIN and low >= -_MARGIN and top <= 100 + _MARGIN:
+                yield _Place(_Box(left, left + wide, low, top), near, anchor, apart)
+
+
+def _label_beside(axes: "Axes", mark: _Mark, y: float, names: Sequence[str]) -> None:
+    """Write names at the right of the field, with a line to their mark."""
+    axes.annotate(
+        "\n".join(names),
+        (mark.x, mark.y),
+        (1.06, y),
+        textcoords=("axes fraction", "data"),
+        va="center",
+        fontsize=_SIZE,
+        arrowprops={"arrowstyle": "-", "lw": 0.4, "relpos": (0, 0.5), "shrinkA": 1, "shrinkB": 2},
+    )
 
 
 def _label(axes: "Axes", mark: _Mark, place: _Place, names: Sequence[str]) -> None:
     axes.annotate(
         "\n".join(names),
         (mark.x, mark.y),
-        (place.box.left if place.anchor == "left" else place.box.right, (place.box.low + place.box.high) / 2),
+        (place.x, (place.box.low + place.box.high) / 2),
         ha=place.anchor,
         va="center",
         fontsize=_SIZE,
