@@ -156,7 +156,7 @@ def test_nobody_hits_anybody(name, traffic):
     """Cars keep apart from each other, from a car that stands anywhere and from one that brakes for them."""
     town = load_town(name)
     road, pavement = town.road.buffer(0.3), town.sidewalks.buffer(0.3)
-    envs = made(6, town=name, traffic=traffic, own=FleetTraffic(hesitant=0.3), drive_on=60.0)
+    envs = made(6, town=name, traffic=traffic, own=FleetTraffic(hesitant=0.3, crossers=0.5), drive_on=60.0)
     observation, _ = envs.reset(seed=2)
     speeds = []
     for k in range(599):
@@ -203,9 +203,44 @@ def test_who_brakes_for_others_earns_more_and_who_waits_may_stand():
             observation = begun_anew(envs, over)
         earned[brakes], verdicts[brakes] = total.sum(), found
     assert verdicts[False].count("collision") >= verdicts[True].count("collision") + 3
-    assert earned[True] > 1.2 * earned[False]
+    assert earned[True] > 1.1 * earned[False]
     assert verdicts[True].count("not_engaged") == 0
     assert waited > 0
+
+
+@pytest.mark.parametrize("town", ["Town01", "Town02"])
+def test_cars_with_the_right_of_way_mind_a_car_in_the_junction_and_the_reward_asks_to_stop_for_the_others(town):
+    """An ego that gives way to nobody is hit by few, and has been told to stop long before by v*."""
+    envs = made(32, town=town, traffic=Traffic(vehicles=8), strict=True, own=FleetTraffic(crossers=1.0),
+                journeys={"near_junctions": 1.0, "near_bends": 0.0, "time_limit": 30.0})  # fmt: skip
+    observation, _ = envs.reset(seed=3)
+    found, asked = [None] * 32, np.zeros(32)
+    for _ in range(120):
+        stop = envs.waits
+        asked = np.where(stop, asked + 1, 0)
+        actions = np.array([driver(observation, i, brakes=False) for i in range(32)], np.float32)
+        _, _, terminated, truncated, infos = envs.step(actions)
+        over = terminated | truncated
+        for i in np.flatnonzero(over):
+            found[i] = found[i] or infos["verdict"][i]
+            if infos["verdict"][i] == "collision":
+                assert asked[i] >= 6
+        observation = begun_anew(envs, over)
+    assert found.count("collision") <= 4
+
+
+def test_at_junctions_with_crossers_the_ego_has_to_give_way_more_often():
+    waits = []
+    for share in (0.0, 1.0):
+        envs = made(64, track="state", town="Town01", traffic=Traffic(vehicles=6), own=FleetTraffic(crossers=share),
+                    journeys={"near_junctions": 1.0, "near_bends": 0.0}, autoreset_mode="SameStep")  # fmt: skip
+        envs.reset(seed=2)
+        waiting = 0
+        for _ in range(60):
+            envs.step(np.tile(np.float32([0.0, 0.15, 0.0]), (64, 1)))
+            waiting += int(envs.waits.sum())
+        waits.append(waiting)
+    assert waits[1] > 2 * waits[0] + 100
 
 
 class TestRightOfWay:
@@ -244,7 +279,7 @@ class TestRefusals:
         with pytest.raises(TrafficTooDenseError, match=r"traffic\.vehicles: junctions has room for 38"):
             envs.reset(seed=1)
 
-    @pytest.mark.parametrize("name", ["hesitant", "leaders"])
+    @pytest.mark.parametrize("name", ["hesitant", "leaders", "crossers"])
     def test_shares_are_shares(self, name):
         with pytest.raises(ValueError, match=rf"{name}: is 1.5; give a share from 0 to 1"):
             FleetTraffic(**{name: 1.5})

@@ -15,7 +15,7 @@ _SHOWN: Final = 40
 _FARTHEST_WINDOW: Final = 60.0
 _SHARES: Final = (
     *("gamma", "gae_lambda", "near_junctions", "near_bends", "inside_junctions", "masked_classes", "auxiliary_share"),
-    *("traffic", "hesitant", "leaders"),
+    *("traffic", "hesitant", "leaders", "crossers"),
 )
 _ROAD_USERS: Final = ("vehicles", "pedestrians")
 _MOST_ROAD_USERS: Final = 200
@@ -81,6 +81,10 @@ class DrivesConfig:
     """
     leaders: float = 0.5
     """Share of the drives with traffic that start shortly behind another car, where the lane has room."""
+    crossers: float = 0.5
+    """Share of the junctions at which the car has to give way and another one then crosses its way. Without these,
+    cars learned to follow others but not to give way.
+    """
     lateral: float = 0.4
     """Standard deviation of the start's offset from the lane's centre, metres."""
     yaw: float = 0.06

@@ -95,7 +95,7 @@ def _traffic(config: DrivesConfig) -> dict[str, Any]:
         return {}
     return {
         "traffic": Traffic(vehicles=config.vehicles, pedestrians=config.pedestrians),
-        "own_traffic": FleetTraffic(hesitant=config.hesitant, leaders=config.leaders),
+        "own_traffic": FleetTraffic(hesitant=config.hesitant, leaders=config.leaders, crossers=config.crossers),
     }
 
 

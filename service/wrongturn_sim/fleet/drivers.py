@@ -1,7 +1,8 @@
 """The drivers of a fleet's traffic: they keep their distance, give way, and let one car after the other cross.
 
 They drive like SUMO's (Krauss' model with its usual numbers). A junction is kept free for a car before it enters: no
-two cars whose ways cross are in it at once. The ego does not ask, so others look whether it is in their way.
+two cars whose ways cross are in it at once. The ego does not ask, so others look whether it is in their way, and brake
+for it where it is in the junction first.
 """
 
 import math
@@ -165,9 +166,57 @@ def gap_to_ego(
 
 
 @uncounted
+def gap_to_merging_ego(
+    legs: Array, lengths: Array, others: Others, i: int, k: int, progress: Array, places: Array
+) -> float:  # fmt: skip
+    """Return the gap to an ego that is in the junction and will be in a car's lane before it, metres; else FAR."""
+    car, way = others.cars[i, k], others.ways[i, k]
+    leg, gate = progress[guide.P_LEG], progress[guide.P_GATE]
+    if gate < 0 or way[GATE] < 0 or leg == way[LEG] or not progress[guide.P_INSIDE]:
+        return FAR
+    at, ours = guide.L_GATE + guide.GATE_INTS * gate, guide.L_GATE + guide.GATE_INTS * way[GATE]
+    if legs[leg, at + guide.G_LEG] != legs[way[LEG], ours + guide.G_LEG]:
+        return FAR
+    left = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER] - places[guide.P_S]
+    rest = lengths[way[LEG], guide.F_GATE + guide.GATE_FLOATS * way[GATE] + guide.G_INNER] - car[S]
+    if not way[INSIDE]:
+        rest += lengths[way[LEG], guide.F_LENGTH]
+    gap = rest - left - EGO_LENGTH
+    return float(gap) if gap > 0.0 else FAR
+
+
+@uncounted
 def time_to(metres: float, speed: float) -> float:
     """Return the seconds that a car needs for a distance at its speed, at least 3 m/s."""
     return max(metres, 0.0) / max(speed, 3.0)
+
+
+@uncounted
+def ego_crosses(streets: Streets, lengths: Array, way: Array, progress: Array, places: Array) -> bool:
+    """Return whether the ego is in the junction ahead of a car, on a way that crosses the car's."""
+    leg, gate = progress[guide.P_LEG], progress[guide.P_GATE]
+    if gate < 0 or not streets.rules[3 * way[LEG] + way[GATE], 3 * leg + gate] & CROSSES:
+        return False
+    if progress[guide.P_INSIDE]:
+        inner = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
+        return bool(places[guide.P_S] < inner + EGO_LENGTH)
+    return bool(lengths[leg, guide.F_LENGTH] - places[guide.P_S] < EGO_LENGTH)
+
+
+@uncounted
+def brake_for_ego(
+    streets: Streets, lengths: Array, others: Others, i: int, k: int, progress: Array, places: Array, left: float
+) -> float:
+    """Return the speed of a car that has leave to enter the junction ahead, where the ego may be in its way, m/s.
+
+    As in SUMO, the right of way ends where somebody is in the junction already.
+    """
+    car, way = others.cars[i, k], others.ways[i, k]
+    if not ego_crosses(streets, lengths, way, progress, places):
+        return FAR
+    if car[V] * car[V] < 2.0 * EMERGENCY * (left - STOP):
+        way[GOES] = 0  # it can stop, so others may go before it
+    return safe_speed(left - STOP, 0.0, BRAKING, REACTION)
 
 
 @uncounted
@@ -203,17 +252,12 @@ def may_go(
                 return False
     if progress[guide.P_GATE] < 0:
         return True
-    rule = streets.rules[ours, 3 * progress[guide.P_LEG] + progress[guide.P_GATE]]
-    if progress[guide.P_INSIDE]:
-        inner = lengths[
-            progress[guide.P_LEG], guide.F_GATE + guide.GATE_FLOATS * progress[guide.P_GATE] + guide.G_INNER
-        ]
-        return not (rule & CROSSES and places[guide.P_S] < inner + EGO_LENGTH)
-    away = lengths[progress[guide.P_LEG], guide.F_LENGTH] - places[guide.P_S] - EGO_LENGTH
-    if rule & CROSSES and away < 0.0:
+    if ego_crosses(streets, lengths, way, progress, places):
         return False
+    rule = streets.rules[ours, 3 * progress[guide.P_LEG] + progress[guide.P_GATE]]
+    away = lengths[progress[guide.P_LEG], guide.F_LENGTH] - places[guide.P_S] - EGO_LENGTH
     waits = state[3] > 0.5 or car[WAITED] < EGO_PATIENCE
-    return not (rule & YIELDS and waits and time_to(away, state[3]) < clear)
+    return bool(progress[guide.P_INSIDE] or not (rule & YIELDS and waits and time_to(away, state[3]) < clear))
 
 
 @uncounted
@@ -259,6 +303,8 @@ def decide_speed(
         onward = legs[leg, guide.L_GATE + guide.GATE_INTS * gate + guide.G_LEG]
         if legs[onward, guide.L_APPROACH]:
             wanted = min(wanted, safe_speed(ahead + lengths[onward, guide.F_LENGTH] - STOP, 0.0, BRAKING, REACTION))
+        if not way[INSIDE] and way[GOES]:
+            wanted = min(wanted, brake_for_ego(streets, lengths, others, i, k, progress, places, left))
         if not way[INSIDE] and not way[GOES]:
             room = safe_speed(left - STOP, 0.0, BRAKING, REACTION)
             if room < v + ACCELERATION * DECISION + 2.0:
@@ -274,6 +320,8 @@ def decide_speed(
     reach = v * REACTION + v * v / (2.0 * BRAKING) + 8.0
     gap, speed = gap_to_ego(points, along, legs, lengths, others, i, k, reach, state)
     wanted = min(wanted, safe_speed(gap - GAP, speed, BRAKING, REACTION))
+    gap = gap_to_merging_ego(legs, lengths, others, i, k, progress, places)
+    wanted = min(wanted, safe_speed(gap - GAP, state[3], BRAKING, REACTION))
     wanted = hesitate(others, i, k, left, wanted)
     return max(0.0, wanted - IMPERFECTION * ACCELERATION * DECISION * draw(others, i))
 

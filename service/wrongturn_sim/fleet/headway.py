@@ -12,7 +12,23 @@ import numpy as np
 from wrongturn_sim import guide
 from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.drivers import EGO_LENGTH, EGO_WIDTH, safe_speed, time_to
-from wrongturn_sim.fleet.others import GATE, GOES, HERE, INSIDE, LEG, SAMPLES, VEHICLES, Others, S, V, point_ahead
+from wrongturn_sim.fleet.others import (
+    GATE,
+    GOES,
+    HERE,
+    INSIDE,
+    LEG,
+    LENGTH,
+    SAMPLES,
+    VEHICLES,
+    WIDTH,
+    Others,
+    S,
+    V,
+    X,
+    Y,
+    point_ahead,
+)
 from wrongturn_sim.fleet.right_of_way import CROSSES, YIELDS
 from wrongturn_sim.fleet.streets import Streets
 
@@ -30,8 +46,8 @@ REACTION = 0.5
 """Seconds."""
 ASIDE = 0.25
 """The ego should keep this far away from others on either side, metres."""
-SOON = 1.5
-"""What crosses the ego's way is in the way as far as it drives in this time, seconds."""
+SOON, MOMENT = 2.0, 0.25
+"""A car that crosses the ego's way is in the way as far as it drives in this time, seconds; looked at in such steps."""
 CROSSING = 0.8
 """Others whose direction has a cosine below this with the way's, either way round, cross it."""
 WAITING = 1.5
@@ -40,16 +56,35 @@ WAITING = 1.5
 
 @uncounted
 def on_way(user: Array, px: float, py: float, ux: float, uy: float) -> tuple[bool, float]:
-    """Return whether a road user is, or soon will be, at a point of the ego's way; and its speed along the way."""
+    """Return whether a road user is at a point of the ego's way, and its speed along the way."""
     cos, sin = math.cos(user[2]), math.sin(user[2])
     dx, dy = px - user[0], py - user[1]
     along, across = dx * cos + dy * sin, dy * cos - dx * sin
-    facing = cos * ux + sin * uy
-    reach = 0.5 * user[3]
-    before = SOON * user[5] if abs(facing) < CROSSING else 0.0
-    if -reach < along < reach + before and abs(across) < 0.5 * user[4] + EGO_WIDTH + ASIDE:
-        return True, max(0.0, user[5] * facing)
+    if abs(along) < 0.5 * user[3] and abs(across) < 0.5 * user[4] + EGO_WIDTH + ASIDE:
+        return True, max(0.0, user[5] * (cos * ux + sin * uy))
     return False, 0.0
+
+
+@uncounted
+def will_cross(
+    points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, k: int, samples: int
+) -> int:
+    """Return the first point of the ego's way that a car soon crosses, by its own way; ``samples`` if there is none."""
+    car, way = others.cars[i, k], others.ways[i, k]
+    found, seconds = samples, MOMENT
+    while seconds <= SOON:
+        s = car[S] + car[V] * seconds - 0.5 * car[LENGTH]
+        x, y, ux, uy = point_ahead(points, along, legs, lengths, way[LEG], way[GATE], way[INSIDE], s)
+        for sample in range(found):
+            px, py, wx, wy = others.way[i, sample]
+            if abs(ux * wx + uy * wy) >= CROSSING:
+                continue
+            ahead, across = (px - x) * ux + (py - y) * uy, (py - y) * ux - (px - x) * uy
+            if abs(ahead) < 0.5 * car[LENGTH] and abs(across) < 0.5 * car[WIDTH] + EGO_WIDTH + ASIDE:
+                found = sample
+                break
+        seconds += MOMENT
+    return found
 
 
 @uncounted
@@ -80,7 +115,7 @@ def way_clear(
     for number in range(others.seen[i]):
         user = others.users[i, number]
         dx, dy = user[0] - state[0], user[1] - state[1]
-        reach = AHEAD + EGO_LENGTH + 0.5 * user[3] + SOON * user[5]
+        reach = AHEAD + EGO_LENGTH + 0.5 * user[3]
         if dx * dx + dy * dy > reach * reach or dx * cos + dy * sin < -EGO_LENGTH:
             continue
         for k in range(samples):
@@ -88,6 +123,15 @@ def way_clear(
             if there:
                 best = min(best, safe_speed(k * STRIDE - GAP, speed, BRAKING, REACTION))
                 break
+    for k in range(others.counts[i, VEHICLES]):
+        car = others.cars[i, k]
+        dx, dy, reach = car[X] - state[0], car[Y] - state[1], AHEAD + EGO_LENGTH + SOON * car[V] + car[LENGTH]
+        goes = others.ways[i, k, HERE] and (others.ways[i, k, INSIDE] or others.ways[i, k, GOES])
+        if not goes or car[V] < WAITING or dx * dx + dy * dy > reach * reach:
+            continue
+        crossed = will_cross(points, along, legs, lengths, others, i, k, samples)
+        if crossed < samples:
+            best = min(best, safe_speed(crossed * STRIDE - GAP, 0.0, BRAKING, REACTION))
     return best
 
 

@@ -17,8 +17,10 @@ Array = np.ndarray[Any, Any]
 
 VEHICLES, PEDESTRIANS = 0, 1
 """Columns of ``Others.counts``: the number of each kind."""
-HESITANT, LEADS = 0, 1
-"""Columns of ``Others.habits``: share of the cars that drive hesitantly, and of the drives with a car shortly ahead."""
+HESITANT, LEADS, MEETS = 0, 1, 2
+"""Columns of ``Others.habits``: share of the cars that drive hesitantly, of the drives with a car shortly ahead, and of
+the junctions at which the ego meets a car.
+"""
 
 # Floats of a car: metres of its front bumper along its line; speed, m/s; acceleration until the next decision; body;
 # number of its colour; share of the speed limit that its driver likes; seconds that it has waited at its stop line;
@@ -54,7 +56,9 @@ class Others(NamedTuple):
     counts: Array
     """(n, 2) int64: how many cars and pedestrians each ego has."""
     habits: Array
-    """(n, 2)"""
+    """(n, 3)"""
+    junction: Array
+    """(n,) int64: leg at whose end it was last drawn whether the ego meets a car; -1 before."""
     random: Array
     """(n,) int64: state of each ego's random numbers."""
     cars: Array
@@ -84,7 +88,8 @@ def others_for(count: int, vehicles: int, pedestrians: int) -> Others:
     most = vehicles + pedestrians
     return Others(
         counts=np.zeros((count, 2), np.int64),
-        habits=np.zeros((count, 2)),
+        habits=np.zeros((count, 3)),
+        junction=np.full(count, -1, np.int64),
         random=np.zeros(count, np.int64),
         cars=np.zeros((count, vehicles, CAR_FLOATS)),
         ways=np.zeros((count, vehicles, CAR_INTS), np.int64),

@@ -11,7 +11,7 @@ from typing import Any, Final
 from wrongturn_networks import Town
 from wrongturn_protocol import Trial
 from wrongturn_sim.errors import TrafficTooDenseError
-from wrongturn_sim.fleet.others import HESITANT, LEADS, PEDESTRIANS, VEHICLES, Others, others_for
+from wrongturn_sim.fleet.others import HESITANT, LEADS, MEETS, PEDESTRIANS, VEHICLES, Others, others_for
 from wrongturn_sim.fleet.streets import MOST, streets_of
 
 _GOLDEN: Final = 0x9E3779B97F4A7C15
@@ -30,9 +30,14 @@ class FleetTraffic:
     """
     leaders: float = 0.0
     """Share of the drives with a car shortly ahead at the start, where the lane has room."""
+    crossers: float = 0.0
+    """Share of the junctions at which a car from another street crosses the ego's way about when the ego comes, where
+    the ego has to give way. The car is taken from out of the ego's sight when the ego is 25 m away.
+    """
 
     def __post_init__(self) -> None:
-        for name, share in (("hesitant", self.hesitant), ("leaders", self.leaders)):
+        for name in ("hesitant", "leaders", "crossers"):
+            share = getattr(self, name)
             if not 0.0 <= share <= 1.0:
                 raise ValueError(f"{name}: is {share!r}; give a share from 0 to 1")
 
@@ -40,6 +45,8 @@ class FleetTraffic:
         """Set how many road users an ego has, and from which seed they are drawn."""
         others.counts[i] = trial.traffic.vehicles, trial.traffic.pedestrians
         others.habits[i, HESITANT], others.habits[i, LEADS] = self.hesitant, self.leaders
+        others.habits[i, MEETS] = self.crossers
+        others.junction[i] = -1
         folded = (trial.seed * _GOLDEN + _GOLDEN) & _MASK
         others.random[i] = folded - 2**64 if folded >= 2**63 else folded
 

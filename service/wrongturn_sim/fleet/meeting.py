@@ -1,0 +1,102 @@
+"""Cars that an ego meets at a junction, for training: without them it has to give way too rarely to learn it."""
+
+from typing import Any
+
+import numpy as np
+
+from wrongturn_sim import guide
+from wrongturn_sim.compiling import uncounted
+from wrongturn_sim.fleet.drivers import BRAKING, EGO_LENGTH, GAP, REACTION, STOP, leader_of, safe_speed
+from wrongturn_sim.fleet.others import (
+    GATE,
+    GOES,
+    HERE,
+    INSIDE,
+    LEG,
+    LENGTH,
+    LIKES,
+    MEETS,
+    RANGE,
+    VEHICLES,
+    WAITED,
+    A,
+    Others,
+    S,
+    V,
+    X,
+    Y,
+    draw,
+    place_car,
+)
+from wrongturn_sim.fleet.right_of_way import YIELDS
+from wrongturn_sim.fleet.streets import Streets
+
+Array = np.ndarray[Any, Any]
+
+NEAR = 25.0
+"""It is drawn this far before the ego's stop line whether the ego meets a car, metres."""
+SLOWS, CRUISE, TURNS = 15.0, 7.0, 4.5
+"""An ego's usual speed up to so many metres before its line, and after, m/s."""
+EARLY, SPREAD = -0.5, 3.0
+"""The car would be at its stop line so many seconds before the ego is at its own, and up to so many more."""
+APART = 25.0
+"""No other car is this near to the car's place in its lane, metres."""
+
+
+@uncounted
+def meet(
+    streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int,
+    progress: Array, places: Array, state: Array,
+) -> None:  # fmt: skip
+    """Let a car come to the junction ahead of an ego, if this is drawn; once at each junction."""
+    leg, gate = progress[guide.P_LEG], progress[guide.P_GATE]
+    if others.habits[i, MEETS] == 0.0 or gate < 0 or progress[guide.P_INSIDE] or others.junction[i] == leg:
+        return
+    left = lengths[leg, guide.F_LENGTH] - places[guide.P_S] - EGO_LENGTH
+    if left > NEAR:
+        return
+    others.junction[i] = leg
+    if draw(others, i) >= others.habits[i, MEETS]:
+        return
+    k, found = far_away(others, i, state), crossing_gate(streets, others, i, leg, gate)
+    if k < 0 or found < 0:
+        return
+    car, way = others.cars[i, k], others.ways[i, k]
+    seconds = max(left - SLOWS, 0.0) / CRUISE + min(max(left, 0.0), SLOWS) / TURNS
+    seconds -= EARLY + SPREAD * draw(others, i)
+    speed = car[LIKES] * streets.limits[found // 3]
+    length = lengths[found // 3, guide.F_LENGTH]
+    s = min(max(length - speed * seconds, car[LENGTH] + APART), length - 2.0 * STOP)
+    for j in range(others.counts[i, VEHICLES]):
+        other = others.ways[i, j]
+        if other[HERE] and other[LEG] == found // 3 and not other[INSIDE] and abs(others.cars[i, j, S] - s) < APART:
+            return
+    way[LEG], way[GATE], way[INSIDE], way[GOES] = found // 3, found % 3, 0, 0
+    car[S], car[A], car[WAITED] = s, 0.0, 0.0
+    gap, _ = leader_of(legs, lengths, others, i, k)
+    room = min(gap - GAP, length - s - STOP)
+    car[V] = min(speed, safe_speed(room, 0.0, BRAKING, REACTION))
+    place_car(points, along, legs, lengths, car, way)
+
+
+@uncounted
+def far_away(others: Others, i: int, state: Array) -> int:
+    """Return the number of a car that an ego cannot see and that is in no junction; -1 if there is none."""
+    for k in range(others.counts[i, VEHICLES]):
+        way = others.ways[i, k]
+        dx, dy = others.cars[i, k, X] - state[0], others.cars[i, k, Y] - state[1]
+        if way[HERE] and not way[INSIDE] and not way[GOES] and dx * dx + dy * dy > 2.0 * RANGE * RANGE:
+            return k
+    return -1
+
+
+@uncounted
+def crossing_gate(streets: Streets, others: Others, i: int, leg: int, gate: int) -> int:
+    """Draw a way through a junction for which the ego on its own way has to wait; -1 if there is none."""
+    count, found = 0, -1
+    for other in range(len(streets.rules)):
+        if other // 3 != leg and streets.rules[3 * leg + gate, other] & YIELDS:
+            count += 1
+            if draw(others, i) * count < 1.0:
+                found = other
+    return found
