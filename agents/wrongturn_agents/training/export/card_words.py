@@ -29,7 +29,7 @@ class Words:
     """What its training counts."""
     int8: str = "convolutions and the wide layer behind them in 8 bits, the rest as 16-bit floating point"
     """Which weights have 8 bits."""
-    others: str = "It does not see traffic lights or signs, brakes for nobody by any rule that it was taught,"
+    others: str = "It does not see traffic lights or signs, has learned no rule of right of way,"
     """How it treats others."""
 
 
