@@ -9,6 +9,9 @@ from typing import Any, Final
 
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS, ShippedDoubtingAgent
 from wrongturn_agents.onnx_agent import open_session
+from wrongturn_agents.reporting.collection import STORED
+from wrongturn_agents.reporting.evaluations import read_evaluations
+from wrongturn_agents.reporting.wrong_command import count_unsafe
 from wrongturn_agents.shipped_agents import WEIGHTS
 from wrongturn_agents.training.doubting.config import driver_of
 from wrongturn_agents.training.doubting.pages import FIGURES
@@ -88,16 +91,23 @@ def _drives(agent: ShippedDoubtingAgent, seed: int) -> str:
         for one in figures
         if (one["algorithm"], one["seed"]) == (agent.name, seed) and not one["gate"] and one["variant"] is None
     ]
-    if not own:
+    counted = [count_unsafe(one) for one in read_evaluations(STORED) if one.agent == agent.name]
+    if not own and not counted:
         return "No results are stored yet."
     lines = []
+    if counted:
+        unsafe, trials, done, twins = (
+            sum(getattr(one, name) for one in counted) for name in ("unsafe_strict", "trials", "completed", "twins")
+        )
+        where = "Town01, ClearNoon, over the service"
+        lines.append(f"| {where} | {len(counted)} | {unsafe} of {trials} | {done} of {twins} |")
     for place in dict.fromkeys((one["town"], one["weather"]) for one in own):
         there = [one for one in own if (one["town"], one["weather"]) == place]
         sums = {
             name: sum(one[name] for one in there) for name in ("unsafe_strict", "trials", "twins_completed", "twins")
         }
         lines.append(
-            f"| {place[0]}, {place[1]} | {len(there)} | {sums['unsafe_strict']} of {sums['trials']} | "
+            f"| {place[0]}, {place[1]}, in process | {len(there)} | {sums['unsafe_strict']} of {sums['trials']} | "
             f"{sums['twins_completed']} of {sums['twins']} |"
         )
     return "\n".join(["| draws of `wrong-command@2`'s cells | draws | unsafe, strict | twins completed |",
