@@ -10,6 +10,7 @@ from onnx import TensorProto, helper, numpy_helper
 from upload_models import TAIL, control, ints, model, node, number, proto
 
 import wrongturn_agents
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import FIELDS
 from wrongturn_sandbox import Limits, SandboxLostError, TensorInfo, open_sandbox, probe
@@ -30,7 +31,7 @@ def in_this_process(content: bytes) -> onnxruntime.InferenceSession:
 def observations(names: list[str], seed: int) -> dict[str, np.ndarray]:
     random = np.random.default_rng(seed)
     found = {}
-    for field in FIELDS[Track.SEGMENTATION]:
+    for field in {field.name: field for track in Track for field in FIELDS[track]}.values():
         if field.name in names:
             found[field.name] = random.integers(1, 5, (1, *field.shape)).astype(field.dtype)
     return found
@@ -43,19 +44,23 @@ def test_shipped_agents_act_the_same(place: Path | None, file: Path) -> None:
     with open_sandbox(place, LIMITS) as sandbox:
         description = sandbox.load(content)
         assert [put.name for put in description.inputs] == [put.name for put in own.get_inputs()]
-        assert description.outputs == (TensorInfo("action", "float32", ("batch", 3)),)
+        state = {put.name: put.shape for put in own.get_inputs() if put.name == "state_in"}
+        memory = tuple(TensorInfo("state_out", "float32", tuple(shape)) for shape in state.values())
+        assert description.outputs == (TensorInfo("action", "float32", ("batch", 3)), *memory)
         assert description.metadata["name"] == file.stem
         assert description.opset == 18
         assert description.parameters > 1_000_000
         for seed in range(5):
             inputs = observations([put.name for put in description.inputs], seed)
-            outputs = sandbox.run(inputs)
-            assert set(outputs) == {"action"}
-            np.testing.assert_array_equal(outputs["action"], own.run(None, inputs)[0], strict=True)
+            inputs |= {name: np.zeros((1, *shape[1:]), np.float32) for name, shape in state.items()}
+            outputs, expected = sandbox.run(inputs), own.run(None, inputs)
+            assert list(outputs) == [put.name for put in own.get_outputs()]
+            for found, wanted in zip(outputs.values(), expected, strict=True):
+                np.testing.assert_array_equal(found, wanted, strict=True)
 
 
 def test_all_shipped_agents_are_there() -> None:
-    assert len(WEIGHTS) == 3
+    assert {file.stem for file in WEIGHTS} == set(SHIPPED_AGENTS)
 
 
 def test_a_sandbox_says_what_it_is(bubblewrap: None, listener: Path) -> None:
