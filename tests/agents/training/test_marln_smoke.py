@@ -1,6 +1,6 @@
 """A training of MaRLn of seconds on the CPU, with a small network: it must drive better than chance.
 
-``test_marln_train.py`` has a shorter one for CI.
+CI leaves it out. What it runs, in ``test_marln_train.py``, trains for a few steps and does not judge the driving.
 """
 
 import numpy as np
