@@ -127,7 +127,9 @@ def _resnet(channels: int, depths: Sequence[int], width: int) -> Any:
     try:
         # Imported here, because it takes seconds.
         from transformers import ResNetConfig, ResNetModel  # noqa: PLC0415
-    except ImportError as error:
+    except ModuleNotFoundError as error:
+        if error.name != "transformers":  # it is there, and lacks something itself
+            raise
         remedy = f"{python()} -m pip install 'wrongturn-agents[training]'"
         raise ModuleNotFoundError(f"a ResNet is made by transformers; install it with: {remedy}") from error
     widths = [width * 2**stage for stage in range(len(depths))]

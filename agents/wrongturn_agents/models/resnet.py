@@ -41,7 +41,9 @@ class ResNet(nn.Module):
         try:
             # Imported here, because it takes seconds and the segmentation agent does not need it.
             from transformers import ResNetConfig, ResNetModel  # noqa: PLC0415
-        except ImportError as error:
+        except ModuleNotFoundError as error:
+            if error.name != "transformers":  # it is there, and lacks something itself
+                raise
             remedy = f"{python()} -m pip install 'wrongturn-agents[training]'"
             raise ModuleNotFoundError(f"ResNets are made by transformers; install it with: {remedy}") from error
         whole = ResNetModel(

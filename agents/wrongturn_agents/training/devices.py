@@ -1,10 +1,13 @@
 """The device that a training or a scoring computes on."""
 
 import os
+from typing import Final
 
 import torch
 
 from wrongturn_agents.training.errors import TrainingError
+
+_MOST_THREADS: Final = 1024
 
 
 def device_of(name: str) -> torch.device:
@@ -18,6 +21,16 @@ def device_of(name: str) -> torch.device:
     if name == "cuda" and not torch.cuda.is_available():
         raise TrainingError("device: torch finds no CUDA device here; give cpu, or install torch for CUDA")
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
+
+
+def check_threads(threads: int | None) -> None:
+    """Check a number of threads.
+
+    Raises:
+        TrainingError: there are none, or more than a machine can start.
+    """
+    if threads is not None and not 1 <= threads <= _MOST_THREADS:
+        raise TrainingError(f"threads: is {threads}; give a whole number from 1 to {_MOST_THREADS}")
 
 
 def prepare(place: torch.device, threads: int | None) -> int:

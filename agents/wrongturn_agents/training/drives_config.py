@@ -17,8 +17,9 @@ _SHARES: Final = (
     *("gamma", "gae_lambda", "near_junctions", "near_bends", "inside_junctions", "masked_classes", "auxiliary_share"),
     *("traffic", "hesitant", "leaders", "crossers"),
 )
-_ROAD_USERS: Final = ("vehicles", "pedestrians")
-_MOST_ROAD_USERS: Final = 200
+ROAD_USERS: Final = ("vehicles", "pedestrians")
+MOST_ROAD_USERS: Final = 200
+"""Most other cars of a drive, and most pedestrians."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,14 +127,14 @@ class DrivesConfig:
             if isinstance(value, bool | str):
                 continue
             # A negative limit of the divergence stops each update at once.
-            counts = kind is int and field.name not in _ROAD_USERS
+            counts = kind is int and field.name not in ROAD_USERS
             least = -math.inf if field.name == "kl_stop" else 1 if counts else 0
             if kind is int and value > _MOST:
                 raise TrainingError(f"option {field.name}: is {value}; give at most {_MOST}")
             if not (math.isfinite(value) and value >= least):
                 raise TrainingError(f"option {field.name}: is {value}; give a finite number, {least} or more")
-            if field.name in _ROAD_USERS and value > _MOST_ROAD_USERS:
-                raise TrainingError(f"option {field.name}: is {value}; give at most {_MOST_ROAD_USERS}")
+            if field.name in ROAD_USERS and value > MOST_ROAD_USERS:
+                raise TrainingError(f"option {field.name}: is {value}; give at most {MOST_ROAD_USERS}")
             if field.name in _POSITIVE and value == 0.0:
                 raise TrainingError(f"option {field.name}: is 0; give a number above 0")
             if field.name in _SHARES and value > 1.0:

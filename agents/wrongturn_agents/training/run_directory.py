@@ -13,14 +13,24 @@ from typing import Any
 import torch
 
 from wrongturn_agents.training.checkpoint import read, versions
-from wrongturn_agents.training.config import config_of
+from wrongturn_agents.training.config import ALGORITHMS, config_of
 from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.errors import TrainingError
 
 CONFIG = "config.json"
 STATE = "state.pt"
 _WEIGHTS = ("best.pt", "last.pt")
-_ENCODER = "encoder.pt"
+ENCODER = "encoder.pt"
+
+
+class OtherRunError(TrainingError):
+    """A directory holds a run of another algorithm."""
+
+    def __init__(self, folder: Path, algorithm: str) -> None:
+        super().__init__(
+            f"directory {folder}: holds a run of {algorithm}; resume it with 'wrongturn train {algorithm}', or name "
+            "another directory"
+        )
 
 
 @dataclass(frozen=True)
@@ -58,6 +68,7 @@ class Begun:
         """Read ``config.json``.
 
         Raises:
+            OtherRunError: the run is of an algorithm that has no such configuration.
             TrainingError: the folder holds no run, or the file is damaged.
         """
         path = folder / CONFIG
@@ -65,6 +76,8 @@ class Begun:
             raise TrainingError(f"directory {folder}: holds no run to resume; name the directory of one")
         try:
             content: Any = json.loads(path.read_text("utf-8"))
+            if isinstance(content["algorithm"], str) and content["algorithm"] not in ALGORITHMS:
+                raise OtherRunError(folder, content["algorithm"])
             begun = cls(
                 config_of(content["algorithm"], content["config"]),
                 content["seed"],
@@ -75,6 +88,8 @@ class Begun:
                 value is None or (isinstance(value, int | float) and value > 0)
                 for value in (begun.steps, begun.minutes)
             )
+        except OtherRunError:
+            raise
         except TrainingError as error:
             raise TrainingError(f"directory {folder}: {CONFIG}: {error}") from error
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
@@ -88,7 +103,7 @@ class Begun:
 def held(folder: Path, *, resume: bool) -> Iterator[None]:
     """Lock a directory while the block runs. The directory is made if it is missing.
 
-    A run without a checkpoint has nothing to continue from, so another run may start in its place.
+    A run without a checkpoint and an encoder has nothing to continue from, so another run may start in its place.
 
     Raises:
         TrainingError: the directory cannot be written, another process trains there, or it holds a run that would be
@@ -120,9 +135,9 @@ def _refuse_to_lose(folder: Path) -> None:
         there = {path.name for path in folder.iterdir()} if folder.exists() else set()
     except OSError as error:
         raise _unwritable(folder, error) from error
-    if STATE in there:
+    if STATE in there or (CONFIG in there and _only_pretrained(there)):
         raise TrainingError(f"directory {folder}: holds a run already; resume it (--resume), or name another")
-    lost = [name for name in (*_WEIGHTS, _ENCODER) if name in there]
+    lost = [name for name in (*_WEIGHTS, ENCODER) if name in there]
     if lost:
         raise TrainingError(
             f"directory {folder}: holds another run's {lost[0]}; move it away, or name another directory"
@@ -133,6 +148,24 @@ def _unwritable(folder: Path, error: OSError) -> TrainingError:
     return TrainingError(
         f"directory {folder}: cannot be written ({error.strerror or error}); name another by --directory"
     )
+
+
+def _only_pretrained(there: Set[str]) -> bool:
+    """Return whether a run has saved its encoder and nothing else, by the names of its files."""
+    return ENCODER in there and not there & {STATE, *_WEIGHTS}
+
+
+def pretraining_seconds(folder: Path) -> float | None:
+    """Return the seconds up to the end of a run's pretraining, if its encoder is all that it has saved; else None.
+
+    Raises:
+        TrainingError: the encoder's file is damaged.
+    """
+    if not _only_pretrained({path.name for path in folder.iterdir()}):
+        return None
+    found = read(folder / ENCODER, "resume:", "a run's own; begin anew in another directory")
+    seconds = found.get("seconds") if isinstance(found, dict) else None
+    return seconds if isinstance(seconds, float) else 0.0  # older files do not tell them
 
 
 def read_state(folder: Path, keys: Set[str]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.candidates import Candidate, Candidates
 from wrongturn_agents.training.checkpoint import load_checkpoint, read, write
 from wrongturn_agents.training.config import ImageConfig, PPOConfig, SegmentationConfig, config_of
-from wrongturn_agents.training.devices import device_of, prepare
+from wrongturn_agents.training.devices import check_threads, device_of, prepare
 from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.environments import environments, rendered_on
 from wrongturn_agents.training.errors import TrainingError
@@ -29,12 +29,20 @@ from wrongturn_agents.training.ppo import WrongturnPPO
 from wrongturn_agents.training.pretrain import pretrain
 from wrongturn_agents.training.progress_file import ProgressFile
 from wrongturn_agents.training.run_callback import Row, RunCallback
-from wrongturn_agents.training.run_directory import STATE, Begun, check_resumed, held, read_state
+from wrongturn_agents.training.run_directory import (
+    ENCODER,
+    STATE,
+    Begun,
+    OtherRunError,
+    check_resumed,
+    held,
+    pretraining_seconds,
+    read_state,
+)
 from wrongturn_agents.training.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 _SEEDS = 2**32
-_THREADS = 1024
 _STATE = {
     *("steps", "updates", "seconds", "begun", "policy", "optimizer", "torch", "cuda", "caution", "evaluated_at"),
 }
@@ -84,48 +92,50 @@ def train(
     folder = Path(directory)
     config = config_of(algorithm).with_options(options)
     if resume:
-        begun = _going_on(Begun.read(folder), config, seed, steps, minutes, tuple(options))
+        begun = _going_on(folder, config, seed, steps, minutes, tuple(options))
     else:
         limit = config.steps if steps is None and minutes is None else steps
         begun = Begun(config, 1 if seed is None else seed, limit, minutes)
     if not 0 <= begun.seed < _SEEDS:
         raise TrainingError(f"seed: is {seed}; give a whole number from 0 to {_SEEDS - 1}")
-    if threads is not None and not 1 <= threads <= _THREADS:
-        raise TrainingError(f"threads: is {threads}; give a whole number from 1 to {_THREADS}")
+    check_threads(threads)
     Budget(begun.steps, begun.minutes)  # reports invalid limits before a directory is made
     place = device_of(device)
     encoder = None
-    if isinstance(begun.config, ImageConfig) and begun.config.encoder and not resume:
-        encoder = _encoder_of(Path(begun.config.encoder))
-    if isinstance(begun.config, MarlnConfig) and begun.config.encoder and not resume:
-        encoder = load_encoder(Path(begun.config.encoder))
+    if isinstance(begun.config, ImageConfig | MarlnConfig) and begun.config.encoder and not resume:
+        encoder = _encoder_of(Path(begun.config.encoder), begun.config)
     with memory_named(begun.config), held(folder, resume=resume):
-        if isinstance(begun.config, MarlnConfig):
-            return _train_marln(begun, folder, place, resume, encoder, threads, on_row, on_pretraining)
-        state = read_state(folder, _STATE) if resume else None
+        state: dict[str, Any] | None = None
+        used = 0.0
+        if resume and (pretrained := pretraining_seconds(folder)) is not None:
+            encoder, used = _encoder_of(folder / ENCODER, begun.config), pretrained
+        elif resume:
+            state = read_state(folder, STATE_KEYS if isinstance(begun.config, MarlnConfig) else _STATE)
+            used = state["seconds"]
         begun.write(folder, place)
-        return _train(begun, folder, place, state, encoder, threads, on_row, on_pretraining)
+        budget = Budget(begun.steps, begun.minutes, used=used)
+        run = _train_marln if isinstance(begun.config, MarlnConfig) else _train
+        return run(begun, folder, place, state, budget, encoder, threads, on_row, on_pretraining)
 
 
 def _train_marln(
     begun: Begun,
     folder: Path,
     place: torch.device,
-    resume: bool,
+    state: dict[str, Any] | None,
+    budget: Budget,
     encoder: dict[str, torch.Tensor] | None,
     threads: int | None,
     on_row: Callable[[Row], None],
     on_pretraining: Callable[[int, float], None],
 ) -> Path:
     assert isinstance(begun.config, MarlnConfig)
-    state = read_state(folder, STATE_KEYS) if resume else None
-    begun.write(folder, place)
     cores = prepare(place, threads)
     return run_marln(
         begun.config,
         folder,
         seed=begun.seed,
-        budget=Budget(begun.steps, begun.minutes, used=state["seconds"] if state else 0.0),
+        budget=budget,
         device=place,
         threads=cores,
         stream=_stream(begun.seed, state["steps"] if state else 0),
@@ -141,6 +151,7 @@ def _train(
     folder: Path,
     place: torch.device,
     state: dict[str, Any] | None,
+    budget: Budget,
     encoder: dict[str, torch.Tensor] | None,
     threads: int | None,
     on_row: Callable[[Row], None],
@@ -148,7 +159,6 @@ def _train(
 ) -> Path:
     config, seed = begun.config, begun.seed
     assert isinstance(config, PPOConfig)
-    budget = Budget(begun.steps, begun.minutes, used=state["seconds"] if state else 0.0)
     cores = prepare(place, threads)
     agent = _agent(config, seed).to(place)
     if encoder is not None:
@@ -225,8 +235,10 @@ def _agent(config: PPOConfig, seed: int) -> ActorCritic:
     return agent
 
 
-def _encoder_of(path: Path) -> dict[str, torch.Tensor]:
+def _encoder_of(path: Path, config: DrivesConfig) -> dict[str, torch.Tensor]:
     """Return the weights in a run's ``encoder.pt``."""
+    if isinstance(config, MarlnConfig):
+        return load_encoder(path)
     found = read(path, "option encoder:", "a run's encoder.pt")
     weights = found.get("state_dict") if isinstance(found, dict) else None
     if not isinstance(weights, dict):
@@ -260,7 +272,7 @@ def _pretrain(
     found = pretrain(agent, config, device=device, seed=seed, budget=budget, on_progress=on_progress, **options)
     content = {name: tensor.detach().cpu() for name, tensor in agent.encoder.state_dict().items()}
     content = {name: tensor for name, tensor in content.items() if name.startswith(("network.", "decoder."))}
-    write(folder / "encoder.pt", {"state_dict": content, **dataclasses.asdict(found)})
+    write(folder / ENCODER, {"state_dict": content, "seconds": budget.used, **dataclasses.asdict(found)})
     (folder / "pretraining.json").write_text(json.dumps(dataclasses.asdict(found), indent=1) + "\n", "utf-8")
 
 
@@ -304,7 +316,7 @@ def _candidates(agent: ActorCritic, best: Path | None) -> Candidates:
 
 
 def _going_on(
-    begun: Begun,
+    folder: Path,
     config: DrivesConfig,
     seed: int | None,
     steps: int | None,
@@ -312,8 +324,9 @@ def _going_on(
     options: tuple[str, ...],
 ) -> Begun:
     """Return what a resumed run continues with. Steps and minutes may be given again, to train for longer."""
+    begun = Begun.read(folder)
     if begun.config.algorithm != config.algorithm:
-        raise TrainingError(f"algorithm: the run is of {begun.config.algorithm}, not {config.algorithm}; name its own")
+        raise OtherRunError(folder, begun.config.algorithm)
     check_resumed(options, seed, begun.seed)
     if steps is None and minutes is None:
         return begun

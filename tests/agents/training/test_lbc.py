@@ -1,6 +1,7 @@
 """Short trainings: they leave their files, resume, and drive alike as a file. A longer one beats a random policy."""
 
 import csv
+import json
 import shutil
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from wrongturn_agents import resolve
 from wrongturn_agents.models.waypoint_control import MEMORY
 from wrongturn_agents.models.waypoints import to_picture
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.lbc.cars import Cars
 from wrongturn_agents.training.lbc.checkpoints import BEST, PRIVILEGED_FILE, is_lbc, load_agent
@@ -21,6 +23,7 @@ from wrongturn_agents.training.lbc.learning import Samples
 from wrongturn_agents.training.lbc.run import train
 from wrongturn_agents.training.lbc.sensorimotor import Teacher, picture_loss, round_of
 from wrongturn_agents.training.recording import record_observations
+from wrongturn_agents.training.train import train as train_by_reward
 
 SMALL = (
     *("width=8", "num_envs=16", "begin=64", "buffer=4096", "batch_size=32", "traffic=0", "warm_up=10"),
@@ -93,6 +96,13 @@ def test_both_halves_leave_curves_and_checkpoints(run):
 
 
 @pytest.mark.slow
+def test_the_privileged_agent_is_evaluated_after_its_own_minutes(tmp_path):
+    options = (*SMALL, "privileged_share=1e-7")  # less than a millisecond of the hour
+    train(directory=tmp_path, samples=32, minutes=60, device="cpu", threads=1, options=options)
+    assert load_agent(tmp_path / PRIVILEGED_FILE)[1]["evaluation"]["journeys"] == 1
+
+
+@pytest.mark.slow
 def test_a_run_resumes_where_it_stopped_and_refuses_what_does_not_fit(run, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(run, folder)
@@ -102,6 +112,10 @@ def test_a_run_resumes_where_it_stopped_and_refuses_what_does_not_fit(run, tmp_p
     assert steps == sorted(steps)
     assert steps[-1] == more
     assert load_agent(folder / BEST)[1]["steps"] == more
+    rows, kept = rows_of(folder / "progress.csv"), load_agent(folder / BEST)[1]["evaluation"]
+    train(directory=folder, minutes=1e-3, device="cpu", threads=1, resume=True)  # they are used up
+    assert rows_of(folder / "progress.csv") == rows
+    assert load_agent(folder / BEST)[1]["evaluation"] == kept
     for arguments, said in (
         ({"resume": True, "seed": 2}, "has seed 1"),
         ({"resume": True, "options": ["width=16"]}, "own options"),
@@ -190,6 +204,8 @@ def test_a_teacher_tells_all_commands_or_the_experts_for_one():
         ("white_box=maybe", "give true or false"),
         ("speed=3", "give name=value with one of"),
         ("batch_size=1", "2 or more"),
+        ("vehicles=201", "option vehicles: is 201; give at most 200"),
+        ("pedestrians=500", "option pedestrians: is 500; give at most 200"),
         ("buffer=1000000000", "GiB of pictures"),
     ],
 )
@@ -197,6 +213,27 @@ def test_wrong_options_are_named(option, said, tmp_path):
     with pytest.raises(TrainingError, match=said):
         train(directory=tmp_path / "run", samples=1, device="cpu", options=[option])
     assert not (tmp_path / "run").exists()
+
+
+def test_threads_that_cannot_be_make_no_directory(tmp_path):
+    with pytest.raises(TrainingError, match="threads: is 999999; give a whole number from 1 to 1024"):
+        train(directory=tmp_path / "run", samples=1, device="cpu", threads=999_999)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_run_of_another_algorithm_is_named(tmp_path):
+    config = {"seed": 1, "steps": 1, "minutes": None}
+    (tmp_path / "config.json").write_text(
+        json.dumps({"algorithm": "marln", **config, "config": config_of("marln").as_dict()})
+    )
+    with pytest.raises(TrainingError, match="holds a run of marln; resume it with 'wrongturn train marln'"):
+        train(directory=tmp_path, resume=True)
+    (tmp_path / "config.json").write_text(json.dumps({"algorithm": "lbc", **config, "config": {"vehicles": 500}}))
+    with pytest.raises(TrainingError, match="option vehicles: is 500; give at most 200"):
+        train(directory=tmp_path, resume=True)
+    for algorithm in ("marln", "ppo-image"):
+        with pytest.raises(TrainingError, match="holds a run of lbc; resume it with 'wrongturn train lbc'"):
+            train_by_reward(algorithm, directory=tmp_path, resume=True)
 
 
 def test_ablations_have_names():

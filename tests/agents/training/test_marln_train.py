@@ -13,6 +13,7 @@ from wrongturn_agents.training.checkpoint import load_checkpoint
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.quantisation import quantise
+from wrongturn_agents.training.marln import run
 from wrongturn_agents.training.marln.exporting import KEYS, export_marln
 from wrongturn_agents.training.marln.learning import Learner
 from wrongturn_agents.training.marln.network import marln_of
@@ -41,6 +42,30 @@ def test_a_run_its_files_and_its_continuation(tmp_path, small_marln):  # noqa: F
     exported = tmp_path / "marln.onnx"
     export_marln(folder / "last.pt", exported, "fp16")
     _drives_as(marln_of(load_checkpoint(folder / "last.pt")), OnnxAgent(exported))
+
+
+def test_a_run_interrupted_after_its_pretraining_keeps_its_encoder(tmp_path, monkeypatch, small_marln):  # noqa: F811
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    folder = tmp_path / "run"
+    with monkeypatch.context() as patched:
+        patched.setattr(run, "Cars", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            train("marln", directory=folder, seed=3, steps=8, device="cpu", threads=1, options=OPTIONS)
+    encoder = torch.load(folder / "encoder.pt", weights_only=True)
+    with pytest.raises(TrainingError, match="--resume"):
+        train("marln", directory=folder, steps=8, device="cpu", options=OPTIONS)
+    rows, pretrained = [], []
+    train(
+        "marln", directory=folder, device="cpu", threads=1, resume=True, on_row=rows.append,
+        on_pretraining=lambda *told: pretrained.append(told),
+    )  # fmt: skip
+    assert not pretrained
+    assert rows[-1]["step"] == 8
+    assert 60.0 * rows[-1]["minutes"] > encoder["seconds"] > 0.0
+    weights = load_checkpoint(folder / "last.pt")["state_dict"]
+    assert all(torch.equal(weights[name], tensor) for name, tensor in encoder["state_dict"].items())
 
 
 def _drives_as(model: Marln, agent: OnnxAgent) -> None:
@@ -150,6 +175,12 @@ def test_an_encoder_of_another_program(tmp_path):
     torch.save({"state_dict": {"other": torch.ones(1)}}, path)
     with pytest.raises(TrainingError, match="option encoder"):
         train("marln", directory=tmp_path / "run", steps=8, device="cpu", options=[f"encoder={path}"])
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_replay_memory_that_is_too_large_is_named(tmp_path):
+    with pytest.raises(TrainingError, match="option replay_size: 1000000000 decisions need"):
+        train("marln", directory=tmp_path / "run", steps=8, device="cpu", options=["replay_size=1000000000"])
     assert not (tmp_path / "run").exists()
 
 

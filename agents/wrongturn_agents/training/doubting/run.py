@@ -10,7 +10,7 @@ import torch
 from wrongturn_agents.models.doubt import Doubt
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.checkpoint import read, versions, write
-from wrongturn_agents.training.devices import device_of
+from wrongturn_agents.training.devices import check_threads, device_of
 from wrongturn_agents.training.doubting.config import ALGORITHMS, DoubtingConfig
 from wrongturn_agents.training.doubting.frames import towns_of, training_towns
 from wrongturn_agents.training.doubting.learning import examine, learn
@@ -55,6 +55,7 @@ def train(
     """
     if algorithm not in ALGORITHMS:
         raise TrainingError(f"algorithm: {algorithm!r} is none of {', '.join(ALGORITHMS)}")
+    check_threads(threads)
     place = device_of(device)
     config = DoubtingConfig().with_options(options)
     if pictures is not None:

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
+from wrongturn_agents.training.drives_config import MOST_ROAD_USERS, ROAD_USERS
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.options import with_options
 
@@ -16,7 +17,6 @@ _SHARES: Final = (
     *("near_junctions", "near_bends", "inside_junctions", "traffic", "hesitant", "leaders", "noisy", "offline"),
     *("guided", "average"),
 )
-_COUNTS: Final = ("vehicles", "pedestrians", "rounds")
 _MOST: Final = 1e12
 
 
@@ -122,11 +122,13 @@ class LBCConfig:
             if isinstance(value, bool):
                 continue
             least = 1 if field.type == "int" or field.type is int else 1e-9
-            free = (*_SHARES, *_COUNTS, "noise", "shift", "turn", "lateral", "yaw", "weight_decay")
+            free = (*_SHARES, *ROAD_USERS, "rounds", "noise", "shift", "turn", "lateral", "yaw", "weight_decay")
             if field.name in free:
                 least = 0
             if not least <= value <= _MOST:
                 raise TrainingError(f"option {field.name}: is {value}; give a number from {least:g} to {_MOST:g}")
+            if field.name in ROAD_USERS and value > MOST_ROAD_USERS:
+                raise TrainingError(f"option {field.name}: is {value}; give at most {MOST_ROAD_USERS}")
             if field.name in _SHARES and value > 1.0:
                 raise TrainingError(f"option {field.name}: is {value}; give a number from 0 to 1")
         if self.near_junctions + self.near_bends + self.inside_junctions > 1.0:

@@ -15,7 +15,7 @@ from torch import Tensor
 from wrongturn_agents.models.lbc import PrivilegedAgent, SensorimotorAgent
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.checkpoint import read, versions, write
-from wrongturn_agents.training.devices import device_of, prepare
+from wrongturn_agents.training.devices import check_threads, device_of, prepare
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, longest, shortest, with_traffic
 from wrongturn_agents.training.lbc.checkpoints import BEST, PRIVILEGED_FILE, save_agent
@@ -25,7 +25,7 @@ from wrongturn_agents.training.lbc.privileged import learn_privileged
 from wrongturn_agents.training.lbc.rows import COLUMNS, shares
 from wrongturn_agents.training.lbc.sensorimotor import Teacher, learn_sensorimotor, round_of
 from wrongturn_agents.training.progress_file import ProgressFile
-from wrongturn_agents.training.run_directory import CONFIG, STATE, check_resumed, held, read_state
+from wrongturn_agents.training.run_directory import CONFIG, STATE, OtherRunError, check_resumed, held, read_state
 from wrongturn_protocol import Track
 
 _ROWS: Final = 100
@@ -34,7 +34,8 @@ _SEEDS: Final = 2**31
 _PICTURE: Final = 64 * 192 * 3
 _MARGIN: Final = 1.3
 _MOST_RESERVED: Final = 0.2
-"""Greatest share of the minutes that is kept for the last evaluation. How long it takes is told from those before."""
+"""Greatest share of the minutes that is kept for the last evaluation. How long it takes is told from those before. The
+privileged agent's evaluation also takes no more."""
 _KEYS: Final = {"half", "learner", "seconds", "begun", "teacher"}
 Row = dict[str, Any]
 
@@ -67,15 +68,20 @@ class Run:
         """Read ``config.json``.
 
         Raises:
-            TrainingError: the folder holds no run of ``lbc``, or the file is damaged.
+            OtherRunError: the run is of another algorithm.
+            TrainingError: the folder holds no run, or the file is damaged.
         """
         try:
             content = json.loads((folder / CONFIG).read_text("utf-8"))
             if content["algorithm"] != ALGORITHM:
-                raise TrainingError(f"directory {folder}: holds a run of {content['algorithm']}; name one of lbc")
+                raise OtherRunError(folder, content["algorithm"])
             return cls(LBCConfig.of(content["config"]), content["seed"], content["steps"], content["minutes"])
         except FileNotFoundError as error:
             raise TrainingError(f"directory {folder}: holds no run to resume; name the directory of one") from error
+        except OtherRunError:
+            raise
+        except TrainingError as error:
+            raise TrainingError(f"directory {folder}: {CONFIG}: {error}") from error
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise TrainingError(f"directory {folder}: its {CONFIG} is damaged; train in another") from error
 
@@ -118,6 +124,7 @@ def train(
         run = Run(config, 1 if seed is None else seed, limit, minutes)
     if not 0 <= run.seed < _SEEDS:
         raise TrainingError(f"seed: is {run.seed}; give a whole number from 0 to {_SEEDS - 1}")
+    check_threads(threads)
     Budget(run.samples, run.minutes)  # reports wrong limits before a directory is made
     _check_memory(run.config, place)
     with held(directory, resume=resume):
@@ -160,7 +167,9 @@ class _Training:
             learner, config, seed=_stream(run.seed, 0, learner.seen), budget=self._clock, threads=self.threads,
             on_update=self._update,
         )  # fmt: skip
-        evaluation = self._drive("privileged", last=False)
+        # The half's own minutes are used up by now. Its evaluation takes some of the other half's.
+        end = None if run.minutes is None else run.minutes * min(1.0, config.privileged_share + _MOST_RESERVED)
+        evaluation = self._drive("privileged", last=False, clock=Budget(samples, end, used=self._clock.used))
         self._row(evaluation)
         self._save_agent(PRIVILEGED_FILE, evaluation)
 
@@ -172,10 +181,13 @@ class _Training:
             learner, Teacher(teacher, white_box=config.white_box), config, seed=_stream(run.seed, 1, learner.seen),
             budget=self._clock, threads=self.threads, on_update=self._update,
         )  # fmt: skip
-        self._save_agent(BEST, None)
+        learned = self._loss is not None
+        if learned:
+            self._save_agent(BEST, None)
         evaluation = self._drive("camera", last=True)
         self._row(evaluation)
-        self._save_agent(BEST, evaluation)
+        if learned or evaluation is not None:  # a finished run that is resumed without time left keeps what it has
+            self._save_agent(BEST, evaluation)
         self._save_state()
 
     def _half(self, name: str, learner: Learner, state: dict[str, Any] | None, clock: Budget) -> None:
@@ -189,7 +201,8 @@ class _Training:
         share = clock.fraction(learner.seen)
         self._shown, self._evaluated, self._saved = share, share, time.monotonic()
         self._told_at = time.monotonic(), learner.seen
-        self._loss, self._collected, self._verdicts = torch.zeros(()), 0, [""]
+        self._loss: Tensor | None = None
+        self._collected, self._verdicts = 0, [""]
 
     def _update(self, loss: Tensor, collected: int, verdicts: list[str]) -> bool:
         """Note an update; write a row, evaluate and save when it is time. Return whether to go on."""
@@ -210,8 +223,8 @@ class _Training:
                 self._save_agent(BEST, evaluation)
         return not self._clock.out_of_time()
 
-    def _drive(self, track: str, *, last: bool) -> Evaluation | None:
-        """Evaluate the average of the weights on held-out journeys; None if the time is over."""
+    def _drive(self, track: str, *, last: bool, clock: Budget | None = None) -> Evaluation | None:
+        """Evaluate the average of the weights on held-out journeys; None if the time is over, by default the half's."""
         config = self.run.config
         whole = held_out_journeys(config.journeys)
         journeys = whole if last else shortest(whole, config.brief_journeys)
@@ -224,7 +237,7 @@ class _Training:
             threads=self.threads,
             patience=config.patience,
             strict=True,
-            stop=self._clock.out_of_time,
+            stop=(clock or self._clock).out_of_time,
         )
         if self._clock.seconds is not None and not last:
             wanted = _MARGIN * (self._clock.used - begin) * longest(whole) / longest(journeys)
@@ -232,6 +245,9 @@ class _Training:
         return found[0] if found else None
 
     def _row(self, evaluation: Evaluation | None) -> None:
+        """Write a row, if anything has been learned since the half was begun or resumed."""
+        if self._loss is None:
+            return
         begin, seen = self._told_at
         self._told_at = time.monotonic(), self._learner.seen
         share = self._clock.fraction(self._learner.seen)

@@ -26,7 +26,7 @@ from wrongturn_agents.training.marln.network import build_marln
 from wrongturn_agents.training.marln.pretraining import pretrain
 from wrongturn_agents.training.marln.replay import Replay
 from wrongturn_agents.training.progress_file import ProgressFile
-from wrongturn_agents.training.run_directory import STATE
+from wrongturn_agents.training.run_directory import ENCODER, STATE
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 Row = dict[str, Any]
@@ -95,7 +95,7 @@ def run(
     """
     model = build_marln(config, seed).to(device)
     if state is not None:
-        encoder = load_encoder(folder / "encoder.pt")
+        encoder = load_encoder(folder / ENCODER)
     if encoder is not None:
         _take(encoder, model, config)
     elif config.pretrained:
@@ -115,7 +115,7 @@ def run(
         part.requires_grad_(False)
     if state is None:
         content = {name: one.cpu() for name, one in model.state_dict().items() if name.startswith(_ENCODER)}
-        write(folder / "encoder.pt", {"state_dict": content})
+        write(folder / ENCODER, {"state_dict": content, "seconds": budget.used})
     training = _Training(config, folder, seed, model, budget, device, threads, stream, state, on_row)
     try:
         training.learn()
