@@ -62,7 +62,7 @@ def metres(act, seed=10**6):
     return driven.mean()
 
 
-@pytest.mark.soak
+@pytest.mark.slow
 def test_a_short_training_beats_a_random_policy(tmp_path):
     train(directory=tmp_path, seed=1, samples=ENOUGH_SAMPLES, device="cpu", threads=1, options=ENOUGH)
     random = torch.Generator().manual_seed(1)

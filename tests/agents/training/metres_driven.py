@@ -1,0 +1,36 @@
+"""How far cars get that an agent drives, in drives that no training sees."""
+
+import numpy as np
+import torch
+
+from wrongturn_agents.training.lbc.cars import Cars
+from wrongturn_agents.training.lbc.config import LBCConfig
+
+CARS = 32
+_HELD_OUT = 10**6
+
+
+@torch.inference_mode()
+def metres(act, memory=None, *, pictures=False):
+    """Return how far 32 cars get in 5 s before they fail, on average.
+
+    Args:
+        act: returns steer, throttle and brake (32, 3) and the new memory, of an observation and the memory.
+        memory: the first memory.
+        pictures: show what the cameras see.
+    """
+    cars = Cars(
+        CARS,
+        LBCConfig(traffic=0.0, time_limit=6.0),
+        seed=_HELD_OUT,
+        pictures=pictures,
+        device=torch.device("cpu"),
+    )
+    alive, driven = np.ones(CARS, bool), np.zeros(CARS)
+    for _ in range(50):
+        seen = cars.observe()
+        driven += 0.1 * seen["speed"][:, 0].numpy() * alive
+        action, memory = act(seen, memory)
+        alive[cars.step(action)] = False
+    cars.close()
+    return driven.mean()
