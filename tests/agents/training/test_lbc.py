@@ -5,9 +5,9 @@ import json
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
+from metres_driven import CARS, metres
 
 from wrongturn_agents import resolve
 from wrongturn_agents.models.waypoint_control import MEMORY
@@ -47,21 +47,6 @@ def rows_of(curve):
         return list(csv.DictReader(opened))
 
 
-def metres(act, seed=10**6):
-    """Return how far 16 cars get in 5 s without failing, on average."""
-    cars = Cars(
-        16, LBCConfig().with_options((*SMALL, "time_limit=6")), seed=seed, pictures=True, device=torch.device("cpu")
-    )
-    alive, driven, memory = np.ones(16, bool), np.zeros(16), torch.zeros(16, MEMORY)
-    for _ in range(50):
-        seen = cars.observe()
-        driven += 0.1 * seen["speed"][:, 0].numpy() * alive
-        action, memory = act(seen, memory)
-        alive[cars.step(action)] = False
-    cars.close()
-    return driven.mean()
-
-
 @pytest.mark.slow
 def test_a_short_training_beats_a_random_policy(tmp_path):
     train(directory=tmp_path, seed=1, samples=ENOUGH_SAMPLES, device="cpu", threads=1, options=ENOUGH)
@@ -69,14 +54,13 @@ def test_a_short_training_beats_a_random_policy(tmp_path):
     low = torch.tensor([-1.0, 0.0, 0.0])
 
     def by_chance(_, memory):
-        return low + (1.0 - low) * torch.rand(16, 3, generator=random), memory
+        return low + (1.0 - low) * torch.rand(CARS, 3, generator=random), memory
 
     chance = metres(by_chance)
     found = {}
     for file in (PRIVILEGED_FILE, BEST):
         agent, _ = load_agent(tmp_path / file)
-        with torch.inference_mode():
-            found[file] = metres(agent.drive_on)
+        found[file] = metres(agent.drive_on, torch.zeros(CARS, MEMORY), pictures="rgb" in agent.keys)
 
     assert found[PRIVILEGED_FILE] > 2.0 * chance
     assert found[BEST] > 1.5 * chance
