@@ -19,7 +19,7 @@ from wrongturn_protocol import FaultKind
 
 _FOLDER: Final = "evaluations"
 _FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
-_REMEDY: Final = "delete the file and make it anew with 'wrongturn results --evaluations'"
+_REMEDY: Final = "delete the file and run 'wrongturn results --evaluations' again"
 
 
 class Evaluation(ResultsFile):

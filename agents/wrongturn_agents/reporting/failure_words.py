@@ -138,7 +138,7 @@ def _turns(way: Way, own: Sequence[Measures], twins: Sequence[Measures]) -> Iter
     if begins:
         later = _later(own, twins)
         late = f", {later:.1f} m later than with the right command" if later >= _LATER else ""
-        yield f"It begins to turn {_beside_line(begins)}{late}."
+        yield f"It begins to turn {_beside(begins, 'the stop line')}{late}."
     straight = "drives straight on" if way.ending is Ending.EXIT else "does not turn"
     yield from _share(len(own) - len(begins), own, straight)
     side = _side(median(one.turned for one in own))
@@ -181,20 +181,16 @@ def _edge(way: Way, own: Sequence[Measures]) -> str:
 
 
 def _beside_middle(own: Sequence[Measures]) -> str:
-    places = [one.past_middle for one in own]
+    return _beside([one.past_middle for one in own], "the junction's middle")
+
+
+def _beside(places: Sequence[float], mark: str) -> str:
+    """Return how far before or past a mark places are, metres; negative before it."""
     if min(places) >= 0:
-        return f"{spread(places, ' m')} past the junction's middle"
+        return f"{spread(places, ' m')} past {mark}"
     if max(places) <= 0:
-        return f"{spread([-one for one in places], ' m')} before the junction's middle"
-    return f"from {-min(places):.1f} m before to {max(places):.1f} m past the junction's middle"
-
-
-def _beside_line(begins: Sequence[float]) -> str:
-    if min(begins) >= 0:
-        return f"{spread(begins, ' m')} past the stop line"
-    if max(begins) <= 0:
-        return f"{spread([-one for one in begins], ' m')} before the stop line"
-    return f"from {-min(begins):.1f} m before to {max(begins):.1f} m past the stop line"
+        return f"{spread([-one for one in places], ' m')} before {mark}"
+    return f"from {-min(places):.1f} m before to {max(places):.1f} m past {mark}"
 
 
 def _turned(own: Sequence[Measures]) -> str:

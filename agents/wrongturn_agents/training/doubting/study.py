@@ -13,7 +13,6 @@ and nobody knew their trials when the agent was made. A draw that the file of ``
 
 import argparse
 import dataclasses
-import hashlib
 import json
 import sys
 import time
@@ -37,6 +36,7 @@ from wrongturn_agents.training.doubting.config import POLICIES, DoubtingConfig, 
 from wrongturn_agents.training.doubting.drives import Arrays, Driven, Policy, counts, drive, is_unsafe
 from wrongturn_agents.training.doubting.run import load_doubt
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.export.export import sha256
 from wrongturn_agents.training.in_process import DrivenEpisode, drive_in_process
 from wrongturn_networks import NetworkError, load_suite, load_town
 from wrongturn_networks.draws import Draw, draw_cells
@@ -112,8 +112,7 @@ def trained(checkpoint: str, gate: GateConfig, threads: int) -> Questioned:
 
 def fresh_secrets(agent: Questioned, count: int) -> list[str]:
     """Return the secrets of an agent's own draws: the SHA-256 of what doubts and of the driver, and a number."""
-    doubts = hashlib.sha256(agent.file.read_bytes()).hexdigest()
-    return [f"{doubts} {agent.told['driver']} {number}" for number in range(1, count + 1)]
+    return [f"{sha256(agent.file)} {agent.told['driver']} {number}" for number in range(1, count + 1)]
 
 
 def draw_in(town: str, weather: Weather, secret: str) -> Draw:

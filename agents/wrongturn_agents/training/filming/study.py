@@ -1,6 +1,5 @@
 """Drives an agent's trials again, and makes its part of the study and its films."""
 
-import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -20,6 +19,7 @@ from wrongturn_agents.reporting.failures import (
 )
 from wrongturn_agents.reporting.results_file import TrialResult
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
+from wrongturn_agents.training.export.export import sha256
 from wrongturn_agents.training.filming.journeys import contact_of, drive_journey, journeys
 from wrongturn_agents.training.filming.measures import decision_before_line, measure
 from wrongturn_agents.training.in_process import DrivenEpisode, drive_in_process
@@ -184,7 +184,7 @@ def _film(driven: DrivenEpisode, file: Path, first: int = 0) -> Film:
     replay = Replay(driven.trajectory, driven.outcome)
     first = max(first, len(replay) - round(10 * _LONGEST_S))
     write_film(file, replay.frames(View.BOTH, SIZE, first=first, every=EVERY), rate=_RATE, small=True)
-    return Film(file=file.name, sha256=hashlib.sha256(file.read_bytes()).hexdigest(), trial=driven.trial.id)
+    return Film(file=file.name, sha256=sha256(file), trial=driven.trial.id)
 
 
 def _result(driven: DrivenEpisode) -> TrialResult:

@@ -1,37 +1,14 @@
 """One ONNX file of MaRLn: pictures and memory in, action and memory out."""
 
-import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-import onnx
-
 from wrongturn_agents.models.marln import MEMORY
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.checkpoint import load_checkpoint
-from wrongturn_agents.training.export.agreement import agreement_along_drives
-from wrongturn_agents.training.export.export import (
-    CALIBRATION,
-    CALIBRATION_SEED,
-    Agreement,
-    Observations,
-    Precision,
-)
-from wrongturn_agents.training.export.quantisation import halve, quantise
-from wrongturn_agents.training.export.writing import (
-    check_name,
-    check_target,
-    export_remembering,
-    facts_of,
-    write_graph,
-)
-from wrongturn_agents.training.marln.config import MarlnConfig
+from wrongturn_agents.training.export.export import Agreement, Observations, Precision
+from wrongturn_agents.training.export.remembering import write_remembering
+from wrongturn_agents.training.export.writing import check_name, check_target
 from wrongturn_agents.training.marln.network import marln_of
-from wrongturn_agents.training.recording import record_observations
-from wrongturn_protocol import Track
-from wrongturn_protocol.model_contract import STATE_IN
 
 KEYS: Final = ("speed", "steering", "command", "rgb")
 
@@ -67,26 +44,6 @@ def export_marln(
     if name is not None:
         check_name(name)
     told = load_checkpoint(checkpoint)
-    model = marln_of(told)
-    graph = export_remembering(model, KEYS, Track.CAMERA, MEMORY)
-    if precision is Precision.INT8:
-        recorded = observations or record_observations(Track.CAMERA, CALIBRATION, seed=CALIBRATION_SEED)
-        given = {key: np.asarray(recorded[key]) for key in KEYS}
-        # A first decision, whose four pictures are the same, has the same ranges as any other.
-        graph = quantise(graph, {**given, STATE_IN: np.zeros((len(given["speed"]), MEMORY), np.float32)})
-    if precision is not Precision.FP32:
-        halve(graph)
-    facts = facts_of(
-        told,
-        name=name,
-        track=Track.CAMERA,
-        description=SHIPPED_AGENTS[MarlnConfig.algorithm].description,
-        precision=precision,
+    return write_remembering(
+        marln_of(told), KEYS, MEMORY, told, file, precision, name=name, observations=observations, compared=compared
     )
-    onnx.checker.check_model(graph, full_check=True)
-    write_graph(file, graph, facts)
-    if compared is None:
-        return None
-    found = agreement_along_drives(model, KEYS, file, compared)
-    write_graph(file, graph, facts | {"agreement": json.dumps(asdict(found), sort_keys=True)})
-    return found
