@@ -125,7 +125,7 @@ SHIPPED_AGENTS: Final = MappingProxyType(
             ShippedAgent(
                 "lbc-privileged",
                 Track.PRIVILEGED,
-                "Learned by imitation of rules to drive by a bird's-eye view of the truth; it is the teacher of lbc.",
+                "Learned by imitation of rules to drive by a bird's-eye view of the truth; it taught lbc.",
             ),
             ShippedAgent(
                 "marln",
