@@ -41,6 +41,12 @@ def train(
         typer.Option(help="Run's directory; runs/ALGORITHM-SEED by default. Example: --directory runs/first"),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run in the directory.")] = False,
+    teacher: Annotated[
+        Path | None,
+        typer.Option(
+            help="lbc: learn from this privileged agent and train none. Example: --teacher runs/lbc-1/privileged.pt"
+        ),
+    ] = None,
     num_envs: Annotated[
         int | None, typer.Option(min=1, help="Number of cars that drive side by side. Example: --num-envs 8")
     ] = None,
@@ -62,8 +68,9 @@ def train(
     options = [*(option or []), *([] if num_envs is None else [f"num_envs={num_envs}"])]
     folder = directory or Path("runs") / f"{algorithm}-{1 if seed is None else seed}"
     if algorithm == LBC:
-        _train_lbc(folder, seed, steps, minutes, device, threads, resume, options)
+        _train_lbc(folder, seed, steps, minutes, device, threads, resume, teacher, options)
         return
+    _refuse(algorithm, teacher=teacher)
     if algorithm in DOUBTING:
         _refuse(algorithm, resume=resume, num_envs=num_envs)
         _train_doubting(algorithm, folder, seed, steps, minutes, device, threads, option or [])
@@ -132,6 +139,7 @@ def _train_lbc(
     device: str,
     threads: int | None,
     resume: bool,
+    teacher: Path | None,
     options: list[str],
 ) -> None:
     from wrongturn_agents.training.display import Display  # noqa: PLC0415
@@ -146,6 +154,7 @@ def _train_lbc(
             device=device,
             threads=threads,
             resume=resume,
+            teacher=teacher,
             options=options,
             on_row=display.samples,
         )

@@ -70,6 +70,7 @@ def run(tmp_path):
         (["--num-envs", "0"], "num-envs"),
         (["--num-envs", "100000000"], "num_envs"),
         (["--device", "tpu"], "device"),
+        (["--teacher", "privileged.pt"], "teacher"),
         (["--option", "colour=3"], "colour"),
         (["--option", "kl_stop=nan"], "kl_stop"),
         (["--option", "learning_rate=inf"], "learning_rate"),

@@ -1,6 +1,7 @@
 """Short trainings: they leave their files, resume, and drive alike as a file. A longer one beats a random policy."""
 
 import csv
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -107,6 +108,27 @@ def test_a_run_resumes_where_it_stopped_and_refuses_what_does_not_fit(run, tmp_p
     ):
         with pytest.raises(TrainingError, match=said):
             train(directory=folder, samples=1, device="cpu", **arguments)
+
+
+@pytest.mark.slow
+def test_a_given_teacher_teaches_an_agent_of_another_width(run, tmp_path):
+    given, folder = run / PRIVILEGED_FILE, tmp_path / "run"
+    options = (*SMALL, "width=4")
+    train(directory=folder, samples=32, device="cpu", threads=1, teacher=given, options=options)
+    train(directory=folder, samples=64, device="cpu", threads=1, resume=True)
+    assert load_agent(folder / BEST)[1]["steps"] == 64
+    assert (folder / PRIVILEGED_FILE).read_bytes() == given.read_bytes()
+    assert not (folder / "privileged.csv").exists()
+    told = json.loads((folder / "config.json").read_text())
+    assert told["teacher"] == hashlib.sha256(given.read_bytes()).hexdigest()
+    for arguments, said in (
+        ({"teacher": run / BEST}, "is of lbc; name the privileged.pt"),
+        ({"teacher": tmp_path / "none.pt"}, "none.pt"),
+        ({"teacher": given, "resume": True}, "leave --teacher out"),
+    ):
+        with pytest.raises(TrainingError, match=said):
+            train(directory=tmp_path / "other", samples=1, device="cpu", **arguments)
+    assert not (tmp_path / "other").exists()
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """``wrongturn train lbc``: both halves of "Learning by Cheating", one after the other, in a run's directory."""
 
 import dataclasses
+import hashlib
 import json
 import os
 import time
@@ -12,13 +13,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from wrongturn_agents.models.lbc import PrivilegedAgent, SensorimotorAgent
+from wrongturn_agents.models.lbc import PrivilegedAgent, SensorimotorAgent, WaypointAgent
 from wrongturn_agents.training.budget import Budget
-from wrongturn_agents.training.checkpoint import read, versions, write
+from wrongturn_agents.training.checkpoint import versions, write
 from wrongturn_agents.training.devices import check_threads, device_of, prepare
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, longest, shortest, with_traffic
-from wrongturn_agents.training.lbc.checkpoints import BEST, PRIVILEGED_FILE, save_agent
+from wrongturn_agents.training.lbc.checkpoints import BEST, PRIVILEGED_FILE, load_agent, save_agent
 from wrongturn_agents.training.lbc.config import ALGORITHM, PRIVILEGED, LBCConfig
 from wrongturn_agents.training.lbc.learning import Learner
 from wrongturn_agents.training.lbc.privileged import learn_privileged
@@ -36,7 +37,7 @@ _MARGIN: Final = 1.3
 _MOST_RESERVED: Final = 0.2
 """Greatest share of the minutes that is kept for the last evaluation. How long it takes is told from those before. The
 privileged agent's evaluation also takes no more."""
-_KEYS: Final = {"half", "learner", "seconds", "begun", "teacher"}
+_KEYS: Final = {"half", "learner", "seconds", "begun"}
 Row = dict[str, Any]
 
 
@@ -48,6 +49,8 @@ class Run:
     seed: int
     samples: int | None
     minutes: float | None
+    teacher: str | None = None
+    """SHA-256 of the privileged agent's file, if one was given and none is trained."""
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``."""
@@ -57,6 +60,7 @@ class Run:
             "seed": self.seed,
             "steps": self.samples,
             "minutes": self.minutes,
+            "teacher": self.teacher,
             "config": self.config.as_dict(),
             "device": torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu",
             "versions": versions(),
@@ -75,7 +79,8 @@ class Run:
             content = json.loads((folder / CONFIG).read_text("utf-8"))
             if content["algorithm"] != ALGORITHM:
                 raise OtherRunError(folder, content["algorithm"])
-            return cls(LBCConfig.of(content["config"]), content["seed"], content["steps"], content["minutes"])
+            config = LBCConfig.of(content["config"])
+            return cls(config, content["seed"], content["steps"], content["minutes"], content.get("teacher"))
         except FileNotFoundError as error:
             raise TrainingError(f"directory {folder}: holds no run to resume; name the directory of one") from error
         except OtherRunError:
@@ -95,6 +100,7 @@ def train(
     device: str = "auto",
     threads: int | None = None,
     resume: bool = False,
+    teacher: Path | None = None,
     options: Sequence[str] = (),
     on_row: Callable[[str, Row], None] = lambda _half, _row: None,
 ) -> Path:
@@ -109,19 +115,28 @@ def train(
         device: ``cpu``, ``cuda`` or ``auto``.
         threads: threads of simulation and torch; all cores by default.
         resume: continue the run in the directory, with its own settings. Samples are collected anew.
+        teacher: a privileged agent's checkpoint. The agent with a camera learns from it, and gets all samples and
+            minutes. The run's directory gets a copy.
         options: settings as ``name=value``; see :class:`LBCConfig`.
         on_row: called with the half and each row.
 
     Raises:
-        TrainingError: an argument is wrong, or the directory has a run or none to resume.
+        TrainingError: an argument is wrong, the teacher is no privileged agent, or the directory has a run or none to
+            resume.
     """
     place = device_of(device)
     config = LBCConfig().with_options(options)
     if resume:
+        if teacher is not None:
+            raise TrainingError("teacher: the run has its own; leave --teacher out with --resume")
         run = _resumed(Run.read(directory), seed, samples, minutes, options)
     else:
         limit = config.samples if samples is None and minutes is None else samples
         run = Run(config, 1 if seed is None else seed, limit, minutes)
+    given = None
+    if teacher is not None:
+        given = _privileged(teacher)
+        run = dataclasses.replace(run, teacher=hashlib.sha256(given).hexdigest())
     if not 0 <= run.seed < _SEEDS:
         raise TrainingError(f"seed: is {run.seed}; give a whole number from 0 to {_SEEDS - 1}")
     check_threads(threads)
@@ -130,6 +145,8 @@ def train(
     with held(directory, resume=resume):
         state = read_state(directory, _KEYS) if resume else None
         run.write(directory)
+        if given is not None:
+            (directory / PRIVILEGED_FILE).write_bytes(given)
         return _Training(run, directory, place, prepare(place, threads), on_row).train(state)
 
 
@@ -142,19 +159,17 @@ class _Training:
         self.run, self.folder, self.device, self.threads, self.on_row = run, folder, device, threads, on_row
 
     def train(self, state: dict[str, Any] | None) -> Path:
-        """Train both agents, and return the second one's checkpoint."""
+        """Train both agents, or the one with a camera alone, and return that one's checkpoint."""
         config, seed = self.run.config, self.run.seed
         torch.manual_seed(seed)
-        teacher = self._on_device(PrivilegedAgent(config.width))
+        privileged = self._on_device(PrivilegedAgent(config.width))
         student = self._on_device(SensorimotorAgent(config.width))
         used = state["seconds"] if state else 0.0
-        if state is None or state["half"] == PRIVILEGED:
-            self._first(Learner(teacher, config), state, used)
-            teacher.load_state_dict(read(self.folder / PRIVILEGED_FILE)["state_dict"])
+        if self.run.teacher is None and (state is None or state["half"] == PRIVILEGED):
+            self._first(Learner(privileged, config), state, used)
             used, state = self._clock.used, None
-        else:
-            teacher.load_state_dict(state["teacher"])
-        self._second(Learner(student, config), teacher.eval().requires_grad_(False), state, used)
+        teacher, _ = load_agent(self.folder / PRIVILEGED_FILE, self.device)
+        self._second(Learner(student, config), self._on_device(teacher.requires_grad_(False)), state, used)
         return self.folder / BEST
 
     def _first(self, learner: Learner, state: dict[str, Any] | None, used: float) -> None:
@@ -173,9 +188,8 @@ class _Training:
         self._row(evaluation)
         self._save_agent(PRIVILEGED_FILE, evaluation)
 
-    def _second(self, learner: Learner, teacher: PrivilegedAgent, state: dict[str, Any] | None, used: float) -> None:
+    def _second(self, learner: Learner, teacher: WaypointAgent, state: dict[str, Any] | None, used: float) -> None:
         config, run = self.run.config, self.run
-        self._teacher = teacher
         self._half(ALGORITHM, learner, state, Budget(run.samples, run.minutes, used=used))
         learn_sensorimotor(
             learner, Teacher(teacher, white_box=config.white_box), config, seed=_stream(run.seed, 1, learner.seen),
@@ -285,16 +299,26 @@ class _Training:
         )
 
     def _save_state(self) -> None:
-        teacher = None if self._name == PRIVILEGED else self._teacher.state_dict()
         learner = self._learner.state()
         write(
             self.folder / STATE,
-            {"half": self._name, "learner": learner, "seconds": self._clock.used, "begun": self._clock.begun,
-             "teacher": teacher},
-        )  # fmt: skip
+            {"half": self._name, "learner": learner, "seconds": self._clock.used, "begun": self._clock.begun},
+        )
 
     def _on_device(self, agent: Any) -> Any:
         return agent.to(self.device, memory_format=torch.channels_last)
+
+
+def _privileged(file: Path) -> bytes:
+    """Return the file of a privileged agent.
+
+    Raises:
+        TrainingError: it is missing, damaged or of another agent.
+    """
+    _, found = load_agent(file)
+    if found["algorithm"] != PRIVILEGED:
+        raise TrainingError(f"teacher {file}: is of {found['algorithm']}; name the privileged.pt of a run of lbc")
+    return file.read_bytes()
 
 
 def _check_memory(config: LBCConfig, device: torch.device) -> None:
