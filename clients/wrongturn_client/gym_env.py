@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wrongturn_client.episode_calls import granted, step_call
 from wrongturn_client.errors import EpisodeFinishedError, EpisodeLostError
+from wrongturn_client.one_thread import OneThread
 from wrongturn_client.practice import Practice
 from wrongturn_protocol import ActionLike, Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import Observation, action_space, observation_space
@@ -62,6 +63,7 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.track = trials.track
         self.observation_space = observation_space(self.track)  # type: ignore[assignment]
         self.action_space = action_space()  # type: ignore[assignment]
+        self._alone = OneThread()
         self._practice = Practice(trials, url, token, patience, transport)
         self._episode: str | None = None
         self._ended = True
@@ -84,14 +86,15 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         Raises:
             WrongturnError: The service does not answer, or refuses.
         """
-        super().reset(seed=seed)
-        call = self._practice.call(self.np_random, check_options(options, ("trial",)).get("trial"))
-        self._abort()
-        (result,) = self._practice.exchange([call])
-        reply = granted(result)
-        self._episode, self._seq, self._ended, self._seen = reply["id"], 0, False, reply["observation"]
-        self._watch()
-        return reply["observation"], {"trial": reply["trial"], "town": reply["town"]}
+        with self._alone:
+            super().reset(seed=seed)
+            call = self._practice.call(self.np_random, check_options(options, ("trial",)).get("trial"))
+            self._abort()
+            (result,) = self._practice.exchange([call])
+            reply = granted(result)
+            self._episode, self._seq, self._ended, self._seen = reply["id"], 0, False, reply["observation"]
+            self._watch()
+            return reply["observation"], {"trial": reply["trial"], "town": reply["town"]}
 
     def step(self, action: ActionLike) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Drive on for 0.1 s. After an error you can repeat the step: it is driven only once.
@@ -104,22 +107,23 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             ResetNeeded: No episode is open.
             WrongturnError: The service does not answer, or refuses.
         """
-        if self._episode is None or self._ended:
-            raise ResetNeeded(
-                f"step {'before the first reset' if self._episode is None else 'after the end'}; call reset"
-            )
-        (result,) = self._practice.exchange([step_call(self._episode, self._seq + 1, action)])
-        if isinstance(result, EpisodeLostError | EpisodeFinishedError):
-            self._ended = True
-            return self._seen, 0.0, False, True, {"lost": str(result)}
-        reply = granted(result)
-        self._seq, self._seen = reply["seq"], reply["observation"]
-        terminated, truncated = reply["terminated"], reply["truncated"]
-        self._ended = terminated or truncated
-        self._watch()
-        verdict = reply.get("verdict")
-        info: dict[str, Any] = {} if verdict is None else {"verdict": str(verdict)}
-        return reply["observation"], reply.get("reward") or 0.0, terminated, truncated, info
+        with self._alone:
+            if self._episode is None or self._ended:
+                raise ResetNeeded(
+                    f"step {'before the first reset' if self._episode is None else 'after the end'}; call reset"
+                )
+            (result,) = self._practice.exchange([step_call(self._episode, self._seq + 1, action)])
+            if isinstance(result, EpisodeLostError | EpisodeFinishedError):
+                self._ended = True
+                return self._seen, 0.0, False, True, {"lost": str(result)}
+            reply = granted(result)
+            self._seq, self._seen = reply["seq"], reply["observation"]
+            terminated, truncated = reply["terminated"], reply["truncated"]
+            self._ended = terminated or truncated
+            self._watch()
+            verdict = reply.get("verdict")
+            info: dict[str, Any] = {} if verdict is None else {"verdict": str(verdict)}
+            return reply["observation"], reply.get("reward") or 0.0, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return the view from above beside the camera's, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.

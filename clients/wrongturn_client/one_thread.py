@@ -1,4 +1,8 @@
-"""Refuse a connection's use by two threads at a time: one would take the other's replies, and both would wait."""
+"""Refuse the use of an environment or a connection by two threads at a time.
+
+Of a connection, one would take the other's replies, and both would wait. Of an environment, both would drive the same
+step.
+"""
 
 import threading
 
@@ -6,7 +10,7 @@ from wrongturn_client.errors import WrongturnError
 
 
 class OneThread:
-    """Context in which one thread uses a connection. The same thread may enter it again.
+    """Context in which one thread uses an environment or a connection. The same thread may enter it again.
 
     Raises:
         WrongturnError: Another thread is inside.
@@ -23,3 +27,7 @@ class OneThread:
 
     def __exit__(self, *_: object) -> None:
         self._lock.release()
+
+    def __reduce__(self) -> tuple[type["OneThread"], tuple[()]]:
+        """Pickle what holds this: in another process nobody is inside."""
+        return OneThread, ()

@@ -21,6 +21,7 @@ from wrongturn_client.errors import (
     ServiceBusyError,
     ServiceFullError,
 )
+from wrongturn_client.one_thread import OneThread
 from wrongturn_client.practice import Practice
 from wrongturn_protocol import Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.observations import Observation, action_space, observation_space
@@ -100,6 +101,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         self.single_action_space = action_space()
         self.observation_space = batch_space(self.single_observation_space, count)
         self.action_space = batch_space(self.single_action_space, count)
+        self._alone = OneThread()
         self._practice = Practice(trials, url, token, patience, transport)
         self._slots: int | None = None
         self._randoms: list[np.random.Generator | None] = [None] * count
@@ -132,25 +134,26 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             ServiceFullError: The service has too few simulators, or too few free ones; nothing stays open then.
             WrongturnError: The service does not answer, or refuses.
         """
-        seeds = seeds_of(seed, self.num_envs)
-        trials = trials_of(options, self.num_envs, str)
-        chosen = mask_of(options, self.num_envs)
-        left = np.ones(self.num_envs, np.bool_)
-        left[chosen] = False
-        if not self._begun[left].all():
-            raise ResetNeeded("options.reset_mask: environments that it leaves out have no trial; reset them too")
-        for i in chosen:
-            if seeds[i] is not None or self._randoms[i] is None:
-                self._randoms[i], _ = seeding.np_random(seeds[i])
-        for i in chosen:
-            self._calls.pop(i, None)
-            self._draw(i, trials[i])
-        self._abort(chosen)
-        self.closed = False  # so that another close ends what begins now
-        infos: dict[str, Any] = {}
-        for i, reply in zip(chosen, self._begin_all(chosen), strict=True):
-            self._start(i, reply, infos)
-        return self._observation(), infos
+        with self._alone:
+            seeds = seeds_of(seed, self.num_envs)
+            trials = trials_of(options, self.num_envs, str)
+            chosen = mask_of(options, self.num_envs)
+            left = np.ones(self.num_envs, np.bool_)
+            left[chosen] = False
+            if not self._begun[left].all():
+                raise ResetNeeded("options.reset_mask: environments that it leaves out have no trial; reset them too")
+            for i in chosen:
+                if seeds[i] is not None or self._randoms[i] is None:
+                    self._randoms[i], _ = seeding.np_random(seeds[i])
+            for i in chosen:
+                self._calls.pop(i, None)
+                self._draw(i, trials[i])
+            self._abort(chosen)
+            self.closed = False  # so that another close ends what begins now
+            infos: dict[str, Any] = {}
+            for i, reply in zip(chosen, self._begin_all(chosen), strict=True):
+                self._start(i, reply, infos)
+            return self._observation(), infos
 
     def step(
         self, actions: NDArray[np.float32]
@@ -165,28 +168,31 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             ResetNeeded: There is no episode to drive; call ``reset`` first.
             WrongturnError: The service does not answer, or refuses.
         """
-        if not self._begun.all():
-            raise ResetNeeded("there is no trial to drive; call reset")
-        waiting = self._over if self.autoreset_mode is AutoresetMode.NEXT_STEP else np.zeros_like(self._over)
-        driven = ~waiting
-        if (self._over & driven).any():
-            raise ResetNeeded(
-                f"environments {np.flatnonzero(self._over).tolist()} ended; reset them with options reset_mask",
+        with self._alone:
+            if not self._begun.all():
+                raise ResetNeeded("there is no trial to drive; call reset")
+            waiting = self._over if self.autoreset_mode is AutoresetMode.NEXT_STEP else np.zeros_like(self._over)
+            driven = ~waiting
+            if (self._over & driven).any():
+                raise ResetNeeded(
+                    f"environments {np.flatnonzero(self._over).tolist()} ended; reset them with options reset_mask",
+                )
+            rows = checked_actions(actions, driven, InvalidActionError).tolist()
+            results = self._practice.exchange(
+                [
+                    self._draw(i) if waiting[i] else [_STEP, self._episodes[i], self._seqs[i] + 1, *rows[i]]
+                    for i in range(self.num_envs)
+                ]
             )
-        rows = checked_actions(actions, driven, InvalidActionError).tolist()
-        results = self._practice.exchange(
-            [
-                self._draw(i) if waiting[i] else [_STEP, self._episodes[i], self._seqs[i] + 1, *rows[i]]
-                for i in range(self.num_envs)
-            ]
-        )
-        replies = [_lost(result) or granted(result) for result in results]
-        # Nothing changes before all replies are here, so that a step that failed half-way can be repeated.
-        ended = [i for i in np.flatnonzero(driven).tolist() if replies[i]["terminated"] or replies[i]["truncated"]]
-        begun = {}
-        if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
-            begun = dict(zip(ended, map(granted, self._practice.exchange([self._draw(i) for i in ended])), strict=True))
-        return self._advance(replies, driven, begun)
+            replies = [_lost(result) or granted(result) for result in results]
+            # Nothing changes before all replies are here, so that a step that failed half-way can be repeated.
+            ended = [i for i in np.flatnonzero(driven).tolist() if replies[i]["terminated"] or replies[i]["truncated"]]
+            begun = {}
+            if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
+                begun = dict(
+                    zip(ended, map(granted, self._practice.exchange([self._draw(i) for i in ended])), strict=True)
+                )
+            return self._advance(replies, driven, begun)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a picture of each environment, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.

@@ -3,6 +3,7 @@
 import contextlib
 import socket
 import threading
+from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 
@@ -18,6 +19,10 @@ class Forwarder:
         self.plugged = 0
         self.cut_after: int | None = None
         """Bytes from the service after which each connection ends, once."""
+        self.kept = threading.Event()
+        """Set when something from the client is kept back."""
+        self._passing = threading.Event()
+        self._passing.set()
         self._stand_in: bytes | None = None
         self._open: list[socket.socket] = []
         threading.Thread(target=self._serve, daemon=True).start()
@@ -47,10 +52,22 @@ class Forwarder:
                 if back and self.cut_after is not None and passed > self.cut_after:
                     self.cut_after = None
                     break
+                if not back and not self._passing.is_set():
+                    self.kept.set()
+                    self._passing.wait()
                 other.sendall(data)
         except OSError:
             pass
         _end(one, other)
+
+    @contextlib.contextmanager
+    def keeping(self) -> Iterator[None]:
+        """What the client sends inside arrives afterwards."""
+        self._passing.clear()
+        try:
+            yield
+        finally:
+            self._passing.set()
 
     def cut(self) -> None:
         _end(*self._open)

@@ -4,7 +4,7 @@ import os
 import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from typing import Any
 
 import gymnasium
@@ -113,21 +113,20 @@ def test_a_connection_that_breaks_costs_no_step(forwarder: Forwarder, service: L
             np.testing.assert_array_equal(array, other[name])
 
 
-def test_threads_that_use_one_environment_at_a_time_are_told(service: LocalService) -> None:
-    env = RemoteEnv(service.url, patience=5.0)
-    env.reset(seed=1)
-
-    def drive() -> None:
-        for _ in range(10):
-            env.step(GAS)
-
-    with ThreadPoolExecutor(8) as threads:
-        errors = [end.exception() for end in [threads.submit(drive) for _ in range(8)]]
-    assert all(error is None or isinstance(error, WrongturnError) for error in errors)
-    assert any("used by two threads at a time; make one for each thread" in str(error) for error in errors)
-    env.reset(seed=1)
-    env.step(GAS)
-    env.close()
+@pytest.mark.parametrize("many", [False, True])
+def test_threads_that_use_one_environment_at_a_time_are_told(forwarder: Forwarder, many: bool) -> None:
+    env: Any = RemoteVectorEnv(2, forwarder.url) if many else RemoteEnv(forwarder.url)
+    action = _gas(2) if many else GAS
+    with closing(env), ThreadPoolExecutor(1) as other:
+        env.reset(seed=1)
+        with forwarder.keeping():
+            step = other.submit(env.step, action)
+            assert forwarder.kept.wait(60), "the step is not under way"
+            for call in (lambda: env.step(action), lambda: env.reset(seed=2)):
+                with pytest.raises(WrongturnError, match="used by two threads at a time; make one for each thread"):
+                    call()
+        step.result()
+        env.step(action)  # in turns
 
 
 @pytest.fixture
@@ -143,17 +142,16 @@ def small(tmp_path: Any) -> Iterator[dict[str, Any]]:
 def test_more_environments_than_simulators_and_a_service_that_is_killed(small: dict[str, Any]) -> None:
     with ExitStack() as stack:
         first = stack.enter_context(LocalService(**small))
-        too_many = RemoteVectorEnv(3, first.url)
+        too_many = stack.enter_context(closing(RemoteVectorEnv(3, first.url)))
         with pytest.raises(ServiceFullError, match=r"has 2 simulators; make 2 environments at most"):
             too_many.reset(seed=1)
-        too_many.close()
-        envs = RemoteVectorEnv(2, first.url)
+        envs = stack.enter_context(closing(RemoteVectorEnv(2, first.url)))
         envs.reset(seed=1)
         envs.step(_gas(2))
         os.kill(first.pid, signal.SIGKILL)
         first.stop()
-        with pytest.raises(ServiceUnreachableError, match="wrongturn serve"):
-            RemoteEnv(first.url, patience=0.0).reset()
+        with RemoteEnv(first.url, patience=0.0) as env, pytest.raises(ServiceUnreachableError, match="wrongturn serve"):
+            env.reset()
         stack.enter_context(LocalService(**small, port=int(first.url.rpartition(":")[2])))
         _, rewards, _, truncated, infos = envs.step(_gas(2))
         assert truncated.all()

@@ -121,6 +121,11 @@ class ClockedService(Service):
         """Number of open connections."""
         return len(self._server.server_state.connections)
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether no connection is open and no request is under way; one may outlive its connection."""
+        return not (self._server.server_state.connections or self._server.server_state.tasks)
+
     def signal(self) -> None:
         """Do what the signal SIGTERM does."""
         self._loop.call_soon_threadsafe(self._server.handle_exit, signal.SIGTERM, None)

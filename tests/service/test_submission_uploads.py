@@ -54,14 +54,16 @@ def taking(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Taking]:
 
 @pytest.fixture(autouse=True)
 def _nothing_left(taking: Taking) -> Iterator[None]:
-    """Each test leaves as many files as there are submissions that wait, and no connections."""
+    """Each test leaves as many files as there are submissions that wait, and no connections and requests."""
     yield
-    until(lambda: taking.connections == 0, "connections are left")
-    until(lambda: not [name for name in taking.files if name.endswith(".part")], "parts are left")
-    listed = httpx.get(f"{taking.url}/v1/submissions", headers={"Authorization": f"Bearer {OPERATOR}"}, timeout=60)
-    rows = expect(listed, 200)["submissions"]
-    known = {f"{row['id']}.onnx" for row in rows if row["state"] not in {"failed", "cancelled"}}
-    assert set(taking.files) == known
+    until(lambda: taking.at_rest, "connections or requests are left")
+
+    def known() -> set[str]:
+        headers = {"Authorization": f"Bearer {OPERATOR}"}
+        rows = expect(httpx.get(f"{taking.url}/v1/submissions", headers=headers, timeout=60), 200)["submissions"]
+        return {f"{row['id']}.onnx" for row in rows if row["state"] not in {"failed", "cancelled"}}
+
+    until(lambda: set(taking.files) == known(), "files are left or missing")
 
 
 def until(condition: Callable[[], bool], message: str, seconds: float = 120) -> None:
@@ -232,7 +234,7 @@ def test_a_client_that_leaves(taking: Taking) -> None:
         with connected(taking) as raw:
             raw.sendall(taking.head(len(body)) + body[:sent])
             until(lambda: taking.connections == 1, "it is not connected")
-        until(lambda: taking.connections == 0, "it is still connected")
+        until(lambda: taking.at_rest, "it is still connected")
 
 
 @pytest.mark.parametrize("sent", [0, 100, (1 << 20) + 1000])
@@ -279,7 +281,7 @@ def test_so_many_uploads_of_an_owner_at_a_time(taking: Taking) -> None:
         body = named("others may")
         headers["Authorization"] = f"Bearer {taking.token}"
         expect(httpx.post(f"{taking.url}/v1/submissions", content=body, headers=headers, timeout=60), 202)
-    until(lambda: taking.connections == 0, "they are still connected")
+    until(lambda: taking.at_rest, "they are still connected")
     headers["Authorization"] = f"Bearer {token}"
     expect(httpx.post(f"{taking.url}/v1/submissions", content=named("after"), headers=headers, timeout=60), 202)
 
