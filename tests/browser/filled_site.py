@@ -27,7 +27,7 @@ class Site:
 
     def get(self, path: str) -> dict:
         """Return the reply to a REST call."""
-        return expect(httpx.get(f"{self.url}{path}", timeout=30), 200)
+        return expect(httpx.get(f"{self.url}{path}", timeout=120), 200)
 
 
 @contextlib.contextmanager
@@ -42,7 +42,7 @@ def filled_site(
         found = resolve(name)
         body = {"name": name, "track": found.track, "kind": found.kind, "description": found.description}
         operator = {"Authorization": f"Bearer {OPERATOR}"}
-        made = expect(httpx.post(f"{running.url}/v1/agents", json=body, headers=operator, timeout=30), 201)
+        made = expect(httpx.post(f"{running.url}/v1/agents", json=body, headers=operator, timeout=120), 201)
         with Client(running.url, made["token"]) as client:
             evaluations[name] = client.evaluate(found.make(), suite).id
         agents[name] = made["id"]

@@ -78,7 +78,7 @@ def test_the_maps_are_usable_on_a_narrow_screen(visit: Visit, site: Site, access
 
 def test_long_words_of_an_owner_do_not_widen_the_page(visit: Visit, site: Site):
     body = {"name": "W" * 64, "track": "camera", "description": "d" * 500, "homepage": f"https://x.org/{'h' * 250}"}
-    made = httpx.post(f"{site.url}/v1/agents", json=body, timeout=30).json()
+    made = httpx.post(f"{site.url}/v1/agents", json=body, timeout=120).json()
     page = visit(f"/agents/{made['id']}", width=400)
     assert page.evaluate("document.documentElement.scrollWidth") == 400
     assert "finished no evaluation yet" in page.inner_text("main")
@@ -86,7 +86,7 @@ def test_long_words_of_an_owner_do_not_widen_the_page(visit: Visit, site: Site):
 
 def test_head_and_the_stored_page(site: Site):
     url = f"{site.url}/agents/{site.agents['careful']}"
-    first = httpx.get(url, timeout=30)
-    again = httpx.get(url, headers={"If-None-Match": first.headers["etag"]}, timeout=30)
+    first = httpx.get(url, timeout=120)
+    again = httpx.get(url, headers={"If-None-Match": first.headers["etag"]}, timeout=120)
     assert (again.status_code, again.content) == (304, b"")
-    assert httpx.head(url, timeout=30).status_code == 200
+    assert httpx.head(url, timeout=120).status_code == 200

@@ -59,7 +59,7 @@ def server() -> Iterator[Server]:
 def _raw(answers: list[bytes]) -> Iterator[str]:
     """A server that gives each connection one of these and hangs up."""
     listener = socket.create_server(("127.0.0.1", 0))
-    listener.settimeout(5)
+    listener.settimeout(120)
 
     def serve() -> None:
         for answer in answers:

@@ -316,7 +316,7 @@ def test_a_service_without_the_socket_is_driven_over_http(status: int) -> None:
         thread.start()
         with Client(f"http://127.0.0.1:{server.server_port}", "t") as client, pytest.raises(NotOfferedError):
             client.drive()
-        thread.join(5)
+        thread.join(120)
 
 
 def test_json_clients_and_injected_transports_use_http() -> None:

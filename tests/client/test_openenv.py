@@ -239,7 +239,7 @@ def test_health_and_ends_of_sessions_do_not_queue_behind_resets() -> None:
     def wait(request: Any) -> None:
         if request.method == "POST" and request.url.path == "/v1/episodes":
             begins.release()
-            go.wait(30)
+            go.wait(120)
 
     with _server(fake, sessions=2) as client, client.websocket_connect("/ws") as one:
         _ask(one, "reset")
@@ -248,8 +248,8 @@ def test_health_and_ends_of_sessions_do_not_queue_behind_resets() -> None:
             two.send_text('{"type": "reset"}')
             http = threading.Thread(target=client.post, args=("/reset",))
             http.start()
-            assert begins.acquire(timeout=10)
-            assert begins.acquire(timeout=10)
+            assert begins.acquire(timeout=120)
+            assert begins.acquire(timeout=120)
             assert client.get("/health").json() == {"status": "healthy"}
             one.send_json({"type": "close"})
             assert one.receive()["type"] == "websocket.close"
@@ -290,12 +290,12 @@ def test_a_stop_does_not_wait_for_a_busy_service(monkeypatch: pytest.MonkeyPatch
                 time.sleep(0.01)
             begun = time.monotonic()
             process.send_signal(signal.SIGTERM)
-            assert process.wait(30) == 0
+            assert process.wait(120) == 0
             took = time.monotonic() - begun
             assert b"the server stops" in two.recv(4096)
         assert process.stderr.read() == ""
         busy.shutdown()
-    assert took < 5, "the patience with a busy service is 45 s"
+    assert took < 30, "the patience with a busy service is 45 s"
 
 
 def test_one_session_too_many_is_told_so() -> None:

@@ -55,7 +55,7 @@ def server(service: LocalService) -> Iterator[str]:
         assert line.startswith(READY), process.stderr.read()
         yield line.removeprefix(READY).strip()
         process.send_signal(signal.SIGTERM)
-        assert process.wait(30) == 0, process.stderr.read()
+        assert process.wait(120) == 0, process.stderr.read()
         assert process.stderr.read() == ""
 
 

@@ -100,7 +100,7 @@ class ServedApp:
         self._server = SilentServer(config)
         self._serving = self.loop.create_task(self._server.serve([bound]))
         self.wait(self._started())
-        self.http = httpx.AsyncClient(base_url=self.url, timeout=30, verify=False)  # no certificates to load
+        self.http = httpx.AsyncClient(base_url=self.url, timeout=120, verify=False)  # no certificates to load
 
     async def _started(self) -> None:
         while not self._server.started:

@@ -70,7 +70,7 @@ class Runner:
         assert self.process.stdin is not None
         self.process.stdin.close()
 
-    def status(self, timeout_s: float = 30.0) -> int:
+    def status(self, timeout_s: float = 120.0) -> int:
         return self.process.wait(timeout_s)
 
     @property

@@ -60,7 +60,7 @@ async def application(
         app = create_app(given, pool=pool)
         async with app.router.lifespan_context(app):
             transport = httpx.ASGITransport(app)
-            async with httpx.AsyncClient(transport=transport, base_url="http://test", timeout=30) as http:
+            async with httpx.AsyncClient(transport=transport, base_url="http://test", timeout=120) as http:
                 http.app = app  # type: ignore[attr-defined]
                 http.clock = clock  # type: ignore[attr-defined]
                 if settings.get("registration") != "operator":

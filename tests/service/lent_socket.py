@@ -85,7 +85,7 @@ def figure(service: RunningService, name: str) -> float:
     return next((float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name + " ")), 0.0)
 
 
-def until(condition: Callable[[], bool], message: str, seconds: float = 30) -> None:
+def until(condition: Callable[[], bool], message: str, seconds: float = 120) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, message

@@ -27,7 +27,7 @@ def dial(service: Service, receive_buffer: int | None = None) -> socket.socket:
     raw = socket.socket()
     if receive_buffer is not None:
         raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-    raw.settimeout(30)
+    raw.settimeout(120)
     raw.connect((parts.hostname, parts.port))
     return raw
 

@@ -78,7 +78,7 @@ class RunningService(Service):
     @property
     def stderr(self) -> str:
         if self.process.poll() is not None:
-            self._reader.join(5)
+            self._reader.join(60)
         return "".join(self._said)
 
     def simulators(self) -> list[int]:
@@ -102,7 +102,7 @@ class RunningService(Service):
         except subprocess.TimeoutExpired:
             self.process.kill()
             status = self.process.wait()
-        self._reader.join(5)
+        self._reader.join(60)
         assert self.process.stdout is not None
         assert self.process.stderr is not None
         self.process.stdout.close()

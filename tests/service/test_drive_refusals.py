@@ -113,7 +113,7 @@ def test_who_asks_without_reading_is_not_read_either(service: RunningService, se
     parts = urlsplit(service.url)
     batch = wire.pack_calls(1, [["step", episode, 1, *ACTION]] * wire.CALLS)
     frame = b"\x82\xfe" + len(batch).to_bytes(2, "big") + bytes(4) + batch
-    with socket.create_connection((parts.hostname, parts.port), 5) as raw:
+    with socket.create_connection((parts.hostname, parts.port), 120) as raw:
         raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65536)
         raw.sendall(
             f"GET {wire.PATH} HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"

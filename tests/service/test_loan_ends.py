@@ -272,7 +272,7 @@ def test_a_simulator_is_released_when_its_agent_falls_silent_in_a_loan(
 
 
 def test_a_stop_in_a_loan(tmp_path: Path, reference: Payloads) -> None:
-    own = RunningService(tmp_path / "wrongturn.db", simulators=2, shutdown_grace_s=60)
+    own = RunningService(tmp_path / "wrongturn.db", simulators=2, shutdown_grace_s=600)
     try:
         with (
             own.agent() as agent,
@@ -290,7 +290,7 @@ def test_a_stop_in_a_loan(tmp_path: Path, reference: Payloads) -> None:
                 time.sleep(0.01)
             closed = (CLOSE, (1012).to_bytes(2, "big"))
             assert (drive.frame(), silent.frame()) == (closed, closed)
-        assert own.process.wait(30) == 0
+        assert own.process.wait(120) == 0
         assert stored(own, story.episode)[1] not in {None, "aborted"}
     finally:
         assert own.stop() == 0, own.stderr

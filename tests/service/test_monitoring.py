@@ -113,7 +113,7 @@ def test_prometheus_reads_a_service_and_answers_the_dashboard(service: ClockedSe
     command = [program, "--config.file=prometheus.yml", "--storage.tsdb.path=data", f"--web.listen-address={address}"]
     running = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL)
     try:
-        with httpx.Client(base_url=f"http://{address}/api/v1/", timeout=30) as http:
+        with httpx.Client(base_url=f"http://{address}/api/v1/", timeout=120) as http:
             await_result(http, 'up{job="wrongturn"} == 1')
             await_result(http, "wrongturn_build_info")
             for expr in queries():

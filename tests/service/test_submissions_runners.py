@@ -51,7 +51,7 @@ def gone(pid: int) -> bool:
 
 
 def eventually_gone(pid: int) -> bool:
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while not gone(pid) and time.monotonic() < deadline:
         time.sleep(0.01)
     return gone(pid)

@@ -20,7 +20,7 @@ def test_the_service_is_reached_at_its_own_url(host: str) -> None:
         assert url.scheme == "http"
         assert url.hostname not in {"0.0.0.0", "::"}
         assert url.port == listening.getsockname()[1]
-        with socket.create_connection((url.hostname, url.port), timeout=10) as caller:
+        with socket.create_connection((url.hostname, url.port), timeout=120) as caller:
             answered, peer = listening.accept()
             with answered:
                 assert peer[:2] == caller.getsockname()[:2] or listening.family is socket.AF_INET6
