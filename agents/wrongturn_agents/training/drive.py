@@ -50,6 +50,8 @@ class DrivenTrial(NamedTuple):
     """None if the drive was given up."""
     reward: float
     """Sum of the paper's reward."""
+    stopped: bool = False
+    """Whether ``stop`` ended the drive, or kept it from beginning."""
 
 
 def drive_trials(
@@ -142,7 +144,7 @@ def _in_town(
             stood = np.where(stands, stood + 1, 0)
             if stop():
                 left = [number for number in (*driving, *waiting) if number is not None]
-                yield from ((number, DrivenTrial(assigned[number].trial, None, 0.0)) for number in left)
+                yield from ((number, DrivenTrial(assigned[number].trial, None, 0.0, True)) for number in left)
                 return
             given_up = np.zeros(count, np.bool_) if patience is None else stood >= patience * _PER_SECOND
             restarted = np.zeros(count, np.bool_)

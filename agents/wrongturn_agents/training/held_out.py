@@ -1,5 +1,6 @@
 """Held-out journeys, which no training and no suite uses: they decide which checkpoint is kept."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -74,30 +75,32 @@ class Evaluation:
         trials: list[Trial],
         *,
         stop: Callable[[], bool] = lambda: False,
+        least: int | None = None,
         **options: Any,
     ) -> "list[Evaluation] | None":
-        """Evaluate several agents at once; None if ``stop`` ended the drives.
+        """Evaluate several agents at once, on the journeys that all of them have ended.
 
         Args:
             models: the agents.
             trials: journeys that each agent drives.
-            stop: called before each decision; True gives up.
+            stop: called before each decision; True gives up the drives that have not ended.
+            least: least number of journeys, of those alone and of those beside traffic; all by default.
             options: arguments of :func:`~wrongturn_agents.training.drive.drive_trials`.
+
+        Returns:
+            One for each agent; None if ``stop`` left fewer journeys than the least.
         """
-        stopped = False
-
-        def stopping() -> bool:
-            nonlocal stopped
-            stopped = stopped or stop()
-            return stopped
-
-        driven = drive_trials(models, trials, stop=stopping, **options)
-        return None if stopped else [cls._of(drives) for drives in driven]
+        driven = drive_trials(models, trials, stop=stop, **options)
+        ended = [k for k in range(len(trials)) if not any(drives[k].stopped for drives in driven)]
+        wanted, found = (Counter(_alone(trial) for trial in some) for some in (trials, [trials[k] for k in ended]))
+        if any(found[kind] < min(count, least or count) for kind, count in wanted.items()):
+            return None
+        return [cls._of([drives[k] for k in ended]) for drives in driven]
 
     @classmethod
     def _of(cls, driven: list[DrivenTrial]) -> "Evaluation":
-        alone = [one for one in driven if one.trial.traffic == Traffic()]
-        beside = [one for one in driven if one.trial.traffic != Traffic()]
+        alone = [one for one in driven if _alone(one.trial)]
+        beside = [one for one in driven if not _alone(one.trial)]
         arrived = _arrived(alone)
         clean = [one for one in arrived if one.outcome and one.outcome.journey and one.outcome.journey.clean]
         count = max(1, len(alone))
@@ -108,6 +111,10 @@ class Evaluation:
             reward=sum(one.reward for one in alone) / count,
             traffic_success=len(_arrived(beside)) / len(beside) if beside else None,
         )
+
+
+def _alone(trial: Trial) -> bool:
+    return trial.traffic == Traffic()
 
 
 def _arrived(driven: list[DrivenTrial]) -> list[DrivenTrial]:

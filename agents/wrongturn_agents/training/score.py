@@ -79,7 +79,7 @@ def score(
         driven="in process",
         steps=loaded.steps,
         device=torch.cuda.get_device_name() if place.type == "cuda" else "cpu",
-        trials={trial.id: TrialResult.of(outcome) for trial, outcome, _ in driven if outcome is not None},
+        trials={one.trial.id: TrialResult.of(one.outcome) for one in driven if one.outcome is not None},
     ).model_dump(mode="json")
 
 

@@ -197,6 +197,7 @@ def _train(
             patience=config.patience,
             strict=config.strict_evaluation,
             stop=budget.out_of_time,
+            least=config.brief_journeys,
         )
 
     budget.begun = state["begun"] if state else budget.used

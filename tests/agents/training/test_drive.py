@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 
 import pytest
 import torch
@@ -125,10 +126,25 @@ def test_several_agents_drive_side_by_side_as_each_alone():
     assert len({found.reward for found in together}) == 3
 
 
-def test_an_evaluation_that_was_stopped_tells_nothing():
-    trials = [draw_journey(load_town("Town01"), Task.STRAIGHT, seed) for seed in range(2)]
-    calls = iter([False] * 5 + [True] * 100)
-    assert Evaluation.each([Constant(0.0, 0.6, 0.0)], trials, track="state", stop=lambda: next(calls)) is None
+def test_an_evaluation_that_was_stopped_counts_the_journeys_that_all_agents_ended():
+    trials = [draw_journey(load_town("Town01"), Task.STRAIGHT, seed) for seed in range(4)]
+    drivers = [Constant(0.0, 0.6, 0.0), Constant(0.3, 0.8, 0.0)]
+
+    def stopped_after(decisions: int, least: int | None) -> list[Evaluation] | None:
+        calls = itertools.count(1)
+        return Evaluation.each(drivers, trials, track="state", stop=lambda: next(calls) > decisions, least=least)
+
+    taken = []
+    for trial in trials:
+        drivers[0].batches.clear()
+        Evaluation.each(drivers, [trial], track="state")
+        taken.append(len(drivers[0].batches))
+    decisions = sorted(taken)[1]
+    ended = [trial for trial, count in zip(trials, taken, strict=True) if count <= decisions]
+    assert 0 < len(ended) < len(trials)
+    assert stopped_after(decisions, len(ended)) == Evaluation.each(drivers, ended, track="state")
+    assert stopped_after(decisions, len(ended) + 1) is None
+    assert stopped_after(decisions, None) is None
 
 
 def test_the_shortest_journeys():

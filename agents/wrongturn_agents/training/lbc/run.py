@@ -252,6 +252,7 @@ class _Training:
             patience=config.patience,
             strict=True,
             stop=(clock or self._clock).out_of_time,
+            least=config.brief_journeys,
         )
         if self._clock.seconds is not None and not last:
             wanted = _MARGIN * (self._clock.used - begin) * longest(whole) / longest(journeys)

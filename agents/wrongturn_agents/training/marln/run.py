@@ -243,6 +243,7 @@ class _Training:
                 patience=self._config.patience,
                 strict=self._config.strict_evaluation,
                 stop=self._budget.out_of_time,
+                least=self._config.brief_journeys,
             )
         self._evaluated_at = self._steps
         now = found[0] if found else None
