@@ -80,7 +80,7 @@ def test_the_card_agrees_with_the_files(weights, results):
     assert "| environment steps | 3,200,000 (of 4,000,000) |" in text
     assert "| hardware | one GPU |" in text
     assert "success 0.96" in text
-    assert "steer by 0.004 (0.05)" in text
+    assert "steer 0.004 (0.05)" in text
     assert "wrongturn train ppo-image --seed 3 --minutes 5\n" in text
     assert "--precision int8" in text
     for heading in ("Input and output", "Training", "How it drives", "Limits", "Licence"):
@@ -90,8 +90,8 @@ def test_the_card_agrees_with_the_files(weights, results):
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("lbc", ("with which Carton et al.", "two numbers", "| samples | 9 |", "train lbc --seed 3", "lbc-3/best.pt")),
-        ("lbc-privileged", ("The teacher of `lbc`", "train lbc --seed 3", "runs/lbc-3/privileged.pt")),
+        ("lbc", ("agents with it", "two numbers", "| samples | 9 |", "train lbc --seed 3", "lbc-3/best.pt")),
+        ("lbc-privileged", ("the teacher of `lbc`", "train lbc --seed 3", "runs/lbc-3/privileged.pt")),
         ("marln", ("Implicit Affordances", "three decisions before", "| environment steps | 9 |", "marln-3/best.pt")),
     ],
 )
@@ -102,7 +102,7 @@ def test_the_card_says_whose_method_it_is_and_how_to_make_the_file(tmp_path, wei
     write_concat_model(weights / f"{name}.onnx", ("steering", "speed", "speed"), metadata=told)
     (weights / FACTS).write_text(json.dumps({name: {"hardware": "one GPU"}}))
     (text,) = cards(weights, results).values()
-    assert "One of the three agents" not in text
+    assert "one of the three agents" not in text
     assert "No results are stored yet." in text
     for words in said:
         assert words in text, words

@@ -19,9 +19,9 @@ from wrongturn_agents.training.export.card import FACTS, read_facts
 
 _TOLD: Final = {
     "exits": "exits right, 5 to 16 m before the stop line",
-    "approaches": "all three exits of a picture right, there",
-    "distance": "mean error of the distance there, m",
-    "inside": "nearer or farther than 2 m, right",
+    "approaches": "all three exits of a picture right, at the same distances",
+    "distance": "mean error of the distance to the stop line, at the same distances, m",
+    "inside": "rightly told to be nearer or farther than 2 m from the stop line",
 }
 
 
@@ -35,16 +35,16 @@ def card(agent: ShippedDoubtingAgent) -> str:
     parts = [
         f"# {agent.name}",
         f"{agent.description} An agent of this project, not of a paper; `docs/doubting.md` describes it.",
-        "**It was made for wrong commands.** It learned from places where a car gets that was told wrong, and its gate "
-        "was written for the faults of this benchmark. The leaderboard marks it with † (`trained_on_faults`). Compare "
-        "it with other agents that are so marked.",
+        "**It was made for wrong commands.** It learned from places that a car reaches after a wrong command, and its "
+        "gate was written for the faults of this benchmark. The leaderboard marks it with † (`trained_on_faults`). "
+        "Compare it with other agents that are so marked.",
         _table(
             {
                 "file": f"`{agent.file.name}`, {len(data) / 1e6:.1f} MB, beside `{agent.drives}.onnx`, which drives",
                 "sha256": f"`{hashlib.sha256(data).hexdigest()}`",
                 f"sha256 of `{agent.drives}.onnx`": f"`{driver_of(agent.name)}`",
                 "track": f"`{agent.track}`",
-                "memory": "8 numbers, for an episode",
+                "memory": "8 numbers, within an episode",
                 "licence": told["licence"],
             }
         ),
@@ -68,9 +68,9 @@ def card(agent: ShippedDoubtingAgent) -> str:
         "## How it drives",
         _drives(agent, int(seed)),
         "## Limits",
-        f"It drives as `{agent.drives}` does, whose card has more. It knows junctions with three and four arms at "
-        "right angles. It cannot know that a command is wrong which the road offers. Its doubt never saw traffic. It "
-        "is for research on this benchmark alone: nothing here is fit to drive a car.",
+        f"It drives as `{agent.drives}` does; the card of `{agent.drives}` has more. It knows junctions with three and "
+        "four arms at right angles. If the road has the exit of a wrong command, it cannot know that the command is "
+        "wrong. Its doubt never saw traffic. It is for research on this benchmark alone, and not fit to drive a car.",
         "## Licence",
         f"{told['licence']}, as the rest of the package.",
     ]

@@ -82,7 +82,7 @@ def card(agent: ShippedAgent, collection: Collection, curves: tuple[Curve, ...],
         "## Input and output",
         "| input | dtype | shape |\n|---|---|---|\n" + inputs,
         "The output `action` is float32 (batch, 3): steer in [-1, 1] (left negative), throttle and brake in [0, 1]. "
-        f"{words.inside} The contract stands in `docs/models.md`.",
+        f"{words.inside} `docs/models.md` has the contract of such files.",
         _agreement(told),
         "## Training",
         _table(_training(told, curve, facts, words)),
@@ -92,8 +92,8 @@ def card(agent: ShippedAgent, collection: Collection, curves: tuple[Curve, ...],
         *_figures(agent, collection),
         "## Limits",
         f"It was trained in one simulated town, in four weathers, {_company(told)}, and with correct commands "
-        "only. It has learned no reaction to a wrong command: whatever it does then is what the benchmark asks about. "
-        f"{words.others} and is for research on this benchmark alone: nothing here is fit to drive a car.",
+        "only. It has learned no reaction to a wrong command: the benchmark asks what it then does. "
+        f"{words.others} It is for research on this benchmark alone, and not fit to drive a car.",
         "## Licence",
         f"{told['licence']}, as the rest of the package.",
     ]
@@ -144,19 +144,19 @@ def _agreement(told: dict[str, str]) -> str:
         return ""
     found = json.loads(told["agreement"])
     each = ", ".join(
-        f"{control} by {mean:.2g} ({greatest:.2g})"
+        f"{control} {mean:.2g} ({greatest:.2g})"
         for control, mean, greatest in zip(_CONTROLS, found["mean"], found["greatest"], strict=True)
     )
     return (
-        f"On {found['observations']} recorded observations its actions differ from the checkpoint's in torch, in the "
-        f"mean (at most): {each}."
+        f"On {found['observations']} recorded observations, the file's actions differ from those of the checkpoint in "
+        f"torch. The mean (greatest) differences are: {each}."
     )
 
 
 def _company(told: dict[str, str]) -> str:
     """With whom it drove in training; the first files do not say it, and met nobody."""
     share = json.loads(told["config"]).get("traffic", 0)
-    return f"in {share:.0%} of the drives beside simple traffic" if share else "without other road users"
+    return f"beside simple traffic in {share:.0%} of the drives" if share else "without other road users"
 
 
 def _training(told: dict[str, str], curve: Curve | None, facts: Facts, words: Words) -> dict[str, str]:
@@ -168,7 +168,7 @@ def _training(told: dict[str, str], curve: Curve | None, facts: Facts, words: Wo
         if isinstance(value, int | float)
     )
     return {
-        "data": "drives about Town01 in ClearNoon, WetNoon, HardRainNoon and ClearSunset, commands always correct, "
+        "data": "drives about Town01 in ClearNoon, WetNoon, HardRainNoon and ClearSunset, with correct commands only, "
         + _company(told),
         "seed": told["seed"],
         words.steps: f"{int(told['steps']):,}" + (f" (of {curve.last('step'):,.0f})" if curve else ""),
@@ -208,7 +208,7 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
             text += f" Over {len(seeds)} training seeds, on the open draw, the strict count is {spread(seeds)}: "
             text += "median [least–most]"
             others = len(found_by_seed) - len(seeds)
-            text += f"; {others} more cannot drive, and say nothing about commands." if others else "."
+            text += f". {others} more cannot drive, and say nothing about commands." if others else "."
         parts.append(text)
     journeys = collection.of_shipped(NAVIGATION, agent.name)
     if journeys is not None:
@@ -229,7 +229,7 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
         parts.append("\n".join([head, "|---|---|---|---|---|---|", *rows]))
     if not parts:
         return ["No results are stored yet."]
-    return [*parts, "In brackets Wilson's 95 % interval of the rate."]
+    return [*parts, "Brackets hold Wilson's 95 % interval of the rate."]
 
 
 def _place(task: Task, condition: Condition) -> tuple[int, int]:

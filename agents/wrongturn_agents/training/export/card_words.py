@@ -13,8 +13,11 @@ _AFFORDANCES: Final = (
     "*End-to-End Model-Free Reinforcement Learning for Urban Driving using Implicit Affordances* (Toromanoff et al., "
     "CVPR 2020)"
 )
-_COMPARES: Final = f"with which {_CARTON}, compare theirs. Trained anew on this benchmark's simulation."
-_BY_EXAMPLE: Final = "It does not see traffic lights or signs, brakes for others only as examples taught it,"
+_ANEW: Final = "This agent was trained anew in this benchmark's simulation."
+_COMPARES: Final = f"{_CARTON}, compare their agents with it. {_ANEW}"
+_BY_EXAMPLE: Final = (
+    "It does not see traffic lights or signs. It brakes for other road users only as examples taught it."
+)
 
 
 @dataclass(frozen=True)
@@ -29,36 +32,36 @@ class Words:
     """What its training counts."""
     int8: str = "convolutions and the wide layer behind them in 8 bits, the rest as 16-bit floating point"
     """Which weights have 8 bits."""
-    others: str = "It does not see traffic lights or signs, has learned no rule of right of way,"
-    """How it treats others."""
+    others: str = "It does not see traffic lights or signs, and has learned no rule of right of way."
+    """How it treats other road users."""
 
 
 _PPO: Final = Words(
-    f"One of the three agents of {_CARTON}, trained anew on this benchmark's simulation.",
-    "The picture is scaled, and classes are spread over planes, within the graph. No memory between steps.",
+    f"It is one of the three agents of {_CARTON}. {_ANEW}",
+    "The graph scales the picture, or spreads its classes over planes. The agent has no memory between steps.",
 )
 _WORDS: Final = {
     "lbc": Words(
-        f"The method is {_CHEATING}, {_COMPARES}",
-        f"The picture is scaled, and waypoints become controls, within the graph. Its memory (`{STATE_IN}`, "
+        f"The method is {_CHEATING}. {_COMPARES}",
+        f"The graph scales the picture and turns waypoints into controls. The agent's memory (`{STATE_IN}`, "
         f"`{STATE_OUT}`) is two numbers: the mean errors of its steering and of its speed.",
         "samples",
         "convolutions in 8 bits, the rest as 16-bit floating point",
         _BY_EXAMPLE,
     ),
     "lbc-privileged": Words(
-        f"The teacher of `lbc` in {_CHEATING}. It sees the truth, so it drives in the privileged track. Carton et al. "
-        "have no figure of it. Trained anew on this benchmark's simulation.",
-        f"The view from above is drawn, and waypoints become controls, within the graph. Its memory (`{STATE_IN}`, "
+        f"It is the teacher of `lbc` in {_CHEATING}. It sees the truth, so it drives in the privileged track. "
+        f"Carton et al. have no figure of it. {_ANEW}",
+        f"The graph draws the view from above and turns waypoints into controls. The agent's memory (`{STATE_IN}`, "
         f"`{STATE_OUT}`) is two numbers: the mean errors of its steering and of its speed.",
         "samples",
         "convolutions in 8 bits, the rest as 16-bit floating point",
         _BY_EXAMPLE,
     ),
     "marln": Words(
-        f"The method is {_AFFORDANCES}, {_COMPARES}",
-        f"Pictures are scaled within the graph. Its memory (`{STATE_IN}`, `{STATE_OUT}`) is the pictures of the three "
-        "decisions before.",
+        f"The method is {_AFFORDANCES}. {_COMPARES}",
+        f"The graph scales the pictures. The agent's memory (`{STATE_IN}`, `{STATE_OUT}`) holds the pictures of the "
+        "three decisions before.",
     ),
 }
 
