@@ -173,6 +173,7 @@ def test_a_run_at_the_command_line(url, tmp_path):
         assert hashlib.sha256(kept).hexdigest() == told[episode.id].trajectory_sha256
 
 
+@pytest.mark.soak  # CI has the same in one process, below
 def test_a_run_whose_file_cannot_be_written_is_not_lost(url, tmp_path):
     written = tmp_path / "run.json"
     written.write_text("another run's")
@@ -307,6 +308,7 @@ def closed(tmp_path_factory):
         yield service.url
 
 
+@pytest.mark.soak  # tests/client and tests/service register by it in CI
 def test_a_run_with_an_owners_token_registers_the_owners_agent(closed):
     arguments = (LEAVES, "--suite", SUITE, "--url", closed, "--name", "ours")
     refused = run(*arguments)
@@ -380,6 +382,7 @@ def test_a_run_that_the_operator_ends_cannot_be_resumed(url, path, says):
     assert says.format(evaluation) in done.stderr.rstrip().splitlines()[-1]
 
 
+@pytest.mark.soak  # CI interrupts runs on a shared service, below and above
 def test_an_interrupted_run_on_its_own_service_goes_on(tmp_path, home):
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell would ignore Ctrl-C
     environment = {**os.environ, "NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", ""), "WRONGTURN_SIMULATORS": "1"}

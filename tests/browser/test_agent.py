@@ -6,7 +6,7 @@ from filled_site import SUITE, Site
 from visiting import Accessible, Visit
 
 
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("dark", [pytest.param(False, marks=pytest.mark.soak), True])
 def test_an_agent_is_shown_with_its_table_maps_and_trials(visit: Visit, site: Site, accessible: Accessible, dark: bool):
     page = visit(f"/agents/{site.agents['obeys-blindly']}", dark=dark)
     assert page.inner_text("h1") == "obeys-blindly"

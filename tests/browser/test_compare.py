@@ -7,7 +7,7 @@ from visiting import Accessible, Visit
 PATH = f"/leaderboards/{SUITE}/compare"
 
 
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("dark", [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_two_agents_stand_beside_each_other(visit: Visit, accessible: Accessible, dark: bool):
     page = visit(f"{PATH}?a=obeys-blindly&b=careful", dark=dark)
     assert page.inner_text("h1") == "obeys-blindly and careful"

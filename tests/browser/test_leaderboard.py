@@ -163,7 +163,7 @@ def test_an_empty_board_says_what_to_do(visit: Visit):
     assert "82" in page.locator("tbody.paper").inner_text()
 
 
-@pytest.mark.parametrize(("width", "dark"), [(400, False), (1000, True)])
+@pytest.mark.parametrize(("width", "dark"), [(400, False), pytest.param(1000, True, marks=pytest.mark.soak)])
 def test_the_pages_are_accessible_and_do_not_scroll_sideways(
     visit: Visit, accessible: Accessible, width: int, dark: bool
 ):

@@ -16,7 +16,7 @@ def opened(page: Page, call: str) -> Page:
     return page
 
 
-@pytest.mark.parametrize(("width", "dark"), [(400, True), (1600, False)])
+@pytest.mark.parametrize(("width", "dark"), [(400, True), pytest.param(1600, False, marks=pytest.mark.soak)])
 def test_every_call_is_there_and_readable(visit: Visit, accessible: Accessible, site: Site, width: int, dark: bool):
     page = visit("/docs", width=width, dark=dark)
     calls = {

@@ -24,7 +24,7 @@ def test_suites_that_take_nothing_are_refused_with_the_remedy(visit: Visit):
     assert "nothing@1" in visit("/submit?suite=nothing@1", status=404).inner_text("main")
 
 
-@pytest.mark.parametrize(("width", "dark"), [(400, True), (1000, False)])
+@pytest.mark.parametrize(("width", "dark"), [(400, True), pytest.param(1000, False, marks=pytest.mark.soak)])
 def test_the_page_is_accessible(visit: Visit, accessible: Accessible, width: int, dark: bool):
     page = visit("/submit", width=width, dark=dark)
     assert page.evaluate("document.documentElement.scrollWidth") <= width

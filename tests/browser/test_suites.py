@@ -49,7 +49,7 @@ def test_an_unknown_suite_is_a_page_that_says_so(visit: Visit):
     assert "nothing@9" in visit("/suites/nothing@9", status=404).inner_text("main")
 
 
-@pytest.mark.parametrize(("width", "dark"), [(400, False), (1000, True)])
+@pytest.mark.parametrize(("width", "dark"), [(400, False), pytest.param(1000, True, marks=pytest.mark.soak)])
 def test_the_pages_are_accessible(visit: Visit, accessible: Accessible, width: int, dark: bool):
     for path in ("/suites", "/suites/wrong-command@2"):
         page = visit(path, width=width, dark=dark)

@@ -58,7 +58,7 @@ def test_an_unknown_town_is_a_page_that_says_so(visit: Visit, accessible: Access
     accessible(page)
 
 
-@pytest.mark.parametrize(("width", "dark"), [(400, True), (1000, False)])
+@pytest.mark.parametrize(("width", "dark"), [(400, True), pytest.param(1000, False, marks=pytest.mark.soak)])
 def test_the_pages_are_accessible(visit: Visit, accessible: Accessible, width: int, dark: bool):
     for path in ("/towns", "/towns/junctions"):
         page = visit(path, width=width, dark=dark)

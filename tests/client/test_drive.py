@@ -98,7 +98,7 @@ def test_too_many_steps_for_a_message_are_refused_here(client: Client) -> None:
         drive.steps([("ep", 1, GAS)] * 257)
 
 
-@pytest.mark.parametrize("parallel", [1, 3])
+@pytest.mark.parametrize("parallel", [pytest.param(1, marks=pytest.mark.soak), 3])
 def test_an_evaluation_goes_by_the_socket(client: Client, parallel: int) -> None:
     before = _stepped_over_http(client.url)
     told: list[int] = []
@@ -115,6 +115,7 @@ def _stepped_over_http(url: str) -> float:
     return sum(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(wanted))
 
 
+@pytest.mark.soak  # CI compares both ways reply by reply
 def test_both_ways_come_to_the_verdicts_of_the_simulation(client: Client, service: LocalService) -> None:
     with Client(service.url) as anybody:
         token = anybody.register(f"other {np.random.default_rng().integers(2**40)}", Track.SEGMENTATION).token

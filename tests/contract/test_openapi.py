@@ -196,7 +196,7 @@ def real(service: RunningService, agent: Agent, request: pytest.FixtureRequest) 
     }
 
 
-@pytest.mark.parametrize("requests", [8, pytest.param(40, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("requests", [5, pytest.param(40, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("name", sorted(INTERFACE))
 def test_no_request_breaks_the_service(
     service: RunningService,

@@ -62,6 +62,7 @@ def make_env(env_id: str, rank: int, seed: int = 0):
     return _init
 
 
+@pytest.mark.soak  # CI has vectors of one process here and of many in test_gymnasium_vectors.py
 def test_subprocesses() -> None:
     vec_env = SubprocVecEnv([make_env(FLAT, i) for i in range(2)])
     try:

@@ -70,6 +70,7 @@ def test_a_model_that_fails_in_the_middle_is_refused(tmp_path: Path, service: Lo
         assert client.open_episodes(job.evaluation)
 
 
+@pytest.mark.soak  # CI loses sandboxes in tests/sandbox and runners in tests/service
 def test_a_lost_sandbox_costs_no_episode(tmp_path: Path, service: LocalService) -> None:
     model = steady(0.02)
     job = drive_of(tmp_path, model, service)

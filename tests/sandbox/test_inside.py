@@ -47,7 +47,7 @@ def told(request: pytest.FixtureRequest, folder: Path) -> Any:
     mine, theirs = socket.socketpair()
     with mine, theirs:
         line = bwrap.command(["-c", program, json.dumps({**given, "socket": theirs.fileno()})])
-        subprocess.run(line, pass_fds=(theirs.fileno(),), check=True, timeout=60, env={"SECRET": "of the host"})
+        subprocess.run(line, pass_fds=(theirs.fileno(),), check=True, timeout=300, env={"SECRET": "of the host"})
         theirs.close()
         return heard(mine)
 

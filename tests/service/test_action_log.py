@@ -177,8 +177,8 @@ def _check(ended: Ended, track: Track) -> int:
 @pytest.mark.parametrize(
     ("track", "every"),
     [
-        (Track.STATE, 2),
-        (Track.CAMERA, 3),
+        (Track.STATE, 5),
+        (Track.CAMERA, 9),
         pytest.param(Track.STATE, 1, marks=pytest.mark.soak),
         pytest.param(Track.CAMERA, 1, marks=pytest.mark.soak),
     ],

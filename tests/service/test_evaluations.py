@@ -191,6 +191,7 @@ def test_closing_a_finished_evaluation_changes_nothing(finished: dict[str, Any])
     assert expect(agent.http.delete(url), 200) == before
 
 
+@pytest.mark.soak  # starts six simulators; test_leases_and_failures.py has the same without any
 def test_so_many_at_a_time_and_never_a_trial_with_its_twin(agent: Agent) -> None:
     evaluation = agent.evaluate()["id"]
     with ThreadPoolExecutor(8) as threads:

@@ -176,7 +176,7 @@ def _drive_by_client(service: RunningService, agent: Agent, episode: str, refere
 @pytest.mark.parametrize(
     ("number", "times"),
     [
-        (signal.SIGKILL, 2),
+        (signal.SIGKILL, 1),
         (signal.SIGSTOP, 1),
         pytest.param(signal.SIGKILL, 60, marks=pytest.mark.soak),
         pytest.param(signal.SIGSTOP, 20, marks=pytest.mark.soak),

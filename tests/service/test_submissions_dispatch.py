@@ -207,6 +207,7 @@ def test_a_runner_that_gets_no_sandbox_is_not_lost(stage: Stage) -> None:
     assert figure(owner, "wrongturn_runners_lost_total") == 0
 
 
+@pytest.mark.soak  # CI loses runners one by one
 def test_runners_that_are_lost_after_an_episode_do_not_add_up(stage: Stage) -> None:
     service = stage.serve()
     owner = stage.owner(service)
@@ -286,6 +287,7 @@ def test_two_owners_with_ten_each_are_served_in_turns(stage: Stage) -> None:
     assert served == [f"{owner} {number}" for number in range(10) for owner in ("ann", "ben")]
 
 
+@pytest.mark.soak  # tests/service/test_submissions_order.py tells the order in CI
 def test_one_who_comes_late_does_not_wait_for_all_others(stage: Stage) -> None:
     service = stage.serve(submissions=1)
     ann, ben = stage.owner(service), stage.owner(service)
@@ -305,7 +307,10 @@ def test_one_who_comes_late_does_not_wait_for_all_others(stage: Stage) -> None:
         ann.cancel(other)
 
 
-@pytest.mark.parametrize("state", ["queued", pytest.param("checked", marks=pytest.mark.soak), "running"])
+@pytest.mark.parametrize(
+    "state",
+    [pytest.param("queued", marks=pytest.mark.soak), pytest.param("checked", marks=pytest.mark.soak), "running"],
+)
 def test_a_stop_of_the_service_loses_nothing(stage: Stage, state: str) -> None:
     service = stage.serve(submissions=1)
     owner = stage.owner(service)

@@ -41,6 +41,7 @@ def test_as_in_process_and_the_record_alone_gives_the_verdict(agent: Agent) -> N
     assert judge(Trajectory.from_json(record), JudgeGeometry.of(town, trial)) == episode.outcome
 
 
+@pytest.mark.soak  # tests/service/test_recovery.py kills one that is alone
 def test_a_simulator_that_is_killed_among_others(tmp_path: Path) -> None:
     service = RunningService(tmp_path / "wrongturn.db", simulators=1)
     try:

@@ -116,6 +116,7 @@ def _report(**figures: object) -> None:
     sys.stdout.write(json.dumps(figures) + "\n")
 
 
+@pytest.mark.soak  # CI overloads the service by clients that answer
 @pytest.mark.slow
 @pytest.mark.parametrize("size", SIZES)
 def test_connections_whose_clients_are_gone_without_a_word(tmp_path: Path, size: Size) -> None:

@@ -158,7 +158,9 @@ def test_discrete_actions_drive_by_their_table(tmp_path):
         export_sb3(box, tmp_path / "other.onnx", actions=tmp_path / "actions.json")
 
 
-@pytest.mark.parametrize("pictures", [False, True], ids=["numbers", "pictures too"])
+@pytest.mark.parametrize(
+    "pictures", [pytest.param(False, marks=pytest.mark.soak), True], ids=["numbers", "pictures too"]
+)
 def test_normalised_observations(tmp_path, pictures):
     env = DummyVecEnv([lambda: RandomTown(Track.CAMERA)])
     if pictures:
