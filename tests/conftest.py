@@ -1,4 +1,4 @@
-"""What all tests share: the order in which they run, who runs them, and what services and clients need not do."""
+"""What all tests share: their order, who runs them, their examples, and what services and clients need not do."""
 
 import functools
 import gc
@@ -8,6 +8,7 @@ from typing import Any
 
 import httpx._transports.default
 import pytest
+from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadFileScheduling
 
 from wrongturn_sandbox import SandboxUnavailableError, probe
@@ -18,7 +19,13 @@ httpx._transports.default.create_ssl_context = functools.cache(httpx._transports
 # A spare simulator takes a core for two seconds. Tests that are about it ask for one.
 os.environ.setdefault("WRONGTURN_SPARE_SIMULATORS", "0")
 
-TOGETHER = ("tests/browser", "tests/contract", "tests/exploits", "tests/runner")
+# Examples take what time they take on a busy machine, and each run has the same ones.
+settings.register_profile(
+    "same", deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("same")
+
+TOGETHER = ("tests/browser", "tests/contract", "tests/exploits", "tests/idioms", "tests/runner")
 """Folders whose files share a service that takes long to start or to fill: one worker runs all of them."""
 
 

@@ -32,9 +32,6 @@ def live(answers: Answers, tries: int, rules: int) -> int:
         settings=settings(
             max_examples=tries,
             stateful_step_count=rules,
-            deadline=None,
-            derandomize=True,
-            database=None,
             suppress_health_check=list(HealthCheck),
         ),
     )

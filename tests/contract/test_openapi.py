@@ -215,9 +215,6 @@ def test_no_request_breaks_the_service(
 
     @settings(
         max_examples=requests,
-        deadline=None,
-        derandomize=True,
-        database=None,
         suppress_health_check=list(HealthCheck),
     )
     @given(

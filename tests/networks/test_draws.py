@@ -73,7 +73,7 @@ def is_sound(trial: Trial) -> None:
 
 
 @given(secret=secrets)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_draw_keeps_what_it_promises(secret: str) -> None:
     suite, draw = load_suite("wrong-command@2"), paper(secret)
     assert (len(draw.trials), len(draw.twins), len(draw.episodes)) == (60, 60, 120)
@@ -96,7 +96,7 @@ def test_a_draw_keeps_what_it_promises(secret: str) -> None:
 
 
 @given(secret=secrets)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_approaches_come_once_and_routes_as_often_in_each_type_and_fault(secret: str) -> None:
     trials = paper(secret).trials
     for kind, fault in product(PAPER_TYPES, FAULTS):
@@ -106,7 +106,7 @@ def test_approaches_come_once_and_routes_as_often_in_each_type_and_fault(secret:
 
 
 @given(one=secrets, other=secrets)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_two_secrets_give_trials_that_differ_in_every_start(one: str, other: str) -> None:
     if one == other:
         assert paper(one).episodes == paper(other).episodes

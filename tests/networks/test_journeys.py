@@ -6,7 +6,7 @@ from statistics import mean
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from shapely import LineString, Point
 from shapely.ops import substring
@@ -59,7 +59,6 @@ def _turned(line: LineString) -> float:
     return float(np.abs(np.diff(headings)).sum())
 
 
-@settings(deadline=None)  # the first example of a town reads it
 @given(TOWNS, TASKS, SEEDS)
 def test_a_journey_can_be_driven(name: str, task: Task, seed: int) -> None:
     town = load_town(name)
@@ -85,7 +84,6 @@ def test_a_journey_can_be_driven(name: str, task: Task, seed: int) -> None:
     assert Trial.model_validate_json(trial.model_dump_json()) == trial
 
 
-@settings(deadline=None)
 @given(TOWNS, SEEDS)
 def test_straight_is_straight(name: str, seed: int) -> None:
     commands, pieces = _driven(load_town(name), draw_journey(load_town(name), Task.STRAIGHT, seed))
@@ -94,7 +92,6 @@ def test_straight_is_straight(name: str, seed: int) -> None:
     assert LineString([pieces[0].coords[0], pieces[-1].coords[-1]]).length > 0.97 * sum(p.length for p in pieces)
 
 
-@settings(deadline=None)
 @given(TOWNS, SEEDS)
 def test_one_turn_is_one(name: str, seed: int) -> None:
     commands, pieces = _driven(load_town(name), draw_journey(load_town(name), Task.ONE_TURN, seed))

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from shapely import LineString, Polygon, affinity, box
 
@@ -36,7 +36,6 @@ def _body(town: Town, trial: Trial) -> Polygon:
     return affinity.translate(body, here.x - left * math.sin(heading), here.y + left * math.cos(heading))
 
 
-@settings(deadline=None)  # the first example of a town reads it
 @given(st.sampled_from(ARMS), SEEDS)
 def test_a_start_lies_in_its_lane(arm: tuple[str, str], seed: int) -> None:
     town = load_town(arm[0])
@@ -72,7 +71,6 @@ def test_every_approach_of_the_shipped_towns_can_be_started_on(name: str, approa
     draw_trial(load_town(name), approach, FaultKind.OMISSION, 1)
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_the_start_is_the_seeds_alone(seed: int) -> None:
     town = load_town("Town01")

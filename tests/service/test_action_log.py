@@ -30,7 +30,7 @@ float32 = st.floats(0, 1, width=32)
 steps = st.tuples(st.tuples(float32, float32, float32), st.floats(allow_nan=False), float32, float32)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True, database=None)
+@settings(max_examples=60)
 @given(loans=st.lists(st.lists(steps, max_size=5), min_size=1, max_size=4), first=st.integers(0, 6))
 def test_what_is_added_is_read(loans: list[list[tuple[Any, float, float, float]]], first: int) -> None:
     memory = mmap.mmap(-1, action_log.SIZE)

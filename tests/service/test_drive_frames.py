@@ -65,9 +65,6 @@ def streams(draw: st.DrawFn) -> tuple[list[bytes], int]:
 
 @settings(
     max_examples=60,
-    deadline=None,
-    derandomize=True,
-    database=None,
     suppress_health_check=list(HealthCheck),
 )
 @given(stream=streams())

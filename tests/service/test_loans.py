@@ -234,7 +234,7 @@ def test_in_the_middle_of_a_loan(story: Story, first: int) -> None:
     story.go_on()
 
 
-@settings(max_examples=10, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=10, suppress_health_check=list(HealthCheck))
 @given(plan=st.lists(st.tuples(st.integers(0, 6), st.sampled_from(CASES)), min_size=3, max_size=6))
 def test_any_of_it_in_any_order(
     agent: Agent, drive: LentSocket, reference: Payloads, plan: list[tuple[int, Case]]

@@ -144,7 +144,7 @@ def cut(body: bytes, at: Iterable[int]) -> list[bytes]:
 places = st.lists(st.integers(0, 100_000), max_size=40)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(value=pieces_of_a_model, at=places)
 def test_the_model_is_what_was_sent_however_it_is_cut(value: bytes, at: list[int]) -> None:
     body = model(value)
@@ -155,7 +155,7 @@ def test_the_model_is_what_was_sent_however_it_is_cut(value: bytes, at: list[int
     assert read(bytes([byte]) for byte in body) == whole
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(rest=pieces_of_a_body, at=places, good=st.booleans())
 def test_any_body_has_one_result_however_it_is_cut(rest: bytes, at: list[int], good: bool) -> None:
     body = (part("suite", b"s") if good else b"--a-boundary\r\n") + rest

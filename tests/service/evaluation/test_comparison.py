@@ -66,7 +66,7 @@ def test_the_sentence_says_what_else_matters() -> None:
 
 
 @given(st.sets(st.integers(0, 59)), st.sets(st.integers(0, 59)))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_a_and_b_may_change_places(mine, theirs) -> None:
     there, back = (compare(*pair) for pair in _both_ways(side("a", "x", mine), side("b", "y", theirs)))
     assert there.p == pytest.approx(back.p)

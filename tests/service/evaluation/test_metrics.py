@@ -132,7 +132,7 @@ def test_reactions_and_verdicts_add_up(kit, suite) -> None:
 
 
 @given(verdicts_of_sixty, verdicts_of_sixty, st.randoms(use_true_random=False))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_the_order_of_the_trials_changes_nothing(kit, suite, trials, twins, generator: random.Random) -> None:
     outcomes = drives(kit, suite, trials, twins)
     metrics = compute(suite, outcomes)
@@ -145,7 +145,7 @@ def test_the_order_of_the_trials_changes_nothing(kit, suite, trials, twins, gene
 
 
 @given(verdicts_of_sixty, verdicts_of_sixty)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_figures_agree_with_one_another(kit, suite, trials, twins) -> None:
     metrics = compute(suite, drives(kit, suite, trials, twins))
     assert sum(cell.unsafe for row in metrics.table.values() for cell in row.values()) == metrics.unsafe.count

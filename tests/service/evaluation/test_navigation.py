@@ -154,7 +154,7 @@ VERDICTS = st.sampled_from([Verdict.ARRIVED, Verdict.TIMEOUT, Verdict.COLLISION]
 
 
 @given(st.lists(st.tuples(VERDICTS, st.floats(0, 2000), st.integers(0, 3)), min_size=80, max_size=80), st.randoms())
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_figures_agree_in_any_order(kit, suite, ends, generator: random.Random) -> None:
     outcomes = drives(
         kit,

@@ -85,13 +85,13 @@ of_ten = st.tuples(st.integers(0, 10), st.just(10), st.integers(0, 10), st.just(
 
 
 @given(st.lists(small, min_size=1, max_size=3))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_the_exact_test_is_what_permutations_give(strata: list[tuple[int, int, int, int]]) -> None:
     assert stratified_exact(strata) == pytest.approx(by_permutation(strata))
 
 
 @given(counts, counts)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_one_stratum_is_fishers_exact_test(a: tuple[int, int], b: tuple[int, int]) -> None:
     from scipy.stats import fisher_exact
 
@@ -100,7 +100,7 @@ def test_one_stratum_is_fishers_exact_test(a: tuple[int, int], b: tuple[int, int
 
 
 @given(st.lists(of_ten, min_size=6, max_size=6))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_the_exact_test_is_symmetric(strata: list[tuple[int, int, int, int]]) -> None:
     p = stratified_exact(strata)
     assert 0 < p <= 1
@@ -127,7 +127,7 @@ def test_the_exact_test_refuses_what_is_no_count() -> None:
 
 
 @given(clusters)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_bootstrap_holds_the_mean_and_repeats_itself(groups: dict[tuple[str, str], list[int]]) -> None:
     values = [value for group in groups.values() for value in group]
     low, high = cluster_bootstrap(groups)
@@ -137,7 +137,7 @@ def test_bootstrap_holds_the_mean_and_repeats_itself(groups: dict[tuple[str, str
 
 
 @given(clusters, st.sampled_from((-1, 0, 1)))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_bootstrap_of_equal_trials_is_their_value(groups: dict[tuple[str, str], list[int]], value: int) -> None:
     assert cluster_bootstrap({name: [value] * len(group) for name, group in groups.items()}) == (value, value)
 

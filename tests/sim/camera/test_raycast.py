@@ -32,7 +32,7 @@ def ground_points(camera, x, y, yaw, away=60.0):
     return v, u, eye_x + t * (on * cos - aside * sin), eye_y + t * (on * sin + aside * cos)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     pick=st.integers(0, 6),
     distance=st.floats(-5, 40),

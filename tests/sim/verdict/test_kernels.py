@@ -28,7 +28,7 @@ def _interpreted() -> SimpleNamespace:
 
 
 PLAIN = _interpreted()
-QUICK = settings(max_examples=150, deadline=None, derandomize=True)
+QUICK = settings(max_examples=150)
 coordinate = st.floats(-30, 30, allow_nan=False)
 angle = st.floats(-math.pi, math.pi)
 side = st.floats(0.1, 12.0)
@@ -111,7 +111,7 @@ INTS = [geometry.packed.ints.tolist() for geometry in (CROSS, SOLID)]
 
 
 @given(x=st.floats(-90, 90), y=st.floats(-90, 90))
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 def test_the_grid_tells_road_area_and_lane_as_shapely_does(x: float, y: float) -> None:
     point, packed = Point(x, y), CROSS.packed
     areas = [CROSS.area, *CROSS.other_areas]
@@ -134,7 +134,7 @@ def test_the_grid_tells_road_area_and_lane_as_shapely_does(x: float, y: float) -
     users=st.lists(st.tuples(coordinate, coordinate, angle, side, side, st.floats(0, 20)), max_size=3),
     solid=st.booleans(),
 )
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 def test_compiled_and_interpreted_looks_are_the_same_bit_for_bit(
     x: float, y: float, yaw: float, v: float, entered: bool, users: list, solid: bool
 ) -> None:
@@ -151,7 +151,7 @@ def test_compiled_and_interpreted_looks_are_the_same_bit_for_bit(
 
 
 @given(x=st.floats(-40, 40), y=st.floats(-40, 40), yaw=angle, v=st.floats(0, 22))
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 def test_no_box_on_the_way_is_missed(x: float, y: float, yaw: float, v: float) -> None:
     packed, numbers = SOLID.packed, Judge(SOLID, trial(JunctionType.LEFT_RIGHT))._numbers
     c, s = math.cos(yaw), math.sin(yaw)

@@ -42,7 +42,7 @@ kinds = st.sampled_from(JunctionType)
 directions = st.sampled_from(DIRECTIONS)
 commands = st.sampled_from([*DIRECTIONS, FOLLOW, Command.VOID])
 faults = st.sampled_from([FaultKind.NONE, FaultKind.INFEASIBLE, FaultKind.OMISSION])
-SOME = settings(max_examples=60, deadline=None, derandomize=True)
+SOME = settings(max_examples=60)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -245,7 +245,7 @@ def test_a_pause_before_the_junction_is_judged_by_what_follows(
     which=st.integers(0, 5),
     longer=st.integers(1, 100).map(lambda n: n / 20),
 )
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 def test_standing_longer_in_the_junction_is_never_better(
     one: Drive, kind: JunctionType, entered: float, stands: list[float], which: int, longer: float
 ) -> None:
@@ -370,7 +370,7 @@ MOVED = [
 
 
 @given(one=drives, kind=kinds, route=st.data())
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=80)
 def test_half_the_time_step_keeps_a_verdict_that_is_a_sample_off_any_threshold(
     one: Drive, kind: JunctionType, route: st.DataObject
 ) -> None:
