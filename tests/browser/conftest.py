@@ -7,14 +7,16 @@ from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, Request, sync_playwright
+from playwright.sync_api import Browser, Page, Request, expect, sync_playwright
 
 # The helpers of the service's tests are imported by their plain names.
 sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
 sys.path.insert(0, str(Path(__file__).parent))
 
 from filled_site import Site, filled_site
-from visiting import CHROMIUM, OPTIONS, Accessible, Visit
+from visiting import CHROMIUM, OPTIONS, PATIENCE_MS, Accessible, Visit
+
+expect.set_options(timeout=PATIENCE_MS)
 
 _EXPECTED = "Failed to load resource: the server responded with a status of "
 """Chromium logs it for a page that is an error page, and for a call that is refused."""
@@ -36,7 +38,7 @@ def chromium() -> Iterator[Browser]:
     if not CHROMIUM.exists():
         pytest.skip(f"there is no {CHROMIUM}; apt-get install chromium")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(OPTIONS))
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(OPTIONS), timeout=PATIENCE_MS)
         yield browser
         browser.close()
 
@@ -66,6 +68,7 @@ def visit(chromium: Browser, site: Site) -> Iterator[Visit]:
             java_script_enabled=javascript,
             reduced_motion="reduce",
         )
+        context.set_default_timeout(PATIENCE_MS)
         contexts.append(context)
         page = context.new_page()
         page.on("console", lambda said: _note(wrong, refusals or status != 200, said.type, said.text))

@@ -7,6 +7,7 @@ from all_pages import unsafe_episode
 from filled_site import Site
 from nginx_program import free_port, nginx
 from playwright.sync_api import Browser, Page
+from visiting import PATIENCE_MS
 
 CONFIGURATION = """
 server {{
@@ -33,6 +34,7 @@ def below(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]
 def page(chromium: Browser, below: str) -> Iterator[Page]:
     """A page all of whose requests go below the path, and are answered."""
     context = chromium.new_context()
+    context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
     wrong: list[str] = []
     page.on("response", lambda reply: wrong.append(f"{reply.status} {reply.url}") if reply.status >= 400 else None)

@@ -14,5 +14,7 @@ OPTIONS: Final = (
     "--no-first-run",
     "--disable-background-networking",
 )
+PATIENCE_MS: Final = 120_000
+"""For what a page does, however busy the machine is."""
 Visit = Callable[..., Page]
 Accessible = Callable[[Page], None]

@@ -20,6 +20,15 @@ class HeldPool(FakePool):
         super().__init__()
         self.go_on = asyncio.Event()
         self.go_on.set()
+        self._waits = asyncio.Event()
+
+    async def hold(self, call: Any) -> asyncio.Task[Any]:
+        """Make a call whose simulator does not answer, and return once it waits for it."""
+        self.go_on.clear()
+        self._waits.clear()
+        task = asyncio.create_task(call)
+        await self._waits.wait()
+        return task
 
     async def acquire(self, town: str, agent: str) -> Simulator:
         simulator: Any = await super().acquire(town, agent)
@@ -29,6 +38,7 @@ class HeldPool(FakePool):
 
     def _held(self, call: Any) -> Any:
         async def held(*arguments: Any) -> Any:
+            self._waits.set()
             await self.go_on.wait()
             return await call(*arguments)
 
@@ -36,6 +46,7 @@ class HeldPool(FakePool):
 
 
 async def under_way(call: Any) -> asyncio.Task[Any]:
+    """Begin a call that cannot be answered yet."""
     task = asyncio.create_task(call)
     await asyncio.sleep(0.2)
     assert not task.done()
@@ -48,8 +59,7 @@ def test_a_reset_that_is_under_way_is_among_the_open_ones(tmp_path: Path) -> Non
         async with application(tmp_path, pool) as http:
             evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             path = f"/v1/evaluations/{evaluation}/episodes"
-            pool.go_on.clear()
-            reset = await under_way(http.post(path))
+            reset = await pool.hold(http.post(path))
             back = await under_way(http.get(f"{path}?state=open"))
             pool.go_on.set()
             (found,) = expect(await back, 200)["episodes"]
@@ -66,8 +76,7 @@ def test_a_reset_that_takes_too_long_is_asked_for_again(tmp_path: Path, monkeypa
         async with application(tmp_path, pool) as http:
             evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             path = f"/v1/evaluations/{evaluation}/episodes"
-            pool.go_on.clear()
-            reset = await under_way(http.post(path))
+            reset = await pool.hold(http.post(path))
             response = await http.get(f"{path}?state=open")
             problem(response, 503, "simulators-busy")
             assert response.headers["Retry-After"] == "1"
@@ -85,8 +94,7 @@ def test_a_step_that_is_under_way_is_the_last_reply(tmp_path: Path) -> None:
         async with application(tmp_path, pool) as http:
             evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
-            pool.go_on.clear()
-            stepping = await under_way(step(http, episode, 1))
+            stepping = await pool.hold(step(http, episode, 1))
             back = await under_way(http.get(f"/v1/episodes/{episode}"))
             pool.go_on.set()
             assert expect(await back, 200)["last_reply"] == expect(await stepping, 200)
