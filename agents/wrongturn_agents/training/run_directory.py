@@ -4,11 +4,11 @@ import fcntl
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 
@@ -21,6 +21,7 @@ CONFIG = "config.json"
 STATE = "state.pt"
 _WEIGHTS = ("best.pt", "last.pt")
 ENCODER = "encoder.pt"
+T = TypeVar("T")
 
 
 class OtherRunError(TrainingError):
@@ -71,32 +72,51 @@ class Begun:
             OtherRunError: the run is of an algorithm that has no such configuration.
             TrainingError: the folder holds no run, or the file is damaged.
         """
-        path = folder / CONFIG
-        if not path.is_file():
-            raise TrainingError(f"directory {folder}: holds no run to resume; name the directory of one")
-        try:
-            content: Any = json.loads(path.read_text("utf-8"))
-            if isinstance(content["algorithm"], str) and content["algorithm"] not in ALGORITHMS:
-                raise OtherRunError(folder, content["algorithm"])
-            begun = cls(
+        return read_config(
+            folder,
+            ALGORITHMS,
+            lambda content: cls(
                 config_of(content["algorithm"], content["config"]),
                 content["seed"],
                 content["steps"],
                 content["minutes"],
-            )
-            right = isinstance(begun.seed, int) and all(
-                value is None or (isinstance(value, int | float) and value > 0)
-                for value in (begun.steps, begun.minutes)
-            )
-        except OtherRunError:
-            raise
-        except TrainingError as error:
-            raise TrainingError(f"directory {folder}: {CONFIG}: {error}") from error
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
-            right = False
-        if not right:
-            raise TrainingError(f"directory {folder}: its {CONFIG} is damaged; put it back, or train in another")
-        return begun
+            ),
+        )
+
+
+def read_config(folder: Path, algorithms: Collection[str], build: Callable[[dict[str, Any]], T]) -> T:
+    """Read the ``config.json`` of a run, and return what is built of it.
+
+    Args:
+        folder: the run's directory.
+        algorithms: the algorithms whose runs are read.
+        build: makes the result of the file's content.
+
+    Raises:
+        OtherRunError: the run is of another algorithm.
+        TrainingError: the folder holds no run, or the file is damaged.
+    """
+    path = folder / CONFIG
+    if not path.is_file():
+        raise TrainingError(f"directory {folder}: holds no run to resume; name the directory of one")
+    try:
+        content: Any = json.loads(path.read_text("utf-8"))
+        if isinstance(content["algorithm"], str) and content["algorithm"] not in algorithms:
+            raise OtherRunError(folder, content["algorithm"])
+        built = build(content)
+        right = isinstance(content["seed"], int) and all(
+            value is None or (isinstance(value, int | float) and value > 0)
+            for value in (content["steps"], content["minutes"])
+        )
+    except OtherRunError:
+        raise
+    except TrainingError as error:
+        raise TrainingError(f"directory {folder}: {CONFIG}: {error}") from error
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        right = False
+    if not right:
+        raise TrainingError(f"directory {folder}: its {CONFIG} is damaged; put it back, or train in another")
+    return built
 
 
 @contextmanager

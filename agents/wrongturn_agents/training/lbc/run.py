@@ -26,7 +26,7 @@ from wrongturn_agents.training.lbc.privileged import learn_privileged
 from wrongturn_agents.training.lbc.rows import COLUMNS, shares
 from wrongturn_agents.training.lbc.sensorimotor import Teacher, learn_sensorimotor, round_of
 from wrongturn_agents.training.progress_file import ProgressFile
-from wrongturn_agents.training.run_directory import CONFIG, STATE, OtherRunError, check_resumed, held, read_state
+from wrongturn_agents.training.run_directory import CONFIG, STATE, check_resumed, held, read_config, read_state
 from wrongturn_protocol import Track
 
 _ROWS: Final = 100
@@ -75,20 +75,17 @@ class Run:
             OtherRunError: the run is of another algorithm.
             TrainingError: the folder holds no run, or the file is damaged.
         """
-        try:
-            content = json.loads((folder / CONFIG).read_text("utf-8"))
-            if content["algorithm"] != ALGORITHM:
-                raise OtherRunError(folder, content["algorithm"])
-            config = LBCConfig.of(content["config"])
-            return cls(config, content["seed"], content["steps"], content["minutes"], content.get("teacher"))
-        except FileNotFoundError as error:
-            raise TrainingError(f"directory {folder}: holds no run to resume; name the directory of one") from error
-        except OtherRunError:
-            raise
-        except TrainingError as error:
-            raise TrainingError(f"directory {folder}: {CONFIG}: {error}") from error
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise TrainingError(f"directory {folder}: its {CONFIG} is damaged; train in another") from error
+        return read_config(
+            folder,
+            {ALGORITHM},
+            lambda content: cls(
+                LBCConfig.of(content["config"]),
+                content["seed"],
+                content["steps"],
+                content["minutes"],
+                content.get("teacher"),
+            ),
+        )
 
 
 def train(
