@@ -39,7 +39,7 @@ def run(
         str | None,
         typer.Option(
             envvar="WRONGTURN_URL",
-            help="Service to use; by default one is started for this run, and its database is thrown away. "
+            help="Service to use; by default one is started for this run, and its database is deleted. "
             "Example: --url http://127.0.0.1:8000",
         ),
     ] = None,
@@ -52,8 +52,9 @@ def run(
         typer.Option(
             "--json",
             metavar="[FILE]",
-            help="Print only JSON, or also write it into FILE: each trial's outcome and trajectory; in practice, each "
-            "trial's verdict. A FILE that ends in .gz is compressed. Example: --json run.json.gz",
+            help="Print only JSON; with FILE, print as usual and write the JSON there. It has each trial's outcome and "
+            "trajectory; in practice, each trial's verdict. A FILE that ends in .gz is compressed. "
+            "Example: --json run.json.gz",
         ),
     ] = None,
     practice: Annotated[
@@ -99,7 +100,8 @@ def run(
 
     WRONGTURN_TOKEN: the token of your agent, if you have registered it already.
 
-    WRONGTURN_OWNER_TOKEN: the token of the owner whose agent it becomes. Example: export WRONGTURN_OWNER_TOKEN=wt_…
+    WRONGTURN_OWNER_TOKEN: the token of the owner to whom the new agent will belong.
+    Example: export WRONGTURN_OWNER_TOKEN=wt_…
 
     WRONGTURN_OPERATOR_TOKEN: the operator's token. With it, baselines are registered as baselines.
 

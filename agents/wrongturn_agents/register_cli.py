@@ -29,7 +29,7 @@ def register(
         typer.Option(envvar="WRONGTURN_URL", help="Service to register at. Example: --url http://127.0.0.1:8000"),
     ] = settings.DEFAULT_URL,
     renew: Annotated[
-        bool, typer.Option("--renew", help="Make a new token where there is one already. The old one ends.")
+        bool, typer.Option("--renew", help="Make a new token for an agent that has one already. The old token ends.")
     ] = False,
 ) -> None:
     """Register shipped agents with the operator's token, and write each one's own token into a file.

@@ -40,7 +40,7 @@ _Url = Annotated[
         "--url", envvar="WRONGTURN_URL", metavar="URL", help="URL of the service. Example: --url http://127.0.0.1:8000"
     ),
 ]
-_Limit = Annotated[int, typer.Option(min=1, help="Most lines. Example: --limit 1000")]
+_Limit = Annotated[int, typer.Option(min=1, help="How many lines to show at most. Example: --limit 1000")]
 _Target = Annotated[str, typer.Argument(metavar="TARGET", help=_TARGET)]
 _Targets = Annotated[list[str], typer.Argument(metavar="TARGET...", help=_TARGET)]
 _Reason = Annotated[str | None, typer.Option(help="Why, for the audit log. Example: --reason 'asked by mail'")]
@@ -60,7 +60,7 @@ _Hidden = Annotated[bool | None, typer.Option("--hidden/--shown", help="Only hid
 def owners(
     name: _Name = None, hidden: _Hidden = None, limit: _Limit = 100, url: _Url = None, json_to: JsonTo = None
 ) -> None:
-    """List owners, newest first, with how to reach them.
+    """List owners, newest first, with their contact.
 
     Example: wrongturn admin owners --name lab
     """
@@ -127,7 +127,7 @@ def submissions(
 
 @admin.command()
 def show(target: _Target, url: _Url = None, json_to: JsonTo = None) -> None:
-    """Show one of them, and what a deletion would delete with it.
+    """Show one owner, agent, evaluation or submission, and what a deletion would delete with it.
 
     Example: wrongturn admin show agent:test-7
     """
@@ -193,7 +193,7 @@ def delete(
     url: _Url = None,
     json_to: JsonTo = None,
 ) -> None:
-    """Delete one of them for good, with all that hangs on it. It says what that is, and asks.
+    """Delete one owner, agent, evaluation or submission for good, with all that belongs to it. Asks first.
 
     Example: wrongturn admin delete agent:test-7 --dry-run
 
@@ -237,7 +237,7 @@ def usage(
 ) -> None:
     """Show which owners have stored the most, as their quotas count it.
 
-    An evaluation that still runs counts at all that it can come to.
+    A running evaluation counts with the most bytes that it can need.
 
     Example: wrongturn admin usage --limit 50
     """

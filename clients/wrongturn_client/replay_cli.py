@@ -37,12 +37,13 @@ def replay(
         str | None,
         typer.Option(
             metavar="ID",
-            help="Episode of the file of 'run --json', by its id or its trial's. "
+            help="Which episode of a file of 'run --json': its id, or its trial's id. "
             "Example: --episode Town01.J3-S.infeasible.s17",
         ),
     ] = None,
     size: Annotated[
-        int | None, typer.Option(help="Side of the view from above, pixels: 160 to 2160. Example: --size 360")
+        int | None,
+        typer.Option(help="Width and height of the view from above, 160 to 2160. Example: --size 360"),
     ] = None,
     url: Annotated[
         str | None,

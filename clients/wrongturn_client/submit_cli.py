@@ -58,7 +58,7 @@ def submit(
 
     The exit status is 0 if the submission finished, and 1 if it failed or was cancelled.
 
-    WRONGTURN_OWNER_TOKEN: the token of the owner whose agent it becomes.
+    WRONGTURN_OWNER_TOKEN: the token of the owner to whom the new agent will belong.
 
     WRONGTURN_HOME: the folder of owners.json, which keeps the token if this command registers you as an owner.
 

@@ -31,7 +31,9 @@ def openenv(
     suite: Annotated[
         str | None, typer.Option(help="Suite to draw trials from instead. Example: --suite smoke@2")
     ] = None,
-    sessions: Annotated[int, typer.Option(min=1, max=1000, help="Most clients at a time. Example: --sessions 8")] = 64,
+    sessions: Annotated[
+        int, typer.Option(min=1, max=1000, help="Clients at a time, at most. Example: --sessions 8")
+    ] = 64,
 ) -> None:
     """Let OpenEnv's clients practise on a service, until SIGTERM or Ctrl-C.
 

@@ -22,7 +22,8 @@ JsonTo = Annotated[
     typer.Option(
         "--json",
         metavar="[FILE]",
-        help="Print only JSON, or also write it into FILE (.json, .json.gz). Example: --json found.json",
+        help="Print only JSON; with FILE (.json, .json.gz), print as usual and write the JSON there. "
+        "Example: --json found.json",
     ),
 ]
 _OPTION: Final = "--json"

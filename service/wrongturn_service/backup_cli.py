@@ -64,7 +64,7 @@ def restore(
         typer.Argument(help="A file that 'wrongturn backup' wrote; - reads it from stdin. Example: wrongturn.backup"),
     ],
     database: Url = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask. Everything in the database now is lost.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask. What is in the database now is lost.")] = False,
 ) -> None:
     """Replace the database by a backup. Stop the service first.
 

@@ -30,10 +30,13 @@ def train(
     ] = None,
     steps: Annotated[
         int | None,
-        typer.Option(min=1, help="Environment steps; samples of lbc, pictures of doubting. Example: --steps 2000000"),
+        typer.Option(
+            min=1,
+            help="Length in environment steps; for lbc samples, for doubting pictures. Example: --steps 2000000",
+        ),
     ] = None,
     minutes: Annotated[
-        float | None, typer.Option(help="Wall clock for everything, in minutes. Example: --minutes 60")
+        float | None, typer.Option(help="Time for the whole run, in minutes of the wall clock. Example: --minutes 60")
     ] = None,
     device: _Device = "auto",
     directory: Annotated[

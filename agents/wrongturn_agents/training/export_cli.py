@@ -127,8 +127,8 @@ def export_sb3(
     actions: Annotated[
         Path | None,
         typer.Option(
-            help="For discrete actions: JSON list with a list for each, of steer and accelerate, or of steer, throttle "
-            "and brake. Example: --actions actions.json",
+            help="For discrete actions: a JSON file with a list for each action, of steer and accelerate, or of steer, "
+            "throttle and brake. Example: --actions actions.json",
             show_default=False,
         ),
     ] = None,
@@ -142,8 +142,8 @@ def export_sb3(
 ) -> None:
     """Export a policy of Stable-Baselines3: PPO, A2C, SAC, TD3, DDPG or DQN on an environment of Wrongturn.
 
-    Loading FILE.zip runs code that it names: export only files that you trust. Start in the folder of your own features
-    extractor, so that it can be imported.
+    Loading FILE.zip runs code that it names: export only files that you trust. If you have a features extractor of your
+    own, start the command in its folder, so that Python can import it.
 
     Example: wrongturn export sb3 agent.zip --out agent.onnx
     """
