@@ -90,6 +90,7 @@ def test_stored_evaluations_are_of_the_files_that_are_shipped(stored: Evaluation
     )
 
 
+@pytest.mark.soak  # runs go on in CI in test_worker.py and test_practice_run.py
 @pytest.mark.slow
 def test_an_evaluation_goes_on_where_it_stopped_and_is_not_driven_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

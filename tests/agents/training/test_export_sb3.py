@@ -238,7 +238,8 @@ def test_an_observation_that_is_no_dict(tmp_path):
         export_sb3(file, tmp_path / "agent.onnx")
 
 
-@pytest.mark.parametrize("normalised", [pytest.param(False, marks=pytest.mark.soak), True])
+@pytest.mark.soak  # CI normalises pictures beside numbers, below
+@pytest.mark.parametrize("normalised", [False, True])
 def test_a_policy_on_the_picture_alone(tmp_path, normalised):
     picture = observation_space(Track.CAMERA)["rgb"]
     env = DummyVecEnv([lambda: RandomTown(seen=picture)])
