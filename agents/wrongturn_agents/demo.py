@@ -123,7 +123,7 @@ def _checked(agents: str, suite: str) -> tuple[list[str], str]:
     if not names:
         raise DemoUsageError(f"--agents: names no agent; known are {', '.join(AGENTS)}")
     if len(set(names)) < len(names):
-        raise DemoUsageError(f"--agents: {agents} names one twice; name each once")
+        raise DemoUsageError(f"--agents: {agents} names an agent twice; name each once")
     for name in names:
         try:
             resolve(name)

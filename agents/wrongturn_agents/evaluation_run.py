@@ -159,7 +159,7 @@ def _request(agent: str, suite: str, url: str | None, options: RunOptions, datab
     """Return what to register and begin, with the user's tokens for a service that is not the run's own."""
     token = settings.token() if url is not None else None
     if token is not None and options.name is not None:
-        raise RunError("--name: WRONGTURN_TOKEN is the token of an agent that has its name; leave out one of the two")
+        raise RunError("--name: the agent of WRONGTURN_TOKEN has a name already; leave out one of the two")
     return RunRequest(
         agent=agent,
         suite=suite,

@@ -50,7 +50,7 @@ class PracticeRun:
             found = _results_of(file)
             ours = self._results.model_copy(update={"trials": found.trials})
             if found != ours or not found.trials.keys() <= set(self.trials):
-                raise RunError(f"--json: {file} is of another run; name another file, or the one to go on with")
+                raise RunError(f"--json: {file} is of another run; name a new file, or the file of the run to resume")
             self._results = found
         self._lock, self._stop = threading.Lock(), threading.Event()
 
@@ -71,7 +71,9 @@ class PracticeRun:
         agent = self._source.make()
         with Client(url, token or "") as client:
             if client.suite(self._suite.id).sha256 != self._suite.sha256:
-                raise RunError(f"--url: it drives another {self._suite.id} than the one installed; install its version")
+                raise RunError(
+                    f"--url: the service has another {self._suite.id} than is installed here; install its version"
+                )
             if token is None:
                 token = practice_token(client, self._source.track)
         progress(len(self._results.trials), len(self.trials))

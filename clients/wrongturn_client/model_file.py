@@ -43,7 +43,7 @@ def check_model_file(path: Path) -> None:
     if path.name.lower() == ".onnx":
         raise ModelFileError(f"FILE: {path} has no name before .onnx; rename it, for example to my_agent.onnx")
     if path.suffix.lower() != ".onnx":
-        raise ModelFileError(f"FILE: {path} is not called .onnx; hand in a model in ONNX's format, named so")
+        raise ModelFileError(f"FILE: {path} does not end in .onnx; hand in a model in ONNX's format")
 
 
 def check_contract(path: Path, tracks: Collection[Track]) -> None:

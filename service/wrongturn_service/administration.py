@@ -202,4 +202,6 @@ def unknown(collection: Collection, item_id: str) -> NotFoundError:
 
 def _check_not_shipped(found: Found) -> None:
     if isinstance(found.row, OwnerRow) and found.row.name == SHIPPED:
-        raise ForbiddenError(f"owner {SHIPPED} has the shipped agents, and stays; hide or delete its agents one by one")
+        raise ForbiddenError(
+            f"owner {SHIPPED} has the shipped agents, so it stays; hide or delete its agents one by one"
+        )

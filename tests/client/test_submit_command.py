@@ -246,7 +246,7 @@ def test_the_other_variable_may_have_an_agents_token_or_an_owners(
         ("model.pt", b"PK\x03\x04", "torch.save"),
         ("model.pkl", b"\x80\x04\x95", "is a pickle"),
         ("model.onnx", b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
-        ("model.bin", b"\x08\x08", "not called .onnx"),
+        ("model.bin", b"\x08\x08", "does not end in .onnx"),
         (".onnx", b"\x08\x08", "no name before .onnx"),
         ("模型.onnx", b"\x08\x08", "^FILE: '模型' cannot be the agent's name; choose another by --name"),
     ],

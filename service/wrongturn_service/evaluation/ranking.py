@@ -99,8 +99,8 @@ def why_not(row: RankingInput, successor: str | None = None) -> str | None:
     )
     allowed = most_undecided(trials)
     if undecided > allowed:
-        limit = f"at most {allowed}" if allowed else "none"
-        reasons.append(f"ended {undecided} of {trials} trials in timeout or not_engaged, {limit} may be so")
+        limit = f"at most {allowed} are" if allowed else "none is"
+        reasons.append(f"ended {undecided} of {trials} trials in timeout or not_engaged, {limit} allowed")
     if not reasons:
         return None
     sentence = "; ".join(reasons) + "."

@@ -127,7 +127,7 @@ def test_staying_away_takes_the_rank(kit, suite, verdict) -> None:
     trials[3] = verdict
     (absent,) = rank([kit.row(suite, "a", kit.outcomes_of(suite, trials))])
     assert (absent.eligible, absent.rank) == (False, None)
-    assert absent.why_not == "Ended 4 of 60 trials in timeout or not_engaged, at most 3 may be so."
+    assert absent.why_not == "Ended 4 of 60 trials in timeout or not_engaged, at most 3 are allowed."
 
 
 def test_twins_do_not_count_as_trials_left_undecided(kit, suite) -> None:
@@ -141,7 +141,7 @@ def test_a_parked_car_is_told_both_reasons(kit, suite) -> None:
     assert parked.unsafe_strict.count == 0
     assert parked.why_not == (
         "Completed 0 of 60 twins, at least 54 are needed; "
-        "ended 60 of 60 trials in timeout or not_engaged, at most 3 may be so."
+        "ended 60 of 60 trials in timeout or not_engaged, at most 3 are allowed."
     )
 
 
@@ -155,7 +155,7 @@ def test_the_limits_scale_with_the_suite(kit) -> None:
     ]
     small = kit.make_suite(1)
     (entry,) = rank([kit.row(small, "a", kit.outcomes_of(small, {0: Verdict.NOT_ENGAGED}))])
-    assert entry.why_not == "Ended 1 of 6 trials in timeout or not_engaged, none may be so."
+    assert entry.why_not == "Ended 1 of 6 trials in timeout or not_engaged, none is allowed."
 
 
 def test_who_has_no_rank_neither_ranks_others_nor_ties(kit, suite) -> None:
