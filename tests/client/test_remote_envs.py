@@ -1,6 +1,7 @@
 """The environments over the wire of a real service: what breaks, what is full, and who goes on."""
 
 import os
+import pickle
 import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -127,6 +128,12 @@ def test_threads_that_use_one_environment_at_a_time_are_told(forwarder: Forwarde
                     call()
         step.result()
         env.step(action)  # in turns
+
+
+def test_an_environment_can_be_sent_to_another_process(service: LocalService) -> None:
+    with pickle.loads(pickle.dumps(RemoteEnv(service.url))) as env:
+        env.reset(seed=1)
+        env.step(GAS)
 
 
 @pytest.fixture
