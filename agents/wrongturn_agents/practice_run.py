@@ -122,7 +122,7 @@ def _results_of(file: Path) -> ResultsFile:
         ResultsError: It is not a results file.
     """
     try:
-        return ResultsFile.read(file, "name another file, or the one to go on with")
+        return ResultsFile.read(file, "name a new file, or the file of the run to resume")
     except ResultsError as error:
         raise ResultsError(f"--json: {error}") from error
 

@@ -34,7 +34,7 @@ def of_task(file: ResultsFile, task: Task) -> ResultsFile:
         (["--json", "{}/a.json", "--suite", "none@1"], "suite"),
         (["--json", "{}/other.json"], "another run"),
         (["--json", "{}/text.json"], "--json: text.json: the file: Invalid JSON"),
-        (["--json", "{}/text.json"], "; name another file, or the one to go on with"),
+        (["--json", "{}/text.json"], "; name a new file, or the file of the run to resume"),
     ],
 )
 def test_what_cannot_be_driven_is_told(tmp_path, arguments, named):
