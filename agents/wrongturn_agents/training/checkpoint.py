@@ -133,7 +133,8 @@ def read(path: Path, what: str = "file", wanted: str = "one that a run wrote") -
     """
     try:
         if not path.is_file():
-            raise TrainingError(f"{what} {path}: there is no such file; name {wanted}")
+            why = "is no file" if path.exists() else "there is no such file"
+            raise TrainingError(f"{what} {path}: {why}; name {wanted}")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # torch's warnings about other programs' files
             return torch.load(path, map_location="cpu", weights_only=True)

@@ -112,6 +112,20 @@ def test_a_run_resumes_where_it_stopped_and_refuses_what_does_not_fit(run, tmp_p
 
 
 @pytest.mark.slow
+def test_a_run_that_is_interrupted_in_its_last_evaluation_goes_on(run, tmp_path):
+    def interrupt(half, row):
+        if "success_heldout" in row:
+            raise KeyboardInterrupt
+
+    begin = {"directory": tmp_path, "device": "cpu", "threads": 1}
+    with pytest.raises(KeyboardInterrupt):
+        train(**begin, samples=32, teacher=run / PRIVILEGED_FILE, options=SMALL, on_row=interrupt)
+    assert load_agent(tmp_path / BEST)[1]["evaluation"] == {}
+    train(**begin, resume=True)
+    assert load_agent(tmp_path / BEST)[1]["evaluation"]["journeys"] == 1
+
+
+@pytest.mark.slow
 def test_a_given_teacher_teaches_an_agent_of_another_width(run, tmp_path):
     given, folder = run / PRIVILEGED_FILE, tmp_path / "run"
     options = (*SMALL, "width=4")
@@ -124,7 +138,8 @@ def test_a_given_teacher_teaches_an_agent_of_another_width(run, tmp_path):
     assert told["teacher"] == hashlib.sha256(given.read_bytes()).hexdigest()
     for arguments, said in (
         ({"teacher": run / BEST}, "is of lbc; name the privileged.pt"),
-        ({"teacher": tmp_path / "none.pt"}, "none.pt"),
+        ({"teacher": tmp_path / "none.pt"}, "teacher .*: there is no such file; name the privileged.pt"),
+        ({"teacher": run}, "teacher .*: is no file; name the privileged.pt"),
         ({"teacher": given, "resume": True}, "leave --teacher out"),
     ):
         with pytest.raises(TrainingError, match=said):

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from wrongturn_agents.models.lbc import PrivilegedAgent, SensorimotorAgent, WaypointAgent
 from wrongturn_agents.training.budget import Budget
-from wrongturn_agents.training.checkpoint import versions, write
+from wrongturn_agents.training.checkpoint import read, versions, write
 from wrongturn_agents.training.devices import check_threads, device_of, prepare
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, longest, shortest, with_traffic
@@ -193,8 +193,9 @@ class _Training:
             budget=self._clock, threads=self.threads, on_update=self._update,
         )  # fmt: skip
         learned = self._loss is not None
-        if learned:
+        if learned:  # an interrupted evaluation is driven again on --resume
             self._save_agent(BEST, None)
+            self._save_state()
         evaluation = self._drive("camera", last=True)
         self._row(evaluation)
         if learned or evaluation is not None:  # a finished run that is resumed without time left keeps what it has
@@ -313,9 +314,12 @@ def _privileged(file: Path) -> bytes:
     Raises:
         TrainingError: it is missing, damaged or of another agent.
     """
-    _, found = load_agent(file)
-    if found["algorithm"] != PRIVILEGED:
-        raise TrainingError(f"teacher {file}: is of {found['algorithm']}; name the privileged.pt of a run of lbc")
+    wanted = "the privileged.pt of a run of lbc"
+    found = read(file, "teacher", wanted)
+    algorithm = found.get("algorithm") if isinstance(found, dict) else None
+    if algorithm != PRIVILEGED:
+        raise TrainingError(f"teacher {file}: is {f'of {algorithm}' if algorithm else 'no agent'}; name {wanted}")
+    load_agent(file)  # checks the rest
     return file.read_bytes()
 
 
