@@ -21,6 +21,8 @@ CONFIG = "config.json"
 STATE = "state.pt"
 _WEIGHTS = ("best.pt", "last.pt")
 ENCODER = "encoder.pt"
+_OWN = "the directory of another run, or begin anew in another directory"
+"""What to do when a file from which a run continues is damaged."""
 T = TypeVar("T")
 
 
@@ -183,7 +185,7 @@ def pretraining_seconds(folder: Path) -> float | None:
     """
     if not _only_pretrained({path.name for path in folder.iterdir()}):
         return None
-    found = read(folder / ENCODER, "resume:", "a run's own; begin anew in another directory")
+    found = read(folder / ENCODER, "resume:", _OWN)
     seconds = found.get("seconds") if isinstance(found, dict) else None
     return seconds if isinstance(seconds, float) else 0.0  # older files do not tell them
 
@@ -201,7 +203,7 @@ def read_state(folder: Path, keys: Set[str]) -> dict[str, Any]:
     path = folder / STATE
     if not path.is_file():
         raise TrainingError(f"resume: the run in {folder} has saved nothing to go on from; begin it without --resume")
-    found = read(path, "resume:", "a run's own; begin anew in another directory")
+    found = read(path, "resume:", _OWN)
     if not isinstance(found, dict) or not found.keys() >= keys:
         raise TrainingError(f"resume: {path} is damaged; begin anew in another directory")
     return found

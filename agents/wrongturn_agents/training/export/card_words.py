@@ -13,8 +13,8 @@ _AFFORDANCES: Final = (
     "*End-to-End Model-Free Reinforcement Learning for Urban Driving using Implicit Affordances* (Toromanoff et al., "
     "CVPR 2020)"
 )
-_ANEW: Final = "This agent was trained anew in this benchmark's simulation."
-_COMPARES: Final = f"{_CARTON}, compare their agents with it. {_ANEW}"
+_OWN_WEIGHTS: Final = "This agent was trained in this benchmark's simulation; none of its weights are from a paper."
+_COMPARES: Final = f"{_CARTON}, compare their agents with it. {_OWN_WEIGHTS}"
 _BY_EXAMPLE: Final = (
     "It does not see traffic lights or signs. It brakes for other road users only as examples taught it."
 )
@@ -37,7 +37,7 @@ class Words:
 
 
 _PPO: Final = Words(
-    f"It is one of the three agents of {_CARTON}. {_ANEW}",
+    f"It is one of the three agents of {_CARTON}. {_OWN_WEIGHTS}",
     "The graph scales the picture, or spreads its classes over planes. The agent has no memory between steps.",
 )
 _WORDS: Final = {
@@ -51,7 +51,7 @@ _WORDS: Final = {
     ),
     "lbc-privileged": Words(
         f"It is the teacher of `lbc` in {_CHEATING}. It sees the truth, so it drives in the privileged track. "
-        f"Carton et al. have no figure of it. {_ANEW}",
+        f"Carton et al. have no figure of it. {_OWN_WEIGHTS}",
         f"The graph draws the view from above and turns waypoints into controls. The agent's memory (`{STATE_IN}`, "
         f"`{STATE_OUT}`) is two numbers: the mean errors of its steering and of its speed.",
         "samples",

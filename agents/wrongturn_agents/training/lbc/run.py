@@ -35,8 +35,8 @@ _SEEDS: Final = 2**31
 _PICTURE: Final = 64 * 192 * 3
 _MARGIN: Final = 1.3
 _MOST_RESERVED: Final = 0.2
-"""Greatest share of the minutes that is kept for the last evaluation. How long it takes is told from those before. The
-privileged agent's evaluation also takes no more."""
+"""Greatest share of the minutes for the last evaluation. The evaluations before it tell how long it takes. The
+privileged agent's evaluation gets at most this share too."""
 _KEYS: Final = {"half", "learner", "seconds", "begun"}
 Row = dict[str, Any]
 
@@ -123,17 +123,15 @@ def train(
     """
     place = device_of(device)
     config = LBCConfig().with_options(options)
+    if resume and teacher is not None:
+        raise TrainingError("teacher: the run has its own; leave --teacher out with --resume")
+    given = None if teacher is None else _privileged(teacher)
     if resume:
-        if teacher is not None:
-            raise TrainingError("teacher: the run has its own; leave --teacher out with --resume")
         run = _resumed(Run.read(directory), seed, samples, minutes, options)
     else:
         limit = config.samples if samples is None and minutes is None else samples
-        run = Run(config, 1 if seed is None else seed, limit, minutes)
-    given = None
-    if teacher is not None:
-        given = _privileged(teacher)
-        run = dataclasses.replace(run, teacher=hashlib.sha256(given).hexdigest())
+        digest = None if given is None else hashlib.sha256(given).hexdigest()
+        run = Run(config, 1 if seed is None else seed, limit, minutes, digest)
     if not 0 <= run.seed < _SEEDS:
         raise TrainingError(f"seed: is {run.seed}; give a whole number from 0 to {_SEEDS - 1}")
     check_threads(threads)
