@@ -135,15 +135,15 @@ def read(path: Path, what: str = "file", wanted: str = "one that a run wrote") -
         if not path.is_file():
             why = "is no file" if path.exists() else "there is no such file"
             raise TrainingError(f"{what} {path}: {why}; name {wanted}")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # torch's warnings about other programs' files
-            return torch.load(path, map_location="cpu", weights_only=True)
-    except TrainingError:
-        raise
+        opened = path.open("rb")
     except OSError as error:
         raise TrainingError(f"{what} {path}: cannot be read ({error.strerror or error}); name {wanted}") from error
-    except Exception as error:  # torch raises different exceptions for different damage
-        raise TrainingError(f"{what} {path}: is damaged, or none of a run's files; name {wanted}") from error
+    with opened, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # torch's warnings about other programs' files
+        try:
+            return torch.load(opened, map_location="cpu", weights_only=True)
+        except Exception as error:  # torch raises different exceptions for different damage, also an OSError
+            raise TrainingError(f"{what} {path}: is damaged, or none of a run's files; name {wanted}") from error
 
 
 def versions() -> dict[str, str]:

@@ -192,7 +192,12 @@ def test_checkpoints_that_are_none_are_named(tmp_path):
             said = refused(*command)
             assert said.startswith("checkpoint"), f"{path.name}: {said}"
             assert any(word in said for word in ("name ", "train it anew", "choose one", "give a", "install")), said
+        said = refused("train", "lbc", "--directory", tmp_path / "run", "--teacher", path)
+        assert said.startswith("teacher"), f"{path.name}: {said}"
+        assert "name the privileged.pt of a run of lbc" in said
+        assert "Invalid argument" not in said
     assert not (tmp_path / "made.onnx").exists()
+    assert not (tmp_path / "run").exists()
 
 
 def test_what_cannot_be_scored_or_exported_is_told_before_anything_is_done(tmp_path, checkpoint):
