@@ -1,4 +1,4 @@
-"""Errors for runs that need more memory than the machine has."""
+"""Errors for runs that need more memory than their device has."""
 
 import os
 from collections.abc import Iterator
@@ -21,13 +21,17 @@ _MARLN_REMEDY: Final = "give a smaller --num-envs, or a smaller replay_size or b
 
 
 @contextmanager
-def memory_named(config: DrivesConfig) -> Iterator[None]:
+def memory_named(config: DrivesConfig, device: torch.device) -> Iterator[None]:
     """Report a lack of memory in words, before the system ends the process.
 
+    Args:
+        config: settings of the run.
+        device: device of the run, which keeps its decisions and pictures.
+
     Raises:
-        TrainingError: what a run keeps exceeds this machine's memory, or an allocation failed.
+        TrainingError: what a run keeps exceeds the device's memory, or an allocation failed.
     """
-    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    there = memory_of(device)
     remedy = _MARLN_REMEDY if isinstance(config, MarlnConfig) else _PPO_REMEDY
     replay = config.replay_size * _FEATURES if isinstance(config, MarlnConfig) else 0
     if isinstance(config, MarlnConfig) and replay > there:
@@ -49,6 +53,13 @@ def memory_named(config: DrivesConfig) -> Iterator[None]:
         if "allocate memory" not in str(error):  # wording of torch's allocator on the CPU
             raise
         raise TrainingError(f"option num_envs: there is not memory enough; {remedy}") from error
+
+
+def memory_of(device: torch.device) -> int:
+    """Return the bytes of memory that a run may use: all of this machine's, or what is free on a GPU."""
+    if device.type == "cuda":
+        return torch.cuda.mem_get_info(device)[0]
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
 def _pictures(config: DrivesConfig) -> int:

@@ -104,7 +104,7 @@ def train(
     encoder = None
     if isinstance(begun.config, ImageConfig | MarlnConfig) and begun.config.encoder and not resume:
         encoder = _encoder_of(Path(begun.config.encoder), begun.config)
-    with memory_named(begun.config), held(folder, resume=resume):
+    with memory_named(begun.config, place), held(folder, resume=resume):
         state: dict[str, Any] | None = None
         used = 0.0
         if resume and (pretrained := pretraining_seconds(folder)) is not None:

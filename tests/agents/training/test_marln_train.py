@@ -18,6 +18,7 @@ from wrongturn_agents.training.marln.exporting import KEYS, export_marln
 from wrongturn_agents.training.marln.learning import Learner
 from wrongturn_agents.training.marln.network import marln_of
 from wrongturn_agents.training.marln.replay import Decisions, Replay, Sample
+from wrongturn_agents.training.memory import memory_named
 from wrongturn_agents.training.train import train
 
 
@@ -182,6 +183,13 @@ def test_a_replay_memory_that_is_too_large_is_named(tmp_path):
     with pytest.raises(TrainingError, match="option replay_size: 1000000000 decisions need"):
         train("marln", directory=tmp_path / "run", steps=8, device="cpu", options=["replay_size=1000000000"])
     assert not (tmp_path / "run").exists()
+
+
+def test_on_a_gpu_its_own_free_memory_decides(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda _: (2**30, 2**40))
+    config = config_of("marln").with_options(["replay_size=400000", "num_envs=4"])
+    with pytest.raises(TrainingError, match="400000 decisions need 5 GiB, and there are 1"):
+        memory_named(config, torch.device("cuda")).__enter__()
 
 
 def test_a_run_of_ppo_is_not_marlns(tmp_path):

@@ -3,7 +3,6 @@
 import dataclasses
 import hashlib
 import json
-import os
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -25,6 +24,7 @@ from wrongturn_agents.training.lbc.learning import Learner
 from wrongturn_agents.training.lbc.privileged import learn_privileged
 from wrongturn_agents.training.lbc.rows import COLUMNS, shares
 from wrongturn_agents.training.lbc.sensorimotor import Teacher, learn_sensorimotor, round_of
+from wrongturn_agents.training.memory import memory_of
 from wrongturn_agents.training.progress_file import ProgressFile
 from wrongturn_agents.training.run_directory import CONFIG, STATE, check_resumed, held, read_config, read_state
 from wrongturn_protocol import Track
@@ -328,9 +328,7 @@ def _check_memory(config: LBCConfig, device: torch.device) -> None:
         TrainingError: they do not.
     """
     wanted = config.buffer * _PICTURE
-    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if device.type == "cuda":
-        there = torch.cuda.mem_get_info()[0]
+    there = memory_of(device)
     if wanted > there:
         raise TrainingError(
             f"option buffer: {config.buffer} samples need {wanted / 2**30:,.1f} GiB of pictures, and there are "
