@@ -1,12 +1,11 @@
 """Runs uvicorn, and prints the URL once clients may connect."""
 
 import asyncio
-import contextlib
 import logging
-import signal
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from types import FrameType
 from typing import Final
 
 import uvicorn
@@ -83,12 +82,7 @@ class _Server(uvicorn.Server):
         await super().shutdown(sockets)
 
     @override
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        # Uvicorn raises the signal again at the end, which would make a clean stop look like a crash.
-        before = {number: signal.signal(number, self.handle_exit) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        # Uvicorn's own handler has the signal raised again at the end, which would make a clean stop look like a crash.
+        self.force_exit = self.should_exit  # by the second signal
+        self.should_exit = True

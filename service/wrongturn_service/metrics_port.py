@@ -72,7 +72,7 @@ async def metrics_port(settings: Settings, telemetry: Telemetry) -> AsyncIterato
 
     app = Starlette(routes=[Route("/metrics", metrics)])
     config = uvicorn.Config(app, lifespan="off", access_log=False, log_config=None, log_level="critical")
-    server = _Server(config)
+    server = SilentServer(config)
     serving = asyncio.create_task(server.serve(sockets=[bound]))
     try:
         yield
@@ -82,8 +82,8 @@ async def metrics_port(settings: Settings, telemetry: Telemetry) -> AsyncIterato
         bound.close()
 
 
-class _Server(uvicorn.Server):
-    """Leaves signals to the service's own server."""
+class SilentServer(uvicorn.Server):
+    """A server that leaves the process's signals alone."""
 
     @override
     @contextlib.contextmanager

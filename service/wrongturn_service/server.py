@@ -8,7 +8,6 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Iterator
 from functools import partial
 from types import FrameType
 from typing import cast
@@ -62,17 +61,6 @@ class Server(uvicorn.Server):
             sys.stdout.flush()
 
     @override
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        # Uvicorn raises the signal again at the end, which would make a clean stop look like a crash.
-        before = {number: signal.signal(number, self.handle_exit) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-
-    @override
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         began = time.monotonic()
         service: Service | None = getattr(self._app.state, "service", None)
@@ -87,7 +75,10 @@ class Server(uvicorn.Server):
     @override
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         self._asked += 1
-        super().handle_exit(sig, frame)
+        # Uvicorn's own handler has the signal raised again at the end, which would make a clean stop look like a crash.
+        if self.should_exit and sig == signal.SIGINT:
+            self.force_exit = True
+        self.should_exit = True
 
     async def _drain(self, service: Service) -> None:
         """Refuse new episodes and wait for agents that are driving."""

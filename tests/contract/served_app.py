@@ -7,7 +7,7 @@ its database.
 import asyncio
 import contextlib
 import socket
-from collections.abc import Callable, Coroutine, Iterator, MutableMapping
+from collections.abc import Callable, Coroutine, MutableMapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
@@ -15,13 +15,13 @@ from unittest.mock import patch
 
 import httpx
 import structlog
-import uvicorn
 import uvloop
 from app_harness import Clock
 from fake_pool import FakePool
 
 from wrongturn_service.app import create_app
 from wrongturn_service.episodes import evaluations
+from wrongturn_service.metrics_port import SilentServer
 from wrongturn_service.server import configuration
 from wrongturn_service.settings import Settings
 
@@ -35,14 +35,6 @@ PARALLEL = 3
 PRACTICE = 3
 WAITING = 2
 """Calls of an agent that may stand in the line for a simulator."""
-
-
-class SilentServer(uvicorn.Server):
-    """Leaves the process's signals alone."""
-
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        yield
 
 
 class ServedApp:

@@ -6,7 +6,7 @@ import gc
 import signal
 import socket
 import threading
-from collections.abc import Coroutine, Iterator, Sequence
+from collections.abc import Coroutine, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -18,6 +18,7 @@ from service_harness import Service
 from typing_extensions import override
 
 from wrongturn_service.app import create_app
+from wrongturn_service.metrics_port import SilentServer
 from wrongturn_service.server import Server, configuration
 from wrongturn_service.settings import Settings
 from wrongturn_service.submissions.runners import COMMAND
@@ -35,13 +36,8 @@ class ClockedLoop(asyncio.SelectorEventLoop):
         return super().time() + self.ahead
 
 
-class _Server(Server):
-    """A server that leaves the signals to the test's process."""
-
-    @override
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        yield
+class _Server(SilentServer, Server):
+    """A service's server that leaves the signals to the test's process."""
 
 
 class ClockedService(Service):
