@@ -17,7 +17,7 @@ from wrongturn_client.invocation import python
 from wrongturn_protocol import Action, AgentKind, ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
 from wrongturn_protocol.model_contract import check_opset
 from wrongturn_protocol.observations import Observation
-from wrongturn_protocol.onnx_file import opset_of
+from wrongturn_protocol.onnx_file import opset_of, signature_of
 
 _DTYPES: Final = {"tensor(float)": "float32", "tensor(double)": "float64"}
 
@@ -85,24 +85,27 @@ def open_session(file: Path) -> Any:
             f"{python()} -m pip install 'wrongturn-agents[onnx]'",
         ) from None
     if not file.is_file():
-        raise ModelFileError(f"{file}: there is no such file; name an .onnx file")
+        why = "is no file" if file.is_dir() else "there is no such file"
+        raise ModelFileError(f"{file}: {why}; name an .onnx file")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1  # so that the same observation gives the same action
     try:
         return onnxruntime.InferenceSession(str(file), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime raises many classes
-        _blame_opset(file)
+        _blame_file(file)
         raise ModelFileError(f"{file}: onnxruntime cannot load it: {error}") from error
 
 
-def _blame_opset(file: Path) -> None:
-    """Raise ModelFileError if a model's opset is why onnxruntime does not load it; onnxruntime says that less well."""
-    opset = opset_of(file)
-    if opset:
-        try:
+def _blame_file(file: Path) -> None:
+    """Raise ModelFileError if a file is damaged or of another opset, which onnxruntime says less well."""
+    try:
+        opset = signature_of(file).opset
+        if opset:
             check_opset(opset)
-        except ContractError as error:
-            raise ModelFileError(f"{file}: {error}") from error
+    except OSError as error:
+        raise ModelFileError(f"{file}: cannot be read ({error.strerror or error}); name another .onnx file") from error
+    except ContractError as error:
+        raise ModelFileError(f"{file}: {error}") from error
 
 
 def _contract(file: Path, session: Any, metadata: dict[str, str]) -> ModelContract:

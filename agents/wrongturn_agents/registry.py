@@ -240,8 +240,7 @@ def _make(named: str, agent: Callable[[], Any]) -> Agent:
 
 
 def _model(file: Path) -> AgentSource:
-    if not file.is_file():
-        raise ModelFileError(f"agent: {file}: there is no such file; name an .onnx file")
+    _check_file(file, "an .onnx file")
     from wrongturn_agents.onnx_agent import OnnxAgent  # noqa: PLC0415 - loads an optional extra
 
     agent = OnnxAgent(file)
@@ -250,8 +249,7 @@ def _model(file: Path) -> AgentSource:
 
 
 def _saved_model(file: Path) -> AgentSource:
-    if not file.is_file():
-        raise ModelFileError(f"agent: {file}: there is no such file; name what model.save of Stable-Baselines3 wrote")
+    _check_file(file, "what model.save of Stable-Baselines3 wrote")
     try:
         from wrongturn_agents.sb3_agent import Sb3Agent  # noqa: PLC0415 - loads an optional extra
     except ImportError as error:
@@ -260,6 +258,12 @@ def _saved_model(file: Path) -> AgentSource:
             f"{python()} -m pip install 'wrongturn-agents[training]'"
         ) from error
     return _of_file(file, Sb3Agent(file))
+
+
+def _check_file(file: Path, wanted: str) -> None:
+    if not file.is_file():
+        why = "is no file" if file.is_dir() else "there is no such file"
+        raise ModelFileError(f"agent: {file}: {why}; name {wanted}")
 
 
 def _of_file(file: Path, agent: Any) -> AgentSource:

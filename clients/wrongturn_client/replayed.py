@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from wrongturn_client.client import Client
 from wrongturn_client.errors import ReplayError
 from wrongturn_protocol import Outcome
-from wrongturn_protocol.run_file import UNREADABLE, DrivenEpisode, RunFile, read_unpacked
+from wrongturn_protocol.run_file import UNREADABLE, DrivenEpisode, RunFile, read_unpacked, reason_of
 
 _REMEDY: Final = "give the file of 'run --json' or a trajectory"
 _NAMED: Final = 5
@@ -70,7 +70,7 @@ def _read(file: Path) -> bytes:
     try:
         return read_unpacked(file)
     except UNREADABLE as error:
-        raise ReplayError(f"{file}: cannot be read ({error}); {_REMEDY}") from error
+        raise ReplayError(f"{file}: cannot be read ({reason_of(error)}); {_REMEDY}") from error
 
 
 def _chosen(file: Path, run: RunFile, wanted: str | None) -> DrivenEpisode:

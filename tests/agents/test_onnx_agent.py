@@ -168,7 +168,7 @@ def test_an_action_that_is_not_finite(tmp_path):
 def test_a_file_that_is_no_model(tmp_path):
     file = tmp_path / "text.onnx"
     file.write_text("not a model")
-    with pytest.raises(ModelFileError, match="cannot load it"):
+    with pytest.raises(ModelFileError, match="is no ONNX model, or is cut off; export the model again"):
         resolve(str(file))
 
 

@@ -133,9 +133,14 @@ def test_a_class_in_the_working_directory(own_module):
         ("own_driver:NoTrack", NotAnAgentError, "track is None; set the class attribute to one of camera"),
         ("own_driver:OddTrack", NotAnAgentError, "track is 'sonar'"),
         ("missing.onnx", ModelFileError, "missing.onnx: there is no such file"),
+        ("folder.onnx", ModelFileError, "folder.onnx: is no file; name an .onnx file"),
+        ("empty.onnx", ModelFileError, "is no ONNX model, or is cut off; export the model again"),
     ],
 )
-def test_what_is_no_agent_is_told_clearly(own_module, named, error, says):
+def test_what_is_no_agent_is_told_clearly(own_module, tmp_path, monkeypatch, named, error, says):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.onnx").mkdir()
+    (tmp_path / "empty.onnx").touch()
     with pytest.raises(error) as caught:
         resolve(named)
     assert says in str(caught.value)

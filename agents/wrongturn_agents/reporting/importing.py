@@ -119,7 +119,7 @@ def _results_of(source: Path) -> ResultsFile:
         return _fetch(SavedRun.load(str(source), "--import"))
     if "trials" in keys and "verdict" not in keys:
         return ResultsFile.read(source)
-    raise ResultsError(f"--import: {source} cannot be stored; {_REMEDY}")
+    raise ResultsError(f"--import: {source} holds no results; {_REMEDY}")
 
 
 def _results_of_run_file(source: Path) -> ResultsFile:

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from wrongturn_agents.training.errors import TrainingError
+
 COLUMNS: Final = (
     "step",
     "minutes",
@@ -54,16 +56,25 @@ class ProgressFile:
         path: the file.
         columns: names of the columns; those of the paper's agents and of MaRLn by default.
         resumed_at: steps at which an interrupted run continues; later rows are dropped. None starts a new file.
+
+    Raises:
+        TrainingError: the file of the interrupted run is damaged, or it cannot be written.
     """
 
     def __init__(self, path: Path, columns: Sequence[str] = COLUMNS, *, resumed_at: int | None = None) -> None:
         self.path = path
         self._columns = columns
-        kept = [] if resumed_at is None else [row for row in read_rows(path) if int(row["step"]) <= resumed_at]
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, columns, restval="")
-            writer.writeheader()
-            writer.writerows(kept)
+        remedy = "move it away, and the run goes on with a new one"
+        try:
+            kept = [] if resumed_at is None else [row for row in read_rows(path) if int(row["step"]) <= resumed_at]
+            with path.open("w", newline="", encoding="utf-8") as file:
+                writer = csv.DictWriter(file, columns, restval="")
+                writer.writeheader()
+                writer.writerows(kept)
+        except OSError as error:
+            raise TrainingError(f"{path}: cannot be written ({error.strerror}); {remedy}") from error
+        except (ValueError, KeyError, TypeError, csv.Error) as error:
+            raise TrainingError(f"{path}: is damaged; {remedy}") from error
 
     def add(self, row: dict[str, Any]) -> None:
         """Write a row. Missing values stay empty."""

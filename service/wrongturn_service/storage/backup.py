@@ -114,15 +114,15 @@ def _copy(source: Path, target: Path) -> None:
             contextlib.closing(sqlite3.connect(target)) as new,
         ):
             if not old.execute("SELECT name FROM sqlite_master WHERE name = 'alembic_version'").fetchall():
-                raise BackupError(f"{source} is not a Wrongturn database")
+                raise BackupError(f"{source} is not a Wrongturn database; name another")
             old.backup(new)
             # One file, without a log beside it.
             new.execute("PRAGMA journal_mode = DELETE")
             found = new.execute("PRAGMA integrity_check").fetchone()[0]
     except sqlite3.Error as error:
-        raise BackupError(f"{source} cannot be copied: {error}") from error
+        raise BackupError(f"{source} cannot be copied: {error}; name another file") from error
     if found != "ok":
-        raise BackupError(f"{source} is damaged: {found}")
+        raise BackupError(f"{source} is damaged: {found}; name another file")
 
 
 def _run_program(url: URL, name: str, *arguments: str, database_option: bool = False) -> None:

@@ -1,3 +1,6 @@
+import pytest
+
+from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.progress_file import COLUMNS, ProgressFile, read_rows
 
 
@@ -13,3 +16,17 @@ def test_rows_of_an_interrupted_run_are_kept_up_to_its_checkpoint(tmp_path):
     assert found[0]["reward_mean"] == "1.42857"
     assert found[2]["reward_mean"] == ""
     assert tuple(found[0]) == COLUMNS
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"step,minutes\nnine,1\n", b"minutes\n1\n", b"step\n\x00\n"])
+def test_a_damaged_file_is_named_and_kept(tmp_path, content):
+    path = tmp_path / "progress.csv"
+    path.write_bytes(content)
+    with pytest.raises(TrainingError, match=r"progress\.csv: is damaged; move it away"):
+        ProgressFile(path, resumed_at=20)
+    assert path.read_bytes() == content
+
+
+def test_a_folder_in_the_place_of_the_file_is_named(tmp_path):
+    with pytest.raises(TrainingError, match=r"cannot be written .*; move it away"):
+        ProgressFile(tmp_path, resumed_at=20)

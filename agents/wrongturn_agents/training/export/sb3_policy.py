@@ -127,7 +127,8 @@ def _unreadable(file: Path, error: OSError) -> TrainingError:
 def _keys(file: Path) -> tuple[str, ...]:
     """Return the names of all that a model's file holds, without loading any of it."""
     if not file.is_file():
-        raise TrainingError(f"FILE: {file}: there is no such file; {_WANTED}")
+        why = "is no file" if file.is_dir() else "there is no such file"
+        raise TrainingError(f"FILE: {file}: {why}; {_WANTED}")
     try:
         with zipfile.ZipFile(file) as archive:
             if not {"data", "policy.pth"} <= set(archive.namelist()):
@@ -137,6 +138,8 @@ def _keys(file: Path) -> tuple[str, ...]:
         if isinstance(error, TrainingError):
             raise
         raise TrainingError(f"FILE: {file} is no zip file, or a damaged one ({error}); {_WANTED}") from error
+    except OSError as error:
+        raise TrainingError(f"FILE: {file} cannot be read ({error.strerror}); {_WANTED}") from error
 
 
 def _load(file: Path, keys: tuple[str, ...]) -> tuple[dict[str, Any], Any]:
