@@ -268,7 +268,7 @@ def test_files_that_are_no_model(tmp_path):
     cut.write_bytes(saved(ppo(RandomTown()), tmp_path / "whole.zip").read_bytes()[:-300])
     for file, says in (
         (tmp_path / "missing.zip", "there is no such file"),
-        (tmp_path, "there is no such file"),
+        (tmp_path, "is no file"),
         (text, "is no zip file, or a damaged one"),
         (other, "is a zip file of something else"),
         (cut, "or a damaged one"),
