@@ -15,7 +15,7 @@ from wrongturn_client.errors import AuthenticationError, NotFoundError, OwnerNam
 from wrongturn_client.owner_tokens import KeptOwner, OwnerTokens
 from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_protocol import ProblemType
-from wrongturn_protocol.results import AgentName
+from wrongturn_protocol.accounts import AgentName
 
 _TOKEN: Final = "WRONGTURN_TOKEN"  # noqa: S105 - the variable's name
 _NAMES_TRIED: Final = 100

@@ -10,7 +10,9 @@ from typing import Any, Final, Literal, Self
 
 from pydantic import ValidationError
 
-from wrongturn_protocol.results import AgentDetail, EpisodeResult, EvaluationDetail, Metrics, Sha256
+from wrongturn_protocol.accounts import AgentDetail
+from wrongturn_protocol.catalogue import Sha256
+from wrongturn_protocol.results import EpisodeResult, EvaluationDetail, Metrics
 from wrongturn_protocol.vocabulary import EvaluationState
 
 GZIP: Final = b"\x1f\x8b"

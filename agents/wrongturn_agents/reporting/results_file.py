@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.suites import SuiteTrials, installed_suite
 from wrongturn_protocol import Flag, Outcome, Reaction, Verdict
-from wrongturn_protocol.results import AgentName
+from wrongturn_protocol.accounts import AgentName
 from wrongturn_protocol.run_file import UNREADABLE, read_unpacked, reason_of
 
 Driven = Literal["in process", "over the service"]

@@ -19,7 +19,7 @@ from wrongturn_protocol import (
     SubmissionState,
     Track,
 )
-from wrongturn_protocol.results import NAME_RULE, AgentName
+from wrongturn_protocol.accounts import NAME_RULE, AgentName
 from wrongturn_protocol.submissions import MODEL, NAME, SUITE
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service import catalogue

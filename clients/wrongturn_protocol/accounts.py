@@ -1,0 +1,108 @@
+"""Messages about owners and agents."""
+
+from typing import Annotated, Final
+
+from pydantic import Field, StringConstraints, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic_core import PydanticCustomError
+
+from wrongturn_protocol.episodes import Message
+from wrongturn_protocol.vocabulary import AgentKind, Track
+
+NAME_RULE: Final = (
+    "has to be 1 to 64 letters (A to Z, a to z), digits, dots, dashes, underscores and spaces, beginning with a letter "
+    "or digit"
+)
+"""What a name of an agent or an owner has to be, in words."""
+
+
+def _name_in_words(name: object, check: ValidatorFunctionWrapHandler) -> str:
+    """Return a valid name. The error for another one says the rule, not the pattern."""
+    try:
+        valid: str = check(name)
+    except ValidationError as error:
+        if error.errors()[0]["type"] != "string_pattern_mismatch":
+            raise
+        raise PydanticCustomError("name", NAME_RULE) from None
+    return valid
+
+
+AgentName = Annotated[
+    str,
+    StringConstraints(pattern=r"^[A-Za-z0-9](?:[A-Za-z0-9._ -]{0,62}[A-Za-z0-9._-])?$", strip_whitespace=True),
+    WrapValidator(_name_in_words),
+]
+Text = Annotated[str, StringConstraints(pattern=r"^[^\x00]*$")]
+"""Text without the character NUL, which PostgreSQL does not take."""
+
+
+class OwnerRegistration(Message):
+    """``POST /v1/owners``."""
+
+    name: AgentName
+    contact: Annotated[Text, Field(max_length=300)] | None = None
+    """How the operator reaches the owner; nobody else sees it."""
+
+
+class OwnerDetail(Message):
+    """An owner as everybody sees it: who answers for agents."""
+
+    id: str
+    name: str
+
+
+class OwnerList(Message):
+    """``GET /v1/owners``."""
+
+    owners: tuple[OwnerDetail, ...]
+    next: str | None = None
+    """Cursor of the next page; None at the end."""
+
+
+class RegisteredOwner(OwnerDetail):
+    """Reply 201 to an owner's registration or a token's rotation."""
+
+    token: str
+    """The token, with which the owner registers agents. It is shown only this once."""
+
+
+class AgentRegistration(Message):
+    """``POST /v1/agents``."""
+
+    name: AgentName
+    track: Track
+    description: Annotated[Text, Field(max_length=2000)] | None = None
+    homepage: Annotated[str, Field(max_length=300, pattern=r"^https?://[^\x00]*$")] | None = None
+    kind: AgentKind = AgentKind.SUBMITTED
+    """Kinds other than ``submitted`` need the operator's token."""
+    trained_on_faults: bool = False
+    """True for an agent that met wrong commands in its training. The leaderboard marks it."""
+
+
+class AgentDetail(Message):
+    """An agent as everybody sees it."""
+
+    id: str
+    name: str
+    track: Track
+    kind: AgentKind
+    owner: str = ""
+    """Name of the owner."""
+    description: str | None = None
+    homepage: str | None = None
+    trained_on_faults: bool = False
+    """Whether it met wrong commands in its training, as its owner says."""
+
+
+class AgentList(Message):
+    """``GET /v1/agents``."""
+
+    agents: tuple[AgentDetail, ...]
+    next: str | None = None
+    """Cursor of the next page; None at the end."""
+
+
+class RegisteredAgent(AgentDetail):
+    """Reply 201 to a registration or a token's rotation."""
+
+    token: str
+    """The token. It is shown only this once."""
