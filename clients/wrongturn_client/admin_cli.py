@@ -5,17 +5,17 @@ import os
 import secrets
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from wrongturn_client.admin_tables import cell, minute, print_table, words_of
 from wrongturn_client.errors import WrongturnError
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 
 if TYPE_CHECKING:
     from wrongturn_client.administration import Administration
-    from wrongturn_protocol.administration import Contents
 
 admin = typer.Typer(
     help="Administer a service: list, hide, revoke and delete owners, agents, evaluations and submissions.",
@@ -30,9 +30,6 @@ _KINDS: Final = {
     "su_": Collection.SUBMISSIONS,
 }
 _NAMED: Final = {"owner": Collection.OWNERS, "agent": Collection.AGENTS}
-_FREE: Final = frozenset({"contact", "reason", "rows", "why"})
-"""Columns of tables with long texts, which are broken."""
-_BROADEST: Final = 1000
 _TARGET: Final = "An id, or owner:NAME or agent:NAME. Example: agent:test-7"
 _Url = Annotated[
     str | None,
@@ -139,7 +136,7 @@ def show(target: _Target, url: _Url = None, json_to: JsonTo = None) -> None:
         return
     for field, value in found.model_dump(mode="json", exclude={"contents"}).items():
         typer.echo(f"{field}: {value}")
-    typer.echo(f"holds: {_words(found.contents)}")
+    typer.echo(f"holds: {words_of(found.contents)}")
 
 
 @admin.command()
@@ -210,7 +207,7 @@ def delete(
             if dry_run:
                 raise
         else:
-            typer.echo(f"{collection.one} {item} ({found.name}): {_words(found.contents)}", err=True)
+            typer.echo(f"{collection.one} {item} ({found.name}): {words_of(found.contents)}", err=True)
             if dry_run:
                 give_json(found.contents.model_dump(mode="json"), json_to)
                 return
@@ -220,7 +217,7 @@ def delete(
     give_json(deletion.model_dump(mode="json"), json_to)
     if json_to == STDOUT:
         return
-    typer.echo(f"Deleted: {_words(deletion.deleted)}.")
+    typer.echo(f"Deleted: {words_of(deletion.deleted)}.")
     for held in deletion.held:
         typer.echo(f"Stays taken: {held}. To free it: wrongturn admin delete {item} --free")
 
@@ -249,7 +246,7 @@ def usage(
         return
     rows = [(owner.name, owner.id, owner.contents) for owner in found.owners] + [("all", "", found.total)]
     heads = ("owner", "id", "bytes", "agents", "evaluations", "episodes", "submissions")
-    _print_table(heads, [(name, item, *(str(getattr(held, head)) for head in heads[2:])) for name, item, held in rows])
+    print_table(heads, [(name, item, *(str(getattr(held, head)) for head in heads[2:])) for name, item, held in rows])
 
 
 @admin.command()
@@ -279,18 +276,18 @@ def audit(
     heads = ("time", "by", "from", "did", "what", "name", "rows", "why")
     rows = [
         (
-            _minute(entry.time),
+            minute(entry.time),
             entry.actor,
             entry.address,
             entry.action.value if entry.done else f"{entry.action.value} (cut short)",
             entry.target,
             entry.name,
-            _words(entry.contents),
+            words_of(entry.contents),
             entry.reason or "",
         )
         for entry in entries
     ]
-    _print_table(heads, rows)
+    print_table(heads, rows)
 
 
 @admin.command()
@@ -370,52 +367,6 @@ def _list(collection: Collection, url: str | None, limit: int, json_to: Path | N
             for field in type(items[0]).model_fields
             if field in always or any(getattr(item, field) is not None for item in items)
         ]
-        _print_table(fields, [[_cell(field, getattr(item, field)) for field in fields] for item in items])
+        print_table(fields, [[cell(field, getattr(item, field)) for field in fields] for item in items])
     else:
         typer.echo(f"There are no such {collection.value}.")
-
-
-def _cell(field: str, value: object) -> str:
-    if field == "created":
-        return _minute(str(value))
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return "" if value is None else str(value)
-
-
-def _minute(time: str) -> str:
-    """Return an ISO 8601 time in UTC as tables show it, such as ``2026-11-22 16:13``."""
-    return time[:16].replace("T", " ")
-
-
-def _words(contents: "Contents") -> str:
-    """Return what there is in words, such as ``1 agent, 12 episodes, 3.4 MB``."""
-    counts = contents.model_dump(exclude={"bytes"})
-    parts = [f"{number} {kind if number != 1 else _one(kind)}" for kind, number in counts.items() if number]
-    if contents.bytes:
-        parts.append(f"{contents.bytes / 1e6:.1f} MB" if contents.bytes >= 1e5 else f"{contents.bytes} bytes")
-    return ", ".join(parts) or "nothing"
-
-
-def _one(kind: str) -> str:
-    return {"replies": "reply", "trajectories": "trajectory", "results": "record of results"}.get(kind, kind[:-1])
-
-
-def _print_table(heads: Any, rows: Any) -> None:
-    from rich.measure import Measurement  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
-
-    from wrongturn_client.tables import console  # noqa: PLC0415
-
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for head, cells in zip(heads, zip(*rows, strict=True), strict=True):
-        whole = head not in _FREE
-        table.add_column(head, no_wrap=whole, min_width=max(map(len, cells)) if whole else None, overflow="fold")
-    for row in rows:
-        table.add_row(*map(Text, row))
-    screen = console()
-    # What can be copied, such as an id, is never broken: on a narrow terminal the lines are longer than it is.
-    broad = screen.options.update(max_width=_BROADEST)
-    screen.width = max(screen.width, Measurement.get(screen, broad, table).minimum)
-    screen.print(table)

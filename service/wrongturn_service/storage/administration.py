@@ -1,33 +1,25 @@
 """Queries of the operator: lists of everything, and deletions in small steps."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from sqlalchemy import ColumnElement, and_, delete, or_, select, update
+from sqlalchemy import ColumnElement, and_, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wrongturn_protocol import EpisodeState, EvaluationState, SubmissionState
 from wrongturn_protocol.administration import Contents
 from wrongturn_protocol.vocabulary import AuditAction, Collection
-from wrongturn_service.storage import audit, contents, held
+from wrongturn_service.storage import audit, contents, deletion, held
 from wrongturn_service.storage.audit import Act
-from wrongturn_service.storage.contents import Scope, counted, counted_episodes, replies_about, scope_of, total
+from wrongturn_service.storage.contents import Scope, counted, scope_of
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import (
     AgentRow,
     AuditRow,
     EpisodeRow,
     EvaluationRow,
-    HeldRow,
-    IdempotencyRow,
     OwnerRow,
-    ResultsRow,
-    SubmissionLogRow,
     SubmissionRow,
-    TrajectoryRow,
-    UnusedSecretRow,
 )
 from wrongturn_service.storage.submissions import OPEN
 from wrongturn_service.storage.usage import Usage
@@ -39,9 +31,6 @@ ROWS: Final[dict[Collection, type[Item]]] = {
     Collection.EVALUATIONS: EvaluationRow,
     Collection.SUBMISSIONS: SubmissionRow,
 }
-_BATCH: Final = 100
-"""Episodes that are deleted in one transaction, so that others can write in between."""
-_REASON: Final = "deleted by the operator"
 
 
 class After(NamedTuple):
@@ -208,12 +197,12 @@ class AdministrationStore:
                 or_(scope.submissions, SubmissionRow.evaluation_id.in_(evaluations)), SubmissionRow.state.in_(OPEN)
             )
             cancelled = tuple((await session.scalars(open_ones)).all())
-            await _stop(session, scope, cancelled)
+            await deletion.stop(session, scope, cancelled)
             name = await _name(session, collection, item_id)
             entry = act.entry(AuditAction.DELETE, collection, item_id, name, Contents(), done=False)
             await audit.add(session, entry)
             # Before the episodes: a reply is found by the episode that it began.
-            await _delete_replies(session, scope, collection, item_id, entry)
+            await deletion.delete_replies(session, scope, collection, item_id, entry)
             return Doomed(entry.seq, name, owners, agents, evaluations, submissions, cancelled)
 
     async def delete_some(self, collection: Collection, item_id: str, seq: int) -> bool:
@@ -226,11 +215,13 @@ class AdministrationStore:
         """
         async with self._database.write() as session:
             scope = await scope_of(session, collection, item_id)
-            episodes = (await session.scalars(select(EpisodeRow.id).where(scope.episodes).limit(_BATCH))).all()
+            episodes = (await session.scalars(select(EpisodeRow.id).where(scope.episodes).limit(deletion.BATCH))).all()
             if not episodes:
                 return False
-            await _delete_episodes(session, Scope(episodes=EpisodeRow.id.in_(episodes)), await _entry(session, seq))
-            return len(episodes) == _BATCH
+            await deletion.delete_episodes(
+                session, Scope(episodes=EpisodeRow.id.in_(episodes)), await deletion.entry_of(session, seq)
+            )
+            return len(episodes) == deletion.BATCH
 
     async def finish_deletion(
         self, collection: Collection, item_id: str, doomed: Doomed, models: Contents, *, free: bool
@@ -250,13 +241,13 @@ class AdministrationStore:
         async with self._database.write() as session:
             scope = await scope_of(session, collection, item_id)
             if not free:
-                await _hold(session, collection, item_id, scope)
-            entry = await _entry(session, doomed.seq)
-            await _delete_replies(session, scope, collection, item_id, entry)
-            await _delete_episodes(session, scope, entry)
-            _note(entry, await counted(session, scope), models)
+                await deletion.hold(session, collection, item_id, scope)
+            entry = await deletion.entry_of(session, doomed.seq)
+            await deletion.delete_replies(session, scope, collection, item_id, entry)
+            await deletion.delete_episodes(session, scope, entry)
+            deletion.note(entry, await counted(session, scope), models)
             owner = await contents.owner_of_item(session, collection, item_id)
-            await _delete_rest(session, scope)
+            await deletion.delete_rest(session, scope)
             if owner is not None:
                 await Usage().recount(session, owner)
             entry.done = True
@@ -326,87 +317,6 @@ def _conditions(collection: Collection, filters: Filters) -> list[ColumnElement[
         if value is not None
     ]
     return found
-
-
-async def _stop(session: AsyncSession, scope: Scope, cancelled: Sequence[str]) -> None:
-    now = time.time()
-    await session.execute(update(OwnerRow).where(scope.owners).values(hidden=True, token_sha256=None))
-    await session.execute(update(AgentRow).where(scope.agents).values(hidden=True, token_sha256=None))
-    await session.execute(update(EvaluationRow).where(scope.evaluations).values(hidden=True))
-    running = update(EvaluationRow).where(scope.evaluations, EvaluationRow.state == EvaluationState.RUNNING)
-    await session.execute(running.values(state=EvaluationState.CANCELLED))
-    driven = update(EpisodeRow).where(scope.episodes, EpisodeRow.state == EpisodeState.OPEN)
-    await session.execute(driven.values(state=EpisodeState.LOST, finished=now))
-    waiting = update(SubmissionRow).where(SubmissionRow.id.in_(cancelled))
-    over = {"state": SubmissionState.CANCELLED, "token_sha256": None, "ended": now, "reason": _REASON}
-    await session.execute(waiting.values(**over))
-
-
-async def _hold(session: AsyncSession, collection: Collection, item_id: str, scope: Scope) -> None:
-    """Keep the names, and the place on a suite, of what is about to be deleted."""
-    for row, where, kind in ((OwnerRow, scope.owners, held.OWNER), (AgentRow, scope.agents, held.AGENT)):
-        for name in (await session.scalars(select(row.name_key).where(where))).all():
-            await held.hold(session, kind, name, item_id)
-    if collection is not Collection.EVALUATIONS:
-        return
-    evaluation = await session.get(EvaluationRow, item_id)
-    if evaluation is None:
-        return
-    if evaluation.driven is None:
-        # It never counted. The agent's next one gets its trials.
-        secret = UnusedSecretRow(agent_id=evaluation.agent_id, suite=evaluation.suite, secret=evaluation.secret)
-        await session.merge(secret)
-        return
-    of_agent = EvaluationRow.agent_id == evaluation.agent_id, EvaluationRow.suite == evaluation.suite
-    begun = select(EvaluationRow.id).where(*of_agent, EvaluationRow.driven.is_not(None))
-    if await session.scalar(begun.order_by(EvaluationRow.seq).limit(1)) == item_id:
-        await held.hold(session, held.EVALUATION, held.place(evaluation.agent_id, evaluation.suite), item_id)
-
-
-async def _delete_episodes(session: AsyncSession, scope: Scope, entry: AuditRow) -> None:
-    _note(entry, await counted_episodes(session, scope))
-    await session.execute(delete(TrajectoryRow).where(scope.trajectories))
-    await session.execute(delete(EpisodeRow).where(scope.episodes))
-
-
-async def _delete_replies(
-    session: AsyncSession, scope: Scope, collection: Collection, item_id: str, entry: AuditRow
-) -> None:
-    for name, keys in (await replies_about(session, scope, collection, item_id)).items():
-        _note(entry, Contents(replies=len(keys), bytes=sum(keys.values())))
-        hashes = list(keys)
-        for at in range(0, len(hashes), _BATCH):
-            some = IdempotencyRow.key_sha256.in_(hashes[at : at + _BATCH])
-            await session.execute(delete(IdempotencyRow).where(IdempotencyRow.scope == name, some))
-
-
-async def _delete_rest(session: AsyncSession, scope: Scope) -> None:
-    """Delete all but episodes and replies, what refers to others first."""
-    await session.execute(delete(ResultsRow).where(scope.results))
-    submissions = select(SubmissionRow.id).where(scope.submissions)
-    await session.execute(delete(SubmissionLogRow).where(SubmissionLogRow.submission_id.in_(submissions)))
-    await session.execute(delete(SubmissionRow).where(scope.submissions))
-    # By their ids: the conditions ask for rows that are gone by then.
-    agents = (await session.scalars(select(AgentRow.id).where(scope.agents))).all()
-    owners = (await session.scalars(select(OwnerRow.id).where(scope.owners))).all()
-    await session.execute(delete(EvaluationRow).where(scope.evaluations))
-    for agent in agents:  # which has no secrets and places any more
-        await session.execute(delete(UnusedSecretRow).where(UnusedSecretRow.agent_id == agent))
-        places = HeldRow.kind == held.EVALUATION, HeldRow.key.startswith(f"{agent} ", autoescape=True)
-        await session.execute(delete(HeldRow).where(*places))
-        await session.execute(delete(AgentRow).where(AgentRow.id == agent))
-    await session.execute(delete(OwnerRow).where(OwnerRow.id.in_(owners)))
-
-
-async def _entry(session: AsyncSession, seq: int) -> AuditRow:
-    entry = await session.get(AuditRow, seq)
-    assert entry is not None
-    return entry
-
-
-def _note(entry: AuditRow, *deleted: Contents) -> None:
-    """Add what was deleted to an entry of the audit log."""
-    entry.counts = total(Contents.model_validate_json(entry.counts), *deleted).model_dump_json(exclude_defaults=True)
 
 
 async def _name(session: AsyncSession, collection: Collection, item_id: str) -> str:
