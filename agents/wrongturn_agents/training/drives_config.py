@@ -139,16 +139,9 @@ class DrivesConfig:
                 raise TrainingError(f"option {field.name}: is 0; give a number above 0")
             if field.name in _SHARES and value > 1.0:
                 raise TrainingError(f"option {field.name}: is {value}; give a number from 0 to 1")
-        if self.near_junctions + self.near_bends + self.inside_junctions > 1.0:
-            raise TrainingError(
-                "option near_junctions, near_bends, inside_junctions: are more than all drives; give shares of at "
-                "most 1 together"
-            )
-        if not self.window_nearest <= self.window_farthest <= _FARTHEST_WINDOW:
-            raise TrainingError(
-                f"option window_nearest, window_farthest: are {self.window_nearest} and {self.window_farthest}, which "
-                f"is no range; give the least and the greatest distance, at most {_FARTHEST_WINDOW:.0f} m"
-            )
+        check_starts(
+            (self.near_junctions, self.near_bends, self.inside_junctions), (self.window_nearest, self.window_farthest)
+        )
 
     @property
     def variant(self) -> str | None:
@@ -166,6 +159,28 @@ class DrivesConfig:
     def as_dict(self) -> dict[str, Any]:
         """Return the fields by name, ready for JSON."""
         return dataclasses.asdict(self)
+
+
+def check_starts(shares: tuple[float, float, float], window: tuple[float, float]) -> None:
+    """Check where drives begin and where their commands' windows open.
+
+    Args:
+        shares: of all drives, those that begin near a junction, near a bend and inside a junction.
+        window: least and greatest distance before the stop line, m.
+
+    Raises:
+        TrainingError: the shares exceed 1 together, or the window is no range.
+    """
+    if sum(shares) > 1.0:
+        raise TrainingError(
+            "option near_junctions, near_bends, inside_junctions: are more than all drives; give shares of at most 1 "
+            "together"
+        )
+    if not window[0] <= window[1] <= _FARTHEST_WINDOW:
+        raise TrainingError(
+            f"option window_nearest, window_farthest: are {window[0]} and {window[1]}, which is no range; give the "
+            f"least and the greatest distance, at most {_FARTHEST_WINDOW:.0f} m"
+        )
 
 
 def _is(value: Any, kind: type) -> bool:

@@ -18,7 +18,7 @@ from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
 from wrongturn_agents.training.export.quantisation import halve, quantise
-from wrongturn_agents.training.export.writing import check_name, check_target, export_graph, facts_of, write_graph
+from wrongturn_agents.training.export.writing import check_target, export_graph, facts_of, write_graph
 from wrongturn_agents.training.recording import record_observations
 from wrongturn_protocol import Track
 from wrongturn_protocol.model_contract import ACTION
@@ -93,10 +93,8 @@ def export(
         TrainingError: the file is no checkpoint, or the ONNX file cannot be written.
     """
     file = Path(file)
-    check_target(file)
+    check_target(file, name)
     told = load_checkpoint(Path(checkpoint))
-    if name is not None:
-        check_name(name)
     algorithm, precision = told["algorithm"], Precision(precision)
     keys = inputs_of(algorithm)
     graph = _graph(model_of(told), keys)

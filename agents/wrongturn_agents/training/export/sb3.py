@@ -22,7 +22,7 @@ from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.sb3_actions import Meaning, meaning_of
 from wrongturn_agents.training.export.sb3_observations import Taken, as_policy_takes, taken_by
 from wrongturn_agents.training.export.sb3_policy import SavedPolicy, load_policy, load_statistics
-from wrongturn_agents.training.export.writing import check_name, check_target, export_graph, write_graph
+from wrongturn_agents.training.export.writing import check_target, export_graph, write_graph
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import observation_space
 
@@ -74,8 +74,7 @@ def export_sb3(
             export the network, or the file's actions are not the policy's.
     """
     source, file = Path(source), Path(file)
-    check_target(file, "--out")
-    check_name(name or file.stem)
+    check_target(file, name or file.stem, "--out")
     saved = load_policy(source)
     statistics = None if vecnormalize is None else load_statistics(Path(vecnormalize))
     track, keys = taken_by(saved, statistics)

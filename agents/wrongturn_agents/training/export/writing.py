@@ -26,29 +26,22 @@ OPSET: Final = 18
 """Opset of the files. Torch writes it without a conversion, and every onnxruntime since 1.14 reads it."""
 
 
-def check_target(file: Path, said: str = "FILE") -> None:
-    """Check before any work that a file can be written.
+def check_target(file: Path, name: str | None = None, said: str = "FILE") -> None:
+    """Check before any work that a file can be written, and that its agent may have the name.
 
     Args:
         file: the file to write.
-        said: what the user calls it, for the error.
+        name: the agent's name on the leaderboard, if the user gives one.
+        said: what the user calls the file, for the error.
 
     Raises:
-        TrainingError: its folder does not exist, or it does not end with .onnx.
+        TrainingError: the folder does not exist, the file does not end with .onnx, or the name is not allowed.
     """
     if file.is_dir() or not file.absolute().parent.is_dir():
         raise TrainingError(f"{said}: {file} cannot be written; name a file in a directory that exists")
     if file.suffix != ".onnx":
         raise TrainingError(f"{said}: {file} would not be known by its name; let it end with .onnx")
-
-
-def check_name(name: str) -> None:
-    """Check that an agent can be registered under a name.
-
-    Raises:
-        TrainingError: it cannot.
-    """
-    if not is_name(name):
+    if name is not None and not is_name(name):
         raise TrainingError(f"--name: {name!r} cannot be one; {NAME_RULE}")
 
 

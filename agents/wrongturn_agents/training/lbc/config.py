@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from wrongturn_agents.training.drives_config import MOST_ROAD_USERS, ROAD_USERS
+from wrongturn_agents.training.drives_config import MOST_ROAD_USERS, ROAD_USERS, check_starts
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.options import with_options
 
@@ -131,16 +131,9 @@ class LBCConfig:
                 raise TrainingError(f"option {field.name}: is {value}; give at most {MOST_ROAD_USERS}")
             if field.name in _SHARES and value > 1.0:
                 raise TrainingError(f"option {field.name}: is {value}; give a number from 0 to 1")
-        if self.near_junctions + self.near_bends + self.inside_junctions > 1.0:
-            raise TrainingError(
-                "option near_junctions, near_bends, inside_junctions: are more than all drives; give shares of at "
-                "most 1 together"
-            )
-        if not self.window_nearest <= self.window_farthest <= 60.0:
-            raise TrainingError(
-                f"option window_nearest, window_farthest: are {self.window_nearest} and {self.window_farthest}; give "
-                "the least and the greatest distance, at most 60 m"
-            )
+        check_starts(
+            (self.near_junctions, self.near_bends, self.inside_junctions), (self.window_nearest, self.window_farthest)
+        )
         if not 0.0 < self.privileged_share < 1.0:
             raise TrainingError(f"option privileged_share: is {self.privileged_share}; give a number between 0 and 1")
         if self.begin > self.buffer:

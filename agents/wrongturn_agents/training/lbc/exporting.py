@@ -5,7 +5,7 @@ from pathlib import Path
 from wrongturn_agents.models.waypoint_control import MEMORY
 from wrongturn_agents.training.export.export import Agreement, Observations, Precision
 from wrongturn_agents.training.export.remembering import write_remembering
-from wrongturn_agents.training.export.writing import check_name, check_target
+from wrongturn_agents.training.export.writing import check_target
 from wrongturn_agents.training.lbc.checkpoints import load_agent
 
 
@@ -36,9 +36,7 @@ def export_lbc(
         TrainingError: the file is no checkpoint, or the ONNX file cannot be written.
     """
     file, precision = Path(file), Precision(precision)
-    check_target(file)
-    if name is not None:
-        check_name(name)
+    check_target(file, name)
     agent, told = load_agent(checkpoint)
     return write_remembering(
         agent, agent.keys, MEMORY, told, file, precision, name=name, observations=observations, compared=compared

@@ -7,7 +7,7 @@ from wrongturn_agents.models.marln import MEMORY
 from wrongturn_agents.training.checkpoint import load_checkpoint
 from wrongturn_agents.training.export.export import Agreement, Observations, Precision
 from wrongturn_agents.training.export.remembering import write_remembering
-from wrongturn_agents.training.export.writing import check_name, check_target
+from wrongturn_agents.training.export.writing import check_target
 from wrongturn_agents.training.marln.network import marln_of
 
 KEYS: Final = ("speed", "steering", "command", "rgb")
@@ -40,9 +40,7 @@ def export_marln(
         TrainingError: the file is no checkpoint of MaRLn, or the ONNX file cannot be written.
     """
     file, precision = Path(file), Precision(precision)
-    check_target(file)
-    if name is not None:
-        check_name(name)
+    check_target(file, name)
     told = load_checkpoint(checkpoint)
     return write_remembering(
         marln_of(told), KEYS, MEMORY, told, file, precision, name=name, observations=observations, compared=compared
