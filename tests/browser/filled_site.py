@@ -35,7 +35,9 @@ def filled_site(
     folder: Path, names: Sequence[str] = ("careful", "obeys-blindly"), suite: str = SUITE
 ) -> Iterator[Site]:
     """Run a service and drive its agents."""
-    running = RunningService(folder / "wrongturn.db", operator_token=OPERATOR, simulator_start_timeout_s=900)
+    running = RunningService(
+        folder / "wrongturn.db", operator_token=OPERATOR, submissions=1, simulator_start_timeout_s=900
+    )
     assert running.ready, running.stderr
     agents, evaluations = {}, {}
     for name in names:

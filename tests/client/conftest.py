@@ -34,5 +34,7 @@ def _plain_environment(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
     database = tmp_path_factory.mktemp("service") / "wrongturn.db"
-    with LocalService(database=f"sqlite+aiosqlite:///{database}") as service:
+    with LocalService(
+        database=f"sqlite+aiosqlite:///{database}", environment={"WRONGTURN_SUBMISSIONS": "0"}
+    ) as service:
         yield service

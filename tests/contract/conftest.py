@@ -18,6 +18,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
     running = RunningService(
         tmp_path_factory.mktemp("contract") / "wrongturn.db",
         operator_token=OPERATOR,
+        submissions=1,
         registration_limit=100_000,
         max_practice_per_address=1000,  # each example practises, and their leases end late
         max_open_per_address=1000,

@@ -83,7 +83,7 @@ if __name__ == "__main__":
     from service_harness import RunningService
 
     with tempfile.TemporaryDirectory() as folder:
-        service = RunningService(Path(folder) / "wrongturn.db", operator_token=OPERATOR)
+        service = RunningService(Path(folder) / "wrongturn.db", operator_token=OPERATOR, submissions=1)
         try:
             with httpx.Client(base_url=service.url, timeout=120) as client:
                 lines = [json.dumps(example) for example in record(client)]

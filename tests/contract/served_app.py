@@ -16,7 +16,7 @@ from unittest.mock import patch
 import httpx
 import structlog
 import uvloop
-from app_harness import Clock
+from app_harness import Clock, database_at
 from fake_pool import FakePool
 
 from wrongturn_service.app import create_app
@@ -49,7 +49,7 @@ class ServedApp:
         self.errors: list[MutableMapping[str, Any]] = []
         """What was logged as an error."""
         self._settings = Settings(
-            database=f"sqlite+aiosqlite:///{folder / 'a.db'}",
+            database=database_at(folder / "a.db"),
             home=folder,
             simulators=slots,
             max_parallel=PARALLEL,

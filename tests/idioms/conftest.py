@@ -20,7 +20,8 @@ def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def _service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
     database = tmp_path_factory.mktemp("service") / "wrongturn.db"
-    with LocalService(database=f"sqlite+aiosqlite:///{database}", environment={"WRONGTURN_SIMULATORS": "2"}) as service:
+    settings = {"WRONGTURN_SIMULATORS": "2", "WRONGTURN_SUBMISSIONS": "0"}
+    with LocalService(database=f"sqlite+aiosqlite:///{database}", environment=settings) as service:
         yield service
 
 

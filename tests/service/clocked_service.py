@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import structlog
-from app_harness import Clock
+from app_harness import Clock, database_at
 from fake_pool import FakePool
 from fastapi import FastAPI
 from service_harness import Service
@@ -57,7 +57,7 @@ class ClockedService(Service):
     ) -> None:
         # A service collects the garbage at its start. In what the tests have imported, that takes a third of a second.
         gc.freeze()
-        given = Settings(database=f"sqlite+aiosqlite:///{database}", home=database.parent, simulators=slots, **settings)
+        given = Settings(database=database_at(database), home=database.parent, simulators=slots, **settings)
         self._runner = asyncio.Runner(loop_factory=ClockedLoop)
         self._loop = cast(ClockedLoop, self._runner.get_loop())
         self._clock = Clock()
