@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 admin = typer.Typer(
     help="Administer a service: list, hide, revoke and delete owners, agents, evaluations and submissions.",
     no_args_is_help=True,
-    epilog="They need the operator's token, in WRONGTURN_OPERATOR_TOKEN or in the file that "
+    epilog="These commands need the operator's token, in WRONGTURN_OPERATOR_TOKEN or in the file that "
     "WRONGTURN_OPERATOR_TOKEN_FILE names. Example: wrongturn admin agents --name test",
 )
 _KINDS: Final = {

@@ -57,7 +57,7 @@ def load_checkpoint(path: Path | str) -> dict[str, Any]:
     """
     found = read(Path(path), "checkpoint", "a run's best.pt or last.pt")
     if not isinstance(found, dict) or not found.keys() >= FIELDS.keys():
-        raise TrainingError(f"checkpoint {path}: is none; name a run's best.pt or last.pt")
+        raise TrainingError(f"checkpoint {path}: holds no agent; name a run's best.pt or last.pt")
     wrong = [name for name, kind in FIELDS.items() if not isinstance(found[name], kind)]
     if wrong:
         raise TrainingError(f"checkpoint {path}: its {wrong[0]} is damaged; name a run's best.pt or last.pt")

@@ -40,7 +40,7 @@ def check_target(file: Path, name: str | None = None, said: str = "FILE") -> Non
     if file.is_dir() or not file.absolute().parent.is_dir():
         raise TrainingError(f"{said}: {file} cannot be written; name a file in a directory that exists")
     if file.suffix != ".onnx":
-        raise TrainingError(f"{said}: {file} would not be known by its name; let it end with .onnx")
+        raise TrainingError(f"{said}: {file} does not end with .onnx; give it that ending")
     if name is not None and not is_name(name):
         raise TrainingError(f"--name: {name!r} cannot be one; {NAME_RULE}")
 

@@ -63,7 +63,7 @@ def load_agent(file: Path | str, device: torch.device | str = "cpu") -> tuple[Wa
     """
     found = read(Path(file), "checkpoint", "the best.pt or privileged.pt of 'wrongturn train lbc'")
     if not isinstance(found, dict) or any(not isinstance(found.get(name), kind) for name, kind in FIELDS.items()):
-        raise TrainingError(f"checkpoint {file}: is none of lbc; name a run's best.pt or privileged.pt")
+        raise TrainingError(f"checkpoint {file}: holds no agent of lbc; name a run's best.pt or privileged.pt")
     if found["algorithm"] not in AGENTS:
         raise TrainingError(f"checkpoint {file}: is of {found['algorithm']}; name one of {', '.join(AGENTS)}")
     config = LBCConfig.of(found["config"])
