@@ -344,7 +344,7 @@ def test_the_command_says_what_it_made_and_warns(tmp_path):
 
 def test_names_and_folders_that_cannot_be_are_told_before_anything_is_loaded(tmp_path):
     for out, options, says in (
-        (tmp_path / "agent.pt", {}, "--out: .* let it end with .onnx"),
+        (tmp_path / "agent.pt", {}, "--out: .* does not end with .onnx"),
         (tmp_path / "none" / "agent.onnx", {}, "--out: .* a directory that exists"),
         (tmp_path / "agent.onnx", {"name": "\n"}, "--name: '.n' cannot be one"),
     ):
