@@ -156,7 +156,8 @@ def test_nobody_hits_anybody(name, traffic):
     """Cars keep apart from each other, from a car that stands anywhere and from one that brakes for them."""
     town = load_town(name)
     road, pavement = town.road.buffer(0.3), town.sidewalks.buffer(0.3)
-    envs = made(6, town=name, traffic=traffic, own=FleetTraffic(hesitant=0.3, crossers=0.5), drive_on=60.0)
+    envs = made(6, town=name, traffic=traffic, own=FleetTraffic(hesitant=0.3, crossers=0.5, waiters=0.5),
+                drive_on=60.0)  # fmt: skip
     observation, _ = envs.reset(seed=2)
     speeds = []
     for k in range(599):
@@ -243,6 +244,41 @@ def test_at_junctions_with_crossers_the_ego_has_to_give_way_more_often():
     assert waits[1] > 2 * waits[0] + 100
 
 
+def test_waiters_stand_at_the_stop_line_ahead_or_at_that_of_the_street_into_which_the_ego_turns():
+    town = load_town("Town01")
+    envs = made(32, town="Town01", traffic=Traffic(vehicles=6), own=FleetTraffic(waiters=1.0), task=None, fault="none",
+                drive_on=22.0)  # fmt: skip
+    observation, _ = envs.reset(seed=1)
+    approaches = [town.approach(trial.approach) for trial in envs.trials]
+    exits = [
+        town.lanes[approach.exits[trial.route].lane].opposite
+        for approach, trial in zip(approaches, envs.trials, strict=True)
+    ]
+    lines = np.array(
+        [(a.stop_line, town.approach_of_lane(b).stop_line) for a, b in zip(approaches, exits, strict=True)]
+    )
+    stood, turned, gone_early, blocked = np.zeros((32, 2), np.int64), np.zeros(32, np.bool_), 0, 0
+    for _ in range(219):
+        there = np.zeros((32, 2), np.bool_)
+        for i in range(32):
+            for x, y, yaw, length, _, speed in users_of(observation, i).tolist():
+                front = x + 0.5 * length * math.cos(yaw), y + 0.5 * length * math.sin(yaw)
+                there[i] |= (np.hypot(*(lines[i] - front).T) < 2.0) & (speed == 0.0)
+            inside = town.junctions[approaches[i].junction].area.contains(Point(observation["pose"][i, :2]))
+            turned[i] |= inside
+            gone_early += inside and stood[i, 1] > 20 and not there[i, 1]
+        stood += there
+        blocked += int((there[:, 0] & envs.waits).sum())
+        actions = np.array([driver(observation, i, brakes=True) for i in range(32)], np.float32)
+        observation = envs.step(actions)[0]
+    waited = (stood > 20).sum(axis=0)
+    assert ((stood > 20).any(axis=1)).mean() > 0.8
+    assert waited.min() >= 5
+    assert stood[:, 0].max() < 180  # it drives on
+    assert (turned.sum(), gone_early) == (32, 0)
+    assert blocked > 100
+
+
 class TestRightOfWay:
     @pytest.mark.parametrize("name", ["Town01", "Town02", "junctions"])
     def test_the_rules_are_of_pairs_that_cross(self, name):
@@ -279,7 +315,7 @@ class TestRefusals:
         with pytest.raises(TrafficTooDenseError, match=r"traffic\.vehicles: junctions has room for 38"):
             envs.reset(seed=1)
 
-    @pytest.mark.parametrize("name", ["hesitant", "leaders", "crossers"])
+    @pytest.mark.parametrize("name", ["hesitant", "leaders", "crossers", "waiters"])
     def test_shares_are_shares(self, name):
         with pytest.raises(ValueError, match=rf"{name}: is 1.5; give a share from 0 to 1"):
             FleetTraffic(**{name: 1.5})

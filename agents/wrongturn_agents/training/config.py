@@ -20,6 +20,7 @@ _BEFORE: Final[Mapping[str, Any]] = {
     "collision_penalty": 0.0,
     "traffic": 0.0,
     "crossers": 0.0,
+    "waiters": 0.0,
     "window_nearest": 15.0,
     "window_farthest": 15.0,
 }

@@ -15,7 +15,7 @@ _SHOWN: Final = 40
 _FARTHEST_WINDOW: Final = 60.0
 _SHARES: Final = (
     *("gamma", "gae_lambda", "near_junctions", "near_bends", "inside_junctions", "masked_classes", "auxiliary_share"),
-    *("traffic", "hesitant", "leaders", "crossers"),
+    *("traffic", "hesitant", "leaders", "crossers", "waiters"),
 )
 ROAD_USERS: Final = ("vehicles", "pedestrians")
 MOST_ROAD_USERS: Final = 200
@@ -85,6 +85,10 @@ class DrivesConfig:
     crossers: float = 0.5
     """Share of the junctions at which the car has to give way and another one then crosses its way. Without these,
     cars learned to follow others but not to give way.
+    """
+    waiters: float = 0.3
+    """Share of the junctions at which a car stands at a stop line: ahead in the car's own lane, or in the oncoming lane
+    of the street into which it turns. Without these, cars learned to turn through those that wait.
     """
     lateral: float = 0.4
     """Standard deviation of the start's offset from the lane's centre, metres."""

@@ -15,6 +15,7 @@ from wrongturn_protocol import TRAINING_WEATHERS, Traffic
 from wrongturn_sim import FleetTraffic
 
 _JOURNEYS = ("near_junctions", "near_bends", "inside_junctions", "lateral", "yaw", "time_limit")
+_HABITS = ("hesitant", "leaders", "crossers", "waiters")
 _LEAST = 3
 """A drive with traffic has at least one in so many of the most road users."""
 
@@ -95,7 +96,7 @@ def _traffic(config: DrivesConfig) -> dict[str, Any]:
         return {}
     return {
         "traffic": Traffic(vehicles=config.vehicles, pedestrians=config.pedestrians),
-        "own_traffic": FleetTraffic(hesitant=config.hesitant, leaders=config.leaders, crossers=config.crossers),
+        "own_traffic": FleetTraffic(**{name: getattr(config, name) for name in _HABITS}),
     }
 
 

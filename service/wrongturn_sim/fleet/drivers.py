@@ -14,6 +14,7 @@ from wrongturn_sim import ego as ego_module
 from wrongturn_sim import guide
 from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.others import (
+    FOR,
     GATE,
     GOES,
     HERE,
@@ -24,6 +25,7 @@ from wrongturn_sim.fleet.others import (
     PEDESTRIANS,
     SINCE,
     STANDS,
+    STAYS,
     UNTIL,
     VEHICLES,
     W_SINCE,
@@ -67,6 +69,8 @@ STOP = 1.0
 """Cars stop this far before their line, metres."""
 DECISION = 0.1
 """Seconds between decisions."""
+VISIBLE = 4.5
+"""Drivers who have to give way see the others from this far before their line, metres."""
 PATIENCE = 8.0
 """After so many seconds at the line a driver no longer waits for cars that only have the right of way, s."""
 EGO_PATIENCE = 3.0
@@ -231,6 +235,8 @@ def may_go(
     onward = legs[leg, guide.L_GATE + guide.GATE_INTS * gate + guide.G_LEG]
     inner = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
     left = lengths[leg, guide.F_LENGTH] - car[S]
+    if left > VISIBLE and streets.minor[ours]:
+        return False
     # When the car's rear is out of the junction, and a second more.
     clear = (left + inner + car[LENGTH]) / max(car[V], 5.0) + 1.0
     for j in range(others.counts[i, VEHICLES]):
@@ -246,7 +252,7 @@ def may_go(
         rule = streets.rules[ours, 3 * other[LEG] + other[GATE]]
         if rule & CROSSES and (other[INSIDE] or other[GOES]):
             return False
-        if rule & YIELDS and not other[INSIDE] and car[WAITED] < PATIENCE:
+        if rule & YIELDS and not other[INSIDE] and others.cars[i, j, STAYS] <= 0.0 and car[WAITED] < PATIENCE:
             away = lengths[other[LEG], guide.F_LENGTH] - others.cars[i, j, S]
             if time_to(away, others.cars[i, j, V]) < clear:
                 return False
@@ -258,6 +264,18 @@ def may_go(
     away = lengths[progress[guide.P_LEG], guide.F_LENGTH] - places[guide.P_S] - EGO_LENGTH
     waits = state[3] > 0.5 or car[WAITED] < EGO_PATIENCE
     return bool(progress[guide.P_INSIDE] or not (rule & YIELDS and waits and time_to(away, state[3]) < clear))
+
+
+@uncounted
+def stays(others: Others, i: int, k: int, progress: Array) -> bool:
+    """Return whether a driver stays at the stop line without need."""
+    car, way = others.cars[i, k], others.ways[i, k]
+    if way[FOR] >= 0 and way[FOR] != progress[guide.P_LEG]:
+        car[STAYS] = 0.0
+    if car[STAYS] <= 0.0:
+        return False
+    car[STAYS] -= DECISION
+    return True
 
 
 @uncounted
@@ -308,7 +326,9 @@ def decide_speed(
         if not way[INSIDE] and not way[GOES]:
             room = safe_speed(left - STOP, 0.0, BRAKING, REACTION)
             if room < v + ACCELERATION * DECISION + 2.0:
-                if may_go(streets, legs, lengths, others, i, k, progress, places, state):
+                if not stays(others, i, k, progress) and may_go(
+                    streets, legs, lengths, others, i, k, progress, places, state
+                ):
                     way[GOES] = 1
                     car[WAITED] = 0.0
                 else:

@@ -13,7 +13,7 @@ from numba import njit
 from wrongturn_sim import ego, guide, polyline, reward
 from wrongturn_sim.compiling import compiled_with
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, advance
-from wrongturn_sim.fleet import drivers, headway, meeting, others, right_of_way, settling, streets
+from wrongturn_sim.fleet import drivers, headway, meeting, others, right_of_way, settling, streets, waiting
 from wrongturn_sim.fleet.others import PEDESTRIANS, VEHICLES, Others
 from wrongturn_sim.fleet.streets import Streets
 from wrongturn_sim.guide import LANE_FOLLOW
@@ -233,6 +233,10 @@ def drive(tables: Tables, egos: Egos, i: int) -> None:
             tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
             egos.progress[i], egos.places[i], state,
         )  # fmt: skip
+        waiting.wait(
+            tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
+            egos.progress[i], egos.places[i], state,
+        )  # fmt: skip
         drivers.think(
             tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
             egos.progress[i], egos.places[i], state,
@@ -331,7 +335,7 @@ def keep_commands(egos: Egos, i: int) -> None:
 
 @compiled_with(
     ego, polyline, guide, kernels, decide, journey_kernels, reward,
-    drivers, headway, meeting, others, right_of_way, settling, streets, crowd, plan, slots, nogil=True,
+    drivers, headway, meeting, others, right_of_way, settling, streets, waiting, crowd, plan, slots, nogil=True,
 )  # fmt: skip
 def run(tables: Tables, egos: Egos, observations: Observations, first: int, end: int) -> None:
     """Do the work of the egos from ``first`` to before ``end`` in the order."""

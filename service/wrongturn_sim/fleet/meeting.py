@@ -8,6 +8,7 @@ from wrongturn_sim import guide
 from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.drivers import BRAKING, EGO_LENGTH, GAP, REACTION, STOP, leader_of, safe_speed
 from wrongturn_sim.fleet.others import (
+    FOR,
     GATE,
     GOES,
     HERE,
@@ -17,6 +18,7 @@ from wrongturn_sim.fleet.others import (
     LIKES,
     MEETS,
     RANGE,
+    STAYS,
     VEHICLES,
     WAITED,
     A,
@@ -35,6 +37,8 @@ Array = np.ndarray[Any, Any]
 
 NEAR = 25.0
 """It is drawn this far before the ego's stop line whether the ego meets a car, metres."""
+MEETING = 0
+"""Column of ``Others.junction``."""
 SLOWS, CRUISE, TURNS = 15.0, 7.0, 4.5
 """An ego's usual speed up to so many metres before its line, and after, m/s."""
 EARLY, SPREAD = -0.5, 3.0
@@ -50,33 +54,53 @@ def meet(
 ) -> None:  # fmt: skip
     """Let a car come to the junction ahead of an ego, if this is drawn; once at each junction."""
     leg, gate = progress[guide.P_LEG], progress[guide.P_GATE]
-    if others.habits[i, MEETS] == 0.0 or gate < 0 or progress[guide.P_INSIDE] or others.junction[i] == leg:
+    if others.habits[i, MEETS] == 0.0 or gate < 0 or progress[guide.P_INSIDE] or others.junction[i, MEETING] == leg:
         return
     left = lengths[leg, guide.F_LENGTH] - places[guide.P_S] - EGO_LENGTH
     if left > NEAR:
         return
-    others.junction[i] = leg
+    others.junction[i, MEETING] = leg
     if draw(others, i) >= others.habits[i, MEETS]:
         return
     k, found = far_away(others, i, state), crossing_gate(streets, others, i, leg, gate)
     if k < 0 or found < 0:
         return
     car, way = others.cars[i, k], others.ways[i, k]
-    seconds = max(left - SLOWS, 0.0) / CRUISE + min(max(left, 0.0), SLOWS) / TURNS
-    seconds -= EARLY + SPREAD * draw(others, i)
+    seconds = time_to_line(left) - EARLY - SPREAD * draw(others, i)
     speed = car[LIKES] * streets.limits[found // 3]
     length = lengths[found // 3, guide.F_LENGTH]
     s = min(max(length - speed * seconds, car[LENGTH] + APART), length - 2.0 * STOP)
-    for j in range(others.counts[i, VEHICLES]):
-        other = others.ways[i, j]
-        if other[HERE] and other[LEG] == found // 3 and not other[INSIDE] and abs(others.cars[i, j, S] - s) < APART:
-            return
-    way[LEG], way[GATE], way[INSIDE], way[GOES] = found // 3, found % 3, 0, 0
-    car[S], car[A], car[WAITED] = s, 0.0, 0.0
+    if not has_room(others, i, found // 3, s):
+        return
+    put(others, i, k, found // 3, found % 3, s)
     gap, _ = leader_of(legs, lengths, others, i, k)
     room = min(gap - GAP, length - s - STOP)
     car[V] = min(speed, safe_speed(room, 0.0, BRAKING, REACTION))
     place_car(points, along, legs, lengths, car, way)
+
+
+@uncounted
+def time_to_line(left: float) -> float:
+    """Return the seconds that an ego usually needs to its stop line, ``left`` metres away."""
+    return max(left - SLOWS, 0.0) / CRUISE + min(max(left, 0.0), SLOWS) / TURNS
+
+
+@uncounted
+def has_room(others: Others, i: int, leg: int, s: float) -> bool:
+    """Return whether no car is near to a place in a lane, or has leave to drive on from there."""
+    for k in range(others.counts[i, VEHICLES]):
+        way = others.ways[i, k]
+        if way[HERE] and way[LEG] == leg and (way[GOES] or abs(others.cars[i, k, S] - s) < APART):
+            return False
+    return True
+
+
+@uncounted
+def put(others: Others, i: int, k: int, leg: int, gate: int, s: float) -> None:
+    """Move a car into a lane, ``s`` metres along it; it will take that exit."""
+    car, way = others.cars[i, k], others.ways[i, k]
+    way[LEG], way[GATE], way[INSIDE], way[GOES], way[FOR] = leg, gate, 0, 0, -1
+    car[S], car[A], car[WAITED], car[STAYS] = s, 0.0, 0.0, 0.0
 
 
 @uncounted

@@ -17,22 +17,24 @@ Array = np.ndarray[Any, Any]
 
 VEHICLES, PEDESTRIANS = 0, 1
 """Columns of ``Others.counts``: the number of each kind."""
-HESITANT, LEADS, MEETS = 0, 1, 2
-"""Columns of ``Others.habits``: share of the cars that drive hesitantly, of the drives with a car shortly ahead, and of
-the junctions at which the ego meets a car.
+HESITANT, LEADS, MEETS, WAITS = 0, 1, 2, 3
+"""Columns of ``Others.habits``: share of the cars that drive hesitantly, of the drives with a car shortly ahead, of the
+junctions at which the ego meets a car, and of those at which a car stands.
 """
 
 # Floats of a car: metres of its front bumper along its line; speed, m/s; acceleration until the next decision; body;
 # number of its colour; share of the speed limit that its driver likes; seconds that it has waited at its stop line;
-# seconds until it stops without need (below 0: it stops), and how long it then stands (0: its driver never does); place
-# of its body's centre, and metres driven since the car was there (0, unless the ego is far away).
-S, V, A, LENGTH, WIDTH, HEIGHT, COLOUR, LIKES, WAITED, UNTIL, STANDS, X, Y, YAW, SINCE = range(15)
-CAR_FLOATS = 15
+# seconds until it stops without need (below 0: it stops), and how long it then stands (0: its driver never does);
+# seconds that it still stays at its stop line without need; place of its body's centre, and metres driven since the car
+# was there (0, unless the ego is far away).
+S, V, A, LENGTH, WIDTH, HEIGHT, COLOUR, LIKES, WAITED, UNTIL, STANDS, STAYS, X, Y, YAW, SINCE = range(16)
+CAR_FLOATS = 16
 # Ints of a car: its leg; the exit that it takes at the leg's end (-1: none); whether its line is that exit's path,
 # which leads through the junction and along the exit's lane; whether the junction is kept free for it; whether it is in
-# town: where a lane ends at the edge of the town, a car leaves and comes back at an entry.
-LEG, GATE, INSIDE, GOES, HERE = range(5)
-CAR_INTS = 5
+# town: where a lane ends at the edge of the town, a car leaves and comes back at an entry; the leg of the ego for whose
+# sake it stays at its stop line, until the ego has left that leg (-1: none).
+LEG, GATE, INSIDE, GOES, HERE, FOR = range(6)
+CAR_INTS = 6
 
 # Floats of a walker: metres along the pavement; speed, m/s, below 0 against the pavement's direction; metres to the
 # left of its line; height; number of the colour; place, and metres walked since, as for cars.
@@ -56,9 +58,9 @@ class Others(NamedTuple):
     counts: Array
     """(n, 2) int64: how many cars and pedestrians each ego has."""
     habits: Array
-    """(n, 3)"""
+    """(n, 4)"""
     junction: Array
-    """(n,) int64: leg at whose end it was last drawn whether the ego meets a car; -1 before."""
+    """(n, 2) int64: leg at whose end it was last drawn whether the ego meets a car, and one that stands; -1 before."""
     random: Array
     """(n,) int64: state of each ego's random numbers."""
     cars: Array
@@ -88,8 +90,8 @@ def others_for(count: int, vehicles: int, pedestrians: int) -> Others:
     most = vehicles + pedestrians
     return Others(
         counts=np.zeros((count, 2), np.int64),
-        habits=np.zeros((count, 3)),
-        junction=np.full(count, -1, np.int64),
+        habits=np.zeros((count, 4)),
+        junction=np.full((count, 2), -1, np.int64),
         random=np.zeros(count, np.int64),
         cars=np.zeros((count, vehicles, CAR_FLOATS)),
         ways=np.zeros((count, vehicles, CAR_INTS), np.int64),

@@ -21,6 +21,7 @@ from wrongturn_sim.fleet.drivers import (
 )
 from wrongturn_sim.fleet.others import (
     COLOUR,
+    FOR,
     GATE,
     GOES,
     HEIGHT,
@@ -109,6 +110,7 @@ def settle_car(
     car, way = others.cars[i, k], others.ways[i, k]
     car[:] = 0.0
     way[:] = 0
+    way[FOR] = -1
     share, body = draw(others, i), 0
     while body < len(streets.bodies) - 1 and streets.bodies[body, 3] <= share:
         body += 1

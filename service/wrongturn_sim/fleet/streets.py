@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_networks import Town
-from wrongturn_sim.fleet.right_of_way import limits_of, rules_of
+from wrongturn_sim.fleet.right_of_way import YIELDS, limits_of, rules_of
 from wrongturn_sim.polyline import measure
 from wrongturn_sim.roads import roads_of
 from wrongturn_sim.traffic.plan import BODIES
@@ -25,6 +25,8 @@ class Streets(NamedTuple):
 
     rules: Array
     """(gates, gates) uint8; see :mod:`~wrongturn_sim.fleet.right_of_way`."""
+    minor: Array
+    """(gates,) bool: whether a car that takes this gate has to give way to anybody."""
     speeds: Array
     """(gates,), speed limit in the junction, m/s."""
     limits: Array
@@ -64,6 +66,7 @@ def streets_of(town: Town) -> Streets:
         doors.append((pavement, begin + at if length > 0.0 else begin - at, x, y))
     return Streets(
         rules=rules,
+        minor=np.asarray(((rules & YIELDS) > 0).any(axis=1)),
         speeds=speeds,
         limits=limits_of(town),
         slots=np.array(slots, np.float64).reshape(-1, 4),
@@ -126,6 +129,7 @@ def no_streets() -> Streets:
     """Return empty arrays, for fleets without traffic."""
     return Streets(
         rules=np.zeros((0, 0), np.uint8),
+        minor=np.zeros(0, np.bool_),
         speeds=np.empty(0),
         limits=np.empty(0),
         slots=np.empty((0, 4)),

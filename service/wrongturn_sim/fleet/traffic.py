@@ -11,7 +11,7 @@ from typing import Any, Final
 from wrongturn_networks import Town
 from wrongturn_protocol import Trial
 from wrongturn_sim.errors import TrafficTooDenseError
-from wrongturn_sim.fleet.others import HESITANT, LEADS, MEETS, PEDESTRIANS, VEHICLES, Others, others_for
+from wrongturn_sim.fleet.others import HESITANT, LEADS, MEETS, PEDESTRIANS, VEHICLES, WAITS, Others, others_for
 from wrongturn_sim.fleet.streets import MOST, streets_of
 
 _GOLDEN: Final = 0x9E3779B97F4A7C15
@@ -34,9 +34,14 @@ class FleetTraffic:
     """Share of the junctions at which a car from another street crosses the ego's way about when the ego comes, where
     the ego has to give way. The car is taken from out of the ego's sight when the ego is 25 m away.
     """
+    waiters: float = 0.0
+    """Share of the junctions at which a car stands at a stop line: the ego's own, until 2 to 8 seconds after the ego
+    can have come, or that of the street into which the ego's way leads, until the ego has left the junction. The car is
+    taken from out of the ego's sight when the ego is 45 m away.
+    """
 
     def __post_init__(self) -> None:
-        for name in ("hesitant", "leaders", "crossers"):
+        for name in ("hesitant", "leaders", "crossers", "waiters"):
             share = getattr(self, name)
             if not 0.0 <= share <= 1.0:
                 raise ValueError(f"{name}: is {share!r}; give a share from 0 to 1")
@@ -45,7 +50,7 @@ class FleetTraffic:
         """Set how many road users an ego has, and from which seed they are drawn."""
         others.counts[i] = trial.traffic.vehicles, trial.traffic.pedestrians
         others.habits[i, HESITANT], others.habits[i, LEADS] = self.hesitant, self.leaders
-        others.habits[i, MEETS] = self.crossers
+        others.habits[i, MEETS], others.habits[i, WAITS] = self.crossers, self.waiters
         others.junction[i] = -1
         folded = (trial.seed * _GOLDEN + _GOLDEN) & _MASK
         others.random[i] = folded - 2**64 if folded >= 2**63 else folded

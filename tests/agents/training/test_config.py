@@ -47,12 +47,12 @@ def test_a_stored_run_keeps_what_it_was_trained_with():
         *(0.1, 0.3, 0.2, 0.2),
     )
     stored = now.as_dict() | {"near_junctions": 0.4, "near_bends": 0.25}
-    youngest = ("traffic", "vehicles", "pedestrians", "hesitant", "leaders", "crossers", "collision_penalty")
+    youngest = ("traffic", "vehicles", "pedestrians", "hesitant", "leaders", "crossers", "waiters", "collision_penalty")
     for younger in ("inside_junctions", "projection_learning_rate", "window_nearest", "window_farthest", *youngest):
         del stored[younger]
     then = config_of("ppo-image", stored)
-    assert (now.traffic, now.crossers, now.collision_penalty) == (0.7, 0.5, 2.0)
-    assert (then.traffic, then.crossers, then.collision_penalty) == (0.0, 0.0, 0.0)
+    assert (now.traffic, now.crossers, now.waiters, now.collision_penalty) == (0.7, 0.5, 0.3, 2.0)
+    assert (then.traffic, then.crossers, then.waiters, then.collision_penalty) == (0.0, 0.0, 0.0, 0.0)
     assert (now.window_nearest, now.window_farthest) == (10.0, 20.0)
     assert (then.window_nearest, then.window_farthest) == (15.0, 15.0)
     assert (then.projection_learning_rate, then.near_junctions, then.near_bends, then.inside_junctions) == (
@@ -90,7 +90,8 @@ def test_seeds_without_sense_are_named(tmp_path, seed):
 
 
 @pytest.mark.parametrize(
-    "option", ["traffic=1.2", "hesitant=-0.1", "leaders=2", "crossers=nan", "vehicles=201", "pedestrians=-1"]
+    "option",
+    ["traffic=1.2", "hesitant=-0.1", "leaders=2", "crossers=nan", "waiters=1.01", "vehicles=201", "pedestrians=-1"],
 )
 def test_traffic_that_cannot_be_is_refused(option):
     with pytest.raises(TrainingError, match=f"option {option.partition('=')[0]}: is"):
