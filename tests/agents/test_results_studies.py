@@ -105,12 +105,27 @@ def test_what_driving_needs_is_named(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("options", "says"),
-    [(["--agent", "careful"], "--agent"), (["--import", "x.json", "--draws", "2"], "--import: cannot go with")],
+    [
+        (["--agent", "careful"], "--agent"),
+        (["--import", "x.json", "--draws", "2"], "--import: cannot go with"),
+        (["--import", "x.json", "--agent", "careful", "--agent", "parked"], "--agent: an import is of one agent"),
+        (["--draws", "2", "--agent", ""], "--agent: names no agent"),
+    ],
 )
 def test_options_that_do_not_go_together(options, says):
     done = CliRunner().invoke(app, ["results", *options])
     assert isinstance(done.exception, ResultsError)
     assert says in str(done.exception)
+
+
+@pytest.mark.parametrize("options", [["--agent", "careful,parked"], ["--agent", "careful", "--agent", "parked"]])
+def test_agents_are_named_one_by_one_or_with_commas(options, tmp_path, monkeypatch):
+    driven = []
+    monkeypatch.setattr(
+        "wrongturn_agents.reporting.cli.make_draws", lambda _folder, agents, _count: driven.extend(agents) or "nowhere"
+    )
+    done = CliRunner().invoke(app, ["results", "--directory", str(tmp_path), "--draws", "2", *options])
+    assert (done.exit_code, driven) == (0, ["careful", "parked"])
 
 
 @pytest.mark.slow

@@ -97,10 +97,11 @@ def results(
         ),
     ] = None,
     agent: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
-            help="Agent of the import, which replaces the one in the file; or the agents to drive for --evaluations, "
-            "and for --sensitivity and --draws, there all shipped ones by default. Example: --agent ppo-image"
+            help="Agent of the import, which replaces the one in the file; or an agent to drive for --evaluations, and "
+            "for --sensitivity, --draws and --failures, there all by default. Give it again for another, or put commas "
+            "between names. Example: --agent ppo-image"
         ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Training seed of the import. Example: --seed 3", min=0)] = None,
@@ -169,15 +170,23 @@ def results(
         raise ResultsError(f"RUN: {runs[0]}: say what to make of it by --figures, --latex or --csv")
     studied = sensitivity or failures or draws is not None or evaluations is not None
     if not sources and any(value is not None for value in (None if studied else agent, seed, variant, steps)):
-        raise ResultsError("--agent, --seed, --variant, --steps: they describe an import; give --import too")
+        raise ResultsError(
+            "--agent, --seed, --variant, --steps: they describe an import; give --import too. --agent also names what "
+            "to drive for --sensitivity, --draws, --evaluations and --failures"
+        )
     if sources and studied:
         raise ResultsError(
             "--import: cannot go with --sensitivity, --draws, --evaluations, --failures; run the command once for each"
         )
+    agents = [name.strip() for names in agent or () for name in names.split(",") if name.strip()]
+    if agent and not agents:
+        raise ResultsError("--agent: names no agent. Example: --agent ppo-image")
+    if sources and len(agents) > 1:
+        raise ResultsError(f"--agent: an import is of one agent; name one of {', '.join(agents)}")
     for source in sources or ():
-        stored = import_results(source, directory, Overrides(agent, seed, variant, steps))
+        overrides = Overrides(agents[0] if agents else None, seed, variant, steps)
+        stored = import_results(source, directory, overrides)
         typer.echo(f"{source}: stored as {stored.name}", err=True)
-    agents = [name.strip() for name in (agent or "").split(",") if name.strip()] if studied else []
     if sensitivity:
         typer.echo(f"stored as {make_judgings(directory, agents)}", err=True)
     if draws is not None:

@@ -63,11 +63,15 @@ def train(
     Example: wrongturn train doubting-segmentation --minutes 10
     """
     _require_extra()
+    from wrongturn_agents.training.config import ALGORITHMS  # noqa: PLC0415
     from wrongturn_agents.training.display import Display  # noqa: PLC0415
     from wrongturn_agents.training.doubting.config import ALGORITHMS as DOUBTING  # noqa: PLC0415
     from wrongturn_agents.training.lbc.config import ALGORITHM as LBC  # noqa: PLC0415
     from wrongturn_agents.training.train import train as run  # noqa: PLC0415
 
+    known = (*ALGORITHMS, LBC, *DOUBTING)
+    if algorithm not in known:
+        raise TrainingError(f"ALGORITHM: there is no {algorithm!r}; choose one of {', '.join(known)}")
     options = [*(option or []), *([] if num_envs is None else [f"num_envs={num_envs}"])]
     folder = directory or Path("runs") / f"{algorithm}-{1 if seed is None else seed}"
     if algorithm == LBC:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Self
 
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.options import with_options
+from wrongturn_agents.training.options import in_words, with_options
 
 _POSITIVE: Final = ("learning_rate", "reward_divisor", "time_limit", "clip_range", "window_nearest")
 _MOST: Final = 10**12
@@ -127,7 +127,7 @@ class DrivesConfig:
             value: Any = getattr(self, field.name)
             kind: Any = type(field.default)
             if not _is(value, kind):
-                raise TrainingError(f"option {field.name}: is {value!r}; give a {kind.__name__}")
+                raise TrainingError(f"option {field.name}: is {value!r}; give {in_words(kind)}")
             if isinstance(value, bool | str):
                 continue
             # A negative limit of the divergence stops each update at once.
@@ -204,4 +204,4 @@ def _parsed(name: str, text: str, kind: type) -> Any:
     try:
         return kind(text.replace("_", "")) if kind is int else kind(text)
     except ValueError as error:
-        raise TrainingError(f"option {name}: is {text[:_SHOWN]!r}; give a {kind.__name__}") from error
+        raise TrainingError(f"option {name}: is {text[:_SHOWN]!r}; give {in_words(kind)}") from error

@@ -13,6 +13,12 @@ if TYPE_CHECKING:
 
 _SHOWN = 40
 _WORDS = {"true": True, "false": False}
+_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}
+
+
+def in_words(kind: type) -> str:
+    """Return what a setting of a type takes: ``a whole number``."""
+    return _KINDS[kind]
 
 
 def parsed(name: str, text: str, kind: type) -> Any:
@@ -33,7 +39,7 @@ def parsed(name: str, text: str, kind: type) -> Any:
     try:
         return kind(text)
     except ValueError as error:
-        raise TrainingError(f"option {name}: is {text[:_SHOWN]!r}; give a {kind.__name__}") from error
+        raise TrainingError(f"option {name}: is {text[:_SHOWN]!r}; give {in_words(kind)}") from error
 
 
 def with_options(

@@ -148,7 +148,7 @@ def test_a_checkpoint_is_known_as_what_it_is(checkpoint: Path, tmp_path: Path) -
     [
         ("towns=3", "give name=value with one of"),
         ("generated", "give name=value with one of"),
-        ("generated=many", "give a int"),
+        ("generated=many", "give a whole number"),
         ("augment=yes", "give true or false"),
         ("first_share=2", "give a number from 0 to 1"),
         ("batch_size=0", "option batch_size: is 0"),
