@@ -29,11 +29,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         yield site
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
     """Chromium, or the test is skipped.
 
-    Playwright keeps an event loop in this thread. It stops after this folder, so that tests elsewhere can run theirs.
+    Playwright keeps an event loop in this thread. It stops after each file, so that tests elsewhere can run theirs.
     """
     if not CHROMIUM.exists():
         pytest.skip(f"there is no {CHROMIUM}; apt-get install chromium")

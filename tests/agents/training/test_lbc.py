@@ -48,7 +48,6 @@ def rows_of(curve):
         return list(csv.DictReader(opened))
 
 
-@pytest.mark.soak  # CI sees that the losses of a shorter one fall
 @pytest.mark.slow
 def test_a_short_training_beats_a_random_policy(tmp_path):
     train(directory=tmp_path, seed=1, samples=ENOUGH_SAMPLES, device="cpu", threads=1, options=ENOUGH)

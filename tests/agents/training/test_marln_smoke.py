@@ -23,7 +23,6 @@ OPTIONS = (
 )
 
 
-@pytest.mark.soak
 @pytest.mark.slow
 def test_a_short_training_beats_a_random_policy(tmp_path, small_marln):  # noqa: F811
     random, table = torch.Generator().manual_seed(1), torch.tensor(ACTIONS)
