@@ -104,7 +104,16 @@ class Gate(nn.Module):
         near = torch.where(ahead < config.begin, wanted, int(Command.LANE_FOLLOW))
         obeyed = torch.where(left, int(Command.LANE_FOLLOW), torch.where(choice > 0.5, choice.long(), near))
         after = torch.cat([belief, ahead, choice, travelled, looks, clear], 1)
-        return obeyed, torch.where(left, torch.zeros_like(after), after)
+        return obeyed, torch.where(left, self._behind_a_junction(after), after)
+
+    def _behind_a_junction(self, memory: Tensor) -> Tensor:
+        """Return the memory of a car that has just left a junction: the next one is far, until pictures say otherwise.
+
+        The car may still be turning, and single pictures of the road's far side show stop lines that are not ahead.
+        """
+        forgotten = [0.0] * MEMORY
+        forgotten[DISTANCE], forgotten[LOOKS] = self.config.belief, 1.0
+        return memory.new_tensor(forgotten).expand_as(memory)
 
     def _wanted(self, belief: Tensor, command: Tensor) -> Tensor:
         """Return the command, or the best exit where it offers none (B, 1) int64."""

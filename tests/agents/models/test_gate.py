@@ -131,6 +131,14 @@ def test_a_junction_that_is_seen_for_half_a_second_is_none() -> None:
     assert set(drive(T_STRAIGHT_LEFT, [FOLLOW] * len(distances), distances=distances)) == {FOLLOW}
 
 
+def test_a_stop_line_that_is_seen_for_a_moment_behind_a_junction_is_none() -> None:
+    """As a car sees one that is still turning when the gate ends its choice."""
+    distances = [*WAY[: AWAY + 3], 5.5, 18.0, *[30.0] * 20]
+    commands = [STRAIGHT] * len(distances)
+    obeyed = drive(T_LEFT_RIGHT, commands, distances=distances)
+    assert set(obeyed[AWAY + 3 :]) == {FOLLOW}
+
+
 def test_nothing_is_left_of_a_junction_behind_the_car() -> None:
     """The second junction of a drive is judged by its own pictures."""
     gate = Gate()

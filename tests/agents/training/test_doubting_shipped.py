@@ -13,7 +13,7 @@ pytest.importorskip("onnxruntime")
 from wrongturn_agents import resolve
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import ModelFileError
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.training.doubting import study
 from wrongturn_agents.training.doubting.card import card
 from wrongturn_agents.training.doubting.config import driver_of
@@ -35,6 +35,7 @@ FIGURE: dict[str, Any] = {
     "secret": "a",
     "pictures": 5,
     "driver": "0a1b",
+    "doubt": "9f8e",
     "unsafe_strict": 0,
     "trials": 60,
     "twins_completed": 60,
@@ -65,13 +66,19 @@ def test_the_page_has_the_stored_figures() -> None:
 
 
 @pytest.mark.parametrize("name", DOUBTING_AGENTS)
-def test_the_figures_are_of_the_driver_that_is_shipped(name: str) -> None:
-    """Another driver behind the same gate drives otherwise, so its figures are driven anew."""
-    drivers = {one.get("driver") for one in json.loads(FIGURES.read_text("utf-8")) if one["algorithm"] == name}
-    shipped = hashlib.sha256(SHIPPED_AGENTS[DOUBTING_AGENTS[name].drives].file.read_bytes()).hexdigest()
-    assert drivers == {shipped}, (
-        f"{DOUBTING_AGENTS[name].drives} changed since {name} was driven: drive again with "
-        "python -m wrongturn_agents.training.doubting.study, drop the old figures, and read docs/doubting.md anew"
+def test_the_figures_are_of_the_files_that_are_shipped(name: str) -> None:
+    """Another driver behind the same gate drives otherwise, so its figures are driven anew; so does another gate."""
+    agent = DOUBTING_AGENTS[name]
+    seed = int(open_session(agent.file).get_modelmeta().custom_metadata_map["seed"])
+    found = {
+        (one["doubt"], one["driver"])
+        for one in json.loads(FIGURES.read_text("utf-8"))
+        if (one["algorithm"], one["seed"], one["gate"], one["variant"]) == (name, seed, [], None)
+    }
+    shipped = tuple(hashlib.sha256(file.read_bytes()).hexdigest() for file in agent.files)
+    assert found == {shipped}, (
+        f"{name} or {agent.drives} changed since {name} was driven: drive again with "
+        "python -m wrongturn_agents.training.doubting.study, and read docs/doubting.md anew"
     )
 
 
@@ -96,13 +103,21 @@ def test_figures_of_the_same_drives_replace_each_other(tmp_path: Path) -> None:
     assert [(one["town"], one["unsafe_strict"]) for one in kept] == [("Town01", 1), ("Town02", 3)]
 
 
-def test_figures_of_another_driver_make_way(tmp_path: Path) -> None:
+@pytest.mark.parametrize("changed", ["driver", "doubt"])
+def test_figures_of_other_files_make_way_if_the_gate_is_the_same(tmp_path: Path, changed: str) -> None:
     file = tmp_path / "figures.json"
     study.keep(file, FIGURE)
+    study.keep(file, {**FIGURE, "seed": 2})
+    study.keep(file, {**FIGURE, "gate": ["omission=false"]})
     study.keep(file, {**FIGURE, "algorithm": "doubting-segmentation"})
-    study.keep(file, {**FIGURE, "town": "Town02", "driver": "2c3d"})
-    kept = [(one["algorithm"], one["driver"]) for one in json.loads(file.read_text("utf-8"))]
-    assert kept == [("doubting", "2c3d"), ("doubting-segmentation", "0a1b")]
+    study.keep(file, {**FIGURE, "town": "Town02", changed: "2c3d"})
+    kept = json.loads(file.read_text("utf-8"))
+    assert [(one["algorithm"], one["seed"], one["gate"], one["town"], one[changed] == "2c3d") for one in kept] == [
+        ("doubting", 1, ["omission=false"], "Town01", False),
+        ("doubting", 1, [], "Town02", True),
+        ("doubting", 2, [], "Town01", False),
+        ("doubting-segmentation", 1, [], "Town01", False),
+    ]
 
 
 def test_fresh_draws_belong_to_the_files_that_drive_and_are_driven_once(
@@ -140,15 +155,17 @@ def test_tables_count_each_draw_and_each_part_of_the_gate() -> None:
     made = tables(figures)
     assert made["drivers"].count("| `doubting` | `ppo-image` | `0a1b` |") == 1
     assert "| `doubting` | infeasible | 180 | overrode 174, froze 6 |" in made["reactions"]
-    assert "| `doubting` | 1 | 3 | 0 (2 times), 2 | 60 (3 times) | – | – | – |" in made["draws"]
+    assert "| `doubting` | 1 | `0a1b` | 3 | 0 (2 times), 2 | 60 (3 times) | – | – | – |" in made["draws"]
     assert "| `doubting` | 1 | Town01 | ClearNoon | 2 | 0, 4 | 4 of 120 | 59, 60 | 119 of 120 |" in made["fresh"]
     assert "| `doubting` | 1 | Town01 | SoftRainSunset | 7 | 60 |" in made["weathers"]
-    assert "| `doubting` | 1 | replaces missing exits only | 11 | 60 | – | – |" in made["ablation"]
+    assert "| `doubting` | 1 | `0a1b` | replaces missing exits only | 11 | 60 | – | – |" in made["ablation"]
 
 
 def test_figures_of_two_drivers_are_told_apart() -> None:
-    made = tables([FIGURE, {**FIGURE, "seed": 2, "driver": "2c3d"}])["drivers"]
-    assert [row for row in ("0a1b", "2c3d") if f"| `ppo-image` | `{row}` |" in made] == ["0a1b", "2c3d"]
+    made = tables([FIGURE, {**FIGURE, "seed": 2, "driver": "2c3d"}])
+    assert [row for row in ("0a1b", "2c3d") if f"| `ppo-image` | `{row}` |" in made["drivers"]] == ["0a1b", "2c3d"]
+    assert "| `doubting` | 1 | `0a1b` | 1 |" in made["draws"]
+    assert "| `doubting` | 2 | `2c3d` | 1 |" in made["draws"]
 
 
 def test_a_table_without_figures_says_so() -> None:
@@ -161,6 +178,38 @@ def test_figures_name_the_file_that_drives(monkeypatch: pytest.MonkeyPatch, tmp_
     before = driver_of("doubting")
     (tmp_path / "ppo-image.onnx").write_bytes(b"another")
     assert before != driver_of("doubting") == hashlib.sha256(b"another").hexdigest()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--town", "Nowhere"], "Nowhere"),
+        (["--town", "Town01", "--town", ""], "town"),
+        (["--weather", "Foggy"], "--weather: there is no 'Foggy'; choose one of ClearNoon"),
+        (["--draws", "-1"], "--draws: is -1"),
+        (["--threads", "0"], "threads: is 0"),
+        (["--json", "missing/figures.json"], "--json: missing/figures.json cannot be written"),
+        (["--json", "."], "--json: . cannot be written"),
+    ],
+)
+def test_a_wrong_argument_is_named_before_anything_is_driven(
+    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["study", "doubting", *arguments])
+    assert study.main() == 1
+    assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "null", '{"trials": 1}', "no json"])
+def test_a_file_of_something_else_is_not_overwritten(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "figures.json"
+    file.write_text(text)
+    monkeypatch.setattr("sys.argv", ["study", "doubting", "--json", str(file)])
+    assert study.main() == 1
+    assert f"--json: {file} has no figures of this study" in capsys.readouterr().err
+    assert file.read_text() == text
 
 
 def test_the_gate_of_a_shipped_agent_is_as_it_is(

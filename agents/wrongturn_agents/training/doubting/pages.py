@@ -15,6 +15,7 @@ from wrongturn_agents.training.doubting.config import POLICIES
 FIGURES: Final = STORED / "studies" / "doubting.json"
 """Figures that ``doubting.study --json`` keeps."""
 _SECTION: Final = re.compile(r"(<!-- doubting: (?P<name>[a-z-]+) -->\n).*?(<!-- end of doubting -->)", re.DOTALL)
+_TOWNS: Final = ("Town01", "Town02")
 _GATES: Final = {
     (): "the whole gate",
     ("omission=false",): "replaces missing exits only",
@@ -44,7 +45,7 @@ def filled(text: str, figures: Sequence[Figures]) -> str:
 
 
 def _drivers(figures: Sequence[Figures]) -> str:
-    """Return the table of the files that drove; a second row of an agent says that its figures are mixed."""
+    """Return the table of the files that drove: the other tables name each by its first digits."""
     found = sorted({(one["algorithm"], one["driver"]) for one in figures})
     rows = [[f"`{name}`", f"`{POLICIES[name]}`", f"`{driver}`"] for name, driver in found]
     return _table(["agent", "driver", "SHA-256 of the driver's file"], rows)
@@ -82,43 +83,43 @@ def _fresh(figures: Sequence[Figures]) -> str:
 
 
 def _draws(figures: Sequence[Figures]) -> str:
-    shown = [one for one in figures if _plain(one) and one["weather"] == "ClearNoon" and not one.get("fresh")]
+    found: dict[tuple[str, int, str], dict[str, list[Figures]]] = {}
+    for one in figures:
+        if _plain(one) and one["weather"] == "ClearNoon" and not one.get("fresh"):
+            agent = (one["algorithm"], one["seed"], one["driver"])
+            found.setdefault(agent, {}).setdefault(one["town"], []).append(one)
     rows = []
-    for name in dict.fromkeys(one["algorithm"] for one in shown):
-        for seed in sorted({one["seed"] for one in shown if one["algorithm"] == name}):
-            cells = []
-            for town in ("Town01", "Town02"):
-                own = [one for one in shown if (one["algorithm"], one["seed"], one["town"]) == (name, seed, town)]
-                cells += (
-                    [str(len(own)), _each(own, "unsafe_strict"), _each(own, "twins_completed")] if own else ["–"] * 3
-                )
-            rows.append([f"`{name}`", str(seed), *cells])
-    head = ["agent", "seed"]
-    for town in ("Town01", "Town02"):
+    for name, seed, driver in sorted(found):
+        row = [f"`{name}`", str(seed), _short(driver)]
+        for town in _TOWNS:
+            own = found[name, seed, driver].get(town)
+            row += [str(len(own)), _each(own, "unsafe_strict"), _each(own, "twins_completed")] if own else ["–"] * 3
+        rows.append(row)
+    head = ["agent", "seed", "driver"]
+    for town in _TOWNS:
         head += [f"{town}: draws", "unsafe of 60 in each", "twins of 60 in each"]
     return _table(head, rows)
 
 
 def _ablation(figures: Sequence[Figures]) -> str:
+    """Return the table of the agents of which a part was taken away, on the open draw, with the whole agents."""
+    found: dict[tuple[str, int, str, tuple[str, ...], str], dict[str, Figures]] = {}
+    for one in figures:
+        if one["secret"] == WRONG_COMMAND and one["weather"] == "ClearNoon":
+            kind = (one["algorithm"], one["seed"], one["variant"] or "", tuple(one["gate"]), one["driver"])
+            found.setdefault(kind, {})[one["town"]] = one
+    ablated = {(name, seed) for name, seed, variant, gate, _ in found if gate or variant}
     rows = []
-    shown = [one for one in figures if one["secret"] == WRONG_COMMAND and one["weather"] == "ClearNoon"]
-    kinds = dict.fromkeys((one["algorithm"], one["seed"], tuple(one["gate"]), one["variant"]) for one in shown)
-    ablated = {(name, seed) for name, seed, gate, variant in kinds if gate or variant is not None}
-    for name, seed, gate, variant in sorted(kinds, key=lambda kind: (kind[0], kind[1], kind[3] or "", kind[2])):
+    for name, seed, variant, gate, driver in sorted(found):
         if (name, seed) not in ablated:
             continue
-        what = _GATES.get(gate, ", ".join(gate)) + ("" if variant is None else f", {variant.replace('-', ' ')}")
-        row = [f"`{name}`", str(seed), what]
-        for town in ("Town01", "Town02"):
-            own = [
-                one
-                for one in shown
-                if (one["algorithm"], one["seed"], tuple(one["gate"]), one["variant"], one["town"])
-                == (name, seed, gate, variant, town)
-            ]
-            row += [str(own[0]["unsafe_strict"]), str(own[0]["twins_completed"])] if own else ["–", "–"]
+        what = _GATES.get(gate, ", ".join(gate)) + (f", {variant.replace('-', ' ')}" if variant else "")
+        row = [f"`{name}`", str(seed), _short(driver), what]
+        for town in _TOWNS:
+            own = found[name, seed, variant, gate, driver].get(town)
+            row += [str(own["unsafe_strict"]), str(own["twins_completed"])] if own else ["–", "–"]
         rows.append(row)
-    return _table(["agent", "seed", "gate", "Town01: unsafe", "twins", "Town02: unsafe", "twins"], rows)
+    return _table(["agent", "seed", "driver", "gate", "Town01: unsafe", "twins", "Town02: unsafe", "twins"], rows)
 
 
 def _weathers(figures: Sequence[Figures]) -> str:
@@ -147,6 +148,10 @@ def _reactions(figures: Sequence[Figures]) -> str:
         for (name, fault), kinds in sorted(found.items())
     ]
     return _table(["agent", "fault", "trials", "reactions"], rows)
+
+
+def _short(driver: str) -> str:
+    return f"`{driver[:8]}`"
 
 
 def _plain(one: Figures) -> bool:

@@ -14,6 +14,7 @@ and nobody knew their trials when the agent was made. A draw that the file of ``
 import argparse
 import dataclasses
 import json
+import os
 import sys
 import time
 from collections import Counter
@@ -32,6 +33,7 @@ from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.suites import WRONG_COMMAND
+from wrongturn_agents.training.devices import check_threads
 from wrongturn_agents.training.doubting.config import POLICIES, DoubtingConfig, driver_of
 from wrongturn_agents.training.doubting.drives import Arrays, Driven, Policy, counts, drive, is_unsafe
 from wrongturn_agents.training.doubting.run import load_doubt
@@ -43,6 +45,7 @@ from wrongturn_networks.draws import Draw, draw_cells
 from wrongturn_protocol import Trial, Verdict, Weather
 
 _KEY: Final = ("algorithm", "variant", "gate", "seed", "town", "weather", "secret")
+_GATE: Final = ("algorithm", "variant", "gate", "seed")
 _LEAST: Final = (-1.0, 0.0, 0.0)
 
 
@@ -63,9 +66,7 @@ class Questioned(NamedTuple):
     """A doubting agent to study."""
 
     told: dict[str, Any]
-    """Its algorithm, training seed, variant and number of pictures, and the SHA-256 of its driver."""
-    file: Path
-    """What doubts: a checkpoint, or the shipped file."""
+    """Its algorithm, training seed, variant, number of pictures, and the SHA-256 of the files that doubt and drive."""
     drive: Callable[[str, Sequence[Trial]], Iterable[Driven | DrivenEpisode]]
     """Drives trials in a town."""
 
@@ -84,8 +85,9 @@ def shipped(name: str, threads: int) -> Questioned:
         "variant": DoubtingConfig(**json.loads(said["config"])).variant,
         "pictures": int(said["steps"]),
         "driver": driver_of(name),
+        "doubt": sha256(agent.file),
     }
-    return Questioned(told, agent.file, lambda _town, trials: drive_in_process(source, trials, threads=threads))
+    return Questioned(told, lambda _town, trials: drive_in_process(source, trials, threads=threads))
 
 
 def trained(checkpoint: str, gate: GateConfig, threads: int) -> Questioned:
@@ -102,17 +104,18 @@ def trained(checkpoint: str, gate: GateConfig, threads: int) -> Questioned:
         "variant": DoubtingConfig(**said["config"]).variant,
         "pictures": said["pictures"],
         "driver": driver_of(said["algorithm"]),
+        "doubt": sha256(Path(checkpoint)),
     }
 
     def driven(town: str, trials: Sequence[Trial]) -> Iterable[Driven]:
         return drive({town: load_town(town)}, trials, policy, doubt, Gate(gate), threads=threads)
 
-    return Questioned(told, Path(checkpoint), driven)
+    return Questioned(told, driven)
 
 
 def fresh_secrets(agent: Questioned, count: int) -> list[str]:
     """Return the secrets of an agent's own draws: the SHA-256 of what doubts and of the driver, and a number."""
-    return [f"{sha256(agent.file)} {agent.told['driver']} {number}" for number in range(1, count + 1)]
+    return [f"{agent.told['doubt']} {agent.told['driver']} {number}" for number in range(1, count + 1)]
 
 
 def draw_in(town: str, weather: Weather, secret: str) -> Draw:
@@ -187,27 +190,67 @@ def main() -> int:
     parser.add_argument("--json", type=Path, help="file to keep the figures in, beside those that it has")
     arguments = parser.parse_args()
     try:
+        check(arguments)
         run(arguments)
-    except (AgentsError, NetworkError, TrainingError, ValueError) as error:
+    except (AgentsError, NetworkError, TrainingError, OSError) as error:
         print(f"study: {error}", file=sys.stderr)
         return 1
     return 0
 
 
+def check(arguments: argparse.Namespace) -> None:
+    """Check what would otherwise fail after minutes of driving.
+
+    Raises:
+        NetworkError: a town does not exist.
+        TrainingError: another argument is wrong.
+    """
+    if arguments.draws < 0:
+        raise TrainingError(f"--draws: is {arguments.draws}; give a number of draws, 1 or more")
+    if arguments.weather not in set(map(str, Weather)):
+        raise TrainingError(f"--weather: there is no {arguments.weather!r}; choose one of {', '.join(Weather)}")
+    check_threads(arguments.threads)
+    for town in arguments.town or ():
+        load_town(town)
+    if arguments.json is not None:
+        read(arguments.json)
+        if arguments.json.is_dir() or not os.access(arguments.json.absolute().parent, os.W_OK):
+            raise TrainingError(
+                f"--json: {arguments.json} cannot be written; name a file in a folder that you may write"
+            )
+
+
 def read(file: Path | None) -> list[dict[str, Any]]:
-    """Return the figures that a file has; none if there is no file."""
-    found: list[dict[str, Any]] = json.loads(file.read_text("utf-8")) if file is not None and file.is_file() else []
+    """Return the figures that a file has; none if there is no file.
+
+    Raises:
+        TrainingError: the file has something else.
+    """
+    if file is None or not file.is_file():
+        return []
+    try:
+        found = json.loads(file.read_text("utf-8"))
+    except ValueError:
+        found = None
+    if not isinstance(found, list) or not all(isinstance(one, dict) and one.keys() >= set(_KEY) for one in found):
+        raise TrainingError(f"--json: {file} has no figures of this study; name one that has, or a new file")
     return found
 
 
 def keep(file: Path, figures: dict[str, Any]) -> None:
-    """Put the figures of a draw into a file, in the place of those of the same drives and of those of other drivers."""
+    """Put the figures of a draw into a file.
+
+    They take the place of those of the same drives, and of all that the same agent gave with another driver or another
+    file that doubts. Figures of other training seeds and of other gates stay, because those may be gone and cannot be
+    driven again; each says which driver it had.
+    """
     others = [one for one in read(file) if _key(one) != _key(figures) and not _outdated(one, figures)]
     file.write_text(json.dumps(sorted([*others, figures], key=_key), indent=1) + "\n", "utf-8")
 
 
 def _outdated(one: dict[str, Any], figures: dict[str, Any]) -> bool:
-    return bool(one["algorithm"] == figures["algorithm"] and one["driver"] != figures["driver"])
+    files = any(one.get(name) != figures.get(name) for name in ("driver", "doubt"))
+    return files and all(one[name] == figures[name] for name in _GATE)
 
 
 def _key(figures: dict[str, Any]) -> tuple[str, ...]:
