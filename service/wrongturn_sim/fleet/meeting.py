@@ -54,19 +54,13 @@ def meet(
 ) -> None:  # fmt: skip
     """Let a car come to the junction ahead of an ego, if this is drawn; once at each junction."""
     leg, gate = progress[guide.P_LEG], progress[guide.P_GATE]
-    if others.habits[i, MEETS] == 0.0 or gate < 0 or progress[guide.P_INSIDE] or others.junction[i, MEETING] == leg:
-        return
-    left = lengths[leg, guide.F_LENGTH] - places[guide.P_S] - EGO_LENGTH
-    if left > NEAR:
-        return
-    others.junction[i, MEETING] = leg
-    if draw(others, i) >= others.habits[i, MEETS]:
+    if not is_drawn(lengths, others, i, progress, places, MEETS, MEETING, NEAR):
         return
     k, found = far_away(others, i, state), crossing_gate(streets, others, i, leg, gate)
     if k < 0 or found < 0:
         return
     car, way = others.cars[i, k], others.ways[i, k]
-    seconds = time_to_line(left) - EARLY - SPREAD * draw(others, i)
+    seconds = time_to_line(left_to_line(lengths, progress, places)) - EARLY - SPREAD * draw(others, i)
     speed = car[LIKES] * streets.limits[found // 3]
     length = lengths[found // 3, guide.F_LENGTH]
     s = min(max(length - speed * seconds, car[LENGTH] + APART), length - 2.0 * STOP)
@@ -77,6 +71,29 @@ def meet(
     room = min(gap - GAP, length - s - STOP)
     car[V] = min(speed, safe_speed(room, 0.0, BRAKING, REACTION))
     place_car(points, along, legs, lengths, car, way)
+
+
+@uncounted
+def is_drawn(
+    lengths: Array, others: Others, i: int, progress: Array, places: Array, habit: int, column: int, near: float
+) -> bool:
+    """Return whether a habit's share of the junctions has the one ahead of an ego.
+
+    It is drawn once at each, ``near`` metres before its line; ``column`` of ``Others.junction`` keeps where it was.
+    """
+    leg, share = progress[guide.P_LEG], others.habits[i, habit]
+    if share == 0.0 or progress[guide.P_GATE] < 0 or progress[guide.P_INSIDE] or others.junction[i, column] == leg:
+        return False
+    if left_to_line(lengths, progress, places) > near:
+        return False
+    others.junction[i, column] = leg
+    return bool(draw(others, i) < share)
+
+
+@uncounted
+def left_to_line(lengths: Array, progress: Array, places: Array) -> float:
+    """Return the metres from an ego's front to its stop line."""
+    return float(lengths[progress[guide.P_LEG], guide.F_LENGTH] - places[guide.P_S] - EGO_LENGTH)
 
 
 @uncounted

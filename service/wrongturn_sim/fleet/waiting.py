@@ -9,9 +9,9 @@ import numpy as np
 
 from wrongturn_sim import guide
 from wrongturn_sim.compiling import uncounted
-from wrongturn_sim.fleet.drivers import EGO_LENGTH, STOP, choose_gate, safe_speed
+from wrongturn_sim.fleet.drivers import STOP, choose_gate, safe_speed
 from wrongturn_sim.fleet.headway import BRAKING, GAP, REACTION
-from wrongturn_sim.fleet.meeting import far_away, has_room, put, time_to_line
+from wrongturn_sim.fleet.meeting import far_away, has_room, is_drawn, left_to_line, put, time_to_line
 from wrongturn_sim.fleet.others import FOR, LENGTH, STAYS, WAITS, Others, V, draw, place_car
 
 Array = np.ndarray[Any, Any]
@@ -35,17 +35,12 @@ def wait(
 ) -> None:  # fmt: skip
     """Let a car stand at the junction ahead of an ego, if this is drawn; once at each junction."""
     leg, gate = progress[guide.P_LEG], progress[guide.P_GATE]
-    if others.habits[i, WAITS] == 0.0 or gate < 0 or progress[guide.P_INSIDE] or others.junction[i, WAITING] == leg:
-        return
-    left = lengths[leg, guide.F_LENGTH] - places[guide.P_S] - EGO_LENGTH
-    if left > NEAR:
-        return
-    others.junction[i, WAITING] = leg
-    if draw(others, i) >= others.habits[i, WAITS]:
+    if not is_drawn(lengths, others, i, progress, places, WAITS, WAITING, NEAR):
         return
     k = far_away(others, i, state)
     if k < 0:
         return
+    left = left_to_line(lengths, progress, places)
     seconds = time_to_line(left) + LEAST + SPREAD * draw(others, i)
     if draw(others, i) < OWN and can_stop(others, i, k, left, state) and stand(legs, lengths, others, i, k, leg):
         others.cars[i, k, STAYS] = seconds
