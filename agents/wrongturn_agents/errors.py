@@ -17,9 +17,16 @@
         └── OutdatedPageError    a page or picture does not show the stored results
 """
 
+from pathlib import Path
+
 
 class AgentsError(Exception):
     """Base class of the agents' errors. The text is one line for a user."""
+
+
+def why_no_file(path: Path) -> str:
+    """Return what is wrong with a path that leads to no file, for an error."""
+    return "is no file" if path.exists() else "there is no such file"
 
 
 class UnknownAgentError(AgentsError):

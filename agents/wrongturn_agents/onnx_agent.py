@@ -11,7 +11,7 @@ from typing import Any, Final
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
+from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError, why_no_file
 from wrongturn_agents.onnx_runtime import load_onnxruntime
 from wrongturn_client.invocation import python
 from wrongturn_protocol import Action, AgentKind, ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
@@ -85,8 +85,7 @@ def open_session(file: Path) -> Any:
             f"{python()} -m pip install 'wrongturn-agents[onnx]'",
         ) from None
     if not file.is_file():
-        why = "is no file" if file.is_dir() else "there is no such file"
-        raise ModelFileError(f"{file}: {why}; name an .onnx file")
+        raise ModelFileError(f"{file}: {why_no_file(file)}; name an .onnx file")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1  # so that the same observation gives the same action
     try:

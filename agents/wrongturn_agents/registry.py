@@ -29,6 +29,7 @@ from wrongturn_agents.errors import (
     ModelFileError,
     NotAnAgentError,
     UnknownAgentError,
+    why_no_file,
 )
 from wrongturn_agents.exploits.blocker import Blocker
 from wrongturn_agents.exploits.clones import Clone
@@ -262,8 +263,7 @@ def _saved_model(file: Path) -> AgentSource:
 
 def _check_file(file: Path, wanted: str) -> None:
     if not file.is_file():
-        why = "is no file" if file.is_dir() else "there is no such file"
-        raise ModelFileError(f"agent: {file}: {why}; name {wanted}")
+        raise ModelFileError(f"agent: {file}: {why_no_file(file)}; name {wanted}")
 
 
 def _of_file(file: Path, agent: Any) -> AgentSource:

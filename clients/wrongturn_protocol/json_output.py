@@ -60,10 +60,10 @@ def check_json_file(to: Path | None) -> None:
         return
     remedy = "name a file in a folder that you can write to"
     try:
-        to.resolve()
+        whole = to.resolve()
     except RuntimeError as error:
         raise JsonFileError(f"--json: {to} is a link to itself; {remedy}") from error
-    written = to if to.exists() and not to.is_file() else to.resolve().parent  # a pipe or a device is not replaced
+    written = to if to.exists() and not to.is_file() else whole.parent  # a pipe or a device is not replaced
     if to.is_dir() or not (written == to or written.is_dir()) or not os.access(written, os.W_OK):
         raise JsonFileError(f"--json: {to} cannot be written; {remedy}")
     if written != to:

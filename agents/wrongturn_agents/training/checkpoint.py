@@ -11,6 +11,7 @@ from typing import Any, Final
 import torch
 from torch import nn
 
+from wrongturn_agents.errors import why_no_file
 from wrongturn_agents.models import ActorCritic, build
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.drives_config import DrivesConfig
@@ -133,8 +134,7 @@ def read(path: Path, what: str = "file", wanted: str = "one that a run wrote") -
     """
     try:
         if not path.is_file():
-            why = "is no file" if path.exists() else "there is no such file"
-            raise TrainingError(f"{what} {path}: {why}; name {wanted}")
+            raise TrainingError(f"{what} {path}: {why_no_file(path)}; name {wanted}")
         opened = path.open("rb")
     except OSError as error:
         raise TrainingError(f"{what} {path}: cannot be read ({error.strerror or error}); name {wanted}") from error

@@ -14,7 +14,6 @@ and nobody knew their trials when the agent was made. A draw that the file of ``
 import argparse
 import dataclasses
 import json
-import os
 import sys
 import time
 from collections import Counter
@@ -43,6 +42,7 @@ from wrongturn_agents.training.in_process import DrivenEpisode, drive_in_process
 from wrongturn_networks import NetworkError, load_suite, load_town
 from wrongturn_networks.draws import Draw, draw_cells
 from wrongturn_protocol import Trial, Verdict, Weather
+from wrongturn_protocol.json_output import check_json_file
 
 _KEY: Final = ("algorithm", "variant", "gate", "seed", "town", "weather", "secret")
 _GATE: Final = ("algorithm", "variant", "gate", "seed")
@@ -203,6 +203,7 @@ def check(arguments: argparse.Namespace) -> None:
 
     Raises:
         NetworkError: a town does not exist.
+        JsonFileError: the file of the figures cannot be written.
         TrainingError: another argument is wrong.
     """
     if arguments.draws < 0:
@@ -212,12 +213,8 @@ def check(arguments: argparse.Namespace) -> None:
     check_threads(arguments.threads)
     for town in arguments.town or ():
         load_town(town)
-    if arguments.json is not None:
-        read(arguments.json)
-        if arguments.json.is_dir() or not os.access(arguments.json.absolute().parent, os.W_OK):
-            raise TrainingError(
-                f"--json: {arguments.json} cannot be written; name a file in a folder that you may write"
-            )
+    check_json_file(arguments.json)
+    read(arguments.json)
 
 
 def read(file: Path | None) -> list[dict[str, Any]]:

@@ -22,6 +22,7 @@ from stable_baselines3.dqn.policies import DQNPolicy
 from stable_baselines3.sac.policies import SACPolicy
 from stable_baselines3.td3.policies import TD3Policy
 
+from wrongturn_agents.errors import why_no_file
 from wrongturn_agents.training.errors import TrainingError
 
 ALGORITHMS: Final = "PPO, A2C, SAC, TD3, DDPG and DQN"
@@ -127,8 +128,7 @@ def _unreadable(file: Path, error: OSError) -> TrainingError:
 def _keys(file: Path) -> tuple[str, ...]:
     """Return the names of all that a model's file holds, without loading any of it."""
     if not file.is_file():
-        why = "is no file" if file.is_dir() else "there is no such file"
-        raise TrainingError(f"FILE: {file}: {why}; {_WANTED}")
+        raise TrainingError(f"FILE: {file}: {why_no_file(file)}; {_WANTED}")
     try:
         with zipfile.ZipFile(file) as archive:
             if not {"data", "policy.pth"} <= set(archive.namelist()):
