@@ -187,6 +187,7 @@ def test_figures_name_the_file_that_drives(monkeypatch: pytest.MonkeyPatch, tmp_
         (["--town", "Town01", "--town", ""], "town"),
         (["--weather", "Foggy"], "--weather: there is no 'Foggy'; choose one of ClearNoon"),
         (["--draws", "-1"], "--draws: is -1"),
+        (["--draws", "0"], "--draws: is 0; give a number of draws, 1 or more"),
         (["--threads", "0"], "threads: is 0"),
         (["--json", "missing/figures.json"], "--json: missing/figures.json cannot be written"),
         (["--json", "."], "--json: . cannot be written"),

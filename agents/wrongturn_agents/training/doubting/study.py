@@ -184,7 +184,7 @@ def main() -> int:
     parser.add_argument("--town", action="append", help="town of the trials; Town01 by default")
     parser.add_argument("--weather", default=str(Weather.CLEAR_NOON), help="weather of the trials")
     parser.add_argument("--secret", action="append", help="secret of a draw; that of the open draw by default")
-    parser.add_argument("--draws", type=int, default=0, metavar="N", help="N draws from secrets of the agent's own")
+    parser.add_argument("--draws", type=int, metavar="N", help="N draws from secrets of the agent's own")
     parser.add_argument("--gate", action="append", default=[], metavar="NAME=VALUE", help="setting of the gate")
     parser.add_argument("--threads", type=int, default=1, help="threads of simulation, camera and torch")
     parser.add_argument("--json", type=Path, help="file to keep the figures in, beside those that it has")
@@ -206,7 +206,7 @@ def check(arguments: argparse.Namespace) -> None:
         JsonFileError: the file of the figures cannot be written.
         TrainingError: another argument is wrong.
     """
-    if arguments.draws < 0:
+    if arguments.draws is not None and arguments.draws < 1:
         raise TrainingError(f"--draws: is {arguments.draws}; give a number of draws, 1 or more")
     if arguments.weather not in set(map(str, Weather)):
         raise TrainingError(f"--weather: there is no {arguments.weather!r}; choose one of {', '.join(Weather)}")
@@ -264,7 +264,7 @@ def run(arguments: argparse.Namespace) -> None:
         agent = shipped(arguments.agent, arguments.threads)
     else:
         agent = trained(arguments.agent, gate, arguments.threads)
-    fresh = fresh_secrets(agent, arguments.draws)
+    fresh = fresh_secrets(agent, arguments.draws or 0)
     known = {_key(one) for one in read(arguments.json)}
     for town in arguments.town or ["Town01"]:
         for secret in [*(arguments.secret or ([] if fresh else [WRONG_COMMAND])), *fresh]:
