@@ -144,9 +144,8 @@ def _turns(way: Way, own: Sequence[Measures], twins: Sequence[Measures]) -> Iter
     side = _side(median(one.turned for one in own))
     tight, needed = _tightest(own, side), _tightest(twins, side)
     if tight and needed and median(needed) - median(tight) >= _LESS:
-        yield f"It steers {spread(tight, '', 2)} of full lock, and {side} turns with the right command take " + (
-            f"{spread(needed, '', 2)}."
-        )
+        yield f"It steers {spread(tight, '', 2)} of full lock."
+        yield f"Twins that turn {side} steer {spread(needed, '', 2)}."
     undecided = sum((one.steer_left or 0) >= _STEERS and (one.steer_right or 0) >= _STEERS for one in own)
     if 2 * undecided > len(own):
         yield from _share(undecided, own, "steers to one side and then to the other")
@@ -190,7 +189,7 @@ def _beside(places: Sequence[float], mark: str) -> str:
         return f"{spread(places, ' m')} past {mark}"
     if max(places) <= 0:
         return f"{spread([-one for one in places], ' m')} before {mark}"
-    return f"from {-min(places):.1f} m before to {max(places):.1f} m past {mark}"
+    return f"between {-min(places):.1f} m before and {max(places):.1f} m past {mark}"
 
 
 def _turned(own: Sequence[Measures]) -> str:
