@@ -200,8 +200,8 @@ def test_a_simulator_that_dies_or_hangs_at_any_moment(
                     os.kill(pid, number)
                     if number == signal.SIGSTOP and pid not in borrowers(fragile):
                         os.kill(pid, signal.SIGCONT)  # it had given the connection back, so nobody waits for it
-                        continue
-                    signalled.append(pid)
+                    else:
+                        signalled.append(pid)
 
     thread = threading.Thread(target=disturb)
     thread.start()
