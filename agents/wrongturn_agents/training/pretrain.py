@@ -13,10 +13,10 @@ from wrongturn_agents.models.encoders import ImageEncoder
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.config import ImageConfig
 from wrongturn_agents.training.driving_env import DrivingVecEnv
+from wrongturn_agents.training.environments import driving_envs
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.rollout import Observations
 from wrongturn_agents.training.stopwatch import Stopwatch
-from wrongturn_protocol import TRAINING_WEATHERS
 
 POOL = 16_384
 """Number of frames kept at a time. A new frame replaces the oldest one."""
@@ -45,36 +45,33 @@ def pretrain(
     device: torch.device,
     seed: int,
     budget: Budget,
+    threads: int,
     on_progress: Callable[[int, float], None] = lambda *_: None,
-    **options: Any,
 ) -> Pretraining:
     """Train an agent's encoder with cross-entropy, together with a decoder that is not used afterwards.
 
     Cars start anywhere, off the lane's centre and askew, drive with random actions for a second, and start elsewhere.
+    If the drives that follow have other road users, these have the most of them: the policy cannot see what the frozen
+    encoder never saw.
 
     Args:
         model: an image agent on the device. Its encoder is frozen afterwards.
-        config: number of frames, passes and learning rate.
+        config: number of frames, passes and learning rate, cars and traffic.
         device: device of the model.
         seed: seed of the frames.
         budget: pretraining stops when it is over.
+        threads: threads that share the simulation.
         on_progress: called with the number of frames and the loss now and then.
-        options: options of the vectorised environment: ``threads``, ``backend``.
     """
-    envs = DrivingVecEnv(
-        config.num_envs,
-        keys=("rgb", "segmentation"),
-        device=device,
-        town="Town01",
-        track="segmentation",
-        task="cruise",
-        strict=True,
-        record=False,
-        weather=TRAINING_WEATHERS,
+    envs = driving_envs(
+        config,
+        device,
         # A stopwatch of the GPU would wait after each step, and learning could not continue meanwhile.
-        stopwatch=Stopwatch(torch.device("cpu")),
+        Stopwatch(torch.device("cpu")),
+        threads=threads,
+        track="segmentation",
+        keys=("rgb", "segmentation"),
         journeys={"time_limit": 1.0, "lateral": 0.7, "yaw": 0.2, "near_bends": 0.25, "near_junctions": 0.4},
-        **options,
     )
     envs.seed(seed)
     random = np.random.default_rng(seed)

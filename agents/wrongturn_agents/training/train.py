@@ -18,7 +18,7 @@ from wrongturn_agents.training.checkpoint import load_checkpoint, read, write
 from wrongturn_agents.training.config import ImageConfig, PPOConfig, SegmentationConfig, config_of
 from wrongturn_agents.training.devices import check_threads, device_of, prepare
 from wrongturn_agents.training.drives_config import DrivesConfig
-from wrongturn_agents.training.environments import environments, rendered_on
+from wrongturn_agents.training.environments import environments
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, longest, shortest, with_traffic
 from wrongturn_agents.training.marln.config import MarlnConfig
@@ -269,8 +269,7 @@ def _pretrain(
 ) -> None:
     """Pretrain the encoder, and save it for other runs."""
     torch.manual_seed(seed)
-    options = {"threads": threads, **rendered_on(device)}
-    found = pretrain(agent, config, device=device, seed=seed, budget=budget, on_progress=on_progress, **options)
+    found = pretrain(agent, config, device=device, seed=seed, budget=budget, threads=threads, on_progress=on_progress)
     content = {name: tensor.detach().cpu() for name, tensor in agent.encoder.state_dict().items()}
     content = {name: tensor for name, tensor in content.items() if name.startswith(("network.", "decoder."))}
     write(folder / ENCODER, {"state_dict": content, "seconds": budget.used, **dataclasses.asdict(found)})
