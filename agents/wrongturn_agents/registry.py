@@ -73,6 +73,8 @@ EXPLOITS: Final = MappingProxyType(
 ZIP: Final = ".zip"
 """End of the names of files that Stable-Baselines3 saved."""
 _PY: Final = ".py"
+_SHOWN: Final = 80
+"""Longest part of an unknown name in an error."""
 
 
 class AgentListing(BaseModel):
@@ -163,8 +165,8 @@ def resolve(named: str) -> AgentSource:
         raise UnknownAgentError(f"agent: {named} is a file; write {_module_of(named)}:Class")
     known = (*AGENTS, *SHIPPED_AGENTS, *DOUBTING_AGENTS, *EXPLOITS)
     raise UnknownAgentError(
-        f"agent: there is no agent called {named!r}; known are {', '.join(known)}; or name package.module:Class, a "
-        f".onnx file, or a .zip file of Stable-Baselines3{did_you_mean(named, known)}",
+        f"agent: there is no agent called {named[:_SHOWN]!r}; known are {', '.join(known)}; or name "
+        f"package.module:Class, a .onnx file, or a .zip file of Stable-Baselines3{did_you_mean(named, known)}",
     )
 
 

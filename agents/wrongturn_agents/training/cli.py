@@ -194,7 +194,6 @@ def score(
     Example: wrongturn score runs/ppo-image-3/best.pt --suite wrong-command@2
     """
     _require_extra()
-    from wrongturn_agents.registry import list_agents  # noqa: PLC0415
     from wrongturn_agents.training.score import score as run  # noqa: PLC0415
     from wrongturn_agents.training.score import score_agent, summary  # noqa: PLC0415
 
@@ -205,7 +204,7 @@ def score(
         )
     check_json_file(json_to)
     begin = time.monotonic()
-    if checkpoint.endswith(".onnx") or checkpoint in {agent.name for agent in list_agents()}:
+    if _is_agent(checkpoint):
         results = score_agent(checkpoint, suite, threads=threads, traffic=traffic)
     else:
         results = run(checkpoint, suite, device=device, threads=threads, batch=batch, traffic=traffic)
@@ -214,6 +213,16 @@ def score(
             typer.echo(line)
         typer.echo(f"{len(results['trials'])} trials in {time.monotonic() - begin:.0f} s.")
     give_json(results, json_to)
+
+
+def _is_agent(name: str) -> bool:
+    """Return whether a name is an agent's and no checkpoint's. A bare word that is no file is an agent's, misspelt."""
+    from wrongturn_agents.registry import list_agents  # noqa: PLC0415
+
+    file = Path(name)
+    if file.suffix in {".onnx", ".zip"} or name in {agent.name for agent in list_agents()}:
+        return True
+    return file.suffix != ".pt" and len(file.parts) <= 1 and not os.path.isfile(name)  # noqa: PTH113 - takes any name
 
 
 def _require_extra() -> None:

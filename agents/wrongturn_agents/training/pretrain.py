@@ -51,8 +51,8 @@ def pretrain(
     """Train an agent's encoder with cross-entropy, together with a decoder that is not used afterwards.
 
     Cars start anywhere, off the lane's centre and askew, drive with random actions for a second, and start elsewhere.
-    If the drives that follow have other road users, these have the most of them: the policy cannot see what the frozen
-    encoder never saw.
+    If the policy will meet other road users, all these drives have as many as can be: the policy cannot see what the
+    frozen encoder never saw.
 
     Args:
         model: an image agent on the device. Its encoder is frozen afterwards.

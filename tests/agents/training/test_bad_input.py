@@ -200,6 +200,15 @@ def test_checkpoints_that_are_none_are_named(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+def test_a_misspelt_agent_is_told_the_agents(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ppo-auxilary").mkdir()
+    assert "Did you mean ppo-auxiliary?" in refused("score", "ppo-auxilary")
+    for name in ("", ".", "a" * 300, "missing.zip"):
+        assert refused("score", name).startswith("agent:"), name
+    assert refused("score", tmp_path / "ppo-auxilary").startswith("checkpoint")
+
+
 def test_what_cannot_be_scored_or_exported_is_told_before_anything_is_done(tmp_path, checkpoint):
     (tmp_path / "file").write_text("")
     assert "--json" in refused("score", checkpoint, f"--json={tmp_path}")

@@ -213,6 +213,15 @@ def test_a_file_of_something_else_is_not_overwritten(
     assert file.read_text() == text
 
 
+@pytest.mark.parametrize("agent", ["ppo-image", "doubtin"])
+def test_an_agent_that_does_not_doubt_is_told_those_that_do(
+    agent: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["study", agent])
+    assert study.main() == 1
+    assert f"agent: {agent!r} is no doubting agent; choose doubting or doubting-segmentation" in capsys.readouterr().err
+
+
 def test_the_gate_of_a_shipped_agent_is_as_it_is(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -262,8 +262,13 @@ def run(arguments: argparse.Namespace) -> None:
         if arguments.gate:
             raise TrainingError("--gate: a shipped agent has its gate; name a checkpoint to change it")
         agent = shipped(arguments.agent, arguments.threads)
-    else:
+    elif arguments.agent.endswith(".pt") or len(Path(arguments.agent).parts) > 1:
         agent = trained(arguments.agent, gate, arguments.threads)
+    else:
+        raise TrainingError(
+            f"agent: {arguments.agent!r} is no doubting agent; choose {' or '.join(DOUBTING_AGENTS)}, or name the "
+            "best.pt of 'wrongturn train doubting'"
+        )
     fresh = fresh_secrets(agent, arguments.draws or 0)
     known = {_key(one) for one in read(arguments.json)}
     for town in arguments.town or ["Town01"]:
@@ -273,6 +278,7 @@ def run(arguments: argparse.Namespace) -> None:
             if secret in fresh and _key(drawn) in known:
                 continue
             begin = time.monotonic()
+            print(f"{drawn['algorithm']} {drawn['seed']} {town} {weather} {secret}: driving", file=sys.stderr)
             figures = summary(list(agent.drive(town, draw_in(town, weather, secret).episodes)))
             if arguments.json is not None:
                 keep(arguments.json, {**drawn, **figures})
