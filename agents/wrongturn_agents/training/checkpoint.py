@@ -1,6 +1,7 @@
 """A run's files: weights of agents, and the state from which a run continues."""
 
 import contextlib
+import os
 import platform
 import warnings
 from collections.abc import Callable
@@ -48,6 +49,11 @@ def save_checkpoint(
             "versions": versions(),
         },
     )
+
+
+def is_path(name: str) -> bool:
+    """Return whether a name can only mean a file: it ends in ``.pt``, names a folder as well, or such a file exists."""
+    return Path(name).suffix == ".pt" or len(Path(name).parts) > 1 or os.path.isfile(name)  # noqa: PTH113 - takes any name
 
 
 def load_checkpoint(path: Path | str) -> dict[str, Any]:

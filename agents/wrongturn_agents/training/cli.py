@@ -218,11 +218,9 @@ def score(
 def _is_agent(name: str) -> bool:
     """Return whether a name is an agent's and no checkpoint's. A bare word that is no file is an agent's, misspelt."""
     from wrongturn_agents.registry import list_agents  # noqa: PLC0415
+    from wrongturn_agents.training.checkpoint import is_path  # noqa: PLC0415
 
-    file = Path(name)
-    if file.suffix in {".onnx", ".zip"} or name in {agent.name for agent in list_agents()}:
-        return True
-    return file.suffix != ".pt" and len(file.parts) <= 1 and not os.path.isfile(name)  # noqa: PTH113 - takes any name
+    return name.endswith((".onnx", ".zip")) or name in {agent.name for agent in list_agents()} or not is_path(name)
 
 
 def _require_extra() -> None:

@@ -3,7 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from wrongturn_agents.models import ActorCritic
 from wrongturn_agents.training.config import PPOConfig
@@ -66,7 +68,7 @@ def driving_envs(
             **_company(config),
         },
         **_traffic(config),
-        **rendered_on(device),
+        **_rendered_on(device),
     }
     return DrivingVecEnv(
         config.num_envs,
@@ -80,6 +82,34 @@ def driving_envs(
         threads=threads,
         **{**given, **options},
     )
+
+
+def wandering_envs(config: DrivesConfig, device: torch.device, *, threads: int, **journeys: float) -> DrivingVecEnv:
+    """Make cars by which an encoder learns to see before it drives: they start anywhere, off the lane and askew.
+
+    If the config has traffic, all drives have the most of it: the policy cannot see what a frozen encoder never saw.
+
+    Args:
+        config: number of cars, and traffic.
+        device: device of the pictures.
+        threads: threads that share the simulation.
+        journeys: further options of the drives, such as ``time_limit``.
+    """
+    return driving_envs(
+        config,
+        device,
+        # A stopwatch of the GPU would wait after each step, and learning could not continue meanwhile.
+        Stopwatch(torch.device("cpu")),
+        threads=threads,
+        track="segmentation",
+        keys=("rgb", "segmentation"),
+        journeys={"near_bends": 0.25, "near_junctions": 0.4, "lateral": 0.7, "yaw": 0.2, **journeys},
+    )
+
+
+def wander(random: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """Draw actions (count, 2) with which such cars drive about: steer and accelerate."""
+    return np.stack([random.normal(0.0, 0.2, count), random.uniform(-0.2, 0.8, count)], -1)
 
 
 def _company(config: DrivesConfig) -> dict[str, Any]:
@@ -100,7 +130,7 @@ def _traffic(config: DrivesConfig) -> dict[str, Any]:
     }
 
 
-def rendered_on(device: torch.device) -> dict[str, Any]:
+def _rendered_on(device: torch.device) -> dict[str, Any]:
     """Return the vectorised environment's option that renders pictures on the device."""
     return {"backend": "cuda"} if device.type == "cuda" else {}
 

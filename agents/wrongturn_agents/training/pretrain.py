@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -13,10 +12,9 @@ from wrongturn_agents.models.encoders import ImageEncoder
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.config import ImageConfig
 from wrongturn_agents.training.driving_env import DrivingVecEnv
-from wrongturn_agents.training.environments import driving_envs
+from wrongturn_agents.training.environments import wander, wandering_envs
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.rollout import Observations
-from wrongturn_agents.training.stopwatch import Stopwatch
 
 POOL = 16_384
 """Number of frames kept at a time. A new frame replaces the oldest one."""
@@ -51,8 +49,6 @@ def pretrain(
     """Train an agent's encoder with cross-entropy, together with a decoder that is not used afterwards.
 
     Cars start anywhere, off the lane's centre and askew, drive with random actions for a second, and start elsewhere.
-    If the policy will meet other road users, all these drives have as many as can be: the policy cannot see what the
-    frozen encoder never saw.
 
     Args:
         model: an image agent on the device. Its encoder is frozen afterwards.
@@ -63,16 +59,7 @@ def pretrain(
         threads: threads that share the simulation.
         on_progress: called with the number of frames and the loss now and then.
     """
-    envs = driving_envs(
-        config,
-        device,
-        # A stopwatch of the GPU would wait after each step, and learning could not continue meanwhile.
-        Stopwatch(torch.device("cpu")),
-        threads=threads,
-        track="segmentation",
-        keys=("rgb", "segmentation"),
-        journeys={"time_limit": 1.0, "lateral": 0.7, "yaw": 0.2, "near_bends": 0.25, "near_junctions": 0.4},
-    )
+    envs = wandering_envs(config, device, threads=threads, time_limit=1.0)
     envs.seed(seed)
     random = np.random.default_rng(seed)
     frames = _Frames(min(POOL, config.pretraining_frames), device)
@@ -94,7 +81,7 @@ def pretrain(
         if rendered < config.pretraining_frames:
             frames.add(observation)
             rendered += config.num_envs
-            observation = envs.step(_wander(random, config.num_envs))[0]
+            observation = envs.step(wander(random, config.num_envs))[0]
         due = total if rendered >= config.pretraining_frames else total * rendered // config.pretraining_frames
         if frames.count < min(len(frames.rgb), 4 * config.pretraining_batch):
             continue
@@ -138,10 +125,6 @@ class _Frames:
         return {"rgb": self.rgb[rows], "segmentation": self.segmentation[rows]}
 
 
-def _wander(random: np.random.Generator, count: int) -> Any:
-    return np.stack([random.normal(0.0, 0.2, count), random.uniform(-0.2, 0.8, count)], -1)
-
-
 @torch.inference_mode()
 def _examined(
     model: ActorCritic, envs: DrivingVecEnv, random: np.random.Generator, config: ImageConfig
@@ -151,7 +134,7 @@ def _examined(
     confusion = torch.zeros((_CLASSES, _CLASSES), dtype=torch.int64, device=envs.device)
     for _ in range(12):
         for _ in range(10):
-            observation = envs.step(_wander(random, config.num_envs))[0]
+            observation = envs.step(wander(random, config.num_envs))[0]
         chosen = {name: tensor[:64] for name, tensor in observation.items()}
         logits = model.segmentation_logits(chosen).float()
         truth = chosen["segmentation"].long()

@@ -32,6 +32,7 @@ from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.suites import WRONG_COMMAND
+from wrongturn_agents.training.checkpoint import is_path
 from wrongturn_agents.training.devices import check_threads
 from wrongturn_agents.training.doubting.config import POLICIES, DoubtingConfig, driver_of
 from wrongturn_agents.training.doubting.drives import Arrays, Driven, Policy, counts, drive, is_unsafe
@@ -262,7 +263,7 @@ def run(arguments: argparse.Namespace) -> None:
         if arguments.gate:
             raise TrainingError("--gate: a shipped agent has its gate; name a checkpoint to change it")
         agent = shipped(arguments.agent, arguments.threads)
-    elif arguments.agent.endswith(".pt") or len(Path(arguments.agent).parts) > 1:
+    elif is_path(arguments.agent):
         agent = trained(arguments.agent, gate, arguments.threads)
     else:
         raise TrainingError(

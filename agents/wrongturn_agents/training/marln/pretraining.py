@@ -13,12 +13,10 @@ from torch import Tensor
 from wrongturn_agents.models.affordances import GROUPS, Affordances
 from wrongturn_agents.models.marln import Marln, disturb
 from wrongturn_agents.training.budget import Budget
-from wrongturn_agents.training.driving_env import DrivingVecEnv
-from wrongturn_agents.training.environments import driving_envs
+from wrongturn_agents.training.environments import wander, wandering_envs
 from wrongturn_agents.training.marln.config import MarlnConfig
 from wrongturn_agents.training.marln.frames import FrameStack
 from wrongturn_agents.training.marln.truth import RoadTruth
-from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_networks import load_town
 
 _POOL: Final = 16_384
@@ -64,23 +62,7 @@ class Source:
     """
 
     def __init__(self, config: MarlnConfig, seed: int, device: torch.device, threads: int) -> None:
-        self._envs: DrivingVecEnv = driving_envs(
-            config,
-            device,
-            # A stopwatch of the GPU would wait after each step, and learning could not continue meanwhile.
-            Stopwatch(torch.device("cpu")),
-            threads=threads,
-            track="segmentation",
-            keys=("rgb", "segmentation"),
-            journeys={
-                "near_bends": 0.25,
-                "near_junctions": 0.4,
-                "inside_junctions": 0.1,
-                "lateral": 0.7,
-                "yaw": 0.2,
-                "time_limit": 1.5,
-            },
-        )
+        self._envs = wandering_envs(config, device, threads=threads, inside_junctions=0.1, time_limit=1.5)
         self._envs.seed(seed)
         self._random = np.random.default_rng(seed)
         self._truth = RoadTruth(load_town("Town01"))
@@ -94,8 +76,7 @@ class Source:
         frames = self._stack.push(self._observation["rgb"], self._begun)
         seen = frames, self._observation["segmentation"], self._truth.of(self._envs.poses, self._device)
         count = self._envs.num_envs
-        wander = np.stack([self._random.normal(0.0, 0.2, count), self._random.uniform(-0.2, 0.8, count)], -1)
-        self._observation, _, ended, _ = self._envs.step(wander)
+        self._observation, _, ended, _ = self._envs.step(wander(self._random, count))
         self._begun = torch.as_tensor(ended, device=self._device)
         return seen
 
