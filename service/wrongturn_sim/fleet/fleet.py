@@ -20,30 +20,28 @@ from wrongturn_networks import Town
 from wrongturn_protocol import Outcome, Track, Trial
 from wrongturn_protocol.observations import FIELDS, Observation
 from wrongturn_sim import guide
-from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, VEHICLE
+from wrongturn_sim.ego import SUB_STEP, SUB_STEPS
 from wrongturn_sim.errors import TrialNotAloneError
 from wrongturn_sim.faults import CommandFault, make_fault
 from wrongturn_sim.faults.infeasible import Infeasible
 from wrongturn_sim.faults.none import NoFault
 from wrongturn_sim.faults.omission import Omission
 from wrongturn_sim.fleet import kernel
+from wrongturn_sim.fleet.egos import egos_for
 from wrongturn_sim.fleet.headway import WAITING
-from wrongturn_sim.fleet.others import USER, others_for
-from wrongturn_sim.fleet.streets import no_streets, streets_of
+from wrongturn_sim.fleet.others import USER
+from wrongturn_sim.fleet.tables import TownTables
 from wrongturn_sim.fleet.traffic import FleetTraffic, check_density, with_room
 from wrongturn_sim.replay import Replay
 from wrongturn_sim.roads import roads_of
-from wrongturn_sim.route import guidance_of, start_pose, start_route, way_to
+from wrongturn_sim.route import guidance_of, start_pose, start_route
 from wrongturn_sim.trajectory import RoadUser, Row, Trajectory
-from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry, decide
+from wrongturn_sim.verdict import JourneyGeometry, decide
 from wrongturn_sim.verdict.journey import (
-    JOURNEY_THRESHOLDS,
     conclude_journey,
-    journey_numbers,
     outcome_fields,
     terms_of,
 )
-from wrongturn_sim.verdict.journey_kernels import JOURNEY_FLOATS, JOURNEY_INTS, TERMS
 from wrongturn_sim.verdict.judge import conclude
 from wrongturn_sim.verdict.thresholds import THRESHOLDS
 
@@ -113,10 +111,7 @@ class Fleet:
         self.trials: list[Trial | None] = [None] * count
         self._faults: list[CommandFault | None] = [None] * count
         self._roads = roads_of(town)
-        self._rows_of: dict[str, int] = {}
-        self._geometries: list[JudgeGeometry | JourneyGeometry] = []
-        self._goals: dict[str | None, int] = {None: 0}
-        self._tables = self._packed_tables(())
+        self._tables = TownTables(town, traffic=traffic is not None, drive_on=self._drive_on)
         self.observation: Observation = {
             field.name: np.zeros((count, *field.shape), field.dtype)
             for field in FIELDS[track]
@@ -131,35 +126,7 @@ class Fleet:
         self._observations = kernel.Observations(
             **{name: (empty | self.observation)[name] for name in kernel.Observations._fields}
         )
-        self._egos = kernel.Egos(
-            order=np.arange(count),
-            todo=np.zeros(count, np.int8),
-            approaches=np.zeros(count, np.int64),
-            faults=np.zeros(count, np.int64),
-            routes=np.zeros(count, np.int64),
-            journeys=np.zeros(count, np.bool_),
-            goals=np.zeros(count, np.int64),
-            terms=np.zeros((count, TERMS)),
-            actions=np.zeros((count, 3)),
-            state=np.zeros((count, 5)),
-            standing=np.zeros((count, JOURNEY_FLOATS)),
-            counts=np.zeros((count, JOURNEY_INTS), np.int64),
-            history=np.zeros((count, 0, decide.HISTORY)),
-            draws=np.zeros((count, guide.DRAWS), np.uint32),
-            progress=np.zeros((count, guide.PROGRESS_INTS), np.int64),
-            places=np.zeros((count, guide.PROGRESS_FLOATS)),
-            guided=np.zeros((count, 2), np.int64),
-            beside=np.zeros((count, 3)),
-            delivered=np.zeros(count, np.int64),
-            sub_steps=np.zeros(count, np.int64),
-            rewards=np.zeros(count),
-            states=np.zeros((count, 0, 5)),
-            commands=np.zeros((count, 0, 2), np.int8),
-            inputs=np.zeros((count, 0, 3), np.float32),
-            others=others_for(count, 0, 0),
-            met=np.zeros((count, SUB_STEPS, 0, USER)),
-            meetings=np.zeros((count, SUB_STEPS), np.int64),
-        )
+        self._egos = egos_for(count)
         self._met: list[list[tuple[RoadUser, ...]]] = [[] for _ in range(count)]
         edges = np.linspace(0, count, min(threads, count) + 1).astype(int).tolist()
         self._parts = list(itertools.pairwise(edges))
@@ -253,12 +220,12 @@ class Fleet:
         for i, trial, fault, terms in checked:
             self.trials[i] = trial
             self._faults[i] = fault
-            egos.approaches[i] = self._row_of(trial)
+            egos.approaches[i] = self._tables.row_of(trial)
             egos.faults[i] = _COMPILED.get(type(fault), kernel.FAULT_OTHER)
             egos.routes[i] = int(trial.route)
             journey = trial.journey
             egos.journeys[i] = journey is not None
-            egos.goals[i] = 0 if journey is None else self._goal_of(journey.goal)
+            egos.goals[i] = 0 if journey is None else self._tables.goal_of(journey.goal)
             egos.state[i] = (*start_pose(self.town, trial), trial.start.speed, 0.0)
             egos.draws[i] = start_route(self._roads, self.town, trial, egos.progress[i], egos.places[i])
             if terms is not None:
@@ -266,8 +233,7 @@ class Fleet:
             if self._traffic is not None:
                 self._traffic.set(egos.others, i, trial)
             self._met[i] = []
-        if len(self._tables.bases) <= len(self._geometries) or len(self._tables.ways) < len(self._goals):
-            self._tables = self._packed_tables(self._geometries)
+        self._tables.pack()
         egos.order[:] = np.argsort(egos.approaches, kind="stable")
         egos.todo[:] = kernel.REST
         egos.todo[chosen] = kernel.GUIDE
@@ -308,7 +274,7 @@ class Fleet:
         if trial is None or not self._egos.counts[i, decide.D_VERDICT]:
             return None
         standing, counts = self._egos.standing[i], self._egos.counts[i]
-        geometry = self._geometries[self._egos.approaches[i]]
+        geometry = self._tables.geometry(int(self._egos.approaches[i]))
         if isinstance(geometry, JourneyGeometry):
             return conclude_journey(standing, counts, trial)
         return conclude(standing[: decide.STANDING_FLOATS], counts, trial, geometry, THRESHOLDS)
@@ -390,14 +356,13 @@ class Fleet:
 
     def _run(self) -> None:
         """Run the kernel for all egos, shared among the threads; this thread takes the first part."""
+        tables = self._tables.packed
         if self._pool is None:
-            kernel.run(self._tables, self._egos, self._observations, 0, self.count)
+            kernel.run(tables, self._egos, self._observations, 0, self.count)
             return
         (first, end), *others = self._parts
-        waiting = [
-            self._pool.submit(kernel.run, self._tables, self._egos, self._observations, *part) for part in others
-        ]
-        kernel.run(self._tables, self._egos, self._observations, first, end)
+        waiting = [self._pool.submit(kernel.run, tables, self._egos, self._observations, *part) for part in others]
+        kernel.run(tables, self._egos, self._observations, first, end)
         for part in waiting:
             part.result()
 
@@ -441,49 +406,3 @@ class Fleet:
         short = {name: count for name, count in rows.items() if getattr(egos, name).shape[1] < count}
         grown: dict[str, Any] = {name: longer(getattr(egos, name), count) for name, count in short.items()}
         self._egos = egos._replace(**grown)
-
-    def _row_of(self, trial: Trial) -> int:
-        """Return the row of the geometry of a trial's approach, or of the town for a journey; add it if it is new."""
-        name = trial.approach if trial.journey is None else ""
-        row = self._rows_of.get(name)
-        if row is None:
-            row = self._rows_of[name] = len(self._geometries)
-            geometry = JudgeGeometry.of(self.town, trial) if trial.journey is None else JourneyGeometry.of(self.town)
-            self._geometries.append(geometry)
-        return row
-
-    def _goal_of(self, goal: str | None) -> int:
-        """Return the row of the ways to a goal; add it if it is new."""
-        return self._goals.setdefault(goal, len(self._goals))
-
-    def _packed_tables(self, geometries: Sequence[JudgeGeometry | JourneyGeometry]) -> kernel.Tables:
-        packed = [geometry.packed for geometry in geometries]
-        sizes = np.array([(len(one.floats), len(one.ints), len(one.cells)) for one in packed], np.int64).reshape(-1, 3)
-        roads = self._roads
-
-        def joined(arrays: list[Any], dtype: Any) -> Any:
-            return np.concatenate([np.empty(0, dtype), *arrays])
-
-        return kernel.Tables(
-            points=roads.points,
-            along=roads.along,
-            legs=roads.ints,
-            lengths=roads.floats,
-            exits=roads.exits,
-            exits_mask=roads.exits_mask,
-            floats=joined([one.floats for one in packed], np.float64),
-            ints=joined([one.ints for one in packed], np.int64),
-            cells=joined([one.cells for one in packed], np.uint8),
-            bases=np.concatenate([np.zeros((1, 3), np.int64), np.cumsum(sizes, axis=0)]),
-            lanes=joined([one.lanes for one in geometries if isinstance(one, JourneyGeometry)], np.int16),
-            ways=np.array([way_to(self.town, goal) for goal in self._goals]),
-            rests=np.array([self._rest(goal) for goal in self._goals]),
-            numbers=journey_numbers(THRESHOLDS, VEHICLE, JOURNEY_THRESHOLDS),
-            streets=no_streets() if self._traffic is None else streets_of(self.town),
-            drive_on=self._drive_on,
-        )
-
-    def _rest(self, goal: str | None) -> NDArray[np.float64]:
-        if goal is None:
-            return np.zeros(len(self._roads.lanes))
-        return JourneyGeometry.of(self.town).rest(goal)

@@ -1,0 +1,92 @@
+"""What the kernel of a fleet reads of its town: roads, the judge's geometry of each place, ways to each goal."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrongturn_networks import Town
+from wrongturn_protocol import Trial
+from wrongturn_sim.ego import VEHICLE
+from wrongturn_sim.fleet import kernel
+from wrongturn_sim.fleet.streets import no_streets, streets_of
+from wrongturn_sim.roads import roads_of
+from wrongturn_sim.route import way_to
+from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry
+from wrongturn_sim.verdict.journey import JOURNEY_THRESHOLDS, journey_numbers
+from wrongturn_sim.verdict.thresholds import THRESHOLDS
+
+
+class TownTables:
+    """The tables of a town. They grow with the approaches and goals of the trials.
+
+    Args:
+        town: the town.
+        traffic: whether its streets have other road users.
+        drive_on: sub-steps after which each drive is over; 0 ends it with its verdict.
+
+    Attributes:
+        packed: what the kernel reads. :meth:`pack` makes it anew.
+    """
+
+    def __init__(self, town: Town, *, traffic: bool, drive_on: int) -> None:
+        self._town, self._traffic, self._drive_on = town, traffic, drive_on
+        self._rows: dict[str, int] = {}
+        self._geometries: list[JudgeGeometry | JourneyGeometry] = []
+        self._goals: dict[str | None, int] = {None: 0}
+        self.packed = self._packed()
+
+    def row_of(self, trial: Trial) -> int:
+        """Return the row of the geometry of a trial's approach, or of the town for a journey; add it if it is new."""
+        name = trial.approach if trial.journey is None else ""
+        row = self._rows.get(name)
+        if row is None:
+            row = self._rows[name] = len(self._geometries)
+            geometry = JudgeGeometry.of(self._town, trial) if trial.journey is None else JourneyGeometry.of(self._town)
+            self._geometries.append(geometry)
+        return row
+
+    def geometry(self, row: int) -> JudgeGeometry | JourneyGeometry:
+        """Return the geometry of a row."""
+        return self._geometries[row]
+
+    def goal_of(self, goal: str | None) -> int:
+        """Return the row of the ways to a goal; add it if it is new."""
+        return self._goals.setdefault(goal, len(self._goals))
+
+    def pack(self) -> None:
+        """Pack the tables anew if approaches or goals were added."""
+        if len(self.packed.bases) <= len(self._geometries) or len(self.packed.ways) < len(self._goals):
+            self.packed = self._packed()
+
+    def _packed(self) -> kernel.Tables:
+        packed = [geometry.packed for geometry in self._geometries]
+        sizes = np.array([(len(one.floats), len(one.ints), len(one.cells)) for one in packed], np.int64).reshape(-1, 3)
+        roads = roads_of(self._town)
+
+        def joined(arrays: list[Any], dtype: Any) -> Any:
+            return np.concatenate([np.empty(0, dtype), *arrays])
+
+        return kernel.Tables(
+            points=roads.points,
+            along=roads.along,
+            legs=roads.ints,
+            lengths=roads.floats,
+            exits=roads.exits,
+            exits_mask=roads.exits_mask,
+            floats=joined([one.floats for one in packed], np.float64),
+            ints=joined([one.ints for one in packed], np.int64),
+            cells=joined([one.cells for one in packed], np.uint8),
+            bases=np.concatenate([np.zeros((1, 3), np.int64), np.cumsum(sizes, axis=0)]),
+            lanes=joined([one.lanes for one in self._geometries if isinstance(one, JourneyGeometry)], np.int16),
+            ways=np.array([way_to(self._town, goal) for goal in self._goals]),
+            rests=np.array([self._rest(goal) for goal in self._goals]),
+            numbers=journey_numbers(THRESHOLDS, VEHICLE, JOURNEY_THRESHOLDS),
+            streets=streets_of(self._town) if self._traffic else no_streets(),
+            drive_on=self._drive_on,
+        )
+
+    def _rest(self, goal: str | None) -> NDArray[np.float64]:
+        if goal is None:
+            return np.zeros(len(roads_of(self._town).lanes))
+        return JourneyGeometry.of(self._town).rest(goal)
