@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.reporting import figures
-from wrongturn_agents.reporting.collection import Collection
+from wrongturn_agents.reporting.collection import STORED, Collection
 from wrongturn_agents.reporting.importing import Overrides, import_results, results_of_run
 from wrongturn_agents.reporting.junction_frame import Frame, rings
 from wrongturn_client import LocalService
@@ -108,6 +108,36 @@ def test_a_run_file_of_before_it_held_episodes_says_how_to_write_it_again(tmp_pa
     told.write_text(json.dumps({"id": "gone", "suite": "wrong-command@2", "state": "finished", "trials": 120}))
     with pytest.raises(ResultsError, match=r"run\.json: .*'wrongturn run --resume ID --json FILE'"):
         import_results(told, tmp_path, Overrides())
+
+
+def test_an_import_says_what_it_replaces_and_which_agent_may_be_meant(tmp_path: Path):
+    scored, directory = tmp_path / "scored.json", tmp_path / "stored"
+    scored.write_text(wrong_command("ppo-image", (0,) * 6, seed=3).model_dump_json())
+    directory.mkdir()
+
+    def told(*options: str) -> str:
+        command = ["results", "--import", str(scored), "--directory", str(directory), *options]
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 0, done.output
+        return done.stderr
+
+    assert "in place of" not in told()
+    assert "in place of the file that was there" in told()
+    assert told("--agent", "ppo-imag").strip().endswith("in-process.json. Did you mean ppo-image?")
+    assert "Did you mean" not in told("--agent", "my own")
+
+
+def test_an_evaluation_that_is_stored_is_no_import(tmp_path: Path):
+    stored = sorted((STORED / "studies" / "evaluations").glob("*.json"))[0]
+    with pytest.raises(ResultsError, match="is a stored evaluation of --evaluations; there is nothing to import"):
+        import_results(stored, tmp_path, Overrides())
+
+
+def test_a_seed_that_no_training_takes(tmp_path: Path):
+    scored = tmp_path / "scored.json"
+    scored.write_text(wrong_command("ppo-image", (0,) * 6, seed=3).model_dump_json())
+    with pytest.raises(ResultsError, match="--seed: 4294967296 is not valid"):
+        import_results(scored, tmp_path, Overrides(seed=2**32))
 
 
 def test_two_agents_whose_files_would_have_one_name(tmp_path: Path):

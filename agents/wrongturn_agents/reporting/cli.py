@@ -8,6 +8,7 @@ import typer
 from rich.text import Text
 
 from wrongturn_agents.errors import ResultsError
+from wrongturn_agents.registry import list_agents
 from wrongturn_agents.reporting.collection import STORED
 from wrongturn_agents.reporting.curve_pictures import check_pictures, draw_pictures
 from wrongturn_agents.reporting.failures import FILMS, check_films
@@ -21,6 +22,7 @@ from wrongturn_agents.reporting.report import Report, check_page, find_pages, wr
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_client.tables import console
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
+from wrongturn_protocol.suggestions import did_you_mean
 
 
 def results(
@@ -185,8 +187,9 @@ def results(
         raise ResultsError(f"--agent: an import is of one agent; name one of {', '.join(agents)}")
     for source in sources or ():
         overrides = Overrides(agents[0] if agents else None, seed, variant, steps)
+        before = set(directory.rglob("*"))
         stored = import_results(source, directory, overrides)
-        typer.echo(f"{source}: stored as {stored.name}", err=True)
+        typer.echo(f"{source}: stored as {stored.name}{_noted(stored, before, overrides.agent)}", err=True)
     if sensitivity:
         typer.echo(f"stored as {make_judgings(directory, agents)}", err=True)
     if draws is not None:
@@ -247,3 +250,10 @@ def _print(report: Report) -> None:
         typer.echo(f"Missing: {line}", err=True)
     for line in report.differences:
         typer.echo(f"Note: {line}", err=True)
+
+
+def _noted(stored: Path, before: set[Path], agent: str | None) -> str:
+    """Return what a user should know who did not mean it: a file is replaced, or the agent's name is misspelt."""
+    replaced = ", in place of the file that was there" if stored in before else ""
+    known = [one.name for one in list_agents()]
+    return replaced + (did_you_mean(agent, known) if agent not in known else "")

@@ -117,6 +117,8 @@ def _results_of(source: Path) -> ResultsFile:
         return _results_of_run_file(source)
     if {"evaluation", "suite", "token"} <= keys:
         return _fetch(SavedRun.load(str(source), "--import"))
+    if {"number", "evaluation", "trials"} <= keys:
+        raise ResultsError(f"--import: {source} is a stored evaluation of --evaluations; there is nothing to import")
     if "trials" in keys and "verdict" not in keys:
         return ResultsFile.read(source)
     raise ResultsError(f"--import: {source} holds no results; {_REMEDY}")

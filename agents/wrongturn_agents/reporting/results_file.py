@@ -75,7 +75,7 @@ class ResultsFile(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     agent: AgentName
-    seed: Annotated[int, Field(ge=0)] | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**32)] | None = None
     """Training seed; None if the agent is not trained."""
     variant: Name | None = None
     """Name of an ablation, such as ``without-augmentation``; None for the standard algorithm."""

@@ -205,6 +205,8 @@ def score(
     check_json_file(json_to)
     begin = time.monotonic()
     if _is_agent(checkpoint):
+        if device not in {"auto", "cpu"}:
+            raise TrainingError(f"device: is {device!r}; a registered agent runs on the CPU, so leave --device out")
         results = score_agent(checkpoint, suite, threads=threads, traffic=traffic)
     else:
         results = run(checkpoint, suite, device=device, threads=threads, batch=batch, traffic=traffic)

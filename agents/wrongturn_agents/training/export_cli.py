@@ -6,6 +6,8 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperGroup
 
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+
 _COMPARED = 200
 _CHECKPOINT = "checkpoint"
 _Out = Annotated[
@@ -87,6 +89,8 @@ def export_checkpoint(
         from wrongturn_agents.training.recording import record_observations  # noqa: PLC0415
     except ImportError as error:
         raise TrainingError(_missing(error)) from error
+    if not checkpoint.exists() and str(checkpoint) in SHIPPED_AGENTS:
+        raise TrainingError(f"checkpoint: {checkpoint} is a shipped agent, an ONNX file already; name a run's best.pt")
     if is_doubting(checkpoint):
         export_doubting(checkpoint, file, precision, name=name)
         typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")

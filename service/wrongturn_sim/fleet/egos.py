@@ -11,7 +11,7 @@ from wrongturn_sim.verdict.journey_kernels import JOURNEY_FLOATS, JOURNEY_INTS, 
 
 
 def egos_for(count: int) -> kernel.Egos:
-    """Return so many egos, without room for records and other road users yet."""
+    """Return ``count`` egos, without room yet for the judge's history, records and other road users."""
     return kernel.Egos(
         order=np.arange(count),
         todo=np.zeros(count, np.int8),

@@ -30,7 +30,7 @@ from wrongturn_sim.fleet import kernel
 from wrongturn_sim.fleet.egos import egos_for
 from wrongturn_sim.fleet.headway import WAITING
 from wrongturn_sim.fleet.others import USER
-from wrongturn_sim.fleet.tables import TownTables
+from wrongturn_sim.fleet.tables import FleetTables
 from wrongturn_sim.fleet.traffic import FleetTraffic, check_density, with_room
 from wrongturn_sim.replay import Replay
 from wrongturn_sim.roads import roads_of
@@ -111,7 +111,7 @@ class Fleet:
         self.trials: list[Trial | None] = [None] * count
         self._faults: list[CommandFault | None] = [None] * count
         self._roads = roads_of(town)
-        self._tables = TownTables(town, traffic=traffic is not None, drive_on=self._drive_on)
+        self._tables = FleetTables(town, traffic=traffic is not None, drive_on=self._drive_on)
         self.observation: Observation = {
             field.name: np.zeros((count, *field.shape), field.dtype)
             for field in FIELDS[track]

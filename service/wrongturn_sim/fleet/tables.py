@@ -1,4 +1,4 @@
-"""What the kernel of a fleet reads of its town: roads, the judge's geometry of each place, ways to each goal."""
+"""What a fleet's kernel reads and does not change: roads, streets, ways to goals, and what the judge knows."""
 
 from typing import Any
 
@@ -17,8 +17,8 @@ from wrongturn_sim.verdict.journey import JOURNEY_THRESHOLDS, journey_numbers
 from wrongturn_sim.verdict.thresholds import THRESHOLDS
 
 
-class TownTables:
-    """The tables of a town. They grow with the approaches and goals of the trials.
+class FleetTables:
+    """The tables of a fleet in one town. They grow with the approaches and goals of its trials.
 
     Args:
         town: the town.
@@ -31,20 +31,21 @@ class TownTables:
 
     def __init__(self, town: Town, *, traffic: bool, drive_on: int) -> None:
         self._town, self._traffic, self._drive_on = town, traffic, drive_on
+        self._roads = roads_of(town)
         self._rows: dict[str, int] = {}
         self._geometries: list[JudgeGeometry | JourneyGeometry] = []
         self._goals: dict[str | None, int] = {None: 0}
-        self.packed = self._packed()
+        self.packed = self._made()
 
     def row_of(self, trial: Trial) -> int:
         """Return the row of the geometry of a trial's approach, or of the town for a journey; add it if it is new."""
         name = trial.approach if trial.journey is None else ""
-        row = self._rows.get(name)
-        if row is None:
-            row = self._rows[name] = len(self._geometries)
+        if name not in self._rows:
             geometry = JudgeGeometry.of(self._town, trial) if trial.journey is None else JourneyGeometry.of(self._town)
+            # The geometry comes first: without it, a row that an interruption left would lead the kernel astray.
             self._geometries.append(geometry)
-        return row
+            self._rows[name] = len(self._geometries) - 1
+        return self._rows[name]
 
     def geometry(self, row: int) -> JudgeGeometry | JourneyGeometry:
         """Return the geometry of a row."""
@@ -57,12 +58,12 @@ class TownTables:
     def pack(self) -> None:
         """Pack the tables anew if approaches or goals were added."""
         if len(self.packed.bases) <= len(self._geometries) or len(self.packed.ways) < len(self._goals):
-            self.packed = self._packed()
+            self.packed = self._made()
 
-    def _packed(self) -> kernel.Tables:
-        packed = [geometry.packed for geometry in self._geometries]
-        sizes = np.array([(len(one.floats), len(one.ints), len(one.cells)) for one in packed], np.int64).reshape(-1, 3)
-        roads = roads_of(self._town)
+    def _made(self) -> kernel.Tables:
+        places = [geometry.packed for geometry in self._geometries]
+        sizes = np.array([(len(one.floats), len(one.ints), len(one.cells)) for one in places], np.int64).reshape(-1, 3)
+        roads = self._roads
 
         def joined(arrays: list[Any], dtype: Any) -> Any:
             return np.concatenate([np.empty(0, dtype), *arrays])
@@ -74,9 +75,9 @@ class TownTables:
             lengths=roads.floats,
             exits=roads.exits,
             exits_mask=roads.exits_mask,
-            floats=joined([one.floats for one in packed], np.float64),
-            ints=joined([one.ints for one in packed], np.int64),
-            cells=joined([one.cells for one in packed], np.uint8),
+            floats=joined([one.floats for one in places], np.float64),
+            ints=joined([one.ints for one in places], np.int64),
+            cells=joined([one.cells for one in places], np.uint8),
             bases=np.concatenate([np.zeros((1, 3), np.int64), np.cumsum(sizes, axis=0)]),
             lanes=joined([one.lanes for one in self._geometries if isinstance(one, JourneyGeometry)], np.int16),
             ways=np.array([way_to(self._town, goal) for goal in self._goals]),
@@ -88,5 +89,5 @@ class TownTables:
 
     def _rest(self, goal: str | None) -> NDArray[np.float64]:
         if goal is None:
-            return np.zeros(len(roads_of(self._town).lanes))
+            return np.zeros(len(self._roads.lanes))
         return JourneyGeometry.of(self._town).rest(goal)

@@ -204,6 +204,7 @@ def test_a_misspelt_agent_is_told_the_agents(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "ppo-auxilary").mkdir()
     assert "Did you mean ppo-auxiliary?" in refused("score", "ppo-auxilary")
+    assert refused("score", "ppo-image", "--device", "gpu").startswith("device: is 'gpu'")
     for name in ("", ".", "a" * 300, "missing.zip"):
         assert refused("score", name).startswith("agent:"), name
     assert refused("score", tmp_path / "ppo-auxilary").startswith("checkpoint")
@@ -219,3 +220,4 @@ def test_what_cannot_be_scored_or_exported_is_told_before_anything_is_done(tmp_p
     assert "FILE" in refused("export", checkpoint, checkpoint, "--no-compare")
     assert checkpoint.read_bytes() == before
     assert "--name" in refused("export", checkpoint, tmp_path / "a.onnx", "--name", "\n", "--no-compare")
+    assert "is a shipped agent" in refused("export", "ppo-image", tmp_path / "a.onnx")

@@ -279,8 +279,9 @@ def run(arguments: argparse.Namespace) -> None:
             if secret in fresh and _key(drawn) in known:
                 continue
             begin = time.monotonic()
+            trials = draw_in(town, weather, secret).episodes
             print(f"{drawn['algorithm']} {drawn['seed']} {town} {weather} {secret}: driving", file=sys.stderr)
-            figures = summary(list(agent.drive(town, draw_in(town, weather, secret).episodes)))
+            figures = summary(list(agent.drive(town, trials)))
             if arguments.json is not None:
                 keep(arguments.json, {**drawn, **figures})
             print(
