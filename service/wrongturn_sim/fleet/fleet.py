@@ -37,11 +37,7 @@ from wrongturn_sim.roads import roads_of
 from wrongturn_sim.route import guidance_of, start_pose, start_route
 from wrongturn_sim.trajectory import RoadUser, Row, Trajectory
 from wrongturn_sim.verdict import JourneyGeometry, decide
-from wrongturn_sim.verdict.journey import (
-    conclude_journey,
-    outcome_fields,
-    terms_of,
-)
+from wrongturn_sim.verdict.journey import conclude_journey, outcome_fields, terms_of
 from wrongturn_sim.verdict.judge import conclude
 from wrongturn_sim.verdict.thresholds import THRESHOLDS
 
