@@ -229,7 +229,6 @@ class Fleet:
             if self._traffic is not None:
                 self._traffic.set(egos.others, i, trial)
             self._met[i] = []
-        self._tables.pack()
         egos.order[:] = np.argsort(egos.approaches, kind="stable")
         egos.todo[:] = kernel.REST
         egos.todo[chosen] = kernel.GUIDE

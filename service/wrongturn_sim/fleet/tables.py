@@ -24,9 +24,6 @@ class FleetTables:
         town: the town.
         traffic: whether its streets have other road users.
         drive_on: sub-steps after which each drive is over; 0 ends it with its verdict.
-
-    Attributes:
-        packed: what the kernel reads. :meth:`pack` makes it anew.
     """
 
     def __init__(self, town: Town, *, traffic: bool, drive_on: int) -> None:
@@ -35,7 +32,7 @@ class FleetTables:
         self._rows: dict[str, int] = {}
         self._geometries: list[JudgeGeometry | JourneyGeometry] = []
         self._goals: dict[str | None, int] = {None: 0}
-        self.packed = self._made()
+        self._packed = self._made()
 
     def row_of(self, trial: Trial) -> int:
         """Return the row of the geometry of a trial's approach, or of the town for a journey; add it if it is new."""
@@ -55,10 +52,12 @@ class FleetTables:
         """Return the row of the ways to a goal; add it if it is new."""
         return self._goals.setdefault(goal, len(self._goals))
 
-    def pack(self) -> None:
-        """Pack the tables anew if approaches or goals were added."""
-        if len(self.packed.bases) <= len(self._geometries) or len(self.packed.ways) < len(self._goals):
-            self.packed = self._made()
+    @property
+    def packed(self) -> kernel.Tables:
+        """What the kernel reads. Approaches and goals that were added are in it."""
+        if len(self._packed.bases) <= len(self._geometries) or len(self._packed.ways) < len(self._goals):
+            self._packed = self._made()
+        return self._packed
 
     def _made(self) -> kernel.Tables:
         places = [geometry.packed for geometry in self._geometries]
