@@ -84,15 +84,20 @@ def test_what_is_copied_from_a_table_is_never_broken(
     http: httpx.Client, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name = "a name of many letters that goes on to the end"
-    made = expect(http.post("/v1/agents", json={"name": name, "track": "camera"}), 201)
+    expect(http.post("/v1/agents", json={"name": name, "track": "camera"}), 201)
+    agent = json.loads(run("agents", "--owner", "ada", "--json").stdout)[0]
     owner = json.loads(run("owners", "--name", "ada", "--json").stdout)[0]
     monkeypatch.setattr("wrongturn_client.tables.WIDTH", 80)
     table = run("agents", "--owner", "ada").stdout
-    day, time = owner["created"][:10], owner["created"][11:16]
-    for whole in (made["id"], owner["id"], name, f"{day} {time}"):
+    for whole in (agent["id"], owner["id"], name, _minute(agent["created"])):
         assert whole in table
     assert run("agents", "--owner", "owner:ada").stdout == table
-    assert f"{day} {time} " in run("owners").stdout
+    assert f"{_minute(owner['created'])} " in run("owners").stdout
+
+
+def _minute(time: str) -> str:
+    """As a table shows a time of the interface."""
+    return f"{time[:10]} {time[11:16]}"
 
 
 def test_usage_goes_on_where_a_list_ended(http: httpx.Client, run: Run) -> None:
