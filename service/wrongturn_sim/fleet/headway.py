@@ -11,7 +11,8 @@ import numpy as np
 
 from wrongturn_sim import guide
 from wrongturn_sim.compiling import uncounted
-from wrongturn_sim.fleet.drivers import EGO_LENGTH, EGO_WIDTH, safe_speed, time_to
+from wrongturn_sim.fleet.drivers import safe_speed, time_to
+from wrongturn_sim.fleet.ego_ahead import EGO_HALF_LENGTH, EGO_HALF_WIDTH
 from wrongturn_sim.fleet.others import (
     GATE,
     GOES,
@@ -60,7 +61,7 @@ def on_way(user: Array, px: float, py: float, ux: float, uy: float) -> tuple[boo
     cos, sin = math.cos(user[2]), math.sin(user[2])
     dx, dy = px - user[0], py - user[1]
     along, across = dx * cos + dy * sin, dy * cos - dx * sin
-    if abs(along) < 0.5 * user[3] and abs(across) < 0.5 * user[4] + EGO_WIDTH + ASIDE:
+    if abs(along) < 0.5 * user[3] and abs(across) < 0.5 * user[4] + EGO_HALF_WIDTH + ASIDE:
         return True, max(0.0, user[5] * (cos * ux + sin * uy))
     return False, 0.0
 
@@ -80,7 +81,7 @@ def will_cross(
             if abs(ux * wx + uy * wy) >= CROSSING:
                 continue
             ahead, across = (px - x) * ux + (py - y) * uy, (py - y) * ux - (px - x) * uy
-            if abs(ahead) < 0.5 * car[LENGTH] and abs(across) < 0.5 * car[WIDTH] + EGO_WIDTH + ASIDE:
+            if abs(ahead) < 0.5 * car[LENGTH] and abs(across) < 0.5 * car[WIDTH] + EGO_HALF_WIDTH + ASIDE:
                 found = sample
                 break
         seconds += MOMENT
@@ -94,7 +95,7 @@ def way_clear(
 ) -> float:  # fmt: skip
     """Return the speed that the road users on the ego's way permit, m/s; inf where there are none."""
     leg, gate, inside = progress[guide.P_LEG], progress[guide.P_GATE], progress[guide.P_INSIDE]
-    begin = places[guide.P_S] + EGO_LENGTH
+    begin = places[guide.P_S] + EGO_HALF_LENGTH
     if inside:
         at = guide.L_GATE + guide.GATE_INTS * gate
         end = along[legs[leg, at + guide.G_END] - 1]
@@ -115,8 +116,8 @@ def way_clear(
     for number in range(others.seen[i]):
         user = others.users[i, number]
         dx, dy = user[0] - state[0], user[1] - state[1]
-        reach = AHEAD + EGO_LENGTH + 0.5 * user[3]
-        if dx * dx + dy * dy > reach * reach or dx * cos + dy * sin < -EGO_LENGTH:
+        reach = AHEAD + EGO_HALF_LENGTH + 0.5 * user[3]
+        if dx * dx + dy * dy > reach * reach or dx * cos + dy * sin < -EGO_HALF_LENGTH:
             continue
         for k in range(samples):
             there, speed = on_way(user, way[k, 0], way[k, 1], way[k, 2], way[k, 3])
@@ -125,7 +126,7 @@ def way_clear(
                 break
     for k in range(others.counts[i, VEHICLES]):
         car = others.cars[i, k]
-        dx, dy, reach = car[X] - state[0], car[Y] - state[1], AHEAD + EGO_LENGTH + SOON * car[V] + car[LENGTH]
+        dx, dy, reach = car[X] - state[0], car[Y] - state[1], AHEAD + EGO_HALF_LENGTH + SOON * car[V] + car[LENGTH]
         goes = others.ways[i, k, HERE] and (others.ways[i, k, INSIDE] or others.ways[i, k, GOES])
         if not goes or car[V] < WAITING or dx * dx + dy * dy > reach * reach:
             continue
@@ -143,11 +144,11 @@ def junction_clear(
     leg, gate = progress[guide.P_LEG], progress[guide.P_GATE]
     if progress[guide.P_INSIDE] or gate < 0:
         return math.inf
-    left = lengths[leg, guide.F_LENGTH] - places[guide.P_S] - EGO_LENGTH
+    left = lengths[leg, guide.F_LENGTH] - places[guide.P_S] - EGO_HALF_LENGTH
     if not -1.5 <= left <= AHEAD:
         return math.inf
     inner = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
-    clear = (max(left, 0.0) + inner + 2.0 * EGO_LENGTH) / max(state[3], 5.0) + 0.5
+    clear = (max(left, 0.0) + inner + 2.0 * EGO_HALF_LENGTH) / max(state[3], 5.0) + 0.5
     ours = 3 * leg + gate
     for k in range(others.counts[i, VEHICLES]):
         way = others.ways[i, k]

@@ -13,7 +13,7 @@ from numba import njit
 from wrongturn_sim import ego, guide, polyline, reward
 from wrongturn_sim.compiling import compiled_with
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, advance
-from wrongturn_sim.fleet import drivers, headway, meeting, others, right_of_way, settling, streets, waiting
+from wrongturn_sim.fleet import drivers, ego_ahead, headway, meeting, others, right_of_way, settling, streets, waiting
 from wrongturn_sim.fleet.others import PEDESTRIANS, VEHICLES, Others
 from wrongturn_sim.fleet.streets import Streets
 from wrongturn_sim.guide import LANE_FOLLOW
@@ -335,7 +335,8 @@ def keep_commands(egos: Egos, i: int) -> None:
 
 @compiled_with(
     ego, polyline, guide, kernels, decide, journey_kernels, reward,
-    drivers, headway, meeting, others, right_of_way, settling, streets, waiting, crowd, plan, slots, nogil=True,
+    drivers, ego_ahead, headway, meeting, others, right_of_way, settling, streets, waiting, crowd, plan, slots,
+    nogil=True,
 )  # fmt: skip
 def run(tables: Tables, egos: Egos, observations: Observations, first: int, end: int) -> None:
     """Do the work of the egos from ``first`` to before ``end`` in the order."""

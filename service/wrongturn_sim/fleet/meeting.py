@@ -6,7 +6,8 @@ import numpy as np
 
 from wrongturn_sim import guide
 from wrongturn_sim.compiling import uncounted
-from wrongturn_sim.fleet.drivers import BRAKING, EGO_LENGTH, GAP, REACTION, STOP, leader_of, safe_speed
+from wrongturn_sim.fleet.drivers import BRAKING, GAP, REACTION, STOP, leader_of, safe_speed
+from wrongturn_sim.fleet.ego_ahead import EGO_HALF_LENGTH
 from wrongturn_sim.fleet.others import (
     FOR,
     GATE,
@@ -93,7 +94,7 @@ def is_drawn(
 @uncounted
 def left_to_line(lengths: Array, progress: Array, places: Array) -> float:
     """Return the metres from an ego's front to its stop line."""
-    return float(lengths[progress[guide.P_LEG], guide.F_LENGTH] - places[guide.P_S] - EGO_LENGTH)
+    return float(lengths[progress[guide.P_LEG], guide.F_LENGTH] - places[guide.P_S] - EGO_HALF_LENGTH)
 
 
 @uncounted

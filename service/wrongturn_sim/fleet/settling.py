@@ -7,18 +7,16 @@ import numpy as np
 
 from wrongturn_sim import guide
 from wrongturn_sim.compiling import uncounted
-from wrongturn_sim.fleet import drivers
 from wrongturn_sim.fleet.drivers import (
     BRAKING,
-    FAR,
     GAP,
     REACTION,
     STOP,
     choose_gate,
-    gap_to_ego,
     leader_of,
     safe_speed,
 )
+from wrongturn_sim.fleet.ego_ahead import EGO_HALF_LENGTH, FAR, gap_to_ego
 from wrongturn_sim.fleet.others import (
     COLOUR,
     FOR,
@@ -93,7 +91,7 @@ def lead(lengths: Array, others: Others, i: int, k: int, progress: Array, places
     """Put a car shortly ahead of the ego, in its lane; return False where there is no room."""
     car, way = others.cars[i, k], others.ways[i, k]
     leg = progress[guide.P_LEG]
-    begin = places[guide.P_S] + drivers.EGO_LENGTH + 6.0 + state[3] * state[3] / 8.0 + car[LENGTH]
+    begin = places[guide.P_S] + EGO_HALF_LENGTH + 6.0 + state[3] * state[3] / 8.0 + car[LENGTH]
     end = min(lengths[leg, guide.F_LENGTH] - _LAST, begin + 20.0)
     if progress[guide.P_INSIDE] or end < begin:
         return False

@@ -19,6 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from wrongturn_sim.ego import Vehicle
 from wrongturn_sim.verdict import kernels
+from wrongturn_sim.verdict.marking import mark_edges, mark_inside
 from wrongturn_sim.verdict.thresholds import SharedThresholds, Thresholds
 
 Floats = NDArray[np.float64]
@@ -159,7 +160,7 @@ class Grid:
     def touched(self, edges: Floats) -> Marks:
         """Return a mask of the cells that an edge touches, (rows, columns)."""
         marks = np.zeros((self.rows, self.columns), np.bool_)
-        kernels.mark_edges(marks, edges, self.x, self.y, self.size)
+        mark_edges(marks, edges, self.x, self.y, self.size)
         return marks
 
     def rows_of(self, edges: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -175,7 +176,7 @@ class Grid:
         """Return a mask of the cells whose middle lies in a polygon, (rows, columns)."""
         marks = np.zeros((self.rows, self.columns), np.bool_)
         starts, listed = self.rows_of(edges)
-        kernels.mark_inside(marks, np.ascontiguousarray(edges), starts, listed, self.x, self.y, self.size)
+        mark_inside(marks, np.ascontiguousarray(edges), starts, listed, self.x, self.y, self.size)
         return marks
 
 
