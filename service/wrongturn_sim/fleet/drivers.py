@@ -12,7 +12,7 @@ import numpy as np
 
 from wrongturn_sim import guide
 from wrongturn_sim.compiling import uncounted
-from wrongturn_sim.fleet.ego_ahead import EGO_HALF_LENGTH, FAR, ego_crosses, gap_to_ego, gap_to_merging_ego
+from wrongturn_sim.fleet.ego_ahead import FAR, ego_crosses, ego_to_line, gap_to_ego, gap_to_merging_ego
 from wrongturn_sim.fleet.others import (
     FOR,
     GATE,
@@ -193,7 +193,7 @@ def may_go(
     if ego_crosses(streets, lengths, way, progress, places):
         return False
     rule = streets.rules[ours, 3 * progress[guide.P_LEG] + progress[guide.P_GATE]]
-    away = lengths[progress[guide.P_LEG], guide.F_LENGTH] - places[guide.P_S] - EGO_HALF_LENGTH
+    away = ego_to_line(lengths, progress, places)
     waits = state[3] > 0.5 or car[WAITED] < EGO_PATIENCE
     return bool(progress[guide.P_INSIDE] or not (rule & YIELDS and waits and time_to(away, state[3]) < clear))
 

@@ -19,8 +19,14 @@ MARGIN = 0.3
 STRIDE = 1.5
 """Distance between the points of its way that a driver checks for the ego, metres."""
 FAR = 1e9
-"""Gap where nobody is in the way, metres."""
+"""Stands for a gap, in metres, or for a speed, in m/s, where nothing limits it."""
 EGO_HALF_LENGTH, EGO_HALF_WIDTH = ego_module.VEHICLE.half_length, ego_module.VEHICLE.half_width
+
+
+@uncounted
+def ego_to_line(lengths: Array, progress: Array, places: Array) -> float:
+    """Return the metres from an ego's front to its stop line."""
+    return float(lengths[progress[guide.P_LEG], guide.F_LENGTH] - places[guide.P_S] - EGO_HALF_LENGTH)
 
 
 @uncounted
@@ -79,4 +85,4 @@ def ego_crosses(streets: Streets, lengths: Array, way: Array, progress: Array, p
     if progress[guide.P_INSIDE]:
         inner = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
         return bool(places[guide.P_S] < inner + EGO_HALF_LENGTH)
-    return bool(lengths[leg, guide.F_LENGTH] - places[guide.P_S] < EGO_HALF_LENGTH)
+    return ego_to_line(lengths, progress, places) < 0.0

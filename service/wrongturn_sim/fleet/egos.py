@@ -1,4 +1,6 @@
-"""The egos of a fleet before their first trial."""
+"""The arrays of a fleet's egos, and the room in them."""
+
+from typing import Any
 
 import numpy as np
 
@@ -41,3 +43,14 @@ def egos_for(count: int) -> kernel.Egos:
         met=np.zeros((count, SUB_STEPS, 0, USER)),
         meetings=np.zeros((count, SUB_STEPS), np.int64),
     )
+
+
+def with_rows(egos: kernel.Egos, rows: dict[str, int]) -> kernel.Egos:
+    """Return egos whose named arrays have so many rows or more for each ego; what is there already stays."""
+    grown: dict[str, Any] = {}
+    for name, count in rows.items():
+        before = getattr(egos, name)
+        if before.shape[1] < count:
+            grown[name] = np.zeros((before.shape[0], count, before.shape[2]), before.dtype)
+            grown[name][:, : before.shape[1]] = before
+    return egos._replace(**grown)

@@ -27,7 +27,7 @@ from wrongturn_sim.faults.infeasible import Infeasible
 from wrongturn_sim.faults.none import NoFault
 from wrongturn_sim.faults.omission import Omission
 from wrongturn_sim.fleet import kernel
-from wrongturn_sim.fleet.egos import egos_for
+from wrongturn_sim.fleet.egos import egos_for, with_rows
 from wrongturn_sim.fleet.headway import WAITING
 from wrongturn_sim.fleet.others import USER
 from wrongturn_sim.fleet.tables import FleetTables
@@ -383,7 +383,6 @@ class Fleet:
             most = others.users.shape[1] if self._recording else 0
             self._egos = self._egos._replace(others=others, met=np.zeros((self.count, SUB_STEPS, most, USER)))
         limits = [(trial.journey.time_limit if trial.journey else None) for trial in trials]
-        egos = self._egos
         rows: dict[str, int] = {}
         if None in limits:
             rows["history"] = math.ceil(THRESHOLDS.time_limit / SUB_STEP) + 1
@@ -392,12 +391,4 @@ class Fleet:
             sub_steps = max(math.ceil(longest / SUB_STEP), self._drive_on) + SUB_STEPS
             decisions = -(-sub_steps // SUB_STEPS)
             rows |= {"states": sub_steps + 1, "commands": decisions + 1, "inputs": decisions}
-
-        def longer(array: NDArray[Any], count: int) -> NDArray[Any]:
-            grown = np.zeros((array.shape[0], count, array.shape[2]), array.dtype)
-            grown[:, : array.shape[1]] = array
-            return grown
-
-        short = {name: count for name, count in rows.items() if getattr(egos, name).shape[1] < count}
-        grown: dict[str, Any] = {name: longer(getattr(egos, name), count) for name, count in short.items()}
-        self._egos = egos._replace(**grown)
+        self._egos = with_rows(self._egos, rows)

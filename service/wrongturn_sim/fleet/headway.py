@@ -12,7 +12,7 @@ import numpy as np
 from wrongturn_sim import guide
 from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.drivers import safe_speed, time_to
-from wrongturn_sim.fleet.ego_ahead import EGO_HALF_LENGTH, EGO_HALF_WIDTH
+from wrongturn_sim.fleet.ego_ahead import EGO_HALF_LENGTH, EGO_HALF_WIDTH, ego_to_line
 from wrongturn_sim.fleet.others import (
     GATE,
     GOES,
@@ -144,7 +144,7 @@ def junction_clear(
     leg, gate = progress[guide.P_LEG], progress[guide.P_GATE]
     if progress[guide.P_INSIDE] or gate < 0:
         return math.inf
-    left = lengths[leg, guide.F_LENGTH] - places[guide.P_S] - EGO_HALF_LENGTH
+    left = ego_to_line(lengths, progress, places)
     if not -1.5 <= left <= AHEAD:
         return math.inf
     inner = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]

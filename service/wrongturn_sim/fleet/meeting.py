@@ -7,7 +7,7 @@ import numpy as np
 from wrongturn_sim import guide
 from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.drivers import BRAKING, GAP, REACTION, STOP, leader_of, safe_speed
-from wrongturn_sim.fleet.ego_ahead import EGO_HALF_LENGTH
+from wrongturn_sim.fleet.ego_ahead import ego_to_line
 from wrongturn_sim.fleet.others import (
     FOR,
     GATE,
@@ -61,7 +61,7 @@ def meet(
     if k < 0 or found < 0:
         return
     car, way = others.cars[i, k], others.ways[i, k]
-    seconds = time_to_line(left_to_line(lengths, progress, places)) - EARLY - SPREAD * draw(others, i)
+    seconds = time_to_line(ego_to_line(lengths, progress, places)) - EARLY - SPREAD * draw(others, i)
     speed = car[LIKES] * streets.limits[found // 3]
     length = lengths[found // 3, guide.F_LENGTH]
     s = min(max(length - speed * seconds, car[LENGTH] + APART), length - 2.0 * STOP)
@@ -85,16 +85,10 @@ def is_drawn(
     leg, share = progress[guide.P_LEG], others.habits[i, habit]
     if share == 0.0 or progress[guide.P_GATE] < 0 or progress[guide.P_INSIDE] or others.junction[i, column] == leg:
         return False
-    if left_to_line(lengths, progress, places) > near:
+    if ego_to_line(lengths, progress, places) > near:
         return False
     others.junction[i, column] = leg
     return bool(draw(others, i) < share)
-
-
-@uncounted
-def left_to_line(lengths: Array, progress: Array, places: Array) -> float:
-    """Return the metres from an ego's front to its stop line."""
-    return float(lengths[progress[guide.P_LEG], guide.F_LENGTH] - places[guide.P_S] - EGO_HALF_LENGTH)
 
 
 @uncounted

@@ -10,8 +10,9 @@ import numpy as np
 from wrongturn_sim import guide
 from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.drivers import STOP, choose_gate, safe_speed
+from wrongturn_sim.fleet.ego_ahead import ego_to_line
 from wrongturn_sim.fleet.headway import BRAKING, GAP, REACTION
-from wrongturn_sim.fleet.meeting import far_away, has_room, is_drawn, left_to_line, put, time_to_line
+from wrongturn_sim.fleet.meeting import far_away, has_room, is_drawn, put, time_to_line
 from wrongturn_sim.fleet.others import FOR, LENGTH, STAYS, WAITS, Others, V, draw, place_car
 
 Array = np.ndarray[Any, Any]
@@ -40,7 +41,7 @@ def wait(
     k = far_away(others, i, state)
     if k < 0:
         return
-    left = left_to_line(lengths, progress, places)
+    left = ego_to_line(lengths, progress, places)
     seconds = time_to_line(left) + LEAST + SPREAD * draw(others, i)
     if draw(others, i) < OWN and can_stop(others, i, k, left, state) and stand(legs, lengths, others, i, k, leg):
         others.cars[i, k, STAYS] = seconds
