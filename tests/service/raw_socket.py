@@ -58,6 +58,15 @@ def frame(message: bytes) -> bytes:
     return b"\x82\xff" + size.to_bytes(8, "big") + bytes(4) + message
 
 
+def press(raw: socket.socket, data: memoryview, patience_s: float) -> memoryview:
+    """Send until nothing is taken for so long, or the other side closes; what is left."""
+    raw.settimeout(patience_s)
+    with contextlib.suppress(TimeoutError, ConnectionError):
+        while data:
+            data = data[raw.send(data) :]
+    return data
+
+
 def rest(raw: socket.socket) -> bytes:
     """All that comes until the other side closes."""
     data = b""

@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 import pytest
 from lent_socket import LOOK, LentSocket, borrowers, figure, lent, until
 from loan_story import TRIAL, Payloads, Story, action, fields, over, stored
+from raw_socket import press
 from service_harness import Agent, RunningService, expect
 from test_drive_frames import BINARY, CLOSE, LIMIT, PING, TEXT, frame
 
@@ -217,28 +218,32 @@ def test_a_simulator_that_dies_or_hangs_at_any_moment(
     assert figure(fragile, "wrongturn_simulator_deaths_total") > deaths
 
 
-def test_a_client_that_does_not_read_is_closed_and_goes_on_over_http(fragile: RunningService) -> None:
+def test_a_client_that_does_not_read_is_closed_and_goes_on_over_http(tmp_path: Path) -> None:
+    # It reads no pings either, so the service has patience with those.
+    own = RunningService(tmp_path / "wrongturn.db", simulators=1, slow_client_s=1.5, ping_timeout_s=600)
     closed = 'wrongturn_connections_closed_total{reason="slow-reader"}'
-    before = figure(fragile, closed)
-    with (
-        fragile.agent("segmentation") as agent,
-        LentSocket(fragile, agent.token, receive_buffer=65536) as drive,
-    ):
-        episode = agent.practise(**TRIAL | {"track": "segmentation"})["id"]
-        seq = 0
-        while not lent(fragile):
-            seq += 1
-            drive.step(episode, seq, action(seq))
-        steps = [["step", episode, min(at, seq + 9), *action(min(at, seq + 9))] for at in range(seq + 1, seq + 500)]
-        drive.raw.settimeout(5)
-        with contextlib.suppress(TimeoutError, ConnectionError):
-            for at, step in enumerate(steps):
-                drive.send(step, number=at)
-        until(lambda: figure(fragile, closed) == before + 1, "a client that never reads stays")
-        until(lambda: not figure(fragile, "wrongturn_sockets") and not lent(fragile), "it counts on")
-        taken = expect(agent.http.get(f"/v1/episodes/{episode}"), 200)["seq"]
-        assert seq < taken <= seq + 9
-        assert expect(agent.step(episode, taken + 1, fields(taken + 1)), 200)["seq"] == taken + 1
+    try:
+        with own.agent("segmentation") as agent, LentSocket(own, agent.token, receive_buffer=65536) as drive:
+            episode = agent.practise(**TRIAL | {"track": "segmentation"})["id"]
+            seq = 0
+            while not lent(own):
+                seq += 1
+                drive.step(episode, seq, action(seq))
+            steps = [["step", episode, min(at, seq + 9), *action(min(at, seq + 9))] for at in range(seq + 1, seq + 500)]
+            left = memoryview(b"".join(frame(BINARY, wire.pack_calls(at, [step])) for at, step in enumerate(steps)))
+
+            def over() -> bool:
+                nonlocal left
+                left = press(drive.raw, left, 0.5)
+                return figure(own, closed) == 1
+
+            until(over, "a client that never reads stays")
+            until(lambda: not figure(own, "wrongturn_sockets") and not lent(own), "it counts on")
+            taken = expect(agent.http.get(f"/v1/episodes/{episode}"), 200)["seq"]
+            assert seq < taken <= seq + 9
+            assert expect(agent.step(episode, taken + 1, fields(taken + 1)), 200)["seq"] == taken + 1
+    finally:
+        assert own.stop() == 0, own.stderr
 
 
 def test_a_client_that_answers_no_ping_is_closed_between_two_replies(
