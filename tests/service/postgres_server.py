@@ -60,7 +60,7 @@ class PostgresServer:
         """Break all connections to a database, as a restart of the server does; how many there were."""
         return len(
             self.sql(
-                "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
+                "SELECT pg_terminate_backend(pid, 60000) FROM pg_stat_activity "
                 f"WHERE datname = '{database}' AND pid <> pg_backend_pid()",
             )
         )

@@ -3,6 +3,7 @@
 import asyncio
 from pathlib import Path
 
+import asyncpg
 import pytest
 from app_harness import application, play, step
 from fake_pool import FakePool
@@ -82,13 +83,31 @@ def test_a_service_that_lost_the_database_to_another_writes_no_more(postgres: Po
     asyncio.run(story())
 
 
+def test_a_lock_that_the_server_has_not_let_go_yet_is_waited_for(postgres: PostgresServer, url: str) -> None:
+    """Where a network cuts connections, the server keeps the old one's lock for a while."""
+
+    async def story() -> None:
+        database = await Database.open(url)
+        await asyncio.to_thread(postgres.drop_connections, name_of(url))
+        old = await asyncpg.connect(postgres.libpq(name_of(url)))
+        assert await old.fetchval(f"SELECT pg_try_advisory_lock({engine.LOCK})")
+        with pytest.raises(engine.DatabaseUnreachableError, match="try again"):
+            await Store(database).add_agent(agent_row("early"), None)
+        await old.close()
+        await Store(database).add_agent(agent_row("late"), None)
+        assert [row.id for row in await Store(database).agents()] == ["ag_late"]
+        await database.close()
+
+    asyncio.run(story())
+
+
 def test_a_new_owner_waits_for_a_write_in_progress(postgres: PostgresServer, url: str) -> None:
     async def story() -> None:
         first = await Database.open(url)
         async with first.write() as session:
             session.add(agent_row("slow"))
             await session.flush()
-            locks = "SELECT pg_terminate_backend(pid) FROM pg_locks WHERE locktype = 'advisory' AND database = "
+            locks = "SELECT pg_terminate_backend(pid, 60000) FROM pg_locks WHERE locktype = 'advisory' AND database = "
             oid = f"(SELECT oid FROM pg_database WHERE datname = '{name_of(url)}')"
             assert len(await asyncio.to_thread(postgres.sql, locks + oid)) == 1
             second = asyncio.create_task(Database.open(url))
@@ -166,14 +185,14 @@ def test_an_evaluation_goes_on_through_broken_connections(postgres: PostgresServ
             # a minute, and at once when somebody asks for another trial, as clients do.
             for _ in range(600):
                 refused = await http.post(path)
-                done = (await http.get(f"/v1/evaluations/{evaluation['id']}")).json()
-                assert done["finished"] == evaluation["trials"]
-                if done["state"] == "finished":
+                done = await http.get(f"/v1/evaluations/{evaluation['id']}")
+                if refused.status_code == 409 and done.status_code == 200 and done.json()["state"] == "finished":
                     break
                 await asyncio.sleep(0.1)
             else:
-                raise AssertionError(done)
+                raise AssertionError(done.text)
             assert refused.json()["type"] == "/problems/evaluation-finished"
+            assert done.json()["finished"] == evaluation["trials"]
         name = name_of(url)
         rows = await asyncio.to_thread(
             postgres.sql, "SELECT count(*), count(DISTINCT trial_id) FROM episodes WHERE state = 'finished'", name
