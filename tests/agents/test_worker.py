@@ -372,7 +372,7 @@ def test_a_run_that_the_operator_ends_cannot_be_resumed(url, path, says):
     def ending(finished: int, total: int) -> None:
         if finished == 1:
             headers = {"Authorization": f"Bearer {OPERATOR}"}
-            httpx.delete(f"{url}/v1/admin/{path.format(evaluation)}", headers=headers).raise_for_status()
+            httpx.delete(f"{url}/v1/admin/{path.format(evaluation)}", headers=headers, timeout=60).raise_for_status()
 
     with pytest.raises(RunOverError, match=re.escape(says.format(evaluation))):
         drive(saved_run, resolve("careful"), url, ending)

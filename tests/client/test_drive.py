@@ -110,7 +110,7 @@ def test_an_evaluation_goes_by_the_socket(client: Client, parallel: int) -> None
 
 def _stepped_over_http(url: str) -> float:
     """Steps over HTTP so far."""
-    lines = httpx.get(url + "/metrics").text.splitlines()
+    lines = httpx.get(url + "/metrics", timeout=60).text.splitlines()
     wanted = 'wrongturn_request_seconds_count{method="POST",route="/v1/episodes/{episode}/step"'
     return sum(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(wanted))
 

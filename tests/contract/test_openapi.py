@@ -81,7 +81,7 @@ PUBLIC = {
 
 @pytest.fixture(scope="module")
 def document(service: RunningService) -> dict[str, Any]:
-    found = httpx.get(f"{service.url}/openapi.json").json()
+    found = httpx.get(f"{service.url}/openapi.json", timeout=60).json()
     assert isinstance(found, dict)
     return found
 
@@ -246,7 +246,7 @@ def test_no_request_breaks_the_service(
 def test_every_other_method_is_refused_with_those_that_are_right(
     service: RunningService, document: dict[str, Any]
 ) -> None:
-    with httpx.Client(base_url=service.url) as http:
+    with httpx.Client(base_url=service.url, timeout=60) as http:
         for path, operations_there in document["paths"].items():
             right = {method.upper() for method in operations_there}
             for method in {"GET", "PUT", "POST", "DELETE", "PATCH", "OPTIONS"} - right:

@@ -48,7 +48,7 @@ def test_a_model_that_works_passes(tmp_path: Path, service: LocalService) -> Non
     assert len(passed.step_ms) == 6
     assert all(0 < took < 3000 for took in passed.step_ms)
     # Its practice episode is ended.
-    metrics = httpx.get(f"{service.url}/metrics").text
+    metrics = httpx.get(f"{service.url}/metrics", timeout=60).text
     assert re.search(r"^wrongturn_open_episodes 0\.0$", metrics, re.MULTILINE)
 
 

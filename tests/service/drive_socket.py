@@ -21,6 +21,8 @@ class DriveSocket:
             additional_headers={"Authorization": f"Bearer {token}"},
             compression=None,
             max_size=None,
+            open_timeout=60,
+            ping_interval=None,
             proxy=None,
         )
         self._number = 0

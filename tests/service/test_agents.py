@@ -88,7 +88,7 @@ def test_a_token_is_rotated_and_revoked(service: RunningService, agent: Agent, o
         assert renewed.http.delete(url).status_code == 204
         problem(renewed.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 401, "unauthenticated")
         problem(renewed.http.delete(url), 401, "unauthenticated")
-    with httpx.Client(base_url=service.url) as operator:
+    with httpx.Client(base_url=service.url, timeout=60) as operator:
         fresh = expect(operator.post(url, headers=OPERATOR), 201)
         assert operator.delete(url, headers=OPERATOR).status_code == 204
     with Agent(service.url, fresh) as revoked:

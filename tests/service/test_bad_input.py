@@ -344,7 +344,7 @@ def test_a_call_without_a_good_token(
     service: RunningService, owned: dict[str, str], method: str, path: str, header: str | None
 ) -> None:
     headers = {} if header is None else {"Authorization": header.encode("latin-1")}
-    with httpx.Client(base_url=service.url) as http:
+    with httpx.Client(base_url=service.url, timeout=60) as http:
         response = http.request(method, path.format(**owned), headers=headers, json=BODIES.get(path))
     problem(response, 401, "unauthenticated")
     assert response.headers["www-authenticate"].startswith("Bearer")

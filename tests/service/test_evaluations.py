@@ -66,7 +66,7 @@ def test_finished_episodes_are_shown_to_everybody(
     service: RunningService, finished: dict[str, Any], agent: Agent
 ) -> None:
     episode = finished["order"][0]
-    with httpx.Client(base_url=service.url) as stranger:
+    with httpx.Client(base_url=service.url, timeout=60) as stranger:
         shown = expect(stranger.get(f"/v1/episodes/{episode}"), 200)
         trajectory = stranger.get(f"/v1/episodes/{episode}/trajectory")
     assert shown["outcome"]["verdict"]
@@ -103,7 +103,7 @@ def test_the_workers_record(finished: dict[str, Any]) -> None:
 
 
 def test_the_leaderboard(service: RunningService, finished: dict[str, Any]) -> None:
-    with httpx.Client(base_url=service.url) as stranger:
+    with httpx.Client(base_url=service.url, timeout=60) as stranger:
         found = stranger.get("/v1/leaderboards/smoke@2")
         board = Leaderboard.model_validate_json(found.text)
         summaries = expect(stranger.get("/v1/leaderboards"), 200)["leaderboards"]
@@ -116,7 +116,7 @@ def test_the_leaderboard(service: RunningService, finished: dict[str, Any]) -> N
 
 
 def test_a_leaderboard_without_agents_has_algorithms_alone(service: RunningService) -> None:
-    with httpx.Client(base_url=service.url) as stranger:
+    with httpx.Client(base_url=service.url, timeout=60) as stranger:
         board = Leaderboard.model_validate_json(stranger.get("/v1/leaderboards/wrong-command@2").text)
     assert {entry.agent.kind for entry in board.entries} == {AgentKind.ALGORITHM}
     assert board.updated is None

@@ -101,7 +101,7 @@ def test_pages_their_files_and_their_commands(proxied: Proxied) -> None:
         assert http.get("openapi.json").json()["servers"] == [{"url": proxied.url}]
         bare = http.get(proxied.url)
         assert (bare.status_code, bare.headers["Location"]) == (301, f"{proxied.url}/")
-    lost = httpx.get(f"{proxied.plain_url}/wrongturn/towns?a=b")
+    lost = httpx.get(f"{proxied.plain_url}/wrongturn/towns?a=b", timeout=60)
     assert (lost.status_code, lost.headers["Location"]) == (308, "https://localhost/wrongturn/towns?a=b")
 
 
@@ -109,7 +109,7 @@ def test_metrics_are_not_for_strangers(proxied: Proxied) -> None:
     with proxied.http(headers={"Authorization": f"Bearer {OPERATOR}"}) as http:
         assert http.get("metrics").status_code == 404
         assert expect(http.get("health/ready"), 200)["status"] == "ok"
-    assert "wrongturn_steps_total" in httpx.get(f"{proxied.service.url}/metrics", headers=http.headers).text
+    assert "wrongturn_steps_total" in httpx.get(f"{proxied.service.url}/metrics", headers=http.headers, timeout=60).text
 
 
 def test_the_operators_calls_stay_inside_the_network(proxied: Proxied) -> None:
@@ -131,9 +131,10 @@ def test_an_agent_drives_over_both_ways(proxied: Proxied, monkeypatch: pytest.Mo
         token = client.register("behind nginx", "privileged").token
     with Client(proxied.url, token) as client:
         assert client.evaluate(Gas(), "smoke@2").state is EvaluationState.FINISHED
-        begun = expect(httpx.post(f"{proxied.url}/v1/episodes", **call(proxied, token, PRACTICE)), 201)["id"]
+        opened = httpx.post(f"{proxied.url}/v1/episodes", **call(proxied, token, PRACTICE), timeout=60)
+        begun = expect(opened, 201)["id"]
         step = call(proxied, token, {"seq": 1, "action": GAS})
-        expect(httpx.post(f"{proxied.url}/v1/episodes/{begun}/step", **step), 200)
+        expect(httpx.post(f"{proxied.url}/v1/episodes/{begun}/step", **step, timeout=60), 200)
     counted = metrics(proxied.service.url)
     assert re.search(r'seconds_count{method="WS",route="/v1/drive step",status="200"} 1[12]\d\.0', counted)
     assert len(re.findall(r'seconds_count{method="POST",route="/v1/episodes/{episode}/step"', counted)) == 1

@@ -82,7 +82,7 @@ def test_episodes_by_pages(tmp_path: Path) -> None:
     ],
 )
 def test_pages_that_are_none(service: ClockedService, query: dict[str, Any], path: str) -> None:
-    told = problem(httpx.get(f"{service.url}/v1/agents", params=query), 422, "validation")
+    told = problem(httpx.get(f"{service.url}/v1/agents", params=query, timeout=60), 422, "validation")
     assert path in told["errors"][0]["path"]
 
 
@@ -90,7 +90,7 @@ def test_a_cursor_of_another_list(service: ClockedService) -> None:
     with service.agent() as agent:
         for cursor in ("YWJj", "OTk5OTk5OTk5OTk5OTk5OTk5OTk5OTk5"):
             headers = {"Authorization": f"Bearer {agent.token}"}
-            answer = httpx.get(f"{service.url}/v1/submissions", params={"cursor": cursor}, headers=headers)
+            answer = httpx.get(f"{service.url}/v1/submissions", params={"cursor": cursor}, headers=headers, timeout=60)
             assert problem(answer, 422, "validation")["errors"][0]["path"] == "query.cursor"
 
 

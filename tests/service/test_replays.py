@@ -80,9 +80,9 @@ def test_pictures_are_shown_to_whom_the_trajectory_is_shown(service: RunningServ
     pictures = ("camera/0", "picture.png")
     for picture in pictures:
         problem(agent.http.get(f"/v1/episodes/{scored}/{picture}"), 409, "episode-not-shown")
-    agent.drive(scored)
+    steps, _ = agent.drive(scored)
     agent.drive(practice)
-    with httpx.Client(base_url=service.url) as stranger, service.agent() as other:
+    with httpx.Client(base_url=service.url, timeout=60) as stranger, service.agent() as other:
         for picture in pictures:
             problem(agent.http.get(f"/v1/episodes/{scored}/{picture}"), 409, "episode-not-shown")
             assert "private" in agent.http.get(f"/v1/episodes/{practice}/{picture}").headers["cache-control"]
@@ -98,7 +98,7 @@ def test_pictures_are_shown_to_whom_the_trajectory_is_shown(service: RunningServ
             assert "public" in shown.headers["cache-control"]
             known = {"If-None-Match": f"W/{shown.headers['etag']}"}
             assert stranger.get(f"/v1/episodes/{scored}/{picture}", headers=known).status_code == 304
-        assert len(sheet(stranger, scored, 0)) == SHEET
+        assert len(sheet(stranger, scored, 0)) == min(SHEET, steps + 1)  # some of its trials are short
         drawn = cv2.imdecode(np.frombuffer(shown.content, np.uint8), cv2.IMREAD_COLOR)
         assert drawn.shape == (PICTURE, PICTURE, 3)
         # Its twin was never driven, so the page shows one drive.

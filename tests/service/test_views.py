@@ -52,7 +52,7 @@ def test_only_the_agents_own_practice_has_a_view(service: RunningService, agent:
     view = agent.http.get(f"/v1/episodes/{practice}/view")
     assert view.headers["content-type"] == "image/x-portable-pixmap"
     assert from_pixmap(view.content).shape == (480, 864, 3)
-    with httpx.Client(base_url=service.url) as stranger, service.agent() as other:
+    with httpx.Client(base_url=service.url, timeout=60) as stranger, service.agent() as other:
         problem(stranger.get(f"/v1/episodes/{practice}/view"), 401, "unauthenticated")
         problem(other.http.get(f"/v1/episodes/{practice}/view"), 403, "forbidden")
     evaluation = agent.evaluate()["id"]
