@@ -234,6 +234,19 @@ def test_in_the_middle_of_a_loan(story: Story, first: int) -> None:
     story.go_on()
 
 
+def test_the_answer_to_a_ping_of_before_does_not_put_off_the_next_loan(story: Story) -> None:
+    service = story.drive.service
+    while not lent(service):
+        story.step()
+    story.drive.raw.sendall(frame(PONG, b"here!"))
+    until(lambda: not lent(service), "the pong ends no loan")
+    before = story.seq
+    while not lent(service):
+        story.step()
+    assert story.seq < before + 10
+    story.go_on()
+
+
 @settings(max_examples=10, suppress_health_check=list(HealthCheck))
 @given(plan=st.lists(st.tuples(st.integers(0, 6), st.sampled_from(CASES)), min_size=3, max_size=6))
 def test_any_of_it_in_any_order(
@@ -248,7 +261,7 @@ def test_any_of_it_in_any_order(
 
 
 def test_many_at_once_take_each_step_once(service: RunningService, story: Story) -> None:
-    stop, looks = threading.Event(), []
+    stop, looks, begun = threading.Event(), [], [threading.Event(), threading.Event()]
 
     def disturb(seed: int) -> None:
         dice = Random(seed)
@@ -258,11 +271,13 @@ def test_many_at_once_take_each_step_once(service: RunningService, story: Story)
                     looks.append(expect(story.agent.http.get(f"/v1/episodes/{story.episode}"), 200).get("seq", -1))
                 else:
                     assert other.one("look", story.episode)[0] == 200
+                begun[seed].set()
 
     disturbing = [threading.Thread(target=disturb, args=(seed,)) for seed in range(2)]
     for thread in disturbing:
         thread.start()
     try:
+        assert all(event.wait(60) for event in begun)
         story.go_on()
     finally:
         stop.set()

@@ -10,7 +10,7 @@ from typing import Any, Final
 from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect
 
-from wrongturn_protocol import ProblemType, wire
+from wrongturn_protocol import ProblemType, framing, wire
 from wrongturn_protocol.wire import Call
 from wrongturn_service.accounts import Caller
 from wrongturn_service.api.errors import as_service_error, problem_response
@@ -245,7 +245,8 @@ class Connection:
 
     def returned(self, end: LoanEnd) -> None:
         """Use the connection again after a loan."""
-        if end.unread and end.observation is None:
+        # The answer to a ping of before the loan tells nothing of the messages that come.
+        if end.unread and not end.unread[0] & framing.CONTROL and end.observation is None:
             self._streak = -_IN_VAIN
         self._direct.take_back(end.unread, broken=end.died)
 
