@@ -20,7 +20,7 @@ _LARGEST: Final = 1 << 16
 """Most bytes of a client's message; an action has about 60."""
 _PING_TIMEOUT_S: Final = 600.0
 """Seconds that a trainer may compute without answering pings, as long as its episode's lease."""
-_GRACE_S: Final = 2
+_GRACE_S: Final = 10
 """Seconds after which a client that takes no more bytes is cut off."""
 
 
