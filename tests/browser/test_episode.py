@@ -1,6 +1,7 @@
 """An episode's page: the replay of a trial beside its twin."""
 
 import dataclasses
+import math
 
 import pytest
 from filled_site import Site
@@ -23,9 +24,15 @@ class Pair:
 @pytest.fixture(scope="module")
 def pair(site: Site) -> Pair:
     listed = site.get(f"/v1/evaluations/{site.evaluations['obeys-blindly']}/episodes")["episodes"]
-    trial = next(one for one in listed if one["outcome"]["verdict"] == "off_road" and ".infeasible." in one["trial"])
-    twin = next(one for one in listed if one["trial"] == trial["trial"].replace(".infeasible.", ".none."))
-    return Pair(trial, twin)
+    named = {one["trial"]: one for one in listed}
+    faulty = [one for name, one in named.items() if ".infeasible." in name and one["outcome"]["verdict"] == "off_road"]
+    pairs = [Pair(one, named[one["trial"].replace(".infeasible.", ".none.")]) for one in faulty]
+    # In a few draws one of them takes as long as its twin.
+    return next(pair for pair in pairs if decisions(pair.trial) != decisions(pair.twin))
+
+
+def decisions(episode: dict) -> int:
+    return math.ceil(10 * episode["outcome"]["time"])
 
 
 def ready(page: Page) -> Page:
@@ -66,12 +73,13 @@ def test_the_page_is_accessible_in_the_dark_and_on_a_telephone(visit: Visit, acc
 def test_scrubbing_moves_everything(visit: Visit, pair: Pair):
     page = ready(visit(pair.path))
     places = (".map", ".camera")
-    page.wait_for_selector(".camera[data-decision='0']")
+    camera = page.locator(".camera").first
+    expect(camera).to_have_attribute("data-decision", "0")
     before = [pixels(page, place) for place in places]
     line = "document.querySelector('.speeds .now').style.transform"
     at_first = page.evaluate(line)
     page.locator(".scrub").fill("25")
-    page.wait_for_selector(".camera[data-decision='25']")
+    expect(camera).to_have_attribute("data-decision", "25")
     assert all(old != pixels(page, place) for old, place in zip(before, places, strict=True))
     assert page.evaluate(line) != at_first
     assert page.inner_text(".clock").startswith("2.5 s of ")
@@ -101,6 +109,7 @@ def test_the_keyboard(visit: Visit, pair: Pair):
     ):
         page.keyboard.press(key)
         assert position(page) == wanted, key
+    page.select_option(".pace", "0.25")  # so slow that it does not end while this test looks
     page.focus(".scrub")
     page.keyboard.press("ArrowRight")
     assert position(page) == 1
@@ -125,6 +134,7 @@ def test_nothing_plays_by_itself_and_playing_ends(visit: Visit, pair: Pair):
     page.click(".play")
     expect(page.locator(".scrub")).to_have_value(str(last))
     expect(page.locator(".play")).to_have_text("Play")
+    page.select_option(".pace", "0.25")
     page.click(".play")
     expect(page.locator(".scrub")).not_to_have_value(str(last))
 
@@ -148,10 +158,8 @@ def test_the_twin_stands_beside_its_trial_and_the_reverse(visit: Visit, pair: Pa
     # The shorter drive stays at its end while the longer one goes on.
     page.focus(".map")
     page.keyboard.press("End")
-    decisions = page.evaluate("[...document.querySelectorAll('.scrub')].map(({max}) => Number(max))")
-    page.wait_for_selector(f".camera[data-decision='{decisions[0]}']")
-    ends = [canvas.get_attribute("data-decision") for canvas in page.query_selector_all(".camera")]
-    assert len(set(ends)) == 2
+    for camera, episode in zip(page.locator(".camera").all(), (pair.twin, pair.trial), strict=True):
+        expect(camera).to_have_attribute("data-decision", str(decisions(episode)))
 
 
 def test_a_picture_of_the_camera_that_does_not_come_is_said(visit: Visit, accessible: Accessible, pair: Pair):
