@@ -104,10 +104,7 @@ class Forwarder:
         threading.Thread(target=self._serve, daemon=True).start()
 
     def close(self) -> None:
-        self._listener.close()
-        self.cut()
-        for end in self._open:
-            end.close()
+        self.unplug()
 
 
 def _end(*ends: socket.socket) -> None:

@@ -1,5 +1,6 @@
 """Plain HTTP over real sockets: kept open, not trusted for ever, and honest when they break."""
 
+import math
 import socket
 import threading
 from collections.abc import Iterator
@@ -75,7 +76,8 @@ def _raw(answers: list[bytes]) -> Iterator[str]:
     listener.close()
 
 
-def test_calls_share_a_connection_and_say_who_calls(server: Server) -> None:
+def test_calls_share_a_connection_and_say_who_calls(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "_IDLE", math.inf)
     with Client(server.url, "secret") as client:
         for _ in range(5):
             client.suites()
@@ -92,7 +94,8 @@ def test_a_connection_that_was_idle_is_not_trusted(server: Server, monkeypatch: 
     assert len(set(server.peers)) == 2
 
 
-def test_threads_may_share_a_client(server: Server) -> None:
+def test_threads_may_share_a_client(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "_IDLE", math.inf)
     with Client(server.url) as client:
         threads = [threading.Thread(target=lambda: [client.suites() for _ in range(20)]) for _ in range(4)]
         for thread in threads:

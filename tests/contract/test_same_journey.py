@@ -84,7 +84,7 @@ def test_a_long_journey_outlives_its_simulator(tmp_path: Path, steps: int) -> No
     last = min(steps, round(10 * LONGEST.journey.time_limit))
     episode = Episode(LONGEST, Track.PRIVILEGED)
     episode.reset()
-    service = RunningService(tmp_path / "wrongturn.db", simulators=1)
+    service = RunningService(tmp_path / "wrongturn.db", simulators=1, lease_release_s=300)
     try:
         with service.agent() as agent:
             name = agent.practise(suite=SUITE, trial=LONGEST.id, track="privileged")["id"]

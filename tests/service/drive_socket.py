@@ -1,6 +1,7 @@
 """A plain WebSocket to ``/v1/drive``, for tests that look at the messages themselves."""
 
 import contextlib
+import time
 from typing import Any
 
 from service_harness import Service
@@ -57,5 +58,10 @@ class DriveSocket:
         return results
 
     def one(self, *call: Any) -> Result:
-        (result,) = self.call(list(call))
-        return result
+        """Call, and again as long as simulators are being started, which takes long on a busy machine."""
+        deadline = time.monotonic() + 240
+        while True:
+            (result,) = self.call(list(call))
+            starting = result[0] == 503 and "are being started" in result[1]["detail"]
+            if not starting or time.monotonic() > deadline:
+                return result

@@ -16,7 +16,7 @@ _JSON = "Content-Type: application/json\r\n"
 _MSGPACK = "Content-Type: application/msgpack\r\n"
 _CLOSE = 0x88
 _NO_CODE = 1005
-_PATIENCE_S = 3.0
+_PATIENCE_S = 60.0
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ class RunningService(Service):
     def simulators(self) -> list[int]:
         """Process ids of its simulators."""
         children = Path(f"/proc/{self.process.pid}/task").glob("*/children")
-        pids = {int(pid) for path in children for pid in path.read_text().split()}
+        pids = {int(pid) for path in children for pid in _text(path).split()}
         return sorted(pid for pid in pids if _is_simulator(pid))
 
     def stop(self) -> int:
@@ -200,6 +200,11 @@ def problem(response: httpx.Response, status: int, kind: str, path: str | None =
 
 def _is_simulator(pid: int) -> bool:
     """Return whether a child of the service is a simulator. One that was just forked is still a copy of the service."""
-    with contextlib.suppress(FileNotFoundError):
-        return b"wrongturn_service.simulators\0" in Path(f"/proc/{pid}/cmdline").read_bytes()
-    return False
+    return "wrongturn_service.simulators\0" in _text(Path(f"/proc/{pid}/cmdline"))
+
+
+def _text(path: Path) -> str:
+    """What a file of a process or thread says; nothing once that is gone."""
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+        return path.read_text()
+    return ""

@@ -10,7 +10,7 @@ from typing import Any
 import httpx
 import msgpack
 import pytest
-from service_harness import GAS, Agent, RunningService, expect, metrics, problem
+from service_harness import GAS, Agent, RunningService, expect, metrics, patiently, problem
 
 STEP = {"seq": 1, "action": GAS}
 
@@ -130,7 +130,8 @@ def test_a_practice_episode_that_cannot_be(
 def test_a_route_that_the_approach_lacks(agent: Agent) -> None:
     refused = []
     for route in (1, 2, 3):
-        response = agent.http.post("/v1/episodes", json={"town": "Town01", "approach": "J3-S", "route": route})
+        body = {"town": "Town01", "approach": "J3-S", "route": route}
+        response = patiently(lambda body=body: agent.http.post("/v1/episodes", json=body))
         if response.status_code != 201:
             refused.append(problem(response, 422, "validation", "route"))
         else:

@@ -85,22 +85,29 @@ class Filler:
         if token:
             http.headers["Authorization"] = f"Bearer {token['token']}"
 
-    def _repeat(self, act: Callable[[httpx.Client], None], token: bool) -> None:
+    def _client(self) -> httpx.Client:
         transport = httpx.HTTPTransport(local_address=ATTACKER)
-        with httpx.Client(base_url=self._url, transport=transport, timeout=60) as http:
-            if token:
-                body = {"name": f"f{uuid.uuid4().hex[:20]}", "track": "privileged"}
-                made = expect(http.post("/v1/agents", json=body), 201)
-                http.headers["Authorization"] = f"Bearer {made['token']}"
-                http.params = {"agent": made["id"]}
+        return httpx.Client(base_url=self._url, transport=transport, timeout=60)
+
+    def _registered(self) -> httpx.Client:
+        http = self._client()
+        body = {"name": f"f{uuid.uuid4().hex[:20]}", "track": "privileged"}
+        made = expect(http.post("/v1/agents", json=body), 201)
+        http.headers["Authorization"] = f"Bearer {made['token']}"
+        http.params = {"agent": made["id"]}
+        return http
+
+    def _repeat(self, act: Callable[[httpx.Client], None], http: httpx.Client) -> None:
+        with contextlib.closing(http):
             while not self._over.is_set():
                 act(http)
 
     @contextlib.contextmanager
     def working(self) -> Iterator[None]:
         """Fill the disk in every way at once while the block runs."""
-        ways = [(self._register, False), (self._register_owner, False)]
-        ways += [(act, True) for act in (self._practise, self._practise, self._evaluate, self._rotate)]
+        # All agents are there before anything fills their address's quota.
+        ways = [(act, self._registered()) for act in (self._practise, self._practise, self._evaluate, self._rotate)]
+        ways += [(act, self._client()) for act in (self._register, self._register_owner)]
         threads = [threading.Thread(target=self._repeat, args=way) for way in ways]
         for thread in threads:
             thread.start()
