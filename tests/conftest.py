@@ -9,6 +9,7 @@ from typing import Any
 import httpx._transports.default
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 from xdist.scheduler import LoadFileScheduling
 
 from wrongturn_sandbox import SandboxUnavailableError, probe
@@ -22,7 +23,10 @@ gc.set_threshold(20_000)
 # A spare simulator takes a core for two seconds. Tests that are about it ask for one.
 os.environ.setdefault("WRONGTURN_SPARE_SIMULATORS", "0")
 
-# Examples take what time they take on a busy machine, and each run has the same ones.
+# Examples take what time they take on a busy machine, and each run has the same ones. Hypothesis would also take
+# constants from the source of what is loaded, which differs from worker to worker.
+_NO_CONSTANTS = providers._local_constants
+providers._get_local_constants = lambda: _NO_CONSTANTS
 settings.register_profile(
     "same", deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow]
 )

@@ -13,8 +13,8 @@ from wrongturn_runner.messages import Described, Drive, Driven, Progressed
 
 pytestmark = pytest.mark.usefixtures("bubblewrap")
 
-QUICK_S = 5.0
-"""Far below any patience; a machine under load needs a part of it."""
+QUICK_S = 60.0
+"""A runner that goes on instead comes to its end with another status."""
 
 
 def driving(runner: Runner, job: Drive) -> list[psutil.Process]:
@@ -29,7 +29,7 @@ def driving(runner: Runner, job: Drive) -> list[psutil.Process]:
 
 def assert_gone(processes: list[psutil.Process]) -> None:
     _, alive = psutil.wait_procs(processes, timeout=QUICK_S)
-    assert not [process for process in alive if process.status() != psutil.STATUS_ZOMBIE]
+    assert not [process for process in alive if process.is_running() and process.status() != psutil.STATUS_ZOMBIE]
 
 
 def test_it_ends_with_its_stdin(tmp_path: Path, service: LocalService) -> None:
@@ -87,7 +87,7 @@ def test_its_token_is_nowhere_to_be_read(tmp_path: Path, service: LocalService) 
         for process in (psutil.Process(runner.process.pid), *driving(runner, job)):
             try:
                 said = [*process.cmdline(), *process.environ().values()]
-            except (psutil.AccessDenied, psutil.ZombieProcess):
+            except (psutil.AccessDenied, psutil.NoSuchProcess):
                 continue
             assert not any(job.token in text for text in said)
         runner.events()

@@ -1,5 +1,6 @@
 """Any number of environments in one process: with and without traffic, at the same time, and gone at their end."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -41,7 +42,11 @@ def record_of(episode):
 
 def children():
     """Return the processes that this one has started."""
-    return {int(pid) for task in Path("/proc/self/task").iterdir() for pid in (task / "children").read_text().split()}
+    found = set()
+    for task in Path("/proc/self/task").iterdir():
+        with contextlib.suppress(OSError):  # a thread may end meanwhile
+            found |= {int(pid) for pid in (task / "children").read_text().split()}
+    return found
 
 
 def is_alive(pid):

@@ -5,7 +5,8 @@ from wrongturn_agents.training.display import Display
 ROW = {"minutes": 1.25, "step": 16384, "steps_per_second": 2048.4, "reward_mean": None, "done": 0.5}
 
 
-def test_evaluations_are_told_at_once_and_rows_now_and_then(capsys):
+def test_evaluations_are_told_at_once_and_rows_now_and_then(capsys, monkeypatch):
+    monkeypatch.setattr("wrongturn_agents.training.display.time.monotonic", lambda: 100.0)
     with Display("ppo-image") as display:
         display.pretraining(4096, 0.5)
         display.row(ROW)  # too soon after it

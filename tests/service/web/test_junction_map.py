@@ -15,7 +15,14 @@ from wrongturn_service.web.junction_map import Driven, Frame
 
 METRES = st.floats(-500, 500)
 ANGLES = st.floats(-math.pi, math.pi)
-POINTS = st.lists(st.tuples(st.floats(-60, 60), st.floats(-60, 60)), min_size=1, max_size=20).map(np.array)
+
+
+def to_micrometres(points):
+    """Shapely warns of coordinates such as 1e-262, which no car is at."""
+    return np.round(np.array(points), 6)
+
+
+POINTS = st.lists(st.tuples(st.floats(-60, 60), st.floats(-60, 60)), min_size=1, max_size=20).map(to_micrometres)
 OUTCOMES = st.lists(
     st.builds(
         Outcome,
