@@ -245,7 +245,7 @@ class Connection:
 
     def returned(self, end: LoanEnd) -> None:
         """Use the connection again after a loan."""
-        # The answer to a ping of before the loan tells nothing of the messages that come.
+        # A pong may answer a ping from before the loan. It says nothing about the messages that come.
         if end.unread and not end.unread[0] & framing.CONTROL and end.observation is None:
             self._streak = -_IN_VAIN
         self._direct.take_back(end.unread, broken=end.died)

@@ -122,12 +122,13 @@ class Ownership:
 
         Raises:
             DatabaseTakenError: Another service owns it.
-            DatabaseUnreachableError: The lock is not free. Nobody else has signed yet.
+            DatabaseUnreachableError: The lock is not free yet, though no other service owns the database.
         """
-        locked = self._taken or not await self._lost() or await self._lock()
+        self.check_known()
+        locked = not await self._lost() or await self._lock()
         # A service that takes over waits for this row, and so for this transaction.
         mine = text("SELECT 1 FROM ownership WHERE id = 1 AND holder = :me FOR SHARE")
-        if self._taken or await session.scalar(mine, {"me": self._me}) is None:
+        if await session.scalar(mine, {"me": self._me}) is None:
             self._refuse()
         if not locked:
             # Where a network cuts connections, the server notices later than this service, and keeps the old one's lock
