@@ -1,17 +1,16 @@
-"""Frames on a stream: four bytes of length, little-endian, then a msgpack value."""
+"""Replies of a simulator process, and the quick ways to receive and to write its frames."""
 
 import asyncio
 import contextlib
 import os
 import socket
-import struct
 from collections import deque
 from collections.abc import Sequence
 from typing import Any, Final
 
-import msgpack
+from wrongturn_sandbox.frames import Splitter, pack
 
-_HEAD: Final = struct.Struct("<I")
+__all__ = ["FAILED", "OK", "REFUSED", "Receiver", "Splitter", "pack", "write_now"]
 _READ_SIZE: Final = 1 << 16
 OK: Final = 0
 """First item of a reply to a request that worked."""
@@ -19,35 +18,6 @@ REFUSED: Final = 1
 """First item of a reply that refuses a trial."""
 FAILED: Final = 2
 """First item of a reply that says that the simulation failed."""
-
-
-def pack(value: object) -> bytes:
-    """Return a value as one frame."""
-    body: bytes = msgpack.packb(value)
-    return _HEAD.pack(len(body)) + body
-
-
-class Splitter:
-    """Splits a stream into values."""
-
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-
-    def feed(self, data: bytes) -> list[Any]:
-        """Take the next bytes of the stream, and return the values that are complete with them."""
-        if not self._buffer and len(data) > _HEAD.size and _HEAD.unpack_from(data)[0] == len(data) - _HEAD.size:
-            return [msgpack.unpackb(memoryview(data)[_HEAD.size :])]  # nearly always: exactly one frame
-        self._buffer += data
-        values = []
-        while len(self._buffer) >= _HEAD.size:
-            (length,) = _HEAD.unpack_from(self._buffer)
-            end = _HEAD.size + length
-            if len(self._buffer) < end:
-                break
-            with memoryview(self._buffer) as whole, whole[_HEAD.size : end] as body:
-                values.append(msgpack.unpackb(body))
-            del self._buffer[:end]
-        return values
 
 
 class Receiver:
