@@ -11,7 +11,8 @@ import typer
 
 from wrongturn_client.admin_tables import cell, minute, print_table, words_of
 from wrongturn_client.errors import WrongturnError
-from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
+from wrongturn_client.options import Url
+from wrongturn_protocol.json_output import JsonTo, check_json_file, give_json
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 
 if TYPE_CHECKING:
@@ -31,12 +32,6 @@ _KINDS: Final = {
 }
 _NAMED: Final = {"owner": Collection.OWNERS, "agent": Collection.AGENTS}
 _TARGET: Final = "An id, or owner:NAME or agent:NAME. Example: agent:test-7"
-_Url = Annotated[
-    str | None,
-    typer.Option(
-        "--url", envvar="WRONGTURN_URL", metavar="URL", help="URL of the service. Example: --url http://127.0.0.1:8000"
-    ),
-]
 _Limit = Annotated[int, typer.Option(min=1, help="How many lines to show at most. Example: --limit 1000")]
 _Target = Annotated[str, typer.Argument(metavar="TARGET", help=_TARGET)]
 _Targets = Annotated[list[str], typer.Argument(metavar="TARGET...", help=_TARGET)]
@@ -55,7 +50,7 @@ _Hidden = Annotated[bool | None, typer.Option("--hidden/--shown", help="Only hid
 
 @admin.command()
 def owners(
-    name: _Name = None, hidden: _Hidden = None, limit: _Limit = 100, url: _Url = None, json_to: JsonTo = None
+    name: _Name = None, hidden: _Hidden = None, limit: _Limit = 100, url: Url = None, json_to: JsonTo = None
 ) -> None:
     """List owners, newest first, with their contact.
 
@@ -70,7 +65,7 @@ def agents(
     owner: _Owner = None,
     hidden: _Hidden = None,
     limit: _Limit = 100,
-    url: _Url = None,
+    url: Url = None,
     json_to: JsonTo = None,
 ) -> None:
     """List agents, newest first.
@@ -89,7 +84,7 @@ def evaluations(
     state: Annotated[str | None, typer.Option(help="running, finished or cancelled. Example: --state running")] = None,
     hidden: _Hidden = None,
     limit: _Limit = 100,
-    url: _Url = None,
+    url: Url = None,
     json_to: JsonTo = None,
 ) -> None:
     """List evaluations, newest first.
@@ -111,7 +106,7 @@ def submissions(
         typer.Option(help="queued, checked, running, finished, failed or cancelled. Example: --state failed"),
     ] = None,
     limit: _Limit = 100,
-    url: _Url = None,
+    url: Url = None,
     json_to: JsonTo = None,
 ) -> None:
     """List submissions, newest first.
@@ -123,7 +118,7 @@ def submissions(
 
 
 @admin.command()
-def show(target: _Target, url: _Url = None, json_to: JsonTo = None) -> None:
+def show(target: _Target, url: Url = None, json_to: JsonTo = None) -> None:
     """Show one owner, agent, evaluation or submission, and what a deletion would delete with it.
 
     Example: wrongturn admin show agent:test-7
@@ -131,8 +126,7 @@ def show(target: _Target, url: _Url = None, json_to: JsonTo = None) -> None:
     check_json_file(json_to)
     with _service(url) as service:
         found = service.item(*_found(service, target))
-    give_json(found.model_dump(mode="json"), json_to)
-    if json_to == STDOUT:
+    if not give_json(found.model_dump(mode="json"), json_to):
         return
     for field, value in found.model_dump(mode="json", exclude={"contents"}).items():
         typer.echo(f"{field}: {value}")
@@ -140,7 +134,7 @@ def show(target: _Target, url: _Url = None, json_to: JsonTo = None) -> None:
 
 
 @admin.command()
-def hide(targets: _Targets, reason: _Reason = None, url: _Url = None) -> None:
+def hide(targets: _Targets, reason: _Reason = None, url: Url = None) -> None:
     """Hide owners, agents or evaluations from everybody but their owner. They still count.
 
     Example: wrongturn admin hide agent:test-7 --reason 'driven by hand'
@@ -152,7 +146,7 @@ def hide(targets: _Targets, reason: _Reason = None, url: _Url = None) -> None:
 
 
 @admin.command()
-def unhide(targets: _Targets, reason: _Reason = None, url: _Url = None) -> None:
+def unhide(targets: _Targets, reason: _Reason = None, url: Url = None) -> None:
     """Show again what was hidden.
 
     Example: wrongturn admin unhide agent:test-7
@@ -164,7 +158,7 @@ def unhide(targets: _Targets, reason: _Reason = None, url: _Url = None) -> None:
 
 
 @admin.command()
-def revoke(targets: _Targets, reason: _Reason = None, url: _Url = None) -> None:
+def revoke(targets: _Targets, reason: _Reason = None, url: Url = None) -> None:
     """End the tokens of owners and their agents, or of single agents.
 
     Example: wrongturn admin revoke owner:lab --reason 'token was published'
@@ -187,7 +181,7 @@ def delete(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be deleted.")] = False,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")] = False,
     reason: _Reason = None,
-    url: _Url = None,
+    url: Url = None,
     json_to: JsonTo = None,
 ) -> None:
     """Delete one owner, agent, evaluation or submission for good, with all that belongs to it. Asks first.
@@ -214,8 +208,7 @@ def delete(
             if not yes:
                 typer.confirm("Delete all this for good?", abort=True, err=True)
         deletion = service.delete(collection, item, free=free, reason=reason)
-    give_json(deletion.model_dump(mode="json"), json_to)
-    if json_to == STDOUT:
+    if not give_json(deletion.model_dump(mode="json"), json_to):
         return
     typer.echo(f"Deleted: {words_of(deletion.deleted)}.")
     for held in deletion.held:
@@ -229,7 +222,7 @@ def usage(
         str | None,
         typer.Option(metavar="NEXT", help="Go on after an earlier list: `next` of its --json. Example: --cursor dDE3"),
     ] = None,
-    url: _Url = None,
+    url: Url = None,
     json_to: JsonTo = None,
 ) -> None:
     """Show which owners have stored the most, as their quotas count it.
@@ -241,8 +234,7 @@ def usage(
     check_json_file(json_to)
     with _service(url) as service:
         found = service.usage(limit, cursor)
-    give_json(found.model_dump(mode="json"), json_to)
-    if json_to == STDOUT:
+    if not give_json(found.model_dump(mode="json"), json_to):
         return
     rows = [(owner.name, owner.id, owner.contents) for owner in found.owners] + [("all", "", found.total)]
     heads = ("owner", "id", "bytes", "agents", "evaluations", "episodes", "submissions")
@@ -257,7 +249,7 @@ def audit(
     ] = None,
     action: Annotated[AuditAction | None, typer.Option(help="Only this. Example: --action delete")] = None,
     limit: _Limit = 100,
-    url: _Url = None,
+    url: Url = None,
     json_to: JsonTo = None,
 ) -> None:
     """List what the operator did, newest first.
@@ -267,8 +259,7 @@ def audit(
     check_json_file(json_to)
     with _service(url) as service:
         entries = list(service.audit(limit, target=target, action=None if action is None else action.value))
-    give_json([entry.model_dump(mode="json") for entry in entries], json_to)
-    if json_to == STDOUT:
+    if not give_json([entry.model_dump(mode="json") for entry in entries], json_to):
         return
     if not entries:
         typer.echo("There are no such entries.")
@@ -326,7 +317,7 @@ def rotate_token(
     except OSError as error:
         raise WrongturnError(f"FILE: {file} cannot be written ({error.strerror}); run this where it can be") from error
     typer.echo(f"{file} has a new token. For a service that reads this file, the old one has ended.")
-    typer.echo("See whether yours does: 'wrongturn admin usage' with the old token has to fail.")
+    typer.echo("To check: 'wrongturn admin usage' must fail with the old token.")
 
 
 @contextlib.contextmanager
@@ -357,8 +348,7 @@ def _list(collection: Collection, url: str | None, limit: int, json_to: Path | N
     check_json_file(json_to)
     with _service(url) as service:
         items = list(service.items(collection, limit, **filters))
-    give_json([item.model_dump(mode="json") for item in items], json_to)
-    if json_to == STDOUT:
+    if not give_json([item.model_dump(mode="json") for item in items], json_to):
         return
     if items:
         always = {"contact"} if collection is Collection.OWNERS else set()

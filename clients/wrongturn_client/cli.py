@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from wrongturn_client.admin_cli import admin
+from wrongturn_client.options import Url
 from wrongturn_client.plugins import PluginGroup
 from wrongturn_client.replay_cli import replay
 from wrongturn_client.submit_cli import submissions, submit
@@ -30,12 +31,6 @@ app = typer.Typer(
     "Example: wrongturn leaderboard smoke@2 --url http://127.0.0.1:8000",
     context_settings={"help_option_names": ["--help", "-h"]},
 )
-Url = Annotated[
-    str | None,
-    typer.Option(
-        "--url", help="URL of the service. Example: --url http://127.0.0.1:8000", envvar="WRONGTURN_URL", metavar="URL"
-    ),
-]
 
 
 def _version(wanted: bool) -> None:
@@ -93,8 +88,7 @@ def towns(
 
     check_json_file(json_to)
     town = approaches(name, url)
-    give_json(town, json_to)
-    if json_to != STDOUT:
+    if give_json(town, json_to):
         console().print(approaches_table(town))
 
 
@@ -130,14 +124,12 @@ def leaderboard(
             return
         if compare is not None:
             comparison = client.compare(suite, *compare)
-            give_json(comparison.model_dump(mode="json"), json_to)
-            if json_to != STDOUT:
+            if give_json(comparison.model_dump(mode="json"), json_to):
                 console().print(comparison_table(comparison))
             return
         ranking = client.leaderboard(suite)
         others = () if ranking.entries or json_to == STDOUT else client.leaderboards()
-    give_json(ranking.model_dump(mode="json"), json_to)
-    if json_to != STDOUT:
+    if give_json(ranking.model_dump(mode="json"), json_to):
         console().print(leaderboard_table(ranking, [other.suite for other in others if other.entries], url))
 
 
@@ -171,13 +163,8 @@ def _list(what: Any, url: str | None, json_to: Path | None) -> None:
 
     check_json_file(json_to)
     items = listing(what, url)
-    give_json(items, json_to)
-    if json_to == STDOUT:
-        return
-    if items:
-        console().print(listing_table(what, items))
-    else:
-        typer.echo(f"There are no {what}.")
+    if give_json(items, json_to):
+        console().print(listing_table(what, items) if items else f"There are no {what}.")
 
 
 def _terminated(_signal: int, _frame: object) -> None:

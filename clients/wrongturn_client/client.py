@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from wrongturn_client import settings
 from wrongturn_client.account_calls import AccountCalls
 from wrongturn_client.commitment import check_commitment
+from wrongturn_client.connections import Upload
 from wrongturn_client.decoding import validated
 from wrongturn_client.drive import Drive
 from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, EpisodeCalls, Result
@@ -34,7 +35,6 @@ from wrongturn_client.public_calls import PublicCalls
 from wrongturn_client.recorder import EpisodeRecorder, installed_versions
 from wrongturn_client.run_files import run_lines
 from wrongturn_client.transport import JSON, MSGPACK, Transport, path_of
-from wrongturn_client.uploads import Upload
 from wrongturn_protocol import (
     EpisodeRecord,
     EpisodeState,

@@ -6,17 +6,19 @@ files use httpx.
 """
 
 import http.client
+import io
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Protocol
 from urllib.parse import SplitResult
 from urllib.request import getproxies, proxy_bypass
 
 import httpx
 
-from wrongturn_client.uploads import Upload
+from wrongturn_client.errors import ModelFileError
 
 _IDLE: Final = 2.0
 """Seconds after which an idle connection is not used again, because servers close them (uvicorn after 5)."""
@@ -35,6 +37,19 @@ class Answer:
     location: str | None
     retry_after: str | None
     content: bytes
+
+
+@dataclass(frozen=True)
+class Upload:
+    """Form with one file, the last of its fields. The file is read while it is sent, so it need not fit into memory."""
+
+    path: Path
+    field: str
+    """Name of the file's field."""
+    fields: Mapping[str, str]
+    """The other fields, which are sent before the file."""
+    progress: Callable[[int, int], None] | None = None
+    """Called with the numbers of sent and of all bytes of the file."""
 
 
 class Connections(Protocol):
@@ -107,14 +122,31 @@ class HttpxConnections:
         return _answer(lambda: self._client.request(method, path, headers=headers, content=content))
 
     def send_form(self, path: str, headers: dict[str, str], upload: Upload) -> Answer:
-        """Post a form, whose file is read while it is sent, and return the answer."""
-        with upload.open() as file:
-            files = {upload.field: (upload.path.name, file, "application/octet-stream")}
-            return _answer(lambda: self._client.post(path, headers=headers, data=upload.fields, files=files))
+        """Post a form and return the answer; raise ModelFileError if its file cannot be read."""
+        try:
+            with _CountedFile(upload) as file:
+                files = {upload.field: (upload.path.name, file, "application/octet-stream")}
+                return _answer(lambda: self._client.post(path, headers=headers, data=upload.fields, files=files))
+        except OSError as error:
+            raise ModelFileError(f"model: {upload.path} cannot be read: {error.strerror or error}") from error
 
     def close(self) -> None:
         """Close all connections."""
         self._client.close()
+
+
+class _CountedFile(io.BufferedReader):
+    """File that reports how far it has been read."""
+
+    def __init__(self, upload: Upload) -> None:
+        super().__init__(io.FileIO(upload.path))
+        self._size, self._progress = upload.path.stat().st_size, upload.progress
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        content = super().read(size)
+        if self._progress is not None:
+            self._progress(min(self.tell(), self._size), self._size)
+        return content
 
 
 def _answer(send: Callable[[], httpx.Response]) -> Answer:

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
-from typing import IO, Final, Protocol
+from typing import IO, Final
 
 from rich.console import Console
 from rich.filesize import decimal
@@ -22,27 +22,68 @@ _LINE_EVERY: Final = 10.0
 """Seconds between two plain lines about the same state."""
 
 
-class Display(Protocol):
-    """Shows how far a submission is."""
+class PlainLines:
+    """Shows how far a submission is: a line for each new state, and every ten seconds while one lasts."""
+
+    def __init__(self, name: str, stream: IO[str], clock: Callable[[], float] = time.monotonic) -> None:
+        self._name, self._stream, self._clock = name, stream, clock
+        self._state: object = None
+        self._said = ""
+        self._next = 0.0
 
     def uploaded(self, sent: int, total: int) -> None:
-        """Show how many bytes of the model are sent."""
+        """Show how many bytes of the model are sent: once all are."""
+        if sent >= total:
+            self._say("upload", f"{decimal(total)} sent")
 
     def at(self, detail: SubmissionDetail) -> None:
-        """Show where the submission is."""
+        """Show where the submission is, if that is new or old enough."""
+        self._say(detail.state, whereabouts(detail))
 
     def news(self, line: SubmissionLogLine) -> None:
-        """Show a new line of the log."""
+        """Show a new line of the log with its time of day here."""
+        self._write(_dated(line))
+
+    def _say(self, state: object, text: str) -> None:
+        if text == self._said or (state == self._state and self._clock() < self._next):
+            return
+        self._state, self._said, self._next = state, text, self._clock() + _LINE_EVERY
+        self._write(f"{self._name}: {text}")
+
+    def _write(self, text: str) -> None:
+        print(text, file=self._stream, flush=True)
+
+
+class OneLine:
+    """Shows the same on one line with a bar, and the log above it."""
+
+    def __init__(self, name: str, bars: Progress) -> None:
+        self._name, self._bars = name, bars
+        self._bar = bars.add_task(name, total=None)
+
+    def uploaded(self, sent: int, total: int) -> None:
+        """Show the bytes."""
+        self._show(f"{decimal(sent)} of {decimal(total)} sent", sent, total)
+
+    def at(self, detail: SubmissionDetail) -> None:
+        """Show the state; the bar is that of the episodes."""
+        self._show(whereabouts(detail), detail.finished or 0, detail.episodes)
+
+    def news(self, line: SubmissionLogLine) -> None:
+        """Print the line above the bar."""
+        self._bars.console.print(_dated(line), markup=False)
+
+    def _show(self, text: str, done: int, total: int | None) -> None:
+        if self._bars.tasks[0].total != total:  # another bar, whose time begins now
+            self._bars.reset(self._bar, total=total)
+        self._bars.update(self._bar, description=f"{self._name}: {text}", completed=done)
+
+
+Display = PlainLines | OneLine
 
 
 def follow(client: Client, submission: str, display: Display) -> SubmissionDetail:
-    """Follow a submission until it is over, and return it.
-
-    Args:
-        client: A client with the token of the submission's owner.
-        submission: The submission's id.
-        display: Gets every new state and line of the log.
-    """
+    """Follow a submission until it is over, and return it."""
     seen = 0
     pause = _SHORTEST_PAUSE
     while True:
@@ -73,76 +114,6 @@ def whereabouts(detail: SubmissionDetail) -> str:
             return detail.state.value
 
 
-class PlainLines:
-    """A line for each new state, and every ten seconds while one lasts."""
-
-    def __init__(self, name: str, stream: IO[str], clock: Callable[[], float] = time.monotonic) -> None:
-        """Show nothing yet.
-
-        Args:
-            name: The agent's name.
-            stream: Gets the lines.
-            clock: Returns the time in seconds.
-        """
-        self._name, self._stream, self._clock = name, stream, clock
-        self._state: object = None
-        self._said = ""
-        self._next = 0.0
-
-    def uploaded(self, sent: int, total: int) -> None:
-        """Say so once the model is sent."""
-        if sent >= total:
-            self._say("upload", f"{decimal(total)} sent")
-
-    def at(self, detail: SubmissionDetail) -> None:
-        """Say where the submission is, if that is new or old enough."""
-        self._say(detail.state, whereabouts(detail))
-
-    def news(self, line: SubmissionLogLine) -> None:
-        """Write the line with its time."""
-        self._write(_dated(line))
-
-    def _say(self, state: object, text: str) -> None:
-        if text == self._said or (state == self._state and self._clock() < self._next):
-            return
-        self._state, self._said, self._next = state, text, self._clock() + _LINE_EVERY
-        self._write(f"{self._name}: {text}")
-
-    def _write(self, text: str) -> None:
-        print(text, file=self._stream, flush=True)
-
-
-class OneLine:
-    """One line with a bar, and the log above it."""
-
-    def __init__(self, name: str, bars: Progress) -> None:
-        """Add the line.
-
-        Args:
-            name: The agent's name.
-            bars: Shows the line.
-        """
-        self._name, self._bars = name, bars
-        self._bar = bars.add_task(name, total=None)
-
-    def uploaded(self, sent: int, total: int) -> None:
-        """Show the bytes."""
-        self._show(f"{decimal(sent)} of {decimal(total)} sent", sent, total)
-
-    def at(self, detail: SubmissionDetail) -> None:
-        """Show the state; the bar is that of the episodes."""
-        self._show(whereabouts(detail), detail.finished or 0, detail.episodes)
-
-    def news(self, line: SubmissionLogLine) -> None:
-        """Print the line above the bar."""
-        self._bars.console.print(_dated(line), markup=False)
-
-    def _show(self, text: str, done: int, total: int | None) -> None:
-        if self._bars.tasks[0].total != total:  # another bar, whose time begins now
-            self._bars.reset(self._bar, total=total)
-        self._bars.update(self._bar, description=f"{self._name}: {text}", completed=done)
-
-
 def bars_on(console: Console) -> Progress:
     """Return what shows a :class:`OneLine` on a terminal."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn(compact=True))
@@ -151,7 +122,7 @@ def bars_on(console: Console) -> Progress:
 
 @contextmanager
 def display_of(name: str) -> Iterator[Display]:
-    """Show an agent's way on stderr while the ``with`` block runs."""
+    """Show the progress of an agent of this name on stderr while the ``with`` block runs."""
     console = Console(stderr=True, highlight=False)
     if not console.is_terminal:
         yield PlainLines(name, console.file)
@@ -161,5 +132,4 @@ def display_of(name: str) -> Iterator[Display]:
 
 
 def _dated(line: SubmissionLogLine) -> str:
-    """Return a line of the log with its time of day here."""
     return f"{datetime.fromisoformat(line.time).astimezone():%H:%M:%S} {line.message}"

@@ -47,13 +47,9 @@ def check_model_file(path: Path) -> None:
 
 
 def check_contract(path: Path, tracks: Collection[Track]) -> None:
-    """Check by the file alone that a model's inputs and outputs keep the contract of ``docs/models.md``.
+    """Check by the file alone that a model keeps the contract of ``docs/models.md`` in one of a suite's tracks.
 
     The service checks it again, with onnxruntime.
-
-    Args:
-        path: The model.
-        tracks: Tracks that the suite takes.
 
     Raises:
         ModelFileError: The file is no ONNX model, or breaks the contract. The message names each input and output.

@@ -1,7 +1,6 @@
 """Commands, lists and checks that other packages add as entry points; each is loaded on first use."""
 
 import ast
-import importlib
 import importlib.util
 import inspect
 import shlex
@@ -14,8 +13,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from wrongturn_client.errors import PluginError
-from wrongturn_client.option_errors import describe_option_error
 from wrongturn_protocol.json_output import with_stdout
+from wrongturn_protocol.suggestions import did_you_mean
 
 COMMANDS: Final = "wrongturn.commands"
 LISTINGS: Final = "wrongturn.listings"
@@ -29,20 +28,23 @@ _PARTS: Final = {
     "wrongturn-agents": ("export", "register", "results", "run", "score", "train"),
 }
 """Commands that our other parts add, to tell which part is missing."""
+_NUMBERS: Final = {
+    "int_parsing": "a whole number",
+    "int_parsing_size": "a whole number",
+    "int_from_float": "a whole number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+}
+"""What to give instead, by the type of pydantic's error; typer reads values with pydantic."""
 
 
 def entry_points(group: str) -> dict[str, metadata.EntryPoint]:
     """Return the entry points of a group by name, in alphabetical order."""
-    found = metadata.entry_points(group=group)
-    return {point.name: point for point in sorted(found, key=lambda point: point.name)}
+    return {point.name: point for point in sorted(metadata.entry_points(group=group), key=lambda point: point.name)}
 
 
 def load(point: metadata.EntryPoint) -> Any:
-    """Load the object that an entry point names.
-
-    Raises:
-        PluginError: It cannot be loaded.
-    """
+    """Load the object that an entry point names; raise PluginError if that fails."""
     try:
         return point.load()
     except Exception as error:
@@ -55,43 +57,20 @@ def load(point: metadata.EntryPoint) -> Any:
 
 
 def summary(point: metadata.EntryPoint) -> str:
-    """Return the first line of the docstring of an entry point's object, read from its source without running it."""
+    """Return a command's help line, read from its source: to import every command takes seconds."""
+    package, *inner = point.module.split(".")
     try:
-        path = _source(point.module)
-        tree = ast.parse(path.read_text(encoding="utf-8")) if path is not None else ast.Module([], [])
-    except (OSError, SyntaxError, ImportError, ValueError):
+        spec = importlib.util.find_spec(package)
+        folder = Path(spec.origin).parent if spec is not None and spec.origin else Path()
+        tree = ast.parse(folder.joinpath(*inner).with_suffix(".py").read_text(encoding="utf-8"))
+    except (OSError, SyntaxError, ValueError):
         return ""
     for node in tree.body:
-        if isinstance(node, ast.FunctionDef) and node.name == point.attr:
-            return (ast.get_docstring(node) or "").partition("\n")[0]
-        if isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == point.attr for t in node.targets):
-            return _help_keyword(node.value)
-    return ""
-
-
-def _source(module: str) -> Path | None:
-    """Return the file of a module, found without importing the packages that contain it."""
-    package, *rest = module.split(".")
-    spec = importlib.util.find_spec(package)
-    if spec is None:
-        return None
-    folders = spec.submodule_search_locations
-    if not rest or folders is None:
-        return Path(spec.origin) if spec.origin else None
-    for folder in folders:
-        base = Path(folder, *rest)
-        for path in (base.with_suffix(".py"), base / "__init__.py"):
-            if path.is_file():
-                return path
-    return None
-
-
-def _help_keyword(call: ast.expr) -> str:
-    """Return the ``help=`` of a ``typer.Typer(…)``."""
-    if isinstance(call, ast.Call):
-        for keyword in call.keywords:
-            if keyword.arg == "help" and isinstance(keyword.value, ast.Constant):
-                return str(keyword.value.value)
+        match node:
+            case ast.FunctionDef(name=point.attr):
+                return (ast.get_docstring(node) or "").partition("\n")[0]
+            case ast.Assign(targets=[ast.Name(id=point.attr)], value=ast.Call(keywords=keywords)):
+                return next((str(ast.literal_eval(one.value)) for one in keywords if one.arg == "help"), "")
     return ""
 
 
@@ -102,15 +81,12 @@ class LazyCommand(TyperCommand):
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Load the command and return its context."""
-        return self._command().make_context(info_name, args, parent, **extra)
-
-    def _command(self) -> Any:
         target = load(self.entry_point)
-        if isinstance(target, typer.Typer):
-            return typer.main.get_command(target)
-        app = typer.Typer(add_completion=False, rich_markup_mode="rich")
-        app.command(self.name, help=inspect.getdoc(target))(target)
-        return typer.main.get_command(app)
+        if not isinstance(target, typer.Typer):
+            app = typer.Typer(add_completion=False, rich_markup_mode="rich")
+            app.command(self.name, help=inspect.getdoc(target))(target)
+            target = app
+        return typer.main.get_command(target).make_context(info_name, args, parent, **extra)
 
 
 class PluginGroup(TyperGroup):
@@ -127,30 +103,28 @@ class PluginGroup(TyperGroup):
         except typer.BadParameter as error:
             if type(error) is not typer.BadParameter:  # a missing value: the usage message says more
                 raise
-            typer.echo(f"{ctx.info_name}: {describe_option_error(error)}", err=True)
+            typer.echo(f"{ctx.info_name}: {_described(error)}", err=True)
             raise typer.Exit(_USAGE) from None
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return a command with its arguments. For a command of a part that is missing, say which part adds it."""
+        """Return a command with its arguments. For an unknown one, name the part that adds it, or the one meant."""
         if self.get_command(ctx, args[0]) is None:
+            unknown = f"No such command '{args[0]}'"
             for part, commands in _PARTS.items():
                 if args[0] in commands:
-                    ctx.fail(f"No such command '{args[0]}' here. It comes with {part}: pip install {shlex.quote(part)}")
+                    ctx.fail(f"{unknown} here. It comes with {part}: pip install {shlex.quote(part)}")
+            ctx.fail(unknown + (did_you_mean(args[0], self.list_commands(ctx)) or "."))
         return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands, in the order of the help."""
-        own = super().list_commands(ctx)
-        return [*own, *(name for name in entry_points(COMMANDS) if name not in own)]
+        return list(dict.fromkeys([*super().list_commands(ctx), *entry_points(COMMANDS)]))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command by its name; None if there is none."""
-        own = super().get_command(ctx, cmd_name)
-        if own is not None:
+        own, point = super().get_command(ctx, cmd_name), entry_points(COMMANDS).get(cmd_name)
+        if own is not None or point is None:
             return own
-        point = entry_points(COMMANDS).get(cmd_name)
-        if point is None:
-            return None
         command = LazyCommand(cmd_name, help=summary(point) or f"See 'wrongturn {cmd_name} --help'.")
         command.entry_point = point
         return command
@@ -170,3 +144,26 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
             load(point)
         except PluginError as error:
             yield f"command {name}", False, str(error), "install it again"
+
+
+def _described(error: typer.BadParameter) -> str:
+    """Return one line with the option, the value that was given, and what to give instead."""
+    option: Any = error.param
+    name = max(option.opts, key=len) if option is not None else "option"
+    errors = getattr(error.__cause__, "errors", None)
+    first = errors(include_url=False)[0] if errors is not None else {"type": "", "input": ""}
+    wanted, given = _NUMBERS.get(first["type"]), repr(str(first["input"])[:40])
+    if first["type"] in {"greater_than_equal", "less_than_equal"}:
+        whole = all(bound is None or isinstance(bound, int) for bound in (option.min, option.max))
+        wanted, given = "a whole number" if whole else "a number", first["input"]
+    if wanted is None:
+        message = error.message.removeprefix("Value error, ").rstrip(".").replace("\n", " ")
+        return f"{name}: {message}"
+    return f"{name}: is {given}; give {wanted}{_range(option)}"
+
+
+def _range(option: Any) -> str:
+    least, most = option.min, option.max
+    if least is None:
+        return "" if most is None else f", {most} or less"
+    return f", {least} or more" if most is None else f" from {least} to {most}"

@@ -6,6 +6,7 @@ from typing import Annotated, Final
 import typer
 
 from wrongturn_client.errors import ReplayError
+from wrongturn_client.options import Url
 from wrongturn_protocol.vocabulary import View
 
 REPLAYS: Final = "wrongturn.replays"
@@ -45,15 +46,7 @@ def replay(
         int | None,
         typer.Option(help="Width and height of the view from above, 160 to 2160. Example: --size 360"),
     ] = None,
-    url: Annotated[
-        str | None,
-        typer.Option(
-            "--url",
-            envvar="WRONGTURN_URL",
-            metavar="URL",
-            help="URL of the service. Example: --url http://127.0.0.1:8000",
-        ),
-    ] = None,
+    url: Url = None,
 ) -> None:
     """Make a film or a picture of an episode that was driven; nothing is driven again.
 

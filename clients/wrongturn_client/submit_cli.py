@@ -6,14 +6,8 @@ from typing import Annotated
 import typer
 
 from wrongturn_client.errors import WrongturnError
+from wrongturn_client.options import Url
 from wrongturn_protocol.json_output import JsonTo, check_json_file
-
-_Url = Annotated[
-    str | None,
-    typer.Option(
-        "--url", envvar="WRONGTURN_URL", metavar="URL", help="URL of the service. Example: --url http://127.0.0.1:8000"
-    ),
-]
 
 
 def submit(
@@ -28,7 +22,7 @@ def submit(
             help="Name on the leaderboard; by default the file's name without .onnx. Example: --name my-agent"
         ),
     ] = None,
-    url: _Url = None,
+    url: Url = None,
     owner_name: Annotated[
         str | None,
         typer.Option(
@@ -83,7 +77,7 @@ def submit(
 
 def submissions(
     *,
-    url: _Url = None,
+    url: Url = None,
     owner_name: Annotated[
         str | None,
         typer.Option(help="Owner whose submissions to list; by default the one used last. Example: --owner-name lab"),

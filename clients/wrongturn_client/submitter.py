@@ -1,18 +1,23 @@
-"""Whose token hands a model in: one from the environment, one kept earlier, or that of a new owner."""
+"""Whose token hands a model in: one from the environment, one kept in ``WRONGTURN_HOME``, or that of a new owner.
 
+Kept tokens let all submissions of a user belong to one owner, although the user keeps no token.
+"""
+
+import fcntl
 import getpass
+import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import count
 from typing import Final
+from urllib.parse import urlsplit
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, RootModel, TypeAdapter, ValidationError
 
 from wrongturn_client import settings
 from wrongturn_client.client import Client
 from wrongturn_client.errors import AuthenticationError, NotFoundError, OwnerNameTakenError, WrongturnError
-from wrongturn_client.owner_tokens import KeptOwner, OwnerTokens
 from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_protocol import ProblemType
 from wrongturn_protocol.accounts import AgentName
@@ -30,8 +35,82 @@ class Submitter:
     token: str
     source: str
     """The environment's variable, or the file that keeps it."""
-    named: bool
+    named: bool = False
     """Whether the token may be an agent's, which has its name already."""
+
+
+class KeptOwner(BaseModel):
+    """An owner with its token."""
+
+    id: str
+    name: str
+    token: str
+
+
+class _Kept(RootModel[dict[str, list[KeptOwner]]]):
+    """Owners by the URL of their service, the one used last at the end."""
+
+
+class OwnerTokens:
+    """The tokens of owners that this program registered: a file that only its user may read."""
+
+    def __init__(self) -> None:
+        self.path = settings.home() / "owners.json"
+
+    def owners(self, url: str) -> list[KeptOwner]:
+        """Return the owners that are kept for a service, the one used last at the end."""
+        return self._read().root.get(_origin(url), [])
+
+    def find(self, url: str, name: str | None = None) -> KeptOwner | None:
+        """Return the owner used last at a service, or the one of this name; None if there is none."""
+        return next((owner for owner in reversed(self.owners(url)) if name in {None, owner.name}), None)
+
+    def keep(self, url: str, owner: KeptOwner) -> None:
+        """Keep an owner as the one used last at a service; it replaces one of the same name."""
+        kept = self._read()
+        others = [other for other in kept.root.get(_origin(url), []) if other.name != owner.name]
+        kept.root[_origin(url)] = [*others, owner]
+        new = self.path.with_suffix(".new")
+        try:
+            new.unlink(missing_ok=True)
+            with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+                file.write(kept.model_dump_json(indent=2) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+            new.replace(self.path)
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other programs of this user from registering an owner meanwhile."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(self.path.with_suffix(".lock"), os.O_WRONLY | os.O_CREAT, 0o600)
+        except OSError as error:
+            raise self._unwritable(error) from error
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(descriptor)
+
+    def _read(self) -> _Kept:
+        try:
+            return _Kept.model_validate_json(self.path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return _Kept({})
+        except (OSError, ValidationError, UnicodeDecodeError) as error:
+            why = error.strerror if isinstance(error, OSError) else "it does not hold what this program writes"
+            raise WrongturnError(
+                f"{self.path} cannot be read ({why}); move it away, or set WRONGTURN_OWNER_TOKEN to your token"
+            ) from error
+
+    def _unwritable(self, error: OSError) -> WrongturnError:
+        return WrongturnError(
+            f"{self.path} cannot be written ({error.strerror}), so a new owner's token would be lost; set "
+            "WRONGTURN_HOME to a folder that you can write, or WRONGTURN_OWNER_TOKEN to your token"
+        )
 
 
 def is_name(name: str) -> bool:
@@ -43,18 +122,24 @@ def is_name(name: str) -> bool:
     return True
 
 
-def known_submitter(url: str, owner_name: str | None = None) -> Submitter | None:
-    """Return who hands in at a service; None if no token is known yet.
+def known_submitter(url: str, owner_name: str | None) -> Submitter:
+    """Return who hands in at a service: the owner of this name, or by default the environment's or the one used last.
 
-    Args:
-        url: The service's URL.
-        owner_name: Name of an owner among those that this program has registered.
+    Raises:
+        WrongturnError: No such token is known here.
     """
     if owner_name is None and (found := _from_environment()) is not None:
         return found
     tokens = OwnerTokens()
-    kept = tokens.find(url, owner_name)
-    return None if kept is None else Submitter(kept.token, str(tokens.path), named=False)
+    if (kept := tokens.find(url, owner_name)) is not None:
+        return Submitter(kept.token, str(tokens.path))
+    if owner_name is None:
+        raise WrongturnError(
+            f"{OWNER_TOKEN}: no token for {url} is known here; set the one that the model was handed in with"
+        )
+    names = ", ".join(repr(owner.name) for owner in tokens.owners(url))
+    remedy = f"give one of {names}" if names else f"leave it out and set {OWNER_TOKEN} to the owner's token"
+    raise WrongturnError(f"--owner-name: no token of an owner {owner_name!r} at {url} is known here; {remedy}")
 
 
 def submitter(url: str, owner_name: str | None, say: Callable[[str], None]) -> Submitter:
@@ -75,22 +160,33 @@ def submitter(url: str, owner_name: str | None, say: Callable[[str], None]) -> S
     tokens = OwnerTokens()
     with tokens.locked(), Client(url, "") as client:
         kept = tokens.find(url, owner_name)
-        if kept is not None and _is_known(client, kept):
-            tokens.keep(url, kept)
-        else:
+        is_new = kept is None or not _is_known(client, kept)
+        if kept is None or is_new:
             kept = _register(client, owner_name if kept is None else kept.name, given=owner_name is not None)
-            tokens.keep(url, kept)
-            say(
-                f"Registered you as the owner {kept.name!r} at {url}. The agents that you hand in there are this "
-                f"owner's. Its token is in {tokens.path}; keep that file."
-            )
-    return Submitter(kept.token, str(tokens.path), named=False)
+        tokens.keep(url, kept)
+    if is_new:
+        say(
+            f"Registered you as the owner {kept.name!r} at {url}. The agents that you hand in there are this "
+            f"owner's. Its token is in {tokens.path}; keep that file."
+        )
+    return Submitter(kept.token, str(tokens.path))
+
+
+def not_taken(error: AuthenticationError, url: str, source: str) -> WrongturnError:
+    """Return the error for a token that the service does not take, with where the token is from."""
+    if error.type == ProblemType.FORBIDDEN:  # the token is good, but another's would be needed
+        return WrongturnError(f"{error}; choose its owner by --owner-name, or set {OWNER_TOKEN} to that owner's token")
+    remedy = (
+        f"if you changed the token, set {OWNER_TOKEN} to the new one; for another owner give --owner-name"
+        if source not in {OWNER_TOKEN, _TOKEN}
+        else "correct or unset it"
+    )
+    return WrongturnError(f"{source}: {url} does not take its token: {error}; {remedy}")
 
 
 def _from_environment() -> Submitter | None:
     for variable in (OWNER_TOKEN, _TOKEN):
-        token = settings.secret(variable)
-        if token:
+        if token := settings.secret(variable):
             return Submitter(token, variable, named=variable == _TOKEN)
     return None
 
@@ -106,12 +202,12 @@ def _is_known(client: Client, owner: KeptOwner) -> bool:
 def _register(client: Client, name: str | None, *, given: bool) -> KeptOwner:
     """Register an owner under the given name, or under the login name with the first number that is free."""
     login = name or _login_name()
-    for number in count(1):
+    for number in range(1, _NAMES_TRIED + 1):
         wanted = login if number == 1 else f"{login}-{number}"
         try:
             owner = client.register_owner(wanted)
         except OwnerNameTakenError as error:
-            if given or number >= _NAMES_TRIED:
+            if given or number == _NAMES_TRIED:
                 raise WrongturnError(
                     f"--owner-name: {wanted!r} is taken at {client.url}; choose another. If it is yours, set "
                     f"{OWNER_TOKEN} to its token"
@@ -125,7 +221,7 @@ def _register(client: Client, name: str | None, *, given: bool) -> KeptOwner:
             ) from error
         else:
             return KeptOwner(id=owner.id, name=owner.name, token=owner.token)
-    raise AssertionError("count() has no end")
+    raise AssertionError("the last name returns or raises")
 
 
 def _login_name() -> str:
@@ -136,24 +232,8 @@ def _login_name() -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", login).strip("-._")[:50] or "owner"
 
 
-def unknown(url: str, owner_name: str | None) -> WrongturnError:
-    """Return the error for a user of whom no token is known here."""
-    if owner_name is None:
-        return WrongturnError(
-            f"{OWNER_TOKEN}: no token for {url} is known here; set the one that the model was handed in with"
-        )
-    names = ", ".join(map(repr, OwnerTokens().names(url)))
-    remedy = f"give one of {names}" if names else f"leave it out and set {OWNER_TOKEN} to the owner's token"
-    return WrongturnError(f"--owner-name: no token of an owner {owner_name!r} at {url} is known here; {remedy}")
-
-
-def not_taken(error: AuthenticationError, url: str, source: str) -> WrongturnError:
-    """Return the error for a token that the service does not take, with where the token is from."""
-    if error.type == ProblemType.FORBIDDEN:  # the token is good, but another's would be needed
-        return WrongturnError(f"{error}; choose its owner by --owner-name, or set {OWNER_TOKEN} to that owner's token")
-    remedy = (
-        f"if you changed the token, set {OWNER_TOKEN} to the new one; for another owner give --owner-name"
-        if source not in {OWNER_TOKEN, _TOKEN}
-        else "correct or unset it"
-    )
-    return WrongturnError(f"{source}: {url} does not take its token: {error}; {remedy}")
+def _origin(url: str) -> str:
+    """Return a URL in one spelling, so that its token is found again."""
+    parts = urlsplit(url)
+    port = parts.port or (443 if parts.scheme == "https" else 80)
+    return f"{parts.scheme}://{parts.hostname}:{port}{parts.path.rstrip('/')}"

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import typer
 from rich.table import Table
@@ -26,18 +26,10 @@ from wrongturn_client.following import Display, display_of, follow, whereabouts
 from wrongturn_client.invocation import program
 from wrongturn_client.model_file import check_contract, check_model_file
 from wrongturn_client.settings import OWNER_TOKEN
-from wrongturn_client.submitter import (
-    NAME_RULE,
-    Submitter,
-    is_name,
-    known_submitter,
-    not_taken,
-    submitter,
-    unknown,
-)
+from wrongturn_client.submitter import NAME_RULE, Submitter, is_name, known_submitter, not_taken, submitter
 from wrongturn_client.tables import console, evaluation_table, standing
-from wrongturn_protocol import Leaderboard, SubmissionDetail, SubmissionState, Track
-from wrongturn_protocol.json_output import STDOUT, give_json
+from wrongturn_protocol import LeaderboardEntry, SubmissionDetail, SubmissionState, Track
+from wrongturn_protocol.json_output import give_json
 from wrongturn_protocol.submissions import NAME
 
 _INTERRUPTED = 130
@@ -75,8 +67,7 @@ class Order:
                 detail = self._follow(client, detail.id, display)
         if wait:
             self._end(who, detail)
-        give_json({"submission": _plain(detail), "entry": None}, self.json_to)
-        if self.json_to != STDOUT:
+        if self._give(detail):
             _say(f"To follow it: {self._again('--follow', detail.id)}")
 
     def come_back(self, submission: str) -> None:
@@ -92,8 +83,7 @@ class Order:
         """Cancel a submission and say what it is now."""
         with self._client(self._known()) as client:
             detail = client.cancel_submission(submission)
-        give_json({"submission": _plain(detail), "entry": None}, self.json_to)
-        if self.json_to == STDOUT:
+        if not self._give(detail):
             return
         if detail.state is SubmissionState.CANCELLED:
             typer.echo(f"Cancelled: {detail.name} on {detail.suite}.")
@@ -104,13 +94,8 @@ class Order:
         """Print the submissions of the owner or agent, the newest first."""
         with self._client(self._known()) as client:
             found = client.submissions()
-        give_json([_plain(detail) for detail in found], self.json_to)
-        if self.json_to == STDOUT:
-            return
-        if found:
-            console().print(_listing(found))
-        else:
-            typer.echo("There are no submissions.")
+        if give_json([detail.model_dump(mode="json") for detail in found], self.json_to):
+            console().print(_listing(found) if found else "There are no submissions.")
 
     def _tracks_of(self, suite: str) -> tuple[Track, ...]:
         """Return the tracks of a suite that takes evaluations. Raises WrongturnError."""
@@ -138,10 +123,7 @@ class Order:
 
     def _known(self) -> Submitter:
         Client(self.url, "").close()  # a URL that is none is told as such
-        who = known_submitter(self.url, self.owner_name)
-        if who is None:
-            raise unknown(self.url, self.owner_name)
-        return who
+        return known_submitter(self.url, self.owner_name)
 
     @contextmanager
     def _client(self, who: Submitter) -> Iterator[Client]:
@@ -173,9 +155,9 @@ class Order:
             metrics = None
             if detail.state is SubmissionState.FINISHED and detail.evaluation is not None:
                 metrics = client.evaluation(detail.evaluation).metrics
-        entry = _entry(board, detail)
-        give_json({"submission": _plain(detail), "entry": entry}, self.json_to)
-        if self.json_to != STDOUT:
+        entries = (one for one in board.entries if one.evaluation is not None and one.evaluation == detail.evaluation)
+        entry = next(entries, None)
+        if self._give(detail, entry):
             if metrics is not None:
                 console().print(evaluation_table(detail.name, metrics))
             if detail.state is not SubmissionState.FINISHED:
@@ -184,21 +166,15 @@ class Order:
                 typer.echo(standing(board, detail.evaluation))
         raise typer.Exit(0 if detail.state is SubmissionState.FINISHED else 1)
 
+    def _give(self, detail: SubmissionDetail, entry: LeaderboardEntry | None = None) -> bool:
+        plain = None if entry is None else entry.model_dump(mode="json")
+        return give_json({"submission": detail.model_dump(mode="json"), "entry": plain}, self.json_to)
+
 
 def _upload(
     client: Client, file: Path, suite: str, name: str, display: Display, who: Submitter, *, may_have_name: bool
 ) -> SubmissionDetail:
-    """Hand the file in.
-
-    Args:
-        client: A client with the submitter's token.
-        file: The model.
-        suite: The suite's id.
-        name: Name of the agent.
-        display: Shows the progress.
-        who: Whose token it is.
-        may_have_name: Whether the token may be an agent's, whose name the service then knows.
-    """
+    """Hand the file in; the service knows the name of an agent whose token it may be (``may_have_name``)."""
     try:
         if may_have_name:
             try:
@@ -231,17 +207,6 @@ def _listing(found: Sequence[SubmissionDetail]) -> Table:
         state = f"{detail.state}: {detail.reason}" if detail.reason else whereabouts(detail)
         table.add_row(*map(Text, (detail.id, handed_in, detail.name, detail.suite, state)))
     return table
-
-
-def _entry(board: Leaderboard, detail: SubmissionDetail) -> dict[str, Any] | None:
-    for entry in board.entries:
-        if entry.evaluation is not None and entry.evaluation == detail.evaluation:
-            return entry.model_dump(mode="json")
-    return None
-
-
-def _plain(detail: SubmissionDetail) -> dict[str, Any]:
-    return detail.model_dump(mode="json")
 
 
 def _say(text: str) -> None:

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from stamina import instrumentation
 
 from wrongturn_client.availability import Availability
-from wrongturn_client.connections import Answer, ConnectionBrokeError, HttpxConnections, connect
+from wrongturn_client.connections import Answer, ConnectionBrokeError, HttpxConnections, Upload, connect
 from wrongturn_client.errors import (
     ProtocolError,
     ServiceBusyError,
@@ -24,7 +24,6 @@ from wrongturn_client.errors import (
     WrongturnError,
 )
 from wrongturn_client.problems import api_error
-from wrongturn_client.uploads import Upload
 from wrongturn_protocol import Problem
 
 JSON: Final = "application/json"

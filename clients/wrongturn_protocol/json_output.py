@@ -74,26 +74,30 @@ def check_json_file(to: Path | None) -> None:
             raise JsonFileError(f"--json: {to} cannot be written ({error.strerror}); {remedy}") from error
 
 
-def give_json(value: Any, to: Path | None) -> None:
+def give_json(value: Any, to: Path | None) -> bool:
     """Print a value as JSON or write it into a file, as ``--json`` asks for. Call :func:`check_json_file` first.
 
     Args:
         value: Plain values.
         to: ``STDOUT`` or a file, compressed if its name ends in ``.gz``; None for nothing.
 
+    Returns:
+        Whether the command prints what it always prints: not if its JSON is on stdout.
+
     Raises:
         JsonFileError: The file cannot be written.
     """
     if to is None:
-        return
+        return True
     text = json.dumps(value, indent=2, ensure_ascii=False)
     if to == STDOUT:
         typer.echo(text)
-        return
+        return False
     try:
         write_whole([f"{text}\n".encode()], to)
     except OSError as error:
         raise JsonFileError(f"--json: {to} cannot be written ({error.strerror}); name another file") from error
+    return True
 
 
 def write_whole(parts: Iterable[bytes], file: Path) -> None:

@@ -123,10 +123,11 @@ def test_version() -> None:
     assert runner.invoke(cli.app, ["--version"]).output == f"wrongturn {metadata.version('wrongturn-client')}\n"
 
 
-def test_an_unknown_command_is_a_usage_error() -> None:
-    done = _program("nonsense")
+@pytest.mark.parametrize(("command", "says"), [("nonsense", "'nonsense'."), ("rnu", "'rnu'. Did you mean run?")])
+def test_an_unknown_command_is_a_usage_error(command: str, says: str) -> None:
+    done = _program(command)
     assert done.returncode == 2
-    assert "No such command" in done.stderr
+    assert f"No such command {says}" in done.stderr
     assert done.stdout == ""
 
 

@@ -17,7 +17,7 @@ from rich.console import Console
 from typer.testing import CliRunner, Result
 
 from wrongturn_client import Client, WrongturnError, cli, following, submitter, submitting
-from wrongturn_client.owner_tokens import KeptOwner, OwnerTokens
+from wrongturn_client.submitter import KeptOwner, OwnerTokens
 from wrongturn_protocol import SubmissionDetail
 from wrongturn_protocol.submissions import SubmissionLogLine
 
