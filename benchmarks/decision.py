@@ -20,8 +20,8 @@ import time
 from pathlib import Path
 
 from wrongturn_networks import draw_trial, load_town
-from wrongturn_protocol import FaultKind, Start, Track, Traffic
-from wrongturn_sim.ego import SUB_STEPS, VEHICLE
+from wrongturn_protocol import VEHICLE, FaultKind, Start, Track, Traffic
+from wrongturn_sim.ego import SUB_STEPS
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.simulator import EGO, KEEP_ROUTE, load_libsumo
 

@@ -21,7 +21,7 @@ import experiment
 import labels
 import picture
 
-from wrongturn_sim.verdict import THRESHOLDS, THRESHOLDS_1
+from wrongturn_judge import THRESHOLDS, THRESHOLDS_1
 
 
 def make(given: argparse.Namespace) -> None:

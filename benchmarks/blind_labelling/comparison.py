@@ -8,9 +8,9 @@ from pathlib import Path
 from drives import Drive
 from labels import Label, strict_column
 
+from wrongturn_judge import THRESHOLDS, JudgeGeometry, Thresholds, Thresholds1, judge
 from wrongturn_networks import load_town
 from wrongturn_protocol import Flag
-from wrongturn_sim.verdict import THRESHOLDS, JudgeGeometry, Thresholds, Thresholds1, judge
 
 
 @dataclass(frozen=True)

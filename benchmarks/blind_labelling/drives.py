@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from shapely import Point
 
 from wrongturn_agents.agent import Agent, track_of_agent
+from wrongturn_judge.trajectory import Trajectory
 from wrongturn_networks import load_town
 from wrongturn_protocol import Track, Trial
 from wrongturn_protocol.observations import observation_space
 from wrongturn_sim.ego import SUB_STEPS
 from wrongturn_sim.fleet.vector_env import WrongturnVectorEnv
-from wrongturn_sim.trajectory import Trajectory
 
 LONGEST: Final = 62.0
 """Seconds of a drive: longer than any episode, so that a picture shows what follows a verdict."""

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from shapely.geometry.base import BaseGeometry
 
+from wrongturn_judge.trajectory import Row, Trajectory
 from wrongturn_networks import Approach, Lane, Town, load_town
-from wrongturn_protocol import Command
-from wrongturn_sim.ego import VEHICLE
-from wrongturn_sim.trajectory import Row, Trajectory
+from wrongturn_protocol import VEHICLE, Command
 
 INCHES, DOTS = 10.0, 100
 ROUND: Final = 18.0

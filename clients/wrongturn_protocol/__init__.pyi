@@ -79,6 +79,8 @@ from .submissions import SubmissionLogLine as SubmissionLogLine
 from .trial_options import OptionError as OptionError
 from .trial_options import TrialKeywords as TrialKeywords
 from .trial_options import TrialOptions as TrialOptions
+from .vehicle import VEHICLE as VEHICLE
+from .vehicle import Vehicle as Vehicle
 from .vocabulary import CORL_TASKS as CORL_TASKS
 from .vocabulary import DIRECTIONS as DIRECTIONS
 from .vocabulary import PAPER_TYPES as PAPER_TYPES

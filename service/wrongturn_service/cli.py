@@ -154,8 +154,8 @@ def _submissions(settings: "Settings") -> tuple[str, bool, str, str]:
 
 def _simulator(settings: "Settings") -> str:
     """Check a simulator that finds its kernels compiled. Compiling takes several times the memory."""
+    from wrongturn_judge.home import set_cache  # noqa: PLC0415
     from wrongturn_service.simulators.check import TooLittleMemoryError, examine  # noqa: PLC0415
-    from wrongturn_sim.home import set_cache  # noqa: PLC0415
 
     cache = set_cache()
     before = _files(cache)

@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import structlog
 
+from wrongturn_judge import Row, Trajectory, TrajectoryError
 from wrongturn_networks import UnknownTownError, draw_trial, load_town
 from wrongturn_protocol import Command, FaultKind, Outcome, ProblemType
 from wrongturn_protocol.pixmap import to_pixmap
 from wrongturn_service.errors import ConflictError, NotFoundError
 from wrongturn_service.storage.store import Store
 from wrongturn_service.web.kept import Kept
-from wrongturn_sim.errors import TrajectoryError
-from wrongturn_sim.trajectory import Row, Trajectory
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera.renderer import Image

@@ -7,8 +7,8 @@ neither SUMO nor a compiler.
 import gymnasium
 import lazy_loader
 
+from wrongturn_judge.home import set_cache
 from wrongturn_protocol.variants import register_variants
-from wrongturn_sim.home import set_cache
 
 set_cache()  # before numba is imported anywhere
 

@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
+from wrongturn_judge.home import set_cache
 from wrongturn_networks import draw_journey, draw_trial, load_town
 from wrongturn_protocol import FaultKind, Task, Track, Trial
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.fleet.vector_env import WrongturnVectorEnv
-from wrongturn_sim.home import set_cache
 
 _TOWN: Final = "junctions"
 

@@ -1,8 +1,9 @@
 """Checks of the simulation for ``wrongturn doctor``."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
-from wrongturn_sim.home import CACHE_VARIABLE, set_cache, writable
+from wrongturn_judge.home import CACHE_VARIABLE, set_cache, writable
 
 Check = tuple[str, bool, str, str]
 """Name, whether it passed, what was found, and the remedy where it failed."""
@@ -24,8 +25,9 @@ def _cache() -> str:
 def _kernels() -> str:
     from wrongturn_sim.ego import SUB_STEP, advance  # noqa: PLC0415
 
-    state = (0.0, 0.0, 0.0, 5.0, 0.0)
-    if advance(*state, 0.5, 0.5, 0.0, SUB_STEP) != advance.py_func(*state, 0.5, 0.5, 0.0, SUB_STEP):
+    compiled: Any = advance
+    arguments = (0.0, 0.0, 0.0, 5.0, 0.0, 0.5, 0.5, 0.0, SUB_STEP)
+    if compiled(*arguments) != compiled.py_func(*arguments):
         raise ArithmeticError("compiled and plain Python differ, so verdicts may differ from other machines'")
     return "compiled and plain Python agree"
 

@@ -6,52 +6,12 @@ arithmetic is scalar and uses ``math`` without fastmath, so numba and Python giv
 """
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
-from numba import njit
+from wrongturn_judge.compiling import compiled_with
+from wrongturn_protocol import vehicle
+from wrongturn_protocol.vehicle import VEHICLE
 
-
-@dataclass(frozen=True)
-class Vehicle:
-    """The car's dimensions and limits, in metres, seconds and radians."""
-
-    wheelbase: float = 2.9
-    length: float = 4.6
-    width: float = 1.9
-    rear_axle: float = 1.45
-    """Distance from the rear axle forward to the body's centre."""
-    half_track: float = 0.8
-    """Distance from the axis to the wheels on either side."""
-    max_wheel_angle: float = math.radians(35.0)
-    """Angle of the front wheels at steering 1."""
-    steering_slew: float = 2.0
-    """Greatest change of the steering (-1..1) per second."""
-    acceleration: float = 3.5
-    """Acceleration at full throttle, m/s²."""
-    braking: float = 8.0
-    """Deceleration at full brake, m/s²; any brake overrides the throttle."""
-    drag: float = 0.15
-    """Drag of a moving car, m/s²."""
-    drag_speed: float = 0.01
-    """Additional drag in proportion to the speed, 1/s."""
-    grip: float = 7.0
-    """Greatest lateral acceleration, m/s²: beyond it the car runs wide."""
-    max_speed: float = 22.0
-    """Top speed, m/s; there is no reverse."""
-
-    @property
-    def half_length(self) -> float:
-        """Distance from the centre to either bumper."""
-        return self.length / 2
-
-    @property
-    def half_width(self) -> float:
-        """Distance from the axis to either side."""
-        return self.width / 2
-
-
-VEHICLE: Final = Vehicle()
 SUB_STEP: Final = 0.05
 """Time step of the integration, seconds."""
 SUB_STEPS: Final = 2
@@ -76,7 +36,7 @@ State = tuple[float, float, float, float, float]
 v (m/s, along the axis), steering (applied, -1 full left to 1 full right)."""
 
 
-@njit(cache=True)
+@compiled_with(vehicle)
 def advance(
     x: float, y: float, yaw: float, v: float, steering: float, steer: float, throttle: float, brake: float, dt: float
 ) -> State:

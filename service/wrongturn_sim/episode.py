@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple, SupportsFloat
 
 from pydantic import ValidationError
 
+from wrongturn_judge import JourneyGeometry, JudgeGeometry, judge_of
+from wrongturn_judge.trajectory import Row, Trajectory
 from wrongturn_networks import load_town
 from wrongturn_protocol import Command, Outcome, Track, Trial, View
 from wrongturn_protocol.observations import Observation
@@ -25,8 +27,6 @@ from wrongturn_sim.route import Navigator, start_pose
 from wrongturn_sim.simulation import Simulation
 from wrongturn_sim.simulator import Simulator
 from wrongturn_sim.traffic.plan import EGO_LENGTH, plan_traffic
-from wrongturn_sim.trajectory import Row, Trajectory
-from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry, judge_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,13 +10,12 @@
     ├── InvalidTrialError (ValueError)       a field of the trial is invalid
     ├── TrialNotAloneError (ValueError)      the cars of one batch drive alone, in one town
     ├── DependencyMissingError (ImportError) an optional package is missing
-    ├── TrajectoryError (ValueError)         the bytes are not a trajectory
     └── SimulatorError
         ├── SimulatorUnavailableError        libsumo cannot be loaded
         ├── SimulatorInUseError              another episode of this process took the simulator
         └── SimulatorFailedError             SUMO refused or died
 
-``FaultNotApplicableError`` belongs to ``wrongturn_networks``.
+``FaultNotApplicableError`` belongs to ``wrongturn_networks``, ``TrajectoryError`` to ``wrongturn_judge``.
 """
 
 
@@ -46,10 +45,6 @@ class InvalidTrialError(SimError, ValueError):
 
 class TrialNotAloneError(SimError, ValueError):
     """The trial has other road users or another town; the cars of one batch drive alone in one town."""
-
-
-class TrajectoryError(SimError, ValueError):
-    """The bytes are not a trajectory."""
 
 
 class DependencyMissingError(SimError, ImportError):

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from wrongturn_judge.compiling import compiled_with
 from wrongturn_sim import polyline
-from wrongturn_sim.compiling import compiled_with
 from wrongturn_sim.polyline import fill, project
 
 Array = np.ndarray[Any, Any]

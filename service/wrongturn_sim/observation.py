@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from wrongturn_judge.trajectory import RoadUser
 from wrongturn_protocol import Command
 from wrongturn_protocol.observations import ROAD_USERS, Observation
 from wrongturn_sim.ego import State
 from wrongturn_sim.route import Navigator
-from wrongturn_sim.trajectory import RoadUser
 
 
 def observe_state(state: State, command: Command) -> Observation:

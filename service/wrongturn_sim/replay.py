@@ -5,10 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self
 
+from wrongturn_judge.trajectory import Row, Trajectory
 from wrongturn_networks import load_town
 from wrongturn_protocol import Outcome, View
 from wrongturn_sim.ego import SUB_STEPS
-from wrongturn_sim.trajectory import Row, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from wrongturn_judge.trajectory import Appearance, RoadUser
 from wrongturn_sim.traffic.crowd import Surroundings
-from wrongturn_sim.trajectory import Appearance, RoadUser
 
 
 class Simulation:

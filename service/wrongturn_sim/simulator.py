@@ -11,7 +11,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-from wrongturn_sim.ego import SUB_STEP, VEHICLE
+from wrongturn_protocol import VEHICLE
+from wrongturn_sim.ego import SUB_STEP
 from wrongturn_sim.errors import SimulatorFailedError, SimulatorInUseError, SimulatorUnavailableError
 from wrongturn_sim.simulation import Simulation
 from wrongturn_sim.traffic.crowd import Crowd

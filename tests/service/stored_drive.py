@@ -2,10 +2,10 @@
 
 from typing_extensions import override
 
+from wrongturn_judge.trajectory import Row, Trajectory
 from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import Command, FaultKind
 from wrongturn_service.storage.store import Store
-from wrongturn_sim.trajectory import Row, Trajectory
 
 
 class StoredDrive(Store):

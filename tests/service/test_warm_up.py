@@ -7,7 +7,7 @@ PROGRAM = """
 import os
 from wrongturn_service.simulators.worker import Server
 from wrongturn_service.simulators.shared_memory import SharedMemoryWriter, SharedMemory
-from wrongturn_sim.verdict import decide, journey_kernels
+from wrongturn_judge import decide, journey_kernels
 compiled = [decide.observe, journey_kernels.observe]
 assert not any(function.signatures for function in compiled)
 with SharedMemory().inherited() as handle:

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wrongturn_sim.ego import SUB_STEP, VEHICLE, advance
+from wrongturn_protocol import VEHICLE
+from wrongturn_sim.ego import SUB_STEP, advance
 
 FINITE = {"allow_nan": False, "allow_infinity": False}
 states = st.tuples(

@@ -5,10 +5,10 @@ from typing import Any
 import pytest
 from gymnasium.vector import AutoresetMode
 
+from wrongturn_judge import JudgeGeometry
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Outcome, Trial
 from wrongturn_sim import WrongturnVectorEnv
-from wrongturn_sim.verdict import JudgeGeometry
 
 
 def driven(envs: WrongturnVectorEnv, trial: Trial) -> Outcome | None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
+from wrongturn_judge import THRESHOLDS, JudgeGeometry, judge
 from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import DIRECTIONS, Flag, Traffic
 from wrongturn_sim import (
@@ -20,7 +21,6 @@ from wrongturn_sim import (
     WrongturnVectorEnv,
 )
 from wrongturn_sim.fleet import fleet
-from wrongturn_sim.verdict import THRESHOLDS, JudgeGeometry, judge
 
 ID = "wrongturn_sim:WrongturnSim-v0"
 PICTURES = ["camera", "segmentation"]

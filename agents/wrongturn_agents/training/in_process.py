@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from wrongturn_agents.agent import Agent
 from wrongturn_agents.registry import AgentSource
 from wrongturn_client.actions import action_of
+from wrongturn_judge import THRESHOLDS
 from wrongturn_protocol import Outcome, Trial
 from wrongturn_protocol.observations import Observation
 from wrongturn_sim import FleetTraffic, Trajectory, WrongturnVectorEnv
-from wrongturn_sim.verdict import THRESHOLDS
 
 VERSION: Final = THRESHOLDS.version
 """Version of the thresholds that judge the drives."""

@@ -14,10 +14,10 @@ from wrongturn_agents.reporting.results_file import TrialResult
 from wrongturn_agents.reporting.studies import JudgedAgent, Move, Variant
 from wrongturn_agents.suites import WRONG_COMMAND, WRONG_COMMAND_1
 from wrongturn_agents.training.in_process import drive_in_process
+from wrongturn_judge import THRESHOLDS, THRESHOLDS_1, Thresholds, Thresholds1, judge_of
 from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import Trial
 from wrongturn_sim import JudgeGeometry, Trajectory
-from wrongturn_sim.verdict import THRESHOLDS, THRESHOLDS_1, Thresholds, Thresholds1, judge_of
 
 FACTORS: Final = (0.8, 1.2)
 """Each threshold is multiplied by these."""

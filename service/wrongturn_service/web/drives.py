@@ -8,10 +8,10 @@ import numpy as np
 import orjson
 import shapely
 
+from wrongturn_judge.trajectory import Row, Trajectory
 from wrongturn_networks import Town
 from wrongturn_protocol import Command, Outcome
 from wrongturn_service.web.words import COMMANDS, ended
-from wrongturn_sim.trajectory import Row, Trajectory
 
 ROWS: Final = 2
 """Rows of a decision. Its own constant, because the simulation's takes a compiler into memory."""

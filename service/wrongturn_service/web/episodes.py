@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from fastapi import APIRouter, Request, Response
 
+from wrongturn_judge.trajectory import Trajectory
 from wrongturn_networks import Town
 from wrongturn_protocol import Outcome, ProblemType, Trial
 from wrongturn_service import catalogue, unchanged
@@ -18,7 +19,6 @@ from wrongturn_service.storage.finished import FinishedEpisode
 from wrongturn_service.web import words
 from wrongturn_service.web.drives import Moment, drive, moments
 from wrongturn_service.web.page import SECURITY, page
-from wrongturn_sim.trajectory import Trajectory
 
 router = APIRouter(include_in_schema=False)
 

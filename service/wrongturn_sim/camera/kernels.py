@@ -2,7 +2,7 @@
 
 A kernel works on one column of a picture with plain numbers. It allocates nothing and keeps no state, so that a GPU
 can run the same source. Kernels may use fast arithmetic, because no score depends on a picture's rounding.
-:mod:`wrongturn_sim.home` pins the instruction set, so that a picture's bytes do not depend on the machine.
+:mod:`wrongturn_judge.home` pins the instruction set, so that a picture's bytes do not depend on the machine.
 """
 
 import math
@@ -11,10 +11,10 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 import numba
 
+from wrongturn_judge.home import set_cache
 from wrongturn_sim.camera.pinhole import CAMERA_YAW, FORWARD, LEFT
 from wrongturn_sim.camera.solids import COS, SIN
 from wrongturn_sim.camera.weathers import HAZE_COLOUR, HAZE_RATE, SKYLIGHT, SUNLIGHT
-from wrongturn_sim.home import set_cache
 
 set_cache()
 

@@ -8,6 +8,7 @@ pitched camera's column do not lie in one plane: for it, the same functions take
 
 from typing import Any
 
+from wrongturn_judge.compiling import compiled_with
 from wrongturn_protocol import segmentation as segmentation_classes
 from wrongturn_sim.camera import backdrop, facades, kernels, pinhole, prisms, road_users, sight, solids, thin, weathers
 from wrongturn_sim.camera.backdrop import background, set_row
@@ -37,7 +38,6 @@ from wrongturn_sim.camera.sight import in_sight
 from wrongturn_sim.camera.solids import CAR, FENCE, HALF_X, HALF_Y, KIND, TREE
 from wrongturn_sim.camera.thin import fence, tree
 from wrongturn_sim.camera.weathers import HORIZON, RAIN, STREAK
-from wrongturn_sim.compiling import compiled_with
 
 
 @kernel

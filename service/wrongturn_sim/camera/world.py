@@ -11,10 +11,10 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from wrongturn_judge.home import home
 from wrongturn_networks import Town
 from wrongturn_sim.camera.ground import CELL, bake
 from wrongturn_sim.camera.solids import rows_of
-from wrongturn_sim.home import home
 
 FORMAT: Final = 1
 """Version of the cached file, part of its name. Increase it when :func:`~wrongturn_sim.camera.ground.bake` changes."""

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from wrongturn_sim import ego as ego_module
+from wrongturn_judge.compiling import uncounted
+from wrongturn_protocol.vehicle import VEHICLE
 from wrongturn_sim import guide
-from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.others import GATE, INSIDE, LEG, WIDTH, Others, S, X, Y, point_ahead
 from wrongturn_sim.fleet.right_of_way import CROSSES
 from wrongturn_sim.fleet.streets import Streets
@@ -20,7 +20,7 @@ STRIDE = 1.5
 """Distance between the points of its way that a driver checks for the ego, metres."""
 FAR = 1e9
 """Stands for a gap, in metres, or for a speed, in m/s, where nothing limits it."""
-EGO_HALF_LENGTH, EGO_HALF_WIDTH = ego_module.VEHICLE.half_length, ego_module.VEHICLE.half_width
+EGO_HALF_LENGTH, EGO_HALF_WIDTH = VEHICLE.half_length, VEHICLE.half_width
 
 
 @uncounted

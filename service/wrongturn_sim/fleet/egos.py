@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
+from wrongturn_judge import decide
+from wrongturn_judge.journey_kernels import JOURNEY_FLOATS, JOURNEY_INTS, TERMS
 from wrongturn_sim import guide
 from wrongturn_sim.ego import SUB_STEPS
 from wrongturn_sim.fleet import kernel
 from wrongturn_sim.fleet.others import USER, others_for
-from wrongturn_sim.verdict import decide
-from wrongturn_sim.verdict.journey_kernels import JOURNEY_FLOATS, JOURNEY_INTS, TERMS
 
 
 def egos_for(count: int) -> kernel.Egos:

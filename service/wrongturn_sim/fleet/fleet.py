@@ -16,6 +16,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wrongturn_judge import JourneyGeometry, decide
+from wrongturn_judge.journey import conclude_journey, outcome_fields, terms_of
+from wrongturn_judge.judges import conclude
+from wrongturn_judge.thresholds import THRESHOLDS
+from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_networks import Town
 from wrongturn_protocol import Outcome, Track, Trial
 from wrongturn_protocol.observations import FIELDS, Observation
@@ -35,11 +40,6 @@ from wrongturn_sim.fleet.traffic import FleetTraffic, check_density, with_room
 from wrongturn_sim.replay import Replay
 from wrongturn_sim.roads import roads_of
 from wrongturn_sim.route import guidance_of, start_pose, start_route
-from wrongturn_sim.trajectory import RoadUser, Row, Trajectory
-from wrongturn_sim.verdict import JourneyGeometry, decide
-from wrongturn_sim.verdict.journey import conclude_journey, outcome_fields, terms_of
-from wrongturn_sim.verdict.judge import conclude
-from wrongturn_sim.verdict.thresholds import THRESHOLDS
 
 _COMPILED: Final[dict[type[CommandFault], int]] = {
     NoFault: kernel.FAULT_NONE,
@@ -76,7 +76,7 @@ class Fleet:
         record: keep what :meth:`record` returns, 45 kB a minute for each ego.
         drive_on: seconds after which each drive is truncated; no verdict ends it before. The outcome is still that of
             the first row that decides it, and None if the drive is over before. To judge the whole drive by other
-            thresholds, give the record's trajectory to :func:`wrongturn_sim.verdict.judge`. None: each drive ends with
+            thresholds, give the record's trajectory to :func:`wrongturn_judge.judge`. None: each drive ends with
             its verdict.
         traffic: how the other road users of trials that have some behave. None: such trials are refused.
 

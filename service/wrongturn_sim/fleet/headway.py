@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from wrongturn_judge.compiling import uncounted
 from wrongturn_sim import guide
-from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.drivers import safe_speed, time_to
 from wrongturn_sim.fleet.ego_ahead import EGO_HALF_LENGTH, EGO_HALF_WIDTH, ego_to_line
 from wrongturn_sim.fleet.others import (

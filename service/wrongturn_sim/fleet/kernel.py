@@ -10,8 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from wrongturn_judge import decide, journey_kernels, kernels
+from wrongturn_judge.compiling import compiled_with
+from wrongturn_protocol import vehicle
 from wrongturn_sim import ego, guide, polyline, reward
-from wrongturn_sim.compiling import compiled_with
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, advance
 from wrongturn_sim.fleet import drivers, ego_ahead, headway, meeting, others, right_of_way, settling, streets, waiting
 from wrongturn_sim.fleet.others import PEDESTRIANS, VEHICLES, Others
@@ -19,7 +21,6 @@ from wrongturn_sim.fleet.streets import Streets
 from wrongturn_sim.guide import LANE_FOLLOW
 from wrongturn_sim.reward import score, score_below
 from wrongturn_sim.traffic import crowd, plan, slots
-from wrongturn_sim.verdict import decide, journey_kernels, kernels
 
 Array = np.ndarray[Any, Any]
 
@@ -334,7 +335,7 @@ def keep_commands(egos: Egos, i: int) -> None:
 
 
 @compiled_with(
-    ego, polyline, guide, kernels, decide, journey_kernels, reward,
+    vehicle, ego, polyline, guide, kernels, decide, journey_kernels, reward,
     drivers, ego_ahead, headway, meeting, others, right_of_way, settling, streets, waiting, crowd, plan, slots,
     nogil=True,
 )  # fmt: skip

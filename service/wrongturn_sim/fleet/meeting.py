@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from wrongturn_judge.compiling import uncounted
 from wrongturn_sim import guide
-from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.drivers import BRAKING, GAP, REACTION, STOP, leader_of, safe_speed
 from wrongturn_sim.fleet.ego_ahead import ego_to_line
 from wrongturn_sim.fleet.others import (

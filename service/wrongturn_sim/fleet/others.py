@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from wrongturn_judge.compiling import uncounted
 from wrongturn_sim import guide
-from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.streets import Streets
 from wrongturn_sim.traffic import crowd
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from wrongturn_judge.compiling import uncounted
 from wrongturn_sim import guide
-from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.drivers import (
     BRAKING,
     GAP,

@@ -5,16 +5,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrongturn_judge import JourneyGeometry, JudgeGeometry
+from wrongturn_judge.journey import JOURNEY_THRESHOLDS, journey_numbers
+from wrongturn_judge.thresholds import THRESHOLDS
 from wrongturn_networks import Town
-from wrongturn_protocol import Trial
-from wrongturn_sim.ego import VEHICLE
+from wrongturn_protocol import VEHICLE, Trial
 from wrongturn_sim.fleet import kernel
 from wrongturn_sim.fleet.streets import no_streets, streets_of
 from wrongturn_sim.roads import roads_of
 from wrongturn_sim.route import way_to
-from wrongturn_sim.verdict import JourneyGeometry, JudgeGeometry
-from wrongturn_sim.verdict.journey import JOURNEY_THRESHOLDS, journey_numbers
-from wrongturn_sim.verdict.thresholds import THRESHOLDS
 
 
 class FleetTables:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from wrongturn_judge.compiling import uncounted
 from wrongturn_sim import guide
-from wrongturn_sim.compiling import uncounted
 from wrongturn_sim.fleet.drivers import STOP, choose_gate, safe_speed
 from wrongturn_sim.fleet.ego_ahead import ego_to_line
 from wrongturn_sim.fleet.headway import BRAKING, GAP, REACTION

@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wrongturn_judge.trajectory import Appearance, RoadUser
 from wrongturn_sim.traffic.plan import TrafficPlan, Trip
-from wrongturn_sim.trajectory import Appearance, RoadUser
 
 VISIBLE_RANGE: Final = 80.0
 """Road users within this distance are visible, metres between the bodies' centres."""

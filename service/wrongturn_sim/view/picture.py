@@ -1,8 +1,8 @@
 """One picture of a whole episode."""
 
+from wrongturn_judge.trajectory import Trajectory
 from wrongturn_networks import Town
 from wrongturn_protocol import Outcome
-from wrongturn_sim.trajectory import Trajectory
 from wrongturn_sim.view import scene
 from wrongturn_sim.view.ground import draw_ground
 from wrongturn_sim.view.views import checked_size

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from wrongturn_judge.trajectory import Trajectory
 from wrongturn_networks import Town
 from wrongturn_protocol import Outcome, Safety
 from wrongturn_sim.errors import DependencyMissingError
-from wrongturn_sim.trajectory import Trajectory
 from wrongturn_sim.view import colours, scene
 from wrongturn_sim.view.ground import draw_ground
 from wrongturn_sim.view.window import Points

@@ -6,10 +6,10 @@ from typing import Final
 import cv2
 import numpy as np
 
+from wrongturn_judge.trajectory import RoadUser, Row
 from wrongturn_networks import Town
-from wrongturn_protocol import Command, Outcome, Safety
-from wrongturn_sim.ego import SUB_STEP, VEHICLE
-from wrongturn_sim.trajectory import RoadUser, Row
+from wrongturn_protocol import VEHICLE, Command, Outcome, Safety
+from wrongturn_sim.ego import SUB_STEP
 from wrongturn_sim.view import colours
 from wrongturn_sim.view.colours import Colour
 from wrongturn_sim.view.lettering import width_of, write

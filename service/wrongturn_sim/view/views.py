@@ -7,10 +7,10 @@ from typing import Final
 import cv2
 import numpy as np
 
+from wrongturn_judge.trajectory import Row
 from wrongturn_networks import Town
 from wrongturn_protocol import Outcome, Safety, Trial, View
 from wrongturn_sim.ego import SUB_STEP
-from wrongturn_sim.trajectory import Row
 from wrongturn_sim.view import colours, scene
 from wrongturn_sim.view.errors import ViewError
 from wrongturn_sim.view.ground import draw_ground

@@ -2,10 +2,10 @@
 
 import pytest
 
+from wrongturn_judge.trajectory import Row, Trajectory
 from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import Command, FaultKind, Outcome, Verdict
 from wrongturn_service.web.drives import Moment, moments
-from wrongturn_sim.trajectory import Row, Trajectory
 
 TOWN = load_town("Town01")
 TRIAL = draw_trial(TOWN, "J3-S", FaultKind.NONE, 0)

@@ -15,7 +15,7 @@ from wrongturn_agents.training.doubting.config import ALGORITHMS, DoubtingConfig
 from wrongturn_agents.training.doubting.frames import towns_of, training_towns
 from wrongturn_agents.training.doubting.learning import examine, learn
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_sim.home import home
+from wrongturn_judge.home import home
 
 BEST: Final = "best.pt"
 HELD_OUT: Final = range(1000, 1004)

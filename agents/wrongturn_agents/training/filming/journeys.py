@@ -11,11 +11,11 @@ from wrongturn_agents.reporting.failures import Contact, Other
 from wrongturn_agents.suites import NAVIGATION
 from wrongturn_agents.training.in_process import DrivenEpisode
 from wrongturn_client.actions import action_of
+from wrongturn_judge.trajectory import RoadUser
 from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import Condition, Task, Trial
 from wrongturn_protocol.observations import observation_space
 from wrongturn_sim import VEHICLE, Episode, Row, Trajectory
-from wrongturn_sim.trajectory import RoadUser
 from wrongturn_sim.view.window import box
 
 EACH: Final = 2

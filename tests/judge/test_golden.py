@@ -1,0 +1,45 @@
+"""Stored records keep their outcomes of version 1."""
+
+import json
+from pathlib import Path
+
+import pytest
+from golden_drives import FOLDER, GOLDEN
+from handmade_junction import junction, mirrored_rows, mirrored_trial, verdict_of
+
+from wrongturn_judge import THRESHOLDS_1, judge
+from wrongturn_judge.trajectory import Trajectory
+from wrongturn_protocol import Flag, Outcome, Reaction, Verdict
+
+FILES = sorted(FOLDER.glob("*.json"))
+EXPECTED = {
+    "exit-commanded-left": (Verdict.EXIT_COMMANDED, None, ()),
+    "exit-route-overrides": (Verdict.EXIT_ROUTE, Reaction.OVERRODE, ()),
+    "exit-other-bites-the-kerb": (Verdict.EXIT_OTHER, Reaction.EXIT, (Flag.KERB_BITE,)),
+    "off-road-obeys-straight": (Verdict.OFF_ROAD, Reaction.OBEYED, (Flag.KERB_BITE,)),
+    "collision-obeys-left": (Verdict.COLLISION, Reaction.OBEYED, ()),
+    "collision-with-a-car": (Verdict.COLLISION, None, ()),
+    "stopped-before-over-the-line": (Verdict.STOPPED_BEFORE_JUNCTION, Reaction.FROZE, (Flag.OVER_LINE,)),
+    "stopped-in-junction": (Verdict.STOPPED_IN_JUNCTION, Reaction.FROZE, ()),
+    "wrong-way-by-the-oncoming-lane": (Verdict.WRONG_WAY, None, (Flag.LANE_INVASION, Flag.WRONG_WAY)),
+    "not-engaged": (Verdict.NOT_ENGAGED, Reaction.OTHER, ()),
+}
+
+
+def test_every_record_is_expected() -> None:
+    assert {path.stem for path in FILES} == set(GOLDEN) == set(EXPECTED)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_a_golden_record_keeps_its_outcome(path: Path) -> None:
+    stored = json.loads(path.read_text(encoding="ascii"))
+    trajectory = Trajectory.from_json(json.dumps(stored["trajectory"]))
+    geometry = junction(trajectory.trial.junction_type, solids=stored["solids"])
+    outcome = judge(trajectory, geometry, THRESHOLDS_1)
+    assert outcome == Outcome.model_validate(stored["outcome"])
+    assert (outcome.verdict, outcome.reaction, outcome.flags) == EXPECTED[path.stem]
+    assert outcome.time == trajectory.rows[-1].t
+    mirrored = verdict_of(
+        mirrored_rows(trajectory.rows), geometry.mirrored(), mirrored_trial(trajectory.trial), THRESHOLDS_1
+    )
+    assert (mirrored.verdict, mirrored.reaction, mirrored.flags) == EXPECTED[path.stem]
