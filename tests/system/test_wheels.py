@@ -152,7 +152,7 @@ def test_a_part_asks_for_nothing_heavy_that_it_does_not_need(wheels: Wheels, wan
         ("wrongturn-client", "wrongturn_protocol,wrongturn_client", ()),
         ("wrongturn-client[openenv]", "wrongturn_openenv", ()),
         ("wrongturn-networks", "wrongturn_networks", ()),
-        ("wrongturn-service", "wrongturn_sim", ()),
+        ("wrongturn-service", "wrongturn_judge,wrongturn_sim", ()),
         ("wrongturn-service[server]", "wrongturn_service,wrongturn_runner,wrongturn_sandbox", ()),
         (
             "wrongturn-agents",
