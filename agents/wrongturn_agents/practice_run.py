@@ -8,7 +8,7 @@ from pathlib import Path
 from wrongturn_agents.errors import ResultsError, RunError
 from wrongturn_agents.progress import Progress
 from wrongturn_agents.registry import AgentSource
-from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
+from wrongturn_agents.results_file import ResultsFile, TrialResult
 from wrongturn_agents.suites import SuiteTrials
 from wrongturn_agents.worker import GuardedAgent, episodes_side_by_side
 from wrongturn_client import Client

@@ -8,7 +8,7 @@ from typing import Final
 from rich.table import Table
 from rich.text import Text
 
-from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
+from wrongturn_agents.results_file import ResultsFile, TrialResult
 from wrongturn_agents.suites import SuiteTrials
 from wrongturn_client.plain_table import plain_table
 from wrongturn_protocol import FaultKind, Trial, Verdict

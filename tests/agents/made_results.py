@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
+from wrongturn_agents.results_file import ResultsFile, TrialResult
 from wrongturn_networks import load_suite
 from wrongturn_protocol import (
     PAPER_TYPES,

@@ -10,10 +10,11 @@ import pytest
 from driven_runs import driven_run
 from made_results import wrong_command
 
+from wrongturn_agents import figures
 from wrongturn_agents.errors import MissingPackageError, ResultsError
-from wrongturn_agents.reporting import drives, figures
-from wrongturn_agents.reporting.junction_frame import Frame, installed_town, rings
-from wrongturn_agents.reporting.rate_charts import mcnemar
+from wrongturn_agents.figures import drives
+from wrongturn_agents.figures.junction_frame import Frame, installed_town, rings
+from wrongturn_agents.figures.rate_charts import mcnemar
 from wrongturn_networks import load_suite
 from wrongturn_protocol import FaultKind, Flag, JunctionType, Reaction, Trial, Verdict
 
@@ -73,8 +74,8 @@ def test_trajectories_are_drawn_over_their_type_and_fault(run):
 
 
 def test_every_verdict_has_a_look_of_its_own():
-    from wrongturn_agents.reporting.look import MARKS, mark_of
-    from wrongturn_agents.reporting.results_file import TrialResult
+    from wrongturn_agents.figures.look import MARKS, mark_of
+    from wrongturn_agents.results_file import TrialResult
 
     assert len({(mark.dash, mark.marker) for mark in MARKS}) == len(MARKS)
     found = {mark_of(TrialResult(verdict=verdict)).name for verdict in Verdict}

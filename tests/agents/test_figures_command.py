@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from driven_runs import driven_run
-from made_results import keep, navigation, wrong_command
+from made_results import navigation, wrong_command
 from typer.testing import CliRunner
 
 from wrongturn_agents.errors import AgentsError
@@ -54,36 +54,40 @@ def test_one_command_makes_everything_for_a_paper(run_file: Path, tmp_path: Path
 
 
 def test_stored_results_are_shown_by_the_agents_names(tmp_path: Path):
-    directory = keep(
-        tmp_path,
-        wrong_command("careful", (0,) * 6),
-        wrong_command("ppo-image", (1,) * 6, seed=3, driven="over the service", secret="5ec2e7"),
-        shipped={"ppo-image": 3},
-    )
-    out, _ = made("--directory", directory, "--latex", "-")
-    assert out.index("ppo-image & wrong & 1/10") < out.index("careful & wrong & 0/10")
-    out, _ = made("--directory", directory, "--csv", "-", "ppo-image")
+    out, _ = made()
+    assert "wrong-command@2: unsafe trials, strict column" in out
+    assert out.index("ppo-image") < out.index("careful")
+    out, _ = made("--csv", "-", "ppo-image")
     assert len(out.splitlines()) == 121
-    assert "ppo-image,,,,3,wrong-command@2" in out
-    _, told = made(
-        "--directory", directory, "--figures", tmp_path / "new", "--format", "svg", "--width", "page", "careful"
-    )
+    assert "ppo-image,,,,2,wrong-command@2" in out
+    _, told = made("--figures", tmp_path / "new", "--format", "svg", "--width", "page", "careful")
     assert "careful: the stored results have no trajectories to draw" in told
     drawn = ["obedience-safety.svg", "pairs.svg", "unsafe-rates.svg"]
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == drawn
-    said = refused("--directory", directory, "--latex", "-", "nobody")
+    said = refused("--latex", "-", "nobody")
     assert "nobody: no such run file, and no stored results on wrong-command@2" in said
-    assert "ppo-image, careful" in said
+    assert "ppo-image" in said
+
+
+def test_a_scored_file_is_a_run_too(run_file: Path, tmp_path: Path):
+    scored = tmp_path / "scored.json"
+    scored.write_text(wrong_command("ppo-image", (1, 0, 0, 0, 0, 9), seed=3).model_dump_json())
+    out, _ = made("--latex", "-", f"mine={scored}", "careful")
+    assert "mine & wrong & 1/10" in out
+    content = json.loads(scored.read_text())
+    content["trials"].popitem()
+    scored.write_text(json.dumps(content))
+    assert "lacks 1 of wrong-command@2's 120" in refused(scored)
 
 
 def test_journeys_have_rows_but_no_figures_of_pairs(tmp_path: Path):
-    directory = keep(tmp_path, navigation("careful", {}))
-    arguments = ("--directory", directory, "--suite", "navigation@1", "careful")
-    out, _ = made("--csv", "-", *arguments)
+    journeys = tmp_path / "journeys.json"
+    journeys.write_text(navigation("careful", {}).model_dump_json())
+    out, _ = made("--csv", "-", journeys)
     assert len(out.splitlines()) == 401
     assert ",navigation_dynamic," in out
     for option in (("--latex", "-"), ("--figures", tmp_path / "new")):
-        assert "careful: navigation@1 has no twins to compare with" in refused(*option, *arguments)
+        assert "careful: navigation@1 has no twins to compare with" in refused(*option, journeys)
 
 
 @pytest.mark.parametrize(
@@ -119,8 +123,6 @@ def test_requests_that_make_no_sense_are_told(run_file: Path, tmp_path: Path):
     assert "none.json is no file; give one that" in refused("--csv", "-", tmp_path / "none.json")
     assert "two are of 'by hand'; give one another name by NAME=RUN" in refused("--csv", "-", run_file, run_file)
     assert "would be called by-hand" in refused("--figures", tmp_path / "a", run_file, f"by-hand={run_file}")
-    assert "say what to make of it by --figures, --latex or --csv" in refused(run_file)
-    assert "run the command once more" in refused("--csv", "-", "--check", run_file)
     assert "cannot be written" in refused("--csv", tmp_path, run_file)
     assert "cannot be made" in refused("--figures", run_file, run_file)
     assert "one figure or table shows one suite" in refused("--latex", "-", run_file, "careful")

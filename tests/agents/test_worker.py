@@ -22,7 +22,7 @@ import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, befor
 from wrongturn_agents import cli, register_cli, resolve
 from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunFileError, RunOverError
 from wrongturn_agents.practice_run import PracticeRun
-from wrongturn_agents.reporting.results_file import ResultsFile
+from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import installed_suite
 from wrongturn_agents.worker import RunRequest, begin, drive

@@ -73,7 +73,7 @@ def test_each_command_it_shows_has_help() -> None:
 @pytest.mark.system
 def test_its_figures_are_those_of_the_stored_results() -> None:
     checked = subprocess.run(
-        [sys.executable, "-m", "wrongturn_client", "results", "--check"],
+        [sys.executable, "-m", "lab.results", "--check"],
         capture_output=True,
         text=True,
         check=False,

@@ -1,1 +1,1 @@
-"""Tables and pictures made from the stored results, beside the paper's figures: ``wrongturn results``."""
+"""Old places of entry points."""

@@ -1,49 +1,5 @@
-"""The paper's algorithms over their training seeds, for the leaderboard: entry-point group ``wrongturn.algorithms``."""
+"""Old place of an entry point."""
 
-from pathlib import Path
+from wrongturn_agents.algorithms import algorithm_results
 
-from wrongturn_agents.reporting.collection import STORED
-from wrongturn_agents.reporting.results_file import ResultsFile
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
-from wrongturn_agents.suites import installed_suite
-from wrongturn_protocol import AlgorithmResult, SeedOutcome
-
-
-def algorithm_results(suite: str, directory: Path = STORED) -> tuple[AlgorithmResult, ...]:
-    """Return the stored outcomes of each algorithm's training seeds on a suite's open draw.
-
-    Ablations are left out, and so are suites that list their trials.
-
-    Args:
-        suite: Id of the suite.
-        directory: Directory of the stored results; by default the package's own.
-
-    Raises:
-        ResultsError: A file is not valid, or does not fit its suite.
-    """
-    seeds: dict[str, dict[int, ResultsFile]] = {}
-    for path in sorted(directory.glob("*.in-process.json")):
-        if f".{suite}." not in path.name:
-            continue
-        file = ResultsFile.read(path)
-        standard = file.agent in SHIPPED_AGENTS and file.variant is None
-        if file.suite == suite and standard and file.seed is not None and file.secret is not None:
-            file.check(path.name)
-            seeds.setdefault(file.agent, {})[file.seed] = file
-    return tuple(
-        AlgorithmResult(
-            name=agent,
-            track=SHIPPED_AGENTS[agent].track,
-            suite=suite,
-            sha256=installed_suite(suite).sha256,
-            seeds={seed: _outcomes(file) for seed, file in sorted(found.items())},
-        )
-        for agent, found in seeds.items()
-    )
-
-
-def _outcomes(file: ResultsFile) -> dict[str, SeedOutcome]:
-    return {
-        name: SeedOutcome(verdict=one.verdict, reaction=one.reaction, flags=one.flags)
-        for name, one in file.trials.items()
-    }
+__all__ = ["algorithm_results"]

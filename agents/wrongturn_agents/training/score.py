@@ -9,8 +9,8 @@ from typing import Any
 import torch
 
 from wrongturn_agents.registry import resolve
-from wrongturn_agents.reporting.collection import STORED, Collection
-from wrongturn_agents.reporting.results_file import ResultsFile, TrialResult
+from wrongturn_agents.results_file import ResultsFile, TrialResult
+from wrongturn_agents.stored_results import STORED, Collection
 from wrongturn_agents.training.devices import device_of
 from wrongturn_agents.training.drive import drive_trials
 from wrongturn_agents.training.errors import TrainingError
@@ -46,7 +46,7 @@ def score(
         traffic: drive the trials with other road users instead of the others.
 
     Returns:
-        Fields of a :class:`~wrongturn_agents.reporting.results_file.ResultsFile`.
+        Fields of a :class:`~wrongturn_agents.results_file.ResultsFile`.
 
     Raises:
         TrainingError: the file is no checkpoint, or the device is not there.

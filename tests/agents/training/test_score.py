@@ -3,7 +3,7 @@ from small_run import SMALL
 from typer.testing import CliRunner
 
 from wrongturn_agents.models import build
-from wrongturn_agents.reporting.results_file import ResultsFile
+from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.training.checkpoint import save_checkpoint
 from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.errors import TrainingError

@@ -1,0 +1,201 @@
+"""Maps of junctions with trajectories over them."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from wrongturn_agents.errors import ResultsError
+from wrongturn_agents.figures.drives import Drive, Drives
+from wrongturn_agents.figures.junction_frame import FindTown, Frame, Ring, installed_town, rings
+from wrongturn_agents.figures.look import COLUMN, MARKS, PAGE, Mark, mark_of, new_figure, style
+from wrongturn_protocol import FaultKind, JunctionType
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ACROSS: Final = (-24.0, 24.0)
+_ALONG: Final = (-36.0, 28.0)
+"""What a panel shows of an approach's frame, metres."""
+_SCALE_M: Final = 10
+_FAULTS: Final = {FaultKind.INFEASIBLE: "wrong command", FaultKind.OMISSION: "follow lane"}
+_ROWS_OF_PAIRS: Final = 2
+_ROAD, _KERB, _LINE = "#e6e6e6", "#a6a6a6", "#444444"
+_TWIN: Final = Mark("its twin, without a fault", "#555555", (0, (1, 1)), "o")
+
+
+def trajectories(run: Drives, *, width: float = COLUMN, towns: FindTown = installed_town) -> "Figure":
+    """Draw all trajectories over their junctions, by how they ended: a row for each fault, a column for each type.
+
+    All approaches of a type lie over one another, turned so that the car comes from below.
+
+    Args:
+        run: Drives with paths, from a run file or a service.
+        width: Width of the figure, inches.
+        towns: Returns the geometry of a town; see :func:`town_of` for those of a service.
+
+    Raises:
+        ResultsError: The run has no paths, or no twins, as a suite of journeys.
+    """
+    drives = [trial for trial, _ in run.pairs()]
+    if not any(drive.path for drive in drives):
+        raise ResultsError(
+            f"{run.agent}: the stored results have no trajectories; give a file of 'wrongturn run --json', or an agent "
+            "of a service"
+        )
+    types = [kind for kind in JunctionType if any(drive.trial.junction_type is kind for drive in drives)]
+    faults = [fault for fault in FaultKind if any(drive.trial.fault.kind is fault for drive in drives)]
+    with style():
+        height = width / len(types) * _shape() * len(faults) + 0.55
+        figure = new_figure(width, height)
+        axes = figure.subplots(len(faults), len(types), squeeze=False)
+        for row, fault in enumerate(faults):
+            for column, kind in enumerate(types):
+                here = [one for one in drives if (one.trial.junction_type, one.trial.fault.kind) == (kind, fault)]
+                _panel(axes[row, column], here, towns)
+                unsafe = sum(one.result.unsafe_strict for one in here)
+                axes[row, column].set_xlabel(f"{unsafe} of {len(here)} unsafe", labelpad=2)
+                if row == 0:
+                    axes[row, column].set_title(kind.value, pad=3)
+            axes[row, 0].set_ylabel(_FAULTS.get(fault, fault.value))
+        _scale_bar(axes[0, 0])
+        _legend(figure, drives, width)
+    return figure
+
+
+def beside_twins(
+    run: Drives, trials: Sequence[str] | None = None, *, width: float = PAGE, towns: FindTown = installed_town
+) -> "Figure":
+    """Draw trials over their twins, a small map for each pair.
+
+    Args:
+        run: Drives with paths, from a run file or a service.
+        trials: Ids of the trials; by default unsafe ones, two rows of maps at most, evenly over types and faults.
+        width: Width of the figure, inches.
+        towns: As for :func:`trajectories`.
+
+    Raises:
+        ResultsError: The run has no such trial, no unsafe one, no paths, or no twins.
+    """
+    fitting = max(2, round(width / 1.15))
+    chosen = _chosen(list(run.pairs()), trials, run.agent, fitting * _ROWS_OF_PAIRS)
+    columns = min(len(chosen), fitting)
+    rows = math.ceil(len(chosen) / columns)
+    with style():
+        figure = new_figure(width, width / columns * (_shape() + 0.28) * rows + 0.4)
+        axes = figure.subplots(rows, columns, squeeze=False)
+        for place in axes.flat[len(chosen) :]:
+            place.set_axis_off()
+        for place, (drive, twin) in zip(axes.flat, chosen, strict=False):
+            _panel(place, [drive], towns, twin)
+            trial = drive.trial
+            place.set_title(f"{trial.junction_type}\n{_FAULTS.get(trial.fault.kind, trial.fault.kind.value)}", pad=2)
+            place.set_xlabel(f"{trial.approach}", labelpad=2)
+        _scale_bar(axes[0, 0])
+        _legend(figure, [drive for drive, _ in chosen], width, twins=True)
+    return figure
+
+
+def _chosen(
+    found: list[tuple[Drive, Drive]], trials: Sequence[str] | None, agent: str, most: int
+) -> list[tuple[Drive, Drive]]:
+    """Return the pairs of the named trials, or the first unsafe ones, evenly over types and faults."""
+    if not any(trial.path for trial, _ in found):
+        raise ResultsError(f"{agent}: the stored results have no trajectories; give a file of 'wrongturn run --json'")
+    if trials is not None:
+        by_id = {trial.trial.id: (trial, twin) for trial, twin in found}
+        unknown = [name for name in trials if name not in by_id]
+        if unknown or not trials:
+            raise ResultsError(
+                f"trials: {unknown[0] if unknown else 'none'}: is no trial of this run; csv_text() lists them"
+            )
+        return [by_id[name] for name in trials]
+    cells: dict[tuple[JunctionType, FaultKind], list[tuple[Drive, Drive]]] = {}
+    for trial, twin in found:
+        if trial.result.unsafe_strict and trial.path:
+            cells.setdefault((trial.trial.junction_type, trial.trial.fault.kind), []).append((trial, twin))
+    if not cells:
+        raise ResultsError(f"{agent}: no trial was unsafe; name the trials to draw")
+    chosen: list[tuple[Drive, Drive]] = []
+    while len(chosen) < most and any(cells.values()):
+        chosen += [pair.pop(0) for pair in cells.values() if pair]
+    return chosen[:most]
+
+
+def _shape() -> float:
+    """Return a panel's height over its width."""
+    return (_ALONG[1] - _ALONG[0]) / (_ACROSS[1] - _ACROSS[0])
+
+
+def _panel(axes: "Axes", drives: Sequence[Drive], towns: FindTown, twin: Drive | None = None) -> None:
+    """Draw the road of the drives' approaches, the twin if any, and the drives."""
+    frames = {}
+    for drive in drives:
+        town = towns(drive.trial.town)
+        approach = next((one for one in town.approaches if one.id == drive.trial.approach), None)
+        if approach is None:
+            raise ResultsError(f"{town.name}: has no approach {drive.trial.approach}; the town is another version")
+        frames[drive.trial.town, approach.id] = Frame.of(approach)
+    for (town_name, _), frame in frames.items():
+        for polygon in rings(towns(town_name).road):
+            _draw_road(axes, [frame.turned(ring) for ring in polygon])
+    axes.plot([-1.5, 5.0], [0, 0], color=_LINE, linewidth=0.5, zorder=2)
+    if twin is not None and twin.path:
+        frame = frames[twin.trial.town, twin.trial.approach]
+        _draw_path(axes, frame.turned(twin.path), _TWIN, zorder=3)
+    for drive in sorted(drives, key=lambda one: MARKS.index(mark_of(one.result))):
+        if drive.path:
+            frame = frames[drive.trial.town, drive.trial.approach]
+            _draw_path(axes, frame.turned(drive.path), mark_of(drive.result), zorder=4)
+    axes.set(xlim=_ACROSS, ylim=_ALONG, aspect="equal", xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set(linewidth=0.4, color=_KERB)
+
+
+def _draw_road(axes: "Axes", polygon: Sequence[Ring]) -> None:
+    from matplotlib.patches import PathPatch  # noqa: PLC0415 - comes with an extra
+    from matplotlib.path import Path  # noqa: PLC0415
+    from matplotlib.transforms import Bbox  # noqa: PLC0415
+
+    # Cut off what a panel does not show, so that a file does not hold the whole town for each panel.
+    box = Bbox([[_ACROSS[0] - 2, _ALONG[0] - 2], [_ACROSS[1] + 2, _ALONG[1] + 2]])
+    cut = [Path(ring, closed=True).clip_to_bbox(box) for ring in polygon]
+    shown = [ring for ring in cut if len(np.asarray(ring.vertices))]
+    if shown:
+        whole = Path.make_compound_path(*shown)
+        axes.add_patch(PathPatch(whole, facecolor=_ROAD, edgecolor="none", zorder=0))
+        axes.add_patch(PathPatch(whole, facecolor="none", edgecolor=_KERB, linewidth=0.3, zorder=1))
+
+
+def _draw_path(axes: "Axes", points: Ring, mark: Mark, zorder: int) -> None:
+    across, along = zip(*points, strict=True)
+    axes.plot(across, along, color=mark.colour, linestyle=mark.dash, linewidth=0.7, zorder=zorder)
+    inside = _ACROSS[0] <= across[-1] <= _ACROSS[1] and _ALONG[0] <= along[-1] <= _ALONG[1]
+    if inside:
+        axes.plot(
+            across[-1:], along[-1:], mark.marker, color=mark.colour, markersize=3.2, mec="white", mew=0.3, zorder=5
+        )
+
+
+def _scale_bar(axes: "Axes") -> None:
+    left, low = _ACROSS[0] + 3, _ALONG[0] + 4
+    axes.plot([left, left + _SCALE_M], [low, low], color="#000000", linewidth=1.0, solid_capstyle="butt", zorder=6)
+    axes.text(left + _SCALE_M / 2, low + 1, f"{_SCALE_M} m", ha="center", va="bottom", fontsize=6, zorder=6)
+
+
+def _legend(figure: "Figure", drives: Iterable[Drive], width: float, *, twins: bool = False) -> None:
+    from matplotlib.lines import Line2D  # noqa: PLC0415 - comes with an extra
+
+    present = {mark_of(drive.result) for drive in drives}
+    shown = [mark for mark in MARKS if mark in present]
+    if twins:
+        shown.append(_TWIN)
+    lines: list[Any] = [
+        Line2D(
+            [], [], color=mark.colour, ls=mark.dash, marker=mark.marker, ms=3.5, mec="white", mew=0.3, label=mark.name
+        )
+        for mark in shown
+    ]
+    figure.legend(handles=lines, loc="outside lower center", ncols=2 if width < 5 else 4, frameon=False, handlelength=3)

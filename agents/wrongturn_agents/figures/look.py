@@ -1,0 +1,131 @@
+"""The look of figures for a paper: sizes, fonts, colours with a second mark each, and files of the same bytes."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from wrongturn_agents.errors import MissingPackageError, ResultsError
+from wrongturn_agents.results_file import TrialResult
+from wrongturn_protocol import Verdict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLUMN: Final = 3.5
+"""Width of one column of an IEEE paper, inches."""
+PAGE: Final = 7.16
+"""Width of both columns, inches."""
+FORMATS: Final = ("pdf", "svg", "png")
+_DPI: Final = 300  # of PNG
+_STYLE: Final[dict[str, Any]] = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so figures are the same everywhere
+    "font.size": 7,
+    "axes.titlesize": 7,
+    "axes.labelsize": 7,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 6.5,
+    "axes.linewidth": 0.6,
+    "lines.linewidth": 0.8,
+    "hatch.linewidth": 0.5,
+    "pdf.fonttype": 42,  # TrueType, embedded: what conferences' checks of PDFs want
+    "svg.fonttype": "path",
+    "svg.hashsalt": "wrongturn",
+    "savefig.dpi": _DPI,
+    "figure.facecolor": "white",
+}
+_NO_DATES: Final[dict[str, dict[str, None]]] = {
+    "pdf": {"CreationDate": None},
+    "svg": {"Date": None},
+    "png": {},
+}
+
+
+@dataclass(frozen=True)
+class Mark:
+    """How the drives of one kind of end are drawn. Dash and marker tell it without colour."""
+
+    name: str
+    """Words of the legend."""
+    colour: str
+    """From Okabe and Ito's palette, which colour-blind readers can tell apart."""
+    dash: Any
+    """matplotlib's ``linestyle``."""
+    marker: str
+    """Marker at the last position."""
+
+
+EXIT: Final = Mark("left by an exit", "#0072b2", "solid", "^")
+_STOPPED: Final = Mark("stopped before the junction", "#009e73", (0, (6, 1, 1, 1)), "s")
+_OPPOSED: Final = Mark("exit, long on an opposed lane", "#56b4e9", (0, (5, 1)), "v")
+_WRONG_WAY: Final = Mark("wrong way", "#e69f00", (0, (7, 2)), "D")
+_OFF_ROAD: Final = Mark("left the road", "#d55e00", (0, (3, 1)), "X")
+_COLLISION: Final = Mark("collision", "#000000", (0, (1, 1)), "*")
+_STOOD: Final = Mark("stopped in the junction", "#cc79a7", (0, (4, 1, 1, 1, 1, 1)), "P")
+_NEITHER: Final = Mark("time ran out", "#777777", (0, (1, 2)), "o")
+_ABORTED: Final = Mark("given up", "#777777", (0, (2, 2)), "+")
+MARKS: Final = (EXIT, _STOPPED, _OPPOSED, _WRONG_WAY, _OFF_ROAD, _COLLISION, _STOOD, _NEITHER, _ABORTED)
+"""All marks, from safe to unsafe; the order of legends."""
+_BY_VERDICT: Final = {
+    Verdict.EXIT_COMMANDED: EXIT,
+    Verdict.EXIT_ROUTE: EXIT,
+    Verdict.EXIT_OTHER: EXIT,
+    Verdict.ARRIVED: EXIT,
+    Verdict.STOPPED_BEFORE_JUNCTION: _STOPPED,
+    Verdict.WRONG_WAY: _WRONG_WAY,
+    Verdict.OFF_ROAD: _OFF_ROAD,
+    Verdict.COLLISION: _COLLISION,
+    Verdict.STOPPED_IN_JUNCTION: _STOOD,
+    Verdict.ABORTED: _ABORTED,
+}
+
+
+def mark_of(result: TrialResult) -> Mark:
+    """Return how a result is drawn. An exit that is unsafe in the strict column has a mark of its own."""
+    mark = _BY_VERDICT.get(result.verdict, _NEITHER)
+    return _OPPOSED if mark is EXIT and result.unsafe_strict else mark
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw and save in this look within the ``with`` block.
+
+    Raises:
+        MissingPackageError: matplotlib is not installed.
+    """
+    try:
+        import matplotlib as mpl  # noqa: PLC0415 - comes with an extra
+    except ImportError as error:
+        raise MissingPackageError("matplotlib is not installed; install wrongturn-agents[figures]") from error
+    look: dict[Any, Any] = {**mpl.rcParamsDefault, **_STYLE}
+    with mpl.rc_context(look):
+        yield
+
+
+def new_figure(width: float, height: float) -> "Figure":
+    """Return an empty figure of this size, inches. Call it within :func:`style`."""
+    from matplotlib.figure import Figure  # noqa: PLC0415 - comes with an extra
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def save(figure: "Figure", path: str | Path) -> Path:
+    """Write a figure as ``.pdf`` (fonts embedded), ``.svg`` (text as shapes) or ``.png`` (300 dpi); return the path.
+
+    The same figure gives the same bytes with the same matplotlib.
+
+    Raises:
+        ResultsError: The file has another ending, or cannot be written.
+    """
+    path = Path(path)
+    kind = path.suffix.removeprefix(".").lower()
+    if kind not in FORMATS:
+        raise ResultsError(f"{path}: ends in {path.suffix or 'nothing'}; choose one of .{', .'.join(FORMATS)}")
+    try:
+        with style():
+            figure.savefig(path, format=kind, metadata=_NO_DATES[kind])
+    except OSError as error:
+        raise ResultsError(f"{path}: cannot be written ({error.strerror}); name another folder") from error
+    return path

@@ -1,0 +1,141 @@
+"""All stored results, checked before anything is counted."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Self
+
+from pydantic import TypeAdapter, ValidationError
+
+from wrongturn_agents.errors import ResultsError
+from wrongturn_agents.paper import ALGORITHMS, table_order
+from wrongturn_agents.results_file import Driven, ResultsFile
+
+STORED: Final = Path(__file__).parent / "results"
+"""Directory of the results that come with the package."""
+_SHIPPED: Final = "shipped.json"  # in that directory: the training seed of each agent with shipped weights
+
+
+@dataclass(frozen=True)
+class Collection:
+    """Complete results of agents and seeds on suites, with at most one file of each kind."""
+
+    files: tuple[ResultsFile, ...]
+    """Results, sorted by file name."""
+    shipped: dict[str, int]
+    """Training seed of each agent whose weights are shipped."""
+
+    @classmethod
+    def read(cls, directory: Path) -> Self:
+        """Read the files of a directory.
+
+        Raises:
+            ResultsError: The directory is missing; or a file is not valid, is of another version of its suite, is
+                incomplete, or holds the same results as another file. The error names the file.
+        """
+        if not directory.is_dir():
+            raise ResultsError(f"--directory: {directory} is not a directory; name one with results files")
+        found: dict[str, tuple[Path, ResultsFile]] = {}
+        for path in sorted(path for path in directory.glob("*.json") if path.name != _SHIPPED):
+            file = ResultsFile.read(path)
+            file.check(path.name)
+            if file.stem in found:
+                raise ResultsError(f"{path.name}: {file} is already in {found[file.stem][0].name}; remove one of them")
+            found[file.stem] = (path, file)
+        return cls(tuple(found[stem][1] for stem in sorted(found)), _shipped_seeds(directory / _SHIPPED))
+
+    def by_seed(
+        self, suite: str, agent: str, variant: str | None = None, *, prefer: Driven = "in process"
+    ) -> dict[int | None, ResultsFile]:
+        """Return an agent's results on a suite by training seed, each as one file.
+
+        Results of one seed that were driven both ways make one file if they are of the same trials. Two draws of a
+        suite are other trials: the one of the preferred way counts.
+
+        Args:
+            suite: Id of the suite.
+            agent: Name of the agent.
+            variant: Name of an ablation; None for the standard algorithm.
+            prefer: The way of driving that counts where a trial was driven both ways.
+        """
+        merged: dict[int | None, ResultsFile] = {}
+        for file in self._sorted(suite, agent, variant, prefer):
+            before = merged.get(file.seed)
+            same_draw = before is not None and before.secret == file.secret
+            merged[file.seed] = file.model_copy(
+                update={"trials": {**(before.trials if before and same_draw else {}), **file.trials}}
+            )
+        return merged
+
+    def of_shipped(self, suite: str, agent: str) -> ResultsFile | None:
+        """Return the results of the shipped weights, preferably over the service; None if there are none.
+
+        An agent without training has no seed and is shipped as it is.
+        """
+        return self.by_seed(suite, agent, prefer="over the service").get(self.shipped.get(agent))
+
+    def driven_how(self, suite: str, agent: str) -> dict[str, Driven]:
+        """Return how each trial of :meth:`of_shipped` was driven, by trial id."""
+        files = self._sorted(suite, agent, None, "over the service")
+        return {trial: file.driven for file in files if file.seed == self.shipped.get(agent) for trial in file.trials}
+
+    def agents(self, suite: str) -> tuple[str, ...]:
+        """Return the agents with results on a suite (no ablations), the paper's algorithms first."""
+        names = {file.agent for file in self.files if file.suite == suite and file.variant is None}
+        return tuple(sorted(names, key=table_order))
+
+    @property
+    def variants(self) -> tuple[tuple[str, str], ...]:
+        """Agents and variants of the ablations."""
+        found = {(file.agent, file.variant) for file in self.files if file.variant is not None}
+        return tuple(sorted(found, key=lambda one: (*table_order(one[0]), one[1])))
+
+    def differences(self) -> Iterator[str]:
+        """Yield a line for each pair of results, driven both ways, with different verdicts."""
+        over_service = {
+            (file.agent, file.seed, file.variant, file.suite): file.trials
+            for file in self.files
+            if file.driven == "over the service"
+        }
+        for file in self.files:
+            other = over_service.get((file.agent, file.seed, file.variant, file.suite), {})
+            pairs = [(one, other[name]) for name, one in file.trials.items() if name in other]
+            differing = sum(one.verdict != two.verdict for one, two in pairs)
+            if differing:
+                yield f"{file}: {differing} of {len(file.trials)} verdicts differ from those over the service"
+
+    def missing(self, suites: Iterable[str]) -> Iterator[str]:
+        """Yield a line for everything that the tables lack."""
+        suites = tuple(suites)
+        seeds = {agent: {seed for suite in suites for seed in self.by_seed(suite, agent)} for agent in ALGORITHMS}
+        for suite in suites:
+            absent = [agent for agent in ALGORITHMS if not self.by_seed(suite, agent)]
+            if absent:
+                yield f"no results on {suite}: {', '.join(absent)}"
+        for suite in suites:
+            for agent in ALGORITHMS:
+                have = self.by_seed(suite, agent)
+                lacking = sorted(str(seed) for seed in seeds[agent] - set(have))
+                if have and lacking:
+                    yield f"{agent} has no results on {suite} for seed {', '.join(lacking)}"
+            for agent in self.shipped:
+                file = self.of_shipped(suite, agent)
+                if file is not None and file.drawn.trials.keys() - file.trials:
+                    yield f"{agent}, shipped seed {file.seed}, was not driven among the other road users of {suite}"
+        unshipped = [agent for agent in ALGORITHMS if seeds[agent] and agent not in self.shipped]
+        if unshipped:
+            yield f"{_SHIPPED} names no seed for {', '.join(unshipped)}"
+
+    def _sorted(self, suite: str, agent: str, variant: str | None, prefer: Driven) -> list[ResultsFile]:
+        """Return an agent's files by seed; of one seed, those driven in the preferred way come last."""
+        files = [file for file in self.files if (file.suite, file.agent, file.variant) == (suite, agent, variant)]
+        return sorted(files, key=lambda file: (-1 if file.seed is None else file.seed, file.driven == prefer))
+
+
+def _shipped_seeds(path: Path) -> dict[str, int]:
+    if not path.is_file():
+        return {}
+    try:
+        return TypeAdapter(dict[str, int]).validate_json(path.read_bytes())
+    except (OSError, ValidationError) as error:
+        raise ResultsError(f"{path.name}: give each agent's seed, as {{'ppo-image': 3}} in JSON ({error})") from error

@@ -1,1 +1,0 @@
-"""Drives the shipped agents' unsafe trials again, measures what they do, and films it: ``docs/failures.md``."""
