@@ -15,8 +15,8 @@ from lab.tables import ReportTable, Rows, label_first
 from lab.wrong_command import count_unsafe
 from wrongturn_agents.paper import label, table_order
 from wrongturn_agents.results_file import ResultsFile
-from wrongturn_agents.statistics import wilson
 from wrongturn_protocol import FaultKind
+from wrongturn_protocol.standing_rows import wilson
 
 _FOLDER: Final = "evaluations"
 _FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from wrongturn_agents.paper import PAPER_BY_NAME, label
 from wrongturn_agents.results_file import ResultsFile
-from wrongturn_agents.statistics import wilson
 from wrongturn_agents.stored_results import Collection
 from wrongturn_protocol import PAPER, PaperAgent
+from wrongturn_protocol.standing_rows import wilson
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -33,7 +33,7 @@ class ReportTable:
         """Return the table for the terminal."""
         from rich.text import Text
 
-        from wrongturn_client.plain_table import plain_table
+        from wrongturn_client.tables import plain_table
 
         table = plain_table(self.title)
         for number, name in enumerate(self.head):

@@ -29,7 +29,7 @@ from wrongturn_client import Client, WrongturnError, settings
 from wrongturn_client.invocation import program
 from wrongturn_client.run_files import run_lines
 from wrongturn_client.settings import OPERATOR_TOKEN, OWNER_TOKEN
-from wrongturn_client.tables import prospect, standing
+from wrongturn_client.tables import standing
 from wrongturn_protocol import EvaluationDetail
 from wrongturn_protocol.json_output import STDOUT, check_json_file
 
@@ -209,7 +209,7 @@ def _place(at: str, evaluation: EvaluationDetail, *, own: bool) -> str | None:
         return None
     try:
         with Client(at) as client:
-            return (prospect if own else standing)(client.leaderboard(evaluation.suite), evaluation.id)
+            return standing(client.leaderboard(evaluation.suite), evaluation.id, alone=own)
     except WrongturnError:
         return None  # the run is finished and its results are there: no place is no failure
 

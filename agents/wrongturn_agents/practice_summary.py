@@ -10,7 +10,7 @@ from rich.text import Text
 
 from wrongturn_agents.results_file import ResultsFile, TrialResult
 from wrongturn_agents.suites import SuiteTrials
-from wrongturn_client.plain_table import plain_table
+from wrongturn_client.tables import plain_table
 from wrongturn_protocol import FaultKind, Trial, Verdict
 
 _DONE: Final = {Verdict.EXIT_COMMANDED, Verdict.ARRIVED}

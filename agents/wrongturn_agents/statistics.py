@@ -1,22 +1,8 @@
 """Statistics of tables and figures."""
 
-from functools import lru_cache
-from typing import Any, Final
+from typing import Any
 
 from wrongturn_agents.errors import MissingPackageError
-
-_LEVEL: Final = 0.95
-
-
-@lru_cache(maxsize=4096)
-def wilson(count: int, trials: int) -> tuple[float, float]:
-    """Return Wilson's 95 % interval of the rate ``count / trials``.
-
-    Raises:
-        MissingPackageError: scipy is not installed.
-    """
-    interval = scipy_stats().binomtest(count, trials).proportion_ci(_LEVEL, method="wilson")
-    return float(interval.low), float(interval.high)
 
 
 def scipy_stats() -> Any:

@@ -7,8 +7,9 @@ from rich.table import Table
 from wrongturn_client.client import Client
 from wrongturn_client.errors import WrongturnError
 from wrongturn_client.plugins import LISTINGS, TOWNS, entry_points, load
-from wrongturn_client.tables import type_head
+from wrongturn_client.tables import head
 from wrongturn_protocol import Command, JunctionType
+from wrongturn_protocol.words import COMMANDS, name
 
 Listed = Literal["agents", "suites", "towns"]
 _PART = {"agents": "wrongturn-agents", "suites": "wrongturn-networks", "towns": "wrongturn-networks"}
@@ -66,8 +67,8 @@ def approaches_table(town: dict[str, Any]) -> Table:
     table = _table("type", "approach", "exits", "lane m")
     table.columns[-1].justify = "right"
     for one in town["approaches"]:
-        exits = ", ".join(Command(direction).name for direction in one["exits"])
-        table.add_row(one["type"], one["id"], exits, f"{one['lane_length']:.0f}")
+        exits = ", ".join(COMMANDS[Command(direction)] for direction in one["exits"])
+        table.add_row(name(one["type"]), one["id"], exits, f"{one['lane_length']:.0f}")
     return table
 
 
@@ -95,7 +96,7 @@ def _suites(items: list[dict[str, Any]]) -> Table:
 def _towns(items: list[dict[str, Any]]) -> Table:
     table = _table("town", "junctions")
     for kind in JunctionType:
-        table.add_column(type_head(kind), justify="right")
+        table.add_column(head(kind), justify="right")
     table.add_column("sha256")
     for item in items:
         counts = (str(item["approaches"].get(kind.value, 0)) for kind in JunctionType)

@@ -1,38 +1,27 @@
-"""Results in the layout of the reference paper: a column for each junction type, a row for each fault."""
+"""Tables for the terminal: rankings, results of an evaluation, comparisons, and sentences about a rank.
+
+``wrongturn_protocol.standing_rows`` has the columns and the texts of the cells.
+"""
 
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import textwrap
+from collections.abc import Sequence
 from typing import Final
 
-from rich.console import Console, ConsoleOptions
-from rich.measure import Measurement
+from rich import box
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from wrongturn_client.navigation_tables import navigation_leaderboard, navigation_table
-from wrongturn_client.plain_table import add_ranked, notes, plain_table, ranking_table
-from wrongturn_protocol import (
-    PAPER_TYPES,
-    Comparison,
-    FaultKind,
-    JunctionType,
-    Leaderboard,
-    LeaderboardEntry,
-    Metrics,
-    TableCell,
-)
+from wrongturn_protocol import Comparison, Leaderboard, LeaderboardEntry, Metrics
+from wrongturn_protocol.standing_rows import MARKS, Columns, Row, name_of, notes_of, rank_of
+from wrongturn_protocol.words import name
 
 WIDTH: Final = 132
 """Columns for a leaderboard; used when the output is not a terminal."""
-_ROOMY: Final = 106
-"""From this many columns on, no heading of a leaderboard is broken."""
 _BROAD: Final = 60
 """Columns of an empty table, so that the lines below it have room."""
-OLD: Final = "Junction types show the paper's column."
-"""Said below results that are too old to have strict cells."""
 _NO_ENTRY: Final = "Another evaluation of this agent is its entry on the leaderboard."
-_ROWS: Final = {FaultKind.INFEASIBLE: "wrong command", FaultKind.OMISSION: "follow lane"}
-"""The paper's words for its two faults."""
 
 
 def console(*, stderr: bool = False) -> Console:
@@ -41,64 +30,86 @@ def console(*, stderr: bool = False) -> Console:
     return plain if plain.is_terminal else Console(stderr=stderr, highlight=False, width=WIDTH)
 
 
-class Breakable:
-    """Words of a fixed column: on one line, or broken only after ``at`` on a narrow terminal.
-
-    rich narrows the widest columns, so that they lose letters. A column of these takes its longest word at most there,
-    and leaves the rest to the agents' names.
-    """
-
-    def __init__(self, words: str, at: str) -> None:
-        self._words = words
-        self._broken = words.replace(at, f"{at}\n")
-        self.min_width = max(len(line.rstrip()) for line in self._broken.split("\n"))
-
-    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
-        return Measurement(self.min_width, len(self._words) if options.max_width >= _ROOMY else self.min_width)
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
-        yield Text(self._words if options.max_width >= len(self._words) else self._broken)
+def plain_table(title: str) -> Table:
+    """Return a table without a frame, with its title and caption at the left."""
+    return Table(
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+        title=Text(title, style="bold"),
+        title_justify="left",
+        caption_justify="left",
+        caption_style="",
+    )
 
 
-def type_head(kind: JunctionType) -> Breakable:
-    """Return a junction type as the heading of a column."""
-    return Breakable(kind.value, "_")
+def head(word: str, letters: int = 8) -> str:
+    """Return a word of the vocabulary as the head of a column of counts, in lines of so many letters."""
+    return "\n".join(textwrap.wrap(name(word), letters, break_long_words=False))
 
 
 def leaderboard_table(leaderboard: Leaderboard, others: Sequence[str] = (), url: str | None = None) -> Table:
-    """Return the ranking on a suite, with a row for wrong commands and a row for "follow lane" for each agent.
-
-    ``strict`` is the count that ranks, with its rate and below it Wilson's 95% interval. The columns of junction types
-    are its parts; for results that are too old to have these, they are parts of ``paper``, the count in the paper's
-    column. ``twins done`` counts the completed trials without fault. An algorithm has its median seed's figures, and
-    below ``strict`` the lowest and highest count of its seeds.
-    A suite of journeys has CoRL 2017's layout instead: a row for each task, a column for each condition.
+    """Return the ranking on a suite, with a line for each fault, or for each task of journeys.
 
     Args:
         leaderboard: The ranking.
         others: Suites with entries, named if this one has none.
         url: URL that the commands for those name. None: they name none.
     """
-    lines = notes(leaderboard)
+    lines = _notes(leaderboard)
     if not leaderboard.entries:
         return _empty_leaderboard(leaderboard.suite, lines, others, url)
-    if any(entry.navigation for entry in leaderboard.entries):
-        table = navigation_leaderboard(leaderboard)
-    else:
-        table = _unsafe_leaderboard(leaderboard)
-    old = [entry.agent.name for entry in leaderboard.entries if entry.table and not entry.table_strict]
-    if old:
-        whose = "" if len(old) == len(leaderboard.entries) else f" for {', '.join(old)}"
-        lines.insert(0, f"{OLD[:-1]}{whose}.")
+    columns = Columns.of(leaderboard.entries)
+    entries = [
+        ([name_of(entry), entry.agent.track, *notes_of(entry)], columns.row(entry)) for entry in leaderboard.entries
+    ]
+    title = f"{leaderboard.suite}: {columns.title}"
+    table = standings_table(title, columns, entries, ranks=list(map(rank_of, leaderboard.entries)))
     if lines:
         table.caption = Text("\n".join(lines))
     return table
 
 
+def standings_table(
+    title: str, columns: Columns, entries: Sequence[tuple[Sequence[str], Row]], ranks: Sequence[str] = ()
+) -> Table:
+    """Return rows of standings, each given by the lines of its name and its figures; with ranks, these come first."""
+    table = plain_table(title)
+    table.padding = (0, 0, 0, 0)  # all of it has to fit into 80 columns
+    if ranks:
+        table.add_column("rank", justify="right", no_wrap=True)
+    # As wide as the track at least.
+    table.add_column("agent", overflow="fold", min_width=max(len(names[1]) if names[1:] else 0 for names, _ in entries))
+    _add_columns(table, columns)
+    for number, (names, row) in enumerate(entries):
+        lines = _lines(columns, row)
+        for line in range(max(len(names), len(lines))):
+            head = ["" if line else ranks[number]] * bool(ranks) + [names[line] if line < len(names) else ""]
+            table.add_row(*map(Text, (*head, *(lines[line] if line < len(lines) else ()))))
+        table.add_section()
+    return table
+
+
+def _notes(leaderboard: Leaderboard) -> list[str]:
+    """Return why agents have no rank, a line for each reason, what marks mean, and whether the suite was replaced."""
+    named: dict[str, list[str]] = {}
+    for entry in leaderboard.entries:
+        if not entry.eligible:
+            named.setdefault(entry.why_not or "not eligible", []).append(entry.agent.name)
+    lines = [
+        f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not ranked: {why}" for why, names in named.items()
+    ]
+    names = " ".join(map(name_of, leaderboard.entries))
+    lines += [f"{mark} {meaning}." for mark, meaning in MARKS.items() if mark in names]
+    if leaderboard.successor is not None:
+        lines.insert(0, f"{leaderboard.suite} is an old version; {leaderboard.successor} replaces it.")
+    return lines
+
+
 def _empty_leaderboard(suite: str, lines: Sequence[str], others: Sequence[str], url: str | None) -> Table:
     where = "" if url is None else f" --url {shlex.quote(url)}"
     commands = [f"wrongturn leaderboard {other}{where}" for other in others]
-    # Only an entry tells which of the two layouts the suite has.
     table = plain_table(suite)
     table.add_column("rank")
     # One line each, so that no command is broken.
@@ -108,34 +119,56 @@ def _empty_leaderboard(suite: str, lines: Sequence[str], others: Sequence[str], 
     return table
 
 
-def _unsafe_leaderboard(leaderboard: Leaderboard) -> Table:
-    types = _types(leaderboard.entries)
-    table = ranking_table(f"{leaderboard.suite}: unsafe episodes", leaderboard.entries)
-    _result_columns(table, types)
-    for entry in leaderboard.entries:
-        add_ranked(table, entry, _result_rows(entry, types))
+def evaluation_table(title: str, metrics: Metrics) -> Table:
+    """Return the results of one agent's finished evaluation, in the layout of the leaderboard.
+
+    Journeys have two columns for each condition, in percent: those that reached their goal in time, and those that also
+    had no infraction.
+    """
+    columns = Columns.of([metrics])
+    table = plain_table(f"{title}: {columns.title}")
+    if metrics.navigation is None:
+        _add_columns(table, columns)
+        for texts in _lines(columns, columns.row(metrics)):
+            table.add_row(*map(Text, texts))
+    else:
+        table.add_column(columns.line.lower())
+        for part in columns.parts:
+            for words in (head(part), "clean"):
+                table.add_column(words, justify="right", min_width=max(map(len, words.split("\n"))))
+        both = zip(columns.lines, columns.row(metrics).parts, columns.clean(metrics), strict=True)
+        for line, success, clean in both:
+            table.add_row(
+                *map(Text, (name(line), *(text for pair in zip(success, clean, strict=True) for text in pair)))
+            )
+    if lines := _below(metrics):
+        table.caption = Text("\n".join(lines))
     return table
 
 
-def evaluation_table(name: str, metrics: Metrics) -> Table:
-    """Return the results of one agent's finished evaluation, in the layout of the leaderboard."""
-    if metrics.navigation is not None:
-        return navigation_table(name, metrics.navigation)
-    types = _types([metrics])
-    table = plain_table(f"{name}: unsafe episodes")
-    _result_columns(table, types)
-    for row in _result_rows(metrics, types):
-        table.add_row(*row)
-    column, lines = ("strict", []) if metrics.table_strict else ("paper's", [OLD])
+def _below(metrics: Metrics) -> list[str]:
+    """Return the figures that have no column."""
+    lines = []
     if (excess := metrics.excess_unsafe_rate) is not None:
         low, high = excess.ci95
         lines.append(
-            f"{column} rate minus the twins' rate: {100 * excess.value:+.0f} points, "
-            f"95% CI [{100 * low:+.0f}, {100 * high:+.0f}], p = {excess.p:.2g}"
+            f"strict rate minus the twins' rate: {100 * excess.value:+.0f} points, "
+            f"95 % interval [{100 * low:+.0f}, {100 * high:+.0f}], p = {excess.p:.2g}"
         )
-    if lines:
-        table.caption = Text("\n".join(lines))
-    return table
+    if metrics.navigation is not None:
+        total = metrics.navigation.total
+        low, high = total.ci95
+        lines.append(
+            f"{total.success} of {total.episodes} reached their goal, 95 % interval "
+            f"[{100 * low:.0f}, {100 * high:.0f}] %; {total.clean} without any infraction; "
+            f"{100 * total.completion:.0f} % of the way was covered"
+        )
+        if (rate := total.per_km) is not None:
+            lines.append(
+                f"for each of {total.distance:.1f} km: {rate.off_road:.2f} times off the road, "
+                f"{rate.wrong_lane:.2f} in an oncoming lane, {rate.collisions:.2f} collisions"
+            )
+    return lines
 
 
 def comparison_table(comparison: Comparison) -> Table:
@@ -146,8 +179,8 @@ def comparison_table(comparison: Comparison) -> Table:
         table.add_column(Text(agent.name), justify="right", overflow="fold")
     for one in comparison.strata:
         parts = (one.junction_type or one.task, one.fault or one.condition)
-        name = ", ".join(part.value for part in parts if part is not None)
-        table.add_row(*map(Text, (name, *(f"{cell.unsafe}/{cell.trials}" for cell in (one.a, one.b)))))
+        what = ", ".join(name(part) for part in parts if part is not None)
+        table.add_row(*map(Text, (what, *(f"{cell.unsafe}/{cell.trials}" for cell in (one.a, one.b)))))
     totals = (f"{cell.unsafe}/{cell.trials}" for cell in (comparison.total_a, comparison.total_b))
     table.add_section()
     table.add_row(*map(Text, ("all", *totals)))
@@ -155,31 +188,26 @@ def comparison_table(comparison: Comparison) -> Table:
     return table
 
 
-def standing(leaderboard: Leaderboard, evaluation: str) -> str:
-    """Return a sentence about an evaluation's place: its rank and the interval that decides it, or why it has none."""
-    entry = _entry(leaderboard, evaluation)
+def standing(leaderboard: Leaderboard, evaluation: str, *, alone: bool = False) -> str:
+    """Return a sentence about an evaluation's place: its rank and the interval that decides it, or why it has none.
+
+    Args:
+        leaderboard: The ranking.
+        evaluation: Id of the evaluation.
+        alone: Whether the service has no other agents; the sentence then says whether the agent would be ranked.
+    """
+    entry = next((entry for entry in leaderboard.entries if entry.evaluation == evaluation), None)
     if entry is None:
         return _NO_ENTRY
-    if entry.rank is None:
-        return f"Not ranked: {entry.why_not or 'not eligible'}"
     track = entry.agent.track
+    if entry.rank is None:
+        why = entry.why_not or "not eligible"
+        return f"Would not be ranked on {leaderboard.suite}: {why}" if alone else f"Not ranked: {why}"
+    if alone:
+        return f"Would be ranked on {leaderboard.suite} in the {track} track{_strict(entry)}"
     ranked = sum(other.rank is not None and other.agent.track is track for other in leaderboard.entries)
     tied = f", tied with {_enumerated(entry.tied_with)}" if entry.tied_with else ""
     return f"Rank {entry.rank} of {ranked} in the {track} track{tied}{_strict(entry)}"
-
-
-def prospect(leaderboard: Leaderboard, evaluation: str) -> str:
-    """Return whether an agent with an evaluation's results would have a rank on a service that stays, and why not."""
-    entry = _entry(leaderboard, evaluation)
-    if entry is None:
-        return _NO_ENTRY
-    if entry.rank is None:
-        return f"Would not be ranked on {leaderboard.suite}: {entry.why_not or 'not eligible'}"
-    return f"Would be ranked on {leaderboard.suite} in the {entry.agent.track} track{_strict(entry)}"
-
-
-def _entry(leaderboard: Leaderboard, evaluation: str) -> LeaderboardEntry | None:
-    return next((entry for entry in leaderboard.entries if entry.evaluation == evaluation), None)
 
 
 def _strict(entry: LeaderboardEntry) -> str:
@@ -196,54 +224,20 @@ def _enumerated(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _cells(metrics: Metrics) -> Mapping[JunctionType, Mapping[str, TableCell]]:
-    """Return the cells of the strict column, which ranks; of old results, those of the paper's."""
-    return metrics.table_strict or metrics.table
+def _add_columns(table: Table, columns: Columns) -> None:
+    """Add the columns of :func:`_lines`. Their words stay whole on a narrow terminal."""
+    longest = max((len(word) for line in columns.lines for word in name(line).split()), default=0)
+    table.add_column(columns.line.lower(), min_width=longest)
+    heads = [head(part, 7 if columns.journeys else 8) for part in columns.parts]
+    for words in (*heads, *(column.name.lower() for column in columns.figures if not column.extra)):
+        table.add_column(words, justify="right", no_wrap=True)
 
 
-def _types(results: Iterable[Metrics]) -> tuple[JunctionType, ...]:
-    """Return the paper's three types, and CROSS if any result has it."""
-    found = {kind for metrics in results for kind in _cells(metrics)}
-    return (*PAPER_TYPES, *(kind for kind in JunctionType if kind not in PAPER_TYPES and kind in found))
-
-
-def _result_columns(table: Table, types: Sequence[JunctionType]) -> None:
-    table.add_column("command")
-    for kind in types:
-        head = type_head(kind)
-        table.add_column(head, justify="right", min_width=head.min_width)
-    table.add_column("strict\n95% CI", justify="right", no_wrap=True)
-    table.add_column("paper", justify="right", no_wrap=True)
-    table.add_column("twins\ndone", justify="right", no_wrap=True)
-
-
-def _range(metrics: Metrics) -> str:
-    """Return the interval of the strict rate; of an algorithm, the lowest and highest count of its seeds."""
-    if isinstance(metrics, LeaderboardEntry) and metrics.seeds is not None:
-        spread = metrics.seeds.unsafe_strict
-        return f"[{spread.lowest}–{spread.highest}]"
-    low, high = metrics.unsafe_strict.ci95
-    return f"[{100 * low:.0f}, {100 * high:.0f}]%"
-
-
-def _result_rows(metrics: Metrics, types: Sequence[JunctionType]) -> list[tuple[Text | Breakable, ...]]:
-    """Return a row for each fault; the totals are in the first, the interval in the second."""
-    parts = _cells(metrics)
-    present = {fault for cells in parts.values() for fault in cells}
-    faults = [fault for fault in FaultKind if fault in present or fault in _ROWS]
-    strict, paper, twins = metrics.unsafe_strict, metrics.unsafe, metrics.twins
-    totals = {
-        0: (
-            f"{strict.count}/{strict.trials} {100 * strict.rate:.0f}%",
-            f"{paper.count}/{paper.trials}",
-            f"{twins.completed}/{twins.trials}",
-        ),
-        1: (_range(metrics), "", ""),
-    }
-    rows: list[tuple[Text | Breakable, ...]] = []
-    for number, fault in enumerate(faults):
-        cells = [parts.get(kind, {}).get(fault) for kind in types]
-        texts = [f"{cell.unsafe}/{cell.trials}" if cell is not None else "-" for cell in cells]
-        command = Breakable(_ROWS.get(fault, fault.value), " ")
-        rows.append((command, *map(Text, (*texts, *totals.get(number, ("", "", ""))))))
-    return rows
+def _lines(columns: Columns, row: Row) -> list[tuple[str, ...]]:
+    """Return a row for each fault or task. The first has the figures, the second their intervals."""
+    shown = [one for column, one in zip(columns.figures, row.figures, strict=True) if not column.extra]
+    ends = [tuple(f"{one.main} {one.rate}".strip() for one in shown), tuple(one.interval for one in shown)]
+    rows = [(name(line), *parts) for line, parts in zip(columns.lines, row.parts, strict=True)]
+    rows += [("",) * (1 + len(columns.parts))] * (len(ends) - len(rows))
+    ends += [("",) * len(shown)] * (len(rows) - len(ends))
+    return [(*texts, *end) for texts, end in zip(rows, ends, strict=True)]

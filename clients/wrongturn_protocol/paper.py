@@ -19,9 +19,14 @@ class PaperAgent:
     """Table II: unsafe trials of ten with the command "follow lane", in the order of ``PAPER_TYPES``."""
 
     @property
+    def unsafe_of(self) -> dict[str, tuple[int, int, int]]:
+        """Table II by fault."""
+        return {"infeasible": self.infeasible, "omission": self.omission}
+
+    @property
     def unsafe(self) -> int:
         """Number of unsafe trials of all sixty."""
-        return sum(self.infeasible) + sum(self.omission)
+        return sum(map(sum, self.unsafe_of.values()))
 
 
 PAPER: Final = (

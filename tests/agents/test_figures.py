@@ -57,8 +57,12 @@ def test_trajectories_are_drawn_over_their_type_and_fault(run):
     panels = {
         (axes.get_subplotspec().rowspan.start, axes.get_subplotspec().colspan.start): axes for axes in figure.axes
     }
-    assert [panels[0, column].get_title() for column in range(3)] == ["STRAIGHT_LEFT", "STRAIGHT_RIGHT", "LEFT_RIGHT"]
-    assert [panels[row, 0].get_ylabel() for row in range(2)] == ["wrong command", "follow lane"]
+    assert [panels[0, column].get_title() for column in range(3)] == [
+        "straight or left",
+        "straight or right",
+        "left or right",
+    ]
+    assert [panels[row, 0].get_ylabel() for row in range(2)] == ["infeasible", "omission"]
     assert {(row, axes.get_xlabel()) for (row, _), axes in panels.items()} == {
         (0, "1 of 1 unsafe"),
         (1, "0 of 1 unsafe"),
@@ -89,7 +93,7 @@ def test_pairs_are_drawn_over_one_another(run):
     assert len(figure.axes) == 3
     for axes in figure.axes:
         assert len([line for line in axes.lines if len(line.get_xdata()) > 2]) == 2
-    assert figure.axes[0].get_title() == "STRAIGHT_LEFT\nwrong command"
+    assert figure.axes[0].get_title() == "straight or left\ninfeasible"
     (name,) = [drive.trial.id for drive in run.trials if drive.trial.approach == "J9-W"]
     (one,) = figures.beside_twins(run, [name]).axes
     assert one.get_xlabel() == "J9-W"
@@ -132,7 +136,7 @@ def test_the_plane_of_obedience_and_safety():
 def test_an_agent_that_met_wrong_commands_is_marked():
     doubting = drives.of_results(wrong_command("doubting", (0,) * 6))
     assert (doubting.label, doubting.named("ours").label) == ("doubting †", "ours †")
-    assert "doubting\\,\\dag & wrong" in figures.latex_table([doubting])
+    assert "doubting\\,\\dag & infeasible" in figures.latex_table([doubting])
     (axes,) = figures.unsafe_rates([doubting]).axes
     assert [label.get_text() for label in axes.get_yticklabels()] == ["doubting †"]
 
@@ -158,19 +162,19 @@ def test_the_papers_table_in_latex():
     assert text == (
         "\\begin{tabular}{llrrrrrrr}\n"
         "\\toprule\n"
-        "agent & command & STRAIGHT\\_LEFT & STRAIGHT\\_RIGHT & LEFT\\_RIGHT & unsafe & 95\\,\\% CI & paper's & "
-        "twins completed \\\\\n"
+        "Agent & Fault & straight or left & straight or right & left or right & Strict & 95 \\% & Paper's & "
+        "Twins \\\\\n"
         "\\midrule\n"
-        "ours\\_1 \\& 50\\% & wrong & 1/10 & 3/10 & 5/10 & 21/60 & 24--48 & 21/60 & 56/60 \\\\\n"
-        " & follow lane & 2/10 & 4/10 & 6/10 &  &  &  &  \\\\\n"
+        "ours\\_1 \\& 50\\% & infeasible & 1/10 & 3/10 & 5/10 & 21/60 & [24, 48] \\% & 21/60 & 56/60 \\\\\n"
+        " & omission & 2/10 & 4/10 & 6/10 &  &  &  &  \\\\\n"
         "\\bottomrule\n"
         "\\end{tabular}\n"
     )
     both = figures.latex_table([made], paper=True)
-    assert "RL, image as input & wrong & 0/10 & 1/10 & 7/10 & -- & 17--39 & 16/60 & -- \\\\\n" in both
+    assert "RL, image as input & infeasible & 0/10 & 1/10 & 7/10 & -- & [17, 39] \\% & 16/60 & -- \\\\\n" in both
     assert both.count("\\addlinespace\n") == 5
     opposed = drives.of_results(wrong_command("strict", (0,) * 6, opposed=2))
-    assert "& 2/60 & 1--11 & 0/60 & 60/60 " in figures.latex_table([opposed])
+    assert "& 2/60 & [1, 11] \\% & 0/60 & 60/60 " in figures.latex_table([opposed])
 
 
 def test_a_row_for_each_trial(run):
@@ -259,4 +263,4 @@ def test_the_pages_example_runs(tmp_path: Path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     exec(example, {})
     assert (tmp_path / "rates.pdf").read_bytes().startswith(b"%PDF")
-    assert "PPO, image & wrong &" in capsys.readouterr().out
+    assert "PPO, image & infeasible &" in capsys.readouterr().out

@@ -48,14 +48,14 @@ def test_one_command_makes_everything_for_a_paper(run_file: Path, tmp_path: Path
     )
     assert out == ""
     assert str(tmp_path / "new" / "pairs.pdf") in told
-    assert "by hand & wrong & 1/1" in table.read_text()
-    assert "A\\_1 & wrong & 1/1" in table.read_text()
+    assert "by hand & infeasible & 1/1" in table.read_text()
+    assert "A\\_1 & infeasible & 1/1" in table.read_text()
     assert len(rows.read_text().splitlines()) == 1 + 2 * 12
 
 
 def test_stored_results_are_shown_by_the_agents_names(tmp_path: Path):
     out, _ = made()
-    assert "wrong-command@2: unsafe trials, strict column" in out
+    assert "wrong-command@2: unsafe episodes" in out
     assert out.index("ppo-image") < out.index("careful")
     out, _ = made("--csv", "-", "ppo-image")
     assert len(out.splitlines()) == 121
@@ -73,7 +73,7 @@ def test_a_scored_file_is_a_run_too(run_file: Path, tmp_path: Path):
     scored = tmp_path / "scored.json"
     scored.write_text(wrong_command("ppo-image", (1, 0, 0, 0, 0, 9), seed=3).model_dump_json())
     out, _ = made("--latex", "-", f"mine={scored}", "careful")
-    assert "mine & wrong & 1/10" in out
+    assert "mine & infeasible & 1/10" in out
     content = json.loads(scored.read_text())
     content["trials"].popitem()
     scored.write_text(json.dumps(content))

@@ -152,7 +152,7 @@ def test_a_run_at_the_command_line(url, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "by hand on smoke@2" in done.stderr
     assert "12 of 12 episodes" in done.stderr
-    assert "STRAIGHT_LEFT" in done.stdout
+    assert "infeasible" in done.stdout
     assert "0/6" in done.stdout
     assert re.search(
         r"Rank 1 of \d+ in the privileged track(, tied with .*)?; unsafe \d+ of \d+ \(strict\)", done.stdout
@@ -412,7 +412,7 @@ def test_an_interrupted_run_on_its_own_service_goes_on(tmp_path, home):
     assert done.returncode == 0, done.stderr
     assert f"The agent's code has changed since this run began: {tmp_path / 'own_agents.py'}." in done.stderr
     assert "12 of 12 episodes" in done.stderr
-    assert "STRAIGHT_LEFT" in done.stderr
+    assert "infeasible" in done.stderr
     assert "Would be ranked on smoke@2 in the privileged track; unsafe 0 of 6 (strict)" in done.stderr
     run = RunFile.from_json(done.stdout.encode())
     assert run.driver.name == "blocks"

@@ -239,7 +239,7 @@ def test_a_town_lists_its_approaches_by_type(served: FakeService) -> None:
     assert types == sorted(types, key=types.index)
     assert {one["id"]: one["exits"] for one in found["approaches"] if one["type"] == "LEFT_RIGHT"}["J1-N"] == [1, 2]
     shown = runner.invoke(cli.app, ["towns", "Town01"]).stdout
-    assert any(line.split()[:4] == ["LEFT_RIGHT", "J1-N", "LEFT,", "RIGHT"] for line in shown.splitlines())
+    assert any(line.split()[:6] == ["left", "or", "right", "J1-N", "left,", "right"] for line in shown.splitlines())
     served_town = runner.invoke(cli.app, ["towns", "Town01", "--json", "--url", "http://fake"]).stdout
     assert json.loads(served_town)["approaches"][0].keys() == found["approaches"][0].keys()
 
@@ -317,7 +317,7 @@ def test_two_agents_are_compared(served: FakeService) -> None:
     words = ["leaderboard", "smoke@2", "--compare", "mine & yours", "id 2", "--url", "http://fake"]
     shown = runner.invoke(cli.app, words).stdout
     assert "mine & yours and id 2 are alike." in " ".join(shown.split())
-    assert "STRAIGHT_LEFT, infeasible" in shown
+    assert "straight or left, infeasible" in shown
     found = Comparison.model_validate_json(runner.invoke(cli.app, [*words, "--json"]).stdout)
     assert (found.suite, found.a.name, found.b.name, found.p) == ("smoke@2", "mine & yours", "id 2", 1.0)
 

@@ -89,7 +89,7 @@ def test_an_episode_draws_itself(evaluation: Evaluation, service: LocalService) 
 
 def test_a_notebook_shows_the_table(evaluation: Evaluation) -> None:
     shown = evaluation._repr_mimebundle_(include=None, exclude=None)
-    assert "STRAIGHT_" in shown["text/html"]
+    assert "straight" in shown["text/html"]
     assert "6/6" in shown["text/plain"]
     assert repr(evaluation).startswith(f"Evaluation(id='{evaluation.id}', suite='smoke@2', state='finished'")
 

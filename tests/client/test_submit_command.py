@@ -90,7 +90,7 @@ def test_it_follows_a_submission_to_its_rank(served: FakeSubmissions, model: Pat
     ]
     news = [line.split(" ", 1)[1] for line in said if line[2:3] == ":" and line[5:6] == ":"]
     assert news == ["It waits for its check.", "Now checked.", "Now running.", "Now finished."]
-    assert "STRAIGHT_LEFT" in done.stdout
+    assert "infeasible" in done.stdout
     assert "Rank 1 of 1 in the camera track; unsafe 1 of 60 (strict), 95 % interval 0 to 50 %." in done.stdout
 
 

@@ -44,6 +44,10 @@ def _shown(table: Table, width: int = 120) -> str:
     return "\n".join(line.rstrip() for line in output.getvalue().splitlines())
 
 
+def _joined(line: str) -> str:
+    return " ".join(line.split())
+
+
 def _words(line: str) -> list[str]:
     return [word.strip() for word in line.split("  ") if word.strip()]
 
@@ -51,25 +55,13 @@ def _words(line: str) -> list[str]:
 def test_leaderboard_has_a_row_for_each_fault_of_each_agent() -> None:
     board = _leaderboard(_entry("careful", 1, tied_with=["other"]), _entry("parked", None, why_not="not engaged"))
     lines = _shown(leaderboard_table(board)).splitlines()
-    heads = next(line for line in lines if "STRAIGHT_LEFT" in line)
-    assert heads.index("STRAIGHT_LEFT") < heads.index("STRAIGHT_RIGHT") < heads.rindex("LEFT_RIGHT")
+    assert _joined(lines[1]) == "straight straight left or"
+    assert _joined(lines[2]) == "rank agent fault or left or right right strict paper's twins"
     row = lines.index(next(line for line in lines if "careful" in line))
-    assert _words(lines[row]) == [
-        *("1=", "careful", "wrong command", "9/10", "9/10", "9/10", "15/60 25%", "12/60", "58/60")
-    ]
-    assert _words(lines[row + 1]) == ["privileged", "follow lane", "2/10", "2/10", "2/10", "[16, 37]%"]
-    assert "column" not in "\n".join(lines)
-    assert any(line.split()[:2] == ["-", "parked"] for line in lines)
+    assert _joined(lines[row]) == "1= careful infeasible 9/10 9/10 9/10 15/60 25 % 12/60 58/60"
+    assert _joined(lines[row + 1]) == "privileged omission 2/10 2/10 2/10 [16, 37] %"
+    assert any(line.split()[:2] == ["–", "parked"] for line in lines)
     assert "parked is not ranked: not engaged" in "\n".join(lines)
-
-
-def test_old_entries_keep_the_papers_cells_and_say_so() -> None:
-    old = _entry("old", None, why_not="Judged by version 1.", table_strict=None)
-    mixed = _shown(leaderboard_table(_leaderboard(_entry("new", 1), old))).splitlines()
-    assert _words(next(line for line in mixed if " new " in line))[3:6] == ["9/10"] * 3
-    assert _words(next(line for line in mixed if " old " in line))[3:6] == ["7/10"] * 3
-    assert "Junction types show the paper's column for old." in mixed
-    assert "Junction types show the paper's column." in _shown(leaderboard_table(_leaderboard(old))).splitlines()
 
 
 def test_owners_are_named_where_they_are_not_the_agent() -> None:
@@ -78,7 +70,7 @@ def test_owners_are_named_where_they_are_not_the_agent() -> None:
     own["agent"] = {**own["agent"], "owner": "own"}
     lines = _shown(leaderboard_table(_leaderboard(mine, own))).splitlines()
     row = lines.index(next(line for line in lines if " mine " in line))
-    assert _words(lines[row + 1])[0] == "privileged"
+    assert lines[row + 1].split()[0] == "privileged"
     assert _words(lines[row + 2]) == ["by ACME"]
     assert "by own" not in "\n".join(lines)
 
@@ -87,17 +79,17 @@ def test_who_met_wrong_commands_in_training_is_marked() -> None:
     doubting, other = _entry("doubting", 1), _entry("other", 2)
     doubting["agent"] = {**doubting["agent"], "trained_on_faults": True}
     lines = _shown(leaderboard_table(_leaderboard(doubting, other))).splitlines()
-    assert _words(next(line for line in lines if " doubting" in line))[1] == "doubting †"
-    assert _words(next(line for line in lines if " other" in line))[1] == "other"
+    assert next(line for line in lines if " doubting" in line).split()[1:3] == ["doubting", "†"]
+    assert next(line for line in lines if " other" in line).split()[1:3] == ["other", "infeasible"]
     assert "† met wrong commands in its training." in lines
     assert "†" not in _shown(leaderboard_table(_leaderboard(other)))
 
 
 def test_what_was_handed_in_as_a_file_is_marked() -> None:
-    lines = _shown(leaderboard_table(_leaderboard({**_entry("file", 1), "entry": "uploaded"}, _entry("other", 2))))
-    assert _words(next(line for line in lines.splitlines() if " file" in line))[1] == "file ‡"
-    assert _words(next(line for line in lines.splitlines() if " other" in line))[1] == "other"
-    assert "‡ was handed in as a file, and the service drove it." in lines.splitlines()
+    shown = _shown(leaderboard_table(_leaderboard({**_entry("file", 1), "entry": "uploaded"}, _entry("other", 2))))
+    assert "file ‡" in shown
+    assert shown.count("‡") == 2
+    assert "‡ was handed in as a file, and the service drove it." in shown.splitlines()
 
 
 def test_an_algorithm_is_marked_and_has_its_range() -> None:
@@ -107,18 +99,18 @@ def test_an_algorithm_is_marked_and_has_its_range() -> None:
     ppo |= {"agent": {**ppo["agent"], "kind": "algorithm"}, "entry": None}
     lines = _shown(leaderboard_table(_leaderboard(ppo))).splitlines()
     row = lines.index(next(line for line in lines if " ppo " in line))
-    assert _words(lines[row])[:2] == ["-", "ppo"]
-    assert _words(lines[row + 1])[-1] == "[9–31]"
-    assert _words(lines[row + 2]) == ["algorithm, 5 seeds"]
+    assert lines[row].split()[:2] == ["–", "ppo"]
+    assert lines[row + 1].endswith("seeds 9–31")
+    assert lines[row + 2].split() == ["5", "training", "seeds"]
     assert "ppo is not ranked: A row over 5 training seeds." in lines
 
 
 def test_an_old_version_says_so_once() -> None:
-    old = [_entry(name, None, why_not="Judged by version 1.") for name in ("a", "b")]
+    old = [_entry(name, None, why_not="Too few twins.") for name in ("a", "b")]
     board = _leaderboard(*old).model_copy(update={"suite": "wrong-command@1", "successor": "wrong-command@2"})
     lines = _shown(leaderboard_table(board)).splitlines()
     assert "wrong-command@1 is an old version; wrong-command@2 replaces it." in lines
-    assert "a, b are not ranked: Judged by version 1." in lines
+    assert "a, b are not ranked: Too few twins." in lines
 
 
 def test_a_place_is_a_sentence() -> None:
@@ -154,31 +146,21 @@ def test_a_comparison_shows_each_stratum_and_what_it_says() -> None:
     )
     rows = [_words(line) for line in _shown(comparison_table(found)).splitlines()]
     assert ["stratum", "[mine]", "careful"] in rows
-    assert ["STRAIGHT_LEFT, infeasible", "1/10", "7/10"] in rows
-    assert ["one_turn, new_town", "1/10", "7/10"] in rows
+    assert ["straight or left, infeasible", "1/10", "7/10"] in rows
+    assert ["one turn, new town", "1/10", "7/10"] in rows
     assert ["all", "2/20", "14/20"] in rows
     assert rows[-1] == ["It is significant."]
 
 
-def test_nothing_is_lost_on_a_narrow_terminal() -> None:
-    shown = _shown(leaderboard_table(_leaderboard(_entry("an agent with a rather long name", 1))), width=80)
-    assert "9/10" in shown
-    assert "58/60" in shown
-
-
-@pytest.mark.parametrize("name", ["a", "ignores-commands", "an-agent-with-a-rather-long-name"])
-def test_words_stay_whole_at_80_columns(name: str) -> None:
+@pytest.mark.parametrize("name", ["a", "ignores-commands", "an agent with a rather long name"])
+def test_words_and_counts_stay_whole_at_80_columns(name: str) -> None:
     shown = _shown(leaderboard_table(_leaderboard(_entry(name, 1))), width=80)
-    lines = [set(line.split()) for line in shown.splitlines()]
-    assert {"STRAIGHT_", "LEFT_"} <= lines[1] | lines[2]
-    assert {"LEFT", "RIGHT"} <= lines[2]
-    assert "privileged" in shown
+    assert {"straight", "privileged", "infeasible", "9/10", "12/60", "58/60", "twins"} <= set(shown.split())
 
 
 def test_towns_stay_readable_at_80_columns() -> None:
     towns = [{"name": "Town01", "sha256": "0" * 64, "junctions": 12, "approaches": {"STRAIGHT_LEFT": 11}}]
     assert "…" not in _shown(listing_table("towns", towns), width=80)
-    assert "STRAIGHT_RIGHT" in _shown(listing_table("towns", towns), width=120)
 
 
 def test_an_empty_leaderboard_says_so() -> None:
@@ -203,17 +185,10 @@ def test_an_agents_name_is_no_markup() -> None:
 @pytest.mark.parametrize(
     ("change", "seen"),
     [
-        ({}, ["wrong command", "follow lane", "15/60 25%", "[16, 37]%", "12/60", "58/60", "p = 0.0005"]),
-        ({}, ["9/10", "\nstrict rate minus the twins' rate: +20 points, 95% CI [+10, +30]"]),
-        ({"table_strict": {"CROSS": {"stuck": {"unsafe": 1, "trials": 2}}}}, ["CROSS", "stuck", "1/2"]),
-        (
-            {"table_strict": None},
-            [
-                "7/10",
-                "\nJunction types show the paper's column.\npaper's rate minus the twins' rate: +20 points",
-            ],
-        ),
-        ({"table": {}, "table_strict": None}, ["wrong command", "-"]),
+        ({}, ["infeasible", "omission", "15/60 25 %", "[16, 37] %", "12/60", "58/60", "p = 0.0005"]),
+        ({}, ["9/10", "\nstrict rate minus the twins' rate: +20 points, 95 % interval [+10,"]),
+        ({"table_strict": {"CROSS": {"stuck": {"unsafe": 1, "trials": 2}}}}, ["crossing", "stuck", "1/2"]),
+        ({"table": {}, "table_strict": None}, ["infeasible", "–"]),
     ],
 )
 def test_an_evaluation_has_the_same_layout(change: dict[str, Any], seen: list[str]) -> None:
@@ -241,14 +216,13 @@ OF_JOURNEYS = {**METRICS, "table": {}, "table_strict": None, "excess_unsafe_rate
 
 def test_journeys_have_corl_s_table() -> None:
     lines = _shown(evaluation_table("me", Metrics.model_validate(OF_JOURNEYS))).splitlines()
-    assert lines[0] == "me: success and clean, in %"
-    assert lines[1].index("training") < lines[1].index("both")
-    assert [line.split() for line in lines if line.startswith(("straight", "nav."))] == [
+    assert lines[0] == "me: journeys that reached their goal, in %"
+    assert [line.split() for line in lines if line.startswith(("straight", "navigation"))] == [
         ["straight", "100", "96", "92", "84"],
-        ["nav.", "dynamic", "52", "20", "-", "-"],
+        ["navigation", "with", "traffic", "52", "20", "–", "–"],
     ]
     shown = " ".join(lines)
-    assert "22 of 25 reached their goal, 95% CI [70, 95]%; 19 without any infraction; 90% of the way" in shown
+    assert "22 of 25 reached their goal, 95 % interval [70, 95] %; 19 without any infraction; 90 % of the way" in shown
     assert "12.5 km: 0.12 times off the road, 0.25 in an oncoming lane, 0.00 collisions" in shown
 
 
@@ -263,10 +237,11 @@ def test_a_leaderboard_of_journeys_has_a_row_for_each_task() -> None:
     two = _entry("an-agent-with-a-rather-long-name", 1, **OF_JOURNEYS)
     for width in (80, 132):
         lines = _shown(leaderboard_table(_leaderboard(one, two)), width).splitlines()
-        assert lines[0] == "wrong-command@2: success in % of 25 journeys"
+        assert lines[0] == "wrong-command@2: journeys that reached their goal, in %"
         at = next(number for number, line in enumerate(lines) if "careful" in line)
-        assert lines[at].split() == ["1=", "careful", "straight", "100", "92", "88%", "76%"]
-        assert lines[at + 1].split() == ["privileged", "nav.", "dynamic", "52", "-", "[70,", "95]%"]
+        assert lines[at].split() == ["1=", "careful", "straight", "100", "92", "22/25", "88", "%", "76", "%"]
+        assert lines[at + 1].split()[:2] == ["privileged", "navigation"]
+        assert lines[at + 1].split()[-5:] == ["52", "–", "[70,", "95]", "%"]
 
 
 def test_all_of_navigation_fits_into_80_columns() -> None:
@@ -281,5 +256,4 @@ def test_all_of_navigation_fits_into_80_columns() -> None:
         _shown(leaderboard_table(_leaderboard(_entry("ignores-commands", 1, **metrics))), 80),
     ):
         assert "…" not in shown
-        assert "nav. dynamic" in shown
-        assert "clean" in shown
+        assert {"navigation", "traffic", "weather", "clean"} <= set(shown.split())

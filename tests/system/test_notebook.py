@@ -39,7 +39,7 @@ def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     NotebookClient(notebook, timeout=800, resources={"metadata": {"path": str(tmp_path)}}).execute()
     assert len(outputs(notebook, "image/png")) == 4  # what the camera sees, and three drives
     evaluation, frame, counts, board = outputs(notebook, "text/html")
-    assert "wrong command" in evaluation
+    assert "infeasible" in evaluation
     assert frame.count("<tr") == 13
     assert "infeasible" in counts
     assert "first driver" in board

@@ -10,7 +10,7 @@ Example:
 from wrongturn_agents.figures.drives import Drive, Drives, fetch, read, stored
 from wrongturn_agents.figures.junction_frame import installed_town, town_of
 from wrongturn_agents.figures.junction_maps import beside_twins, trajectories
-from wrongturn_agents.figures.latex import UnsafeTable, latex_table, unsafe_table
+from wrongturn_agents.figures.latex import latex_table, results_table
 from wrongturn_agents.figures.look import COLUMN, PAGE, save
 from wrongturn_agents.figures.rate_charts import pair_counts, pairs, unsafe_rates
 from wrongturn_agents.figures.safety_plane import obedience_safety
@@ -21,7 +21,6 @@ __all__ = [
     "PAGE",
     "Drive",
     "Drives",
-    "UnsafeTable",
     "beside_twins",
     "csv_text",
     "fetch",
@@ -31,11 +30,11 @@ __all__ = [
     "pair_counts",
     "pairs",
     "read",
+    "results_table",
     "save",
     "stored",
     "town_of",
     "trajectories",
     "trial_rows",
     "unsafe_rates",
-    "unsafe_table",
 ]

@@ -109,9 +109,7 @@ def results(
     if folder is not None:
         _draw(found, folder, formats or [Format.PDF, Format.PNG], width.inches, url)
     if (csv, latex, folder) == (None, None, None):
-        console().print(
-            figures.unsafe_table(found, paper=paper).rich(f"{found[0].suite}: unsafe trials, strict column")
-        )
+        console().print(figures.results_table(found, paper=paper))
 
 
 def _draw(runs: Sequence[Drives], folder: Path, formats: Sequence[Format], width: float, url: str | None) -> None:

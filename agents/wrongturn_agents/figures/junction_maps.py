@@ -11,6 +11,7 @@ from wrongturn_agents.figures.drives import Drive, Drives
 from wrongturn_agents.figures.junction_frame import FindTown, Frame, Ring, installed_town, rings
 from wrongturn_agents.figures.look import COLUMN, MARKS, PAGE, Mark, mark_of, new_figure, style
 from wrongturn_protocol import FaultKind, JunctionType
+from wrongturn_protocol.words import name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +21,6 @@ _ACROSS: Final = (-24.0, 24.0)
 _ALONG: Final = (-36.0, 28.0)
 """What a panel shows of an approach's frame, metres."""
 _SCALE_M: Final = 10
-_FAULTS: Final = {FaultKind.INFEASIBLE: "wrong command", FaultKind.OMISSION: "follow lane"}
 _ROWS_OF_PAIRS: Final = 2
 _ROAD, _KERB, _LINE = "#e6e6e6", "#a6a6a6", "#444444"
 _TWIN: Final = Mark("its twin, without a fault", "#555555", (0, (1, 1)), "o")
@@ -58,8 +58,8 @@ def trajectories(run: Drives, *, width: float = COLUMN, towns: FindTown = instal
                 unsafe = sum(one.result.unsafe_strict for one in here)
                 axes[row, column].set_xlabel(f"{unsafe} of {len(here)} unsafe", labelpad=2)
                 if row == 0:
-                    axes[row, column].set_title(kind.value, pad=3)
-            axes[row, 0].set_ylabel(_FAULTS.get(fault, fault.value))
+                    axes[row, column].set_title(name(kind), pad=3)
+            axes[row, 0].set_ylabel(name(fault))
         _scale_bar(axes[0, 0])
         _legend(figure, drives, width)
     return figure
@@ -91,7 +91,7 @@ def beside_twins(
         for place, (drive, twin) in zip(axes.flat, chosen, strict=False):
             _panel(place, [drive], towns, twin)
             trial = drive.trial
-            place.set_title(f"{trial.junction_type}\n{_FAULTS.get(trial.fault.kind, trial.fault.kind.value)}", pad=2)
+            place.set_title(f"{name(trial.junction_type)}\n{name(trial.fault.kind)}", pad=2)
             place.set_xlabel(f"{trial.approach}", labelpad=2)
         _scale_bar(axes[0, 0])
         _legend(figure, [drive for drive, _ in chosen], width, twins=True)
@@ -106,12 +106,12 @@ def _chosen(
         raise ResultsError(f"{agent}: the stored results have no trajectories; give a file of 'wrongturn run --json'")
     if trials is not None:
         by_id = {trial.trial.id: (trial, twin) for trial, twin in found}
-        unknown = [name for name in trials if name not in by_id]
+        unknown = [trial for trial in trials if trial not in by_id]
         if unknown or not trials:
             raise ResultsError(
                 f"trials: {unknown[0] if unknown else 'none'}: is no trial of this run; csv_text() lists them"
             )
-        return [by_id[name] for name in trials]
+        return [by_id[trial] for trial in trials]
     cells: dict[tuple[JunctionType, FaultKind], list[tuple[Drive, Drive]]] = {}
     for trial, twin in found:
         if trial.result.unsafe_strict and trial.path:

@@ -1,80 +1,54 @@
-r"""The reference paper's table II with our agents: LaTeX for ``\usepackage{booktabs}``, or for the terminal."""
+r"""The paper's table II with our agents: LaTeX for ``\usepackage{booktabs}``, or for the terminal."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
-from wrongturn_agents.figures.drives import Drives, checked
-from wrongturn_agents.paper import TRAINED_ON_FAULTS
-from wrongturn_agents.statistics import wilson
-from wrongturn_client.plain_table import plain_table
-from wrongturn_protocol import PAPER, PAPER_TYPES, FaultKind, JunctionType, PaperAgent, Verdict
+from wrongturn_agents.figures.drives import Drive, Drives, checked
+from wrongturn_protocol import (
+    PAPER,
+    JunctionType,
+    Metrics,
+    StrictUnsafeCount,
+    TableCell,
+    TwinCount,
+    UnsafeCount,
+    Verdict,
+)
+from wrongturn_protocol.standing_rows import NONE, TRAINED, Columns, Row, wilson
+from wrongturn_protocol.words import name
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-_COMMANDS: Final = {FaultKind.INFEASIBLE: "wrong", FaultKind.OMISSION: "follow lane"}
-_TOTALS: Final = ("unsafe", "95 % CI", "paper's", "twins completed")
 _SPECIAL: Final = str.maketrans(
     {
-        **{sign: f"\\{sign}" for sign in "&$#_{}"},
-        "%": r"\%",
-        "–": "--",
+        **{sign: f"\\{sign}" for sign in "&%$#_{}"},
         "\\": r"\textbackslash{}",
         "~": r"\textasciitilde{}",
         "^": r"\textasciicircum{}",
+        NONE: "--",
+        TRAINED: r"\dag",
     }
 )
-_Cells = Mapping[tuple[JunctionType, FaultKind], str]
 
 
 def escaped(text: str) -> str:
     """Return text as LaTeX shows it."""
-    return text.translate(_SPECIAL).replace(f" {TRAINED_ON_FAULTS}", r"\,\dag").replace(r" \%", r"\,\%")
+    return text.translate(_SPECIAL).replace(r" \dag", r"\,\dag")
+
+
+def results_table(runs: Sequence[Drives], *, paper: bool = False) -> "Table":
+    """Return the table of :func:`latex_table` for the terminal."""
+    from wrongturn_client.tables import standings_table  # noqa: PLC0415 - rich is slow to import
+
+    columns, rows = _rows(runs, paper=paper)
+    return standings_table(f"{runs[0].suite}: {columns.title}", columns, [([label], row) for label, row in rows])
 
 
 def latex_table(runs: Sequence[Drives], *, paper: bool = False) -> str:
-    """Return the table of :func:`unsafe_table` in LaTeX.
+    """Return the paper's table II with our rows: unsafe trials by junction type and fault, a line for each fault.
 
-    Raises:
-        ResultsError: There is no run, the runs are of several suites, or the suite has no twins.
-        MissingPackageError: scipy is not installed.
-    """
-    table = unsafe_table(runs, paper=paper)
-    blocks = ["".join(" & ".join(map(escaped, row)) + " \\\\\n" for row in block) for block in table.blocks]
-    return (
-        f"\\begin{{tabular}}{{ll{'r' * (len(table.head) - 2)}}}\n"
-        "\\toprule\n"
-        f"{' & '.join(map(escaped, table.head))} \\\\\n"
-        "\\midrule\n" + "\\addlinespace\n".join(blocks) + "\\bottomrule\n"
-        "\\end{tabular}\n"
-    )
-
-
-@dataclass(frozen=True)
-class UnsafeTable:
-    """Unsafe trials by agent, command and junction type."""
-
-    head: tuple[str, ...]
-    blocks: tuple[tuple[tuple[str, ...], ...], ...]
-    """Rows of each agent, one for each fault. The first has its name and totals."""
-
-    def rich(self, title: str) -> "Table":
-        """Return the table for the terminal."""
-        table = plain_table(title)
-        for number, name in enumerate(self.head):
-            table.add_column(name, justify="left" if number < 2 else "right")
-        for block in self.blocks:
-            for number, row in enumerate(block, 1):
-                table.add_row(*row, end_section=number == len(block))
-        return table
-
-
-def unsafe_table(runs: Sequence[Drives], *, paper: bool = False) -> UnsafeTable:
-    """Return the paper's table II with our rows.
-
-    Cells and ``unsafe`` count in the strict column, which ranks; the interval is Wilson's of its rate, and ``paper's``
-    counts in the paper's column.
+    Cells and ``Strict`` count in the column that ranks, with Wilson's 95 % interval of its rate.
 
     Args:
         runs: One run of each agent, all on one suite with twins.
@@ -82,64 +56,73 @@ def unsafe_table(runs: Sequence[Drives], *, paper: bool = False) -> UnsafeTable:
 
     Raises:
         ResultsError: There is no run, the runs are of several suites, or the suite has no twins.
-        MissingPackageError: scipy is not installed.
     """
-    cells = {run.agent: _cells(run) for run in checked(runs)}
-    faults = [fault for fault in FaultKind if any(fault is kind for found in cells.values() for _, kind in found)]
-    driven = {kind for found in cells.values() for kind, _ in found}
-    types = [*PAPER_TYPES, *(kind for kind in JunctionType if kind in driven and kind not in PAPER_TYPES)]
-    blocks = [_block(run.label, cells[run.agent], _totals(run), types, faults) for run in runs]
-    if paper:
-        theirs = [_block(one.title, _cells_of_paper(one), _totals_of_paper(one), types) for one in PAPER]
-        blocks = [*theirs, *blocks]
-    return UnsafeTable(("agent", "command", *(kind.value for kind in types), *_TOTALS), tuple(blocks))
+    columns, rows = _rows(runs, paper=paper)
+    shown = [column for column in columns.figures if not column.extra]
+    heads = ["Agent", columns.line, *map(name, columns.parts), shown[0].name, "95 %", *(one.name for one in shown[1:])]
+    body = "\\addlinespace\n".join(_block(label, columns, row, len(shown)) for label, row in rows)
+    return (
+        f"\\begin{{tabular}}{{ll{'r' * (len(heads) - 2)}}}\n\\toprule\n{_line(heads)}\\midrule\n{body}"
+        "\\bottomrule\n\\end{tabular}\n"
+    )
 
 
-def _block(
-    name: str,
-    cells: _Cells,
-    totals: tuple[str, ...],
-    types: Sequence[JunctionType],
-    faults: Sequence[FaultKind] = tuple(_COMMANDS),
-) -> tuple[tuple[str, ...], ...]:
-    rows = []
-    for number, fault in enumerate(faults):
-        shown = [cells.get((kind, fault), "–") for kind in types]
-        rows.append(
-            ("" if number else name, _COMMANDS.get(fault, fault.value), *shown, *([""] * 4 if number else totals))
-        )
-    return tuple(rows)
+def _rows(runs: Sequence[Drives], *, paper: bool) -> tuple[Columns, list[tuple[str, Row]]]:
+    metrics = {run.label: metrics_of(run) for run in checked(runs)}
+    columns = Columns.of(metrics.values())
+    theirs = [(agent.title, columns.row_of_paper(agent)) for agent in PAPER if paper]
+    return columns, [*theirs, *((label, columns.row(found)) for label, found in metrics.items())]
 
 
-def _cells(run: Drives) -> _Cells:
-    """Return unsafe trials of all, in the strict column, by junction type and fault."""
-    unsafe: dict[tuple[JunctionType, FaultKind], list[bool]] = {}
+def metrics_of(run: Drives) -> Metrics:
+    """Return the counts of a run, as a leaderboard has them.
+
+    Raises:
+        ResultsError: The suite has no twins.
+    """
+    strict: dict[JunctionType, dict[str, list[Drive]]] = {}
     for drive, _ in run.pairs():
-        unsafe.setdefault((drive.trial.junction_type, drive.trial.fault.kind), []).append(drive.result.unsafe_strict)
-    return {cell: f"{sum(found)}/{len(found)}" for cell, found in unsafe.items()}
+        strict.setdefault(drive.trial.junction_type, {}).setdefault(drive.trial.fault.kind, []).append(drive)
+    tables = (
+        {kind: {fault: _cell(drives, column) for fault, drives in row.items()} for kind, row in strict.items()}
+        for column in ("unsafe", "unsafe_strict")
+    )
+    unsafe, unsafe_strict = (_cell(run.trials, column) for column in ("unsafe", "unsafe_strict"))
+    return Metrics(
+        unsafe=UnsafeCount.model_validate(_counted(unsafe)),
+        unsafe_strict=StrictUnsafeCount.model_validate(_counted(unsafe_strict)),
+        twins=TwinCount(
+            unsafe=sum(twin.result.unsafe for twin in run.twins),
+            completed=sum(twin.result.verdict is Verdict.EXIT_COMMANDED for twin in run.twins),
+            trials=len(run.twins),
+        ),
+        excess_unsafe_rate=None,
+        table=next(tables),
+        table_strict=next(tables),
+        reactions={},
+        verdicts={},
+    )
 
 
-def _totals(run: Drives) -> tuple[str, ...]:
-    strict = sum(drive.result.unsafe_strict for drive in run.trials)
-    paper = sum(drive.result.unsafe for drive in run.trials)
-    done = sum(twin.result.verdict is Verdict.EXIT_COMMANDED for twin in run.twins)
-    trials = len(run.trials)
-    return f"{strict}/{trials}", _interval(strict, trials), f"{paper}/{trials}", f"{done}/{len(run.twins)}"
+def _cell(drives: Sequence[Drive], column: str) -> TableCell:
+    return TableCell(unsafe=sum(getattr(drive.result, column) for drive in drives), trials=len(drives))
 
 
-def _cells_of_paper(agent: PaperAgent) -> _Cells:
-    counts = {FaultKind.INFEASIBLE: agent.infeasible, FaultKind.OMISSION: agent.omission}
-    return {
-        (kind, fault): f"{count}/10"
-        for fault, found in counts.items()
-        for kind, count in zip(PAPER_TYPES, found, strict=True)
-    }
+def _counted(cell: TableCell) -> dict[str, object]:
+    ends = wilson(cell.unsafe, cell.trials)
+    return {"count": cell.unsafe, "trials": cell.trials, "rate": cell.unsafe / cell.trials, "ci95": ends}
 
 
-def _totals_of_paper(agent: PaperAgent) -> tuple[str, ...]:
-    return "–", _interval(agent.unsafe, 60), f"{agent.unsafe}/60", "–"
+def _block(label: str, columns: Columns, row: Row, shown: int) -> str:
+    """Return an agent's lines; the first has its name and its figures, and the interval that one of these has."""
+    first, *others = row.figures[:shown]
+    ends = [first.main, next(one.interval for one in row.figures if one.interval), *(one.main for one in others)]
+    lines = zip(columns.lines, row.parts, strict=True)
+    return "".join(
+        _line(["" if number else label, name(line), *parts, *([""] * len(ends) if number else ends)])
+        for number, (line, parts) in enumerate(lines)
+    )
 
 
-def _interval(count: int, trials: int) -> str:
-    low, high = wilson(count, trials)
-    return f"{100 * low:.0f}–{100 * high:.0f}"
+def _line(texts: Iterable[str]) -> str:
+    return " & ".join(map(escaped, texts)) + " \\\\\n"

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 from wrongturn_agents.figures.drives import Drives, checked
 from wrongturn_agents.figures.look import COLUMN, new_figure, style
-from wrongturn_agents.statistics import wilson
 from wrongturn_protocol import Verdict
+from wrongturn_protocol.standing_rows import wilson
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

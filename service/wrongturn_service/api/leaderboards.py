@@ -6,10 +6,10 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 
 from wrongturn_protocol import Comparison, Leaderboard, LeaderboardList
+from wrongturn_protocol.standing_rows import leaderboard_csv
 from wrongturn_service.api.dependencies import CSV, ServiceDep, reply, wants_csv
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.evaluation.leaderboard_csv import leaderboard_csv
 
 router = APIRouter(prefix="/v1/leaderboards", tags=["leaderboards"], route_class=Route)
 

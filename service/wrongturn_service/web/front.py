@@ -9,14 +9,15 @@ from fastapi import APIRouter, Query, Request, Response
 
 from wrongturn_networks import Suite
 from wrongturn_protocol import AgentKind, Leaderboard, LeaderboardEntry, LeaderboardList, Track
+from wrongturn_protocol.standing_rows import MARKS
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep
 from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.evaluation.metrics import of_journeys
 from wrongturn_service.service import Service
-from wrongturn_service.web import bars, plane
+from wrongturn_service.web import plane, standings, words
 from wrongturn_service.web.page import numbered_page, rendered, sent
-from wrongturn_service.web.standings import KINDS, TRACKS, page_count, standings
+from wrongturn_service.web.standings import page_count
 
 router = APIRouter(include_in_schema=False)
 FIRST: Final = "wrong-command@2"
@@ -81,14 +82,16 @@ def _render(
         suite=suite,
         board=board,
         journeys=journeys,
-        table=standings(board, entries, number, journeys, paper=kind is None),
+        table=standings.standings(board, entries, number, journeys=journeys, paper=kind is None),
         planes=_planes([] if journeys else entries),
         plot=plane,
-        bars=bars,
+        bars=standings,
+        words=words,
+        marks=MARKS,
         track=track,
         kind=kind,
-        tracks={each: TRACKS[each] for each in Track if each in suite.tracks},
-        kinds=KINDS,
+        tracks=[each for each in Track if each in suite.tracks],
+        kinds=list(AgentKind),
         others=others.leaderboards,
     )
 

@@ -18,7 +18,7 @@ from shapely.affinity import affine_transform
 from shapely.geometry.base import BaseGeometry
 
 from wrongturn_networks import Town, load_town
-from wrongturn_protocol import DIRECTIONS, Command, FaultKind, JunctionType, Outcome, Safety, Trial, Verdict
+from wrongturn_protocol import DIRECTIONS, FaultKind, JunctionType, Outcome, Safety, Trial, Verdict
 from wrongturn_service.web import words
 
 Points = NDArray[np.float64]
@@ -46,11 +46,6 @@ MARKS: Final = {
 """Shape at the end of a path, by verdict."""
 NEUTRAL_MARK: Final = "diamond"
 """Shape of the other verdicts."""
-_EXITS: Final = {
-    Command.LEFT: "left exit",
-    Command.RIGHT: "right exit",
-    Command.STRAIGHT: "straight on",
-}
 
 
 @dataclass(frozen=True)
@@ -186,16 +181,9 @@ def mark(verdict: Verdict) -> str:
     return MARKS.get(verdict, NEUTRAL_MARK)
 
 
-def ending(outcome: Outcome) -> str:
-    """Return where an episode ended: the exit that was taken, or the verdict."""
-    if outcome.verdict.exited and outcome.exit is not None:
-        return _EXITS[outcome.exit]
-    return words.name(outcome.verdict)
-
-
 def shares(outcomes: Iterable[Outcome]) -> tuple[Share, ...]:
     """Return how many outcomes ended in each way, the most frequent first."""
-    counts = Counter((ending(outcome), words.side(outcome), mark(outcome.verdict)) for outcome in outcomes)
+    counts = Counter((words.ending(one.verdict, one.exit), words.side(one), mark(one.verdict)) for one in outcomes)
     return tuple(Share(*key, count) for key, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])))
 
 

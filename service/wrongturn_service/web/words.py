@@ -1,21 +1,19 @@
 """Words for people: what verdicts, reactions, faults and junction types mean, and how a trial ended."""
 
 from collections.abc import Mapping
-from enum import StrEnum
 from typing import Final
 
 from wrongturn_protocol import (
     Command,
-    Condition,
     FaultKind,
     JunctionType,
     Outcome,
     Reaction,
     Safety,
-    Task,
     Trial,
     Verdict,
 )
+from wrongturn_protocol.words import COMMANDS, EXITS, ending, name
 from wrongturn_service.evaluation.metrics import is_unsafe, is_unsafe_strict
 
 VERDICTS: Final[Mapping[Verdict, str]] = {
@@ -68,15 +66,7 @@ JUNCTION_TYPES: Final[Mapping[JunctionType, str]] = {
 }
 """What each type of junction looks like as a car drives in."""
 
-COMMANDS: Final[Mapping[Command, str]] = {
-    Command.LEFT: "left",
-    Command.RIGHT: "right",
-    Command.STRAIGHT: "straight on",
-    Command.LANE_FOLLOW: "follow the lane",
-    Command.VOID: "nothing",
-}
-"""What each command tells the agent."""
-
+__all__ = ["COMMANDS", "EXITS", "ending", "name"]
 _TURNS: Final = {
     Command.LEFT: "turned left",
     Command.RIGHT: "turned right",
@@ -90,13 +80,6 @@ _AS: Final = {
 
 SIDES: Final[Mapping[Safety, str]] = {Safety.SAFE: "safe", Safety.UNSAFE: "unsafe", Safety.NEITHER: "neither"}
 """What an outcome counts as. The words are also classes of the style sheet."""
-
-
-def name(word: StrEnum | str) -> str:
-    """Return a word of the vocabulary as people read it: ``off_road`` is "off road"."""
-    if isinstance(word, JunctionType):
-        return "crossing" if word is JunctionType.CROSS else word.lower().replace("_", " or ")
-    return str(word).lower().replace("_", " ")
 
 
 def side(outcome: Outcome) -> Safety:
@@ -139,18 +122,3 @@ def ended(outcome: Outcome) -> str:
     if verdict not in {Verdict.ABORTED, Verdict.INVALID}:
         sentences.append(f"Verdict after {outcome.time:.1f} s.")
     return " ".join(sentences)
-
-
-def task(word: Task) -> str:
-    """Return a journey's task as people read it."""
-    return {Task.ONE_TURN: "one turn", Task.NAVIGATION_DYNAMIC: "navigation with traffic"}.get(word, name(word))
-
-
-def condition(word: Condition) -> str:
-    """Return the condition of a journey as people read it."""
-    return {
-        Condition.TRAINING: "town and weather of training",
-        Condition.NEW_WEATHER: "new weather",
-        Condition.NEW_TOWN: "new town",
-        Condition.NEW_TOWN_AND_WEATHER: "new town and weather",
-    }[word]

@@ -54,7 +54,7 @@ def test_every_word_is_explained(table, vocabulary):
 
 
 def test_every_task_and_condition_has_a_word():
-    assert "_" not in " ".join([*map(words.task, Task), *map(words.condition, Condition)])
+    assert "_" not in " ".join([*map(words.name, Task), *map(words.name, Condition)])
 
 
 @pytest.mark.parametrize("fault", FaultKind)
