@@ -85,8 +85,9 @@ def standings_table(
     for number, (names, row) in enumerate(entries):
         lines = _lines(columns, row)
         for line in range(max(len(names), len(lines))):
-            head = ["" if line else ranks[number]] * bool(ranks) + [names[line] if line < len(names) else ""]
-            table.add_row(*map(Text, (*head, *(lines[line] if line < len(lines) else ()))))
+            rank = ["" if line else ranks[number]] if ranks else []
+            name_line = names[line] if line < len(names) else ""
+            table.add_row(*map(Text, (*rank, name_line, *(lines[line] if line < len(lines) else ()))))
         table.add_section()
     return table
 

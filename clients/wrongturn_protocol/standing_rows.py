@@ -179,10 +179,11 @@ def notes_of(entry: LeaderboardEntry) -> list[str]:
 
 
 def wilson(count: int, trials: int) -> tuple[float, float]:
-    """Return Wilson's 95 % interval of the rate ``count / trials``."""
+    """Return Wilson's 95 % interval of the rate ``count / trials``. It contains the rate."""
     rate, share = count / trials, _Z95**2 / trials
     middle, half = rate + share / 2, _Z95 * math.sqrt(rate * (1 - rate) / trials + share / (4 * trials))
-    return max(0.0, (middle - half) / (1 + share)), min(1.0, (middle + half) / (1 + share))
+    # At a rate of 0 or 1 the bound equals the rate; rounding can put it an ulp beyond.
+    return max(0.0, min((middle - half) / (1 + share), rate)), min(1.0, max((middle + half) / (1 + share), rate))
 
 
 def leaderboard_csv(board: Leaderboard) -> str:
