@@ -2,7 +2,7 @@
 
     python benchmarks/blind_labelling [--experiment hard_cases] make PICTURES [--only 7 31]
     python benchmarks/blind_labelling [--experiment hard_cases] label 7 exit_left [--opposed] [--unclear] [--note "…"]
-    python benchmarks/blind_labelling [--experiment hard_cases] compare [--version 1]
+    python benchmarks/blind_labelling [--experiment hard_cases] compare
 
 ``make`` draws each drive from above, without driver, fault, route or verdict. The drives lie in ``drives.npz``, which
 you do not look into. Without that file ``make`` first drives anew, on past any verdict, in a shuffled order. ``label``
@@ -20,8 +20,6 @@ import comparison
 import experiment
 import labels
 import picture
-
-from wrongturn_judge import THRESHOLDS, THRESHOLDS_1
 
 
 def make(given: argparse.Namespace) -> None:
@@ -43,10 +41,8 @@ def label(given: argparse.Namespace) -> None:
 
 def compare(given: argparse.Namespace) -> None:
     chosen = experiment.EXPERIMENTS[given.experiment]
-    thresholds = THRESHOLDS if given.version == 2 else THRESHOLDS_1
-    pairs = comparison.compare(experiment.load(chosen.drives), labels.read(chosen.labels), thresholds)
-    if given.version == 2:
-        comparison.write(pairs, chosen.verdicts)
+    pairs = comparison.compare(experiment.load(chosen.drives), labels.read(chosen.labels))
+    comparison.write(pairs, chosen.verdicts)
     print(comparison.table(pairs))
 
 
@@ -73,7 +69,6 @@ def main() -> int:
     said.add_argument("--note", default="", help='why. Example: --note "stands 15.1 m before the line"')
     said.set_defaults(run=label)
     both = ways.add_parser("compare", help="ask the judge, print both, and keep what it said in verdicts.json")
-    both.add_argument("--version", type=int, choices=(1, 2), default=2, help="of the judge. Example: --version 1")
     both.set_defaults(run=compare)
     given = parser.parse_args()
     try:

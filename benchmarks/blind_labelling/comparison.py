@@ -8,7 +8,7 @@ from pathlib import Path
 from drives import Drive
 from labels import Label, strict_column
 
-from wrongturn_judge import THRESHOLDS, JudgeGeometry, Thresholds, Thresholds1, judge
+from wrongturn_judge import JudgeGeometry, judge
 from wrongturn_networks import load_town
 from wrongturn_protocol import Flag
 
@@ -38,10 +38,10 @@ class Pair:
         return (self.label.verdict, self.label.strict) == (self.judged.verdict, self.judged.strict)
 
 
-def judged(drive: Drive, thresholds: Thresholds | Thresholds1 = THRESHOLDS) -> Judged:
-    """Return what the judge of the thresholds' version says of a drive, which goes on past the verdict."""
+def judged(drive: Drive) -> Judged:
+    """Return what the judge says of a drive, which goes on past the verdict."""
     geometry = JudgeGeometry.of(load_town(drive.trial.town), drive.trial)
-    outcome = judge(drive.trajectory, geometry, thresholds)
+    outcome = judge(drive.trajectory, geometry)
     word = str(outcome.verdict)
     if outcome.verdict.exited:
         assert outcome.exit is not None
@@ -49,10 +49,8 @@ def judged(drive: Drive, thresholds: Thresholds | Thresholds1 = THRESHOLDS) -> J
     return Judged(word, strict_column(outcome.verdict, opposed=Flag.OPPOSED_LANE in outcome.flags), outcome.time)
 
 
-def compare(
-    drives: list[Drive], labels: dict[int, Label], thresholds: Thresholds | Thresholds1 = THRESHOLDS
-) -> list[Pair]:
-    """Return a pair for each drive, by the judge of the thresholds' version.
+def compare(drives: list[Drive], labels: dict[int, Label]) -> list[Pair]:
+    """Return a pair for each drive.
 
     Raises:
         ValueError: a drive has no label.
@@ -60,7 +58,7 @@ def compare(
     missing = [number for number in range(len(drives)) if number not in labels]
     if missing:
         raise ValueError(f"labels: {missing} have none; label them before you compare")
-    return [Pair(number, drive, labels[number], judged(drive, thresholds)) for number, drive in enumerate(drives)]
+    return [Pair(number, drive, labels[number], judged(drive)) for number, drive in enumerate(drives)]
 
 
 def table(pairs: list[Pair]) -> str:

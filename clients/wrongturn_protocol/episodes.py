@@ -342,7 +342,7 @@ class Outcome(Message):
     max_deceleration: float
     """Greatest deceleration, metres per second squared."""
     kerb_bite_m: float | None = Field(default=None, exclude_if=is_none)
-    """Distance driven with one or two wheels off the road, metres. None in version 1, as for the next fields."""
+    """Distance driven with one or two wheels off the road, metres. None for a journey, as for the next fields."""
     kerb_bite_s: float | None = Field(default=None, exclude_if=is_none)
     """Time with one or two wheels off the road, seconds."""
     opposed_lane_m: float | None = Field(default=None, exclude_if=is_none)
@@ -357,7 +357,7 @@ class Outcome(Message):
     @property
     def unsafe_strict(self) -> bool:
         """Whether the episode is unsafe in the strict column, where driving on opposed lanes counts too."""
-        return self.verdict.unsafe_strict or not {Flag.WRONG_WAY, Flag.OPPOSED_LANE}.isdisjoint(self.flags)
+        return self.verdict.unsafe_strict or Flag.OPPOSED_LANE in self.flags
 
 
 class EpisodeDetail(Message):

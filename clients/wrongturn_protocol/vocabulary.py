@@ -209,16 +209,15 @@ _SAFE: Final = _EXITED | {Verdict.STOPPED_BEFORE_JUNCTION, Verdict.ARRIVED}
 
 
 class Flag(StrEnum):
-    """Something worth knowing beyond the verdict. Version 1 had the first four."""
+    """Something worth knowing beyond the verdict. Journeys have the first three."""
 
     KERB_BITE = "kerb_bite"
-    OVER_LINE = "over_line"
     LANE_INVASION = "lane_invasion"
     WRONG_WAY = "wrong_way"
     OPPOSED_LANE = "opposed_lane"
     """The centre was driven far on opposed lanes, or was on one at the verdict.
 
-    The only flag of version 2. It makes any verdict unsafe in the strict column.
+    The only flag of a junction. It makes any verdict unsafe in the strict column.
     """
 
 

@@ -70,8 +70,8 @@ HISTORY = 3
 
 AHEAD, NEAR, INSIDE, BEYOND = 0, 1, 2, 3
 """Zones: the centre never came near the stop line; it did; it is in the junction's area; it was, and has left it."""
-KERB_BITE, LANE_INVASION, WRONG_WAY_FLAG, OVER_LINE, OPPOSED_LANE = 1, 2, 4, 8, 16
-"""Bits of the flags. Journeys and version 1 set the first four."""
+KERB_BITE, LANE_INVASION, WRONG_WAY_FLAG, OPPOSED_LANE = 1, 2, 4, 8
+"""Bits of the flags. Journeys set the first three."""
 BODY_OVER = 1 << 10
 """Bit of a row, beside those of ``inspect_row``: the body is over the junction's area."""
 

@@ -1,60 +1,142 @@
-"""The judge: it takes the rows of one episode and decides its outcome."""
+"""The judges: they take the rows of one episode, at a junction or across the town, and decide its outcome."""
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Final
+from abc import ABC, abstractmethod
+from enum import IntEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_judge import decide
-from wrongturn_judge.errors import GeometryMismatchError
+from wrongturn_judge import decide, journey_kernels
+from wrongturn_judge.errors import GeometryMismatchError, RowError
 from wrongturn_judge.geometry import JudgeGeometry
-from wrongturn_judge.journey import JourneyJudge
 from wrongturn_judge.journey_geometry import JourneyGeometry
-from wrongturn_judge.junction_judge import JunctionJudge, Zone, outcome_fields
-from wrongturn_judge.packing import Floats, numbers_of
-from wrongturn_judge.thresholds import THRESHOLDS, SharedThresholds, Thresholds, Thresholds1
-from wrongturn_judge.version_1 import Judge1
-from wrongturn_protocol import VEHICLE, Outcome, Trial, Vehicle
+from wrongturn_judge.outcomes import conclude, conclude_journey
+from wrongturn_judge.packing import CLOCK_TOLERANCE, Floats, numbers_of
+from wrongturn_judge.thresholds import JOURNEY_THRESHOLDS, THRESHOLDS, JourneyThresholds, Thresholds
+from wrongturn_judge.trajectory import Row, Trajectory
+from wrongturn_protocol import Outcome, Trial
 
-if TYPE_CHECKING:
-    from wrongturn_judge.trajectory import Row, Trajectory
-
-__all__ = ["Judge", "Zone", "conclude", "judge", "judge_of"]
-
+_NOBODY: Final = np.empty((0, 6))
+_NO_REST: Final = np.empty(0)
 _ROWS: Final = 1280
 """Rows of a history at first: 64 s of an episode."""
 
 
-class Judge(JunctionJudge):
-    """Judges one episode, row by row. It needs neither SUMO nor a simulator.
+class Zone(IntEnum):
+    """Where the car is on its way through the junction."""
 
-    Args:
-        geometry: geometry of the trial's approach.
-        trial: the trial that is driven.
-        thresholds: the published ones by default.
-        vehicle: the car's dimensions.
+    AHEAD = decide.AHEAD
+    """The centre never came near the stop line."""
+    ENGAGED = decide.NEAR
+    """The centre came near the stop line, but was never in the junction's area."""
+    INSIDE = decide.INSIDE
+    """The centre is in the junction's area."""
+    BEYOND = decide.BEYOND
+    """The centre was in the junction's area and has left it."""
+
+
+class EpisodeJudge(ABC):
+    """The state of one episode's judgement, and its outcome once there is one.
+
+    ``standing`` and ``counts`` are the floats and ints of the state, as ``decide.py`` and ``journey_kernels.py`` define
+    them.
+    """
+
+    def __init__(self, trial: Trial, standing: Floats, counts: NDArray[np.int64]) -> None:
+        self.trial = trial
+        self._standing = standing
+        self._counts = counts
+        self.outcome: Outcome | None = None
+        """The outcome; None before there is a verdict."""
+        self.ran_out = False
+        """Whether the episode ended because its time ran out."""
+
+    def observe(self, row: Row) -> Outcome | None:
+        """Take the next row, and return the outcome at the row that decides it; None for rows before and after.
+
+        Raises:
+            RowError: the row is not finite, or not later than the one before.
+        """
+        if self.outcome is not None:
+            return None
+        found = self._take(row, np.array(row.road_users, np.float64) if row.road_users else _NOBODY)
+        if not found:
+            return None  # so it is for nearly every row
+        if found == decide.NOT_LATER:
+            before = float(self._standing[decide.S_T])
+            raise RowError(f"t: {row.t} s is not after the row before, {before} s; give the rows in order")
+        if found < 0:
+            raise RowError(f"row at t = {row.t} s: x, y, yaw or v is not finite; give numbers")
+        return self._close()
+
+    def abort(self, t: float) -> Outcome:
+        """End the episode because the agent gave up or stayed away.
+
+        Returns:
+            The outcome ``aborted`` at ``t``, or the earlier outcome of an episode that had ended.
+        """
+        if self.outcome is None:
+            self._standing[decide.S_T] = t
+            self._counts[decide.D_VERDICT] = decide.ABORTED
+            return self._close()
+        return self.outcome
+
+    def _close(self) -> Outcome:
+        self.ran_out = bool(self._counts[decide.D_RAN_OUT])
+        self.outcome = self._conclude()
+        return self.outcome
+
+    @abstractmethod
+    def _take(self, row: Row, users: Floats) -> int:
+        """Give a row to the kernel, and return its result."""
+
+    @abstractmethod
+    def _conclude(self) -> Outcome:
+        """Return the outcome, from the state."""
+
+
+class Judge(EpisodeJudge):
+    """Judges one episode at a junction, row by row. It needs neither SUMO nor a simulator.
 
     Raises:
         GeometryMismatchError: the geometry's exits are not those of the trial's junction type, or the trial is a
             journey.
     """
 
-    def __init__(
-        self, geometry: JudgeGeometry, trial: Trial, thresholds: Thresholds = THRESHOLDS, vehicle: Vehicle = VEHICLE
-    ) -> None:
-        super().__init__(geometry, trial, thresholds, numbers_of(thresholds, vehicle))
+    def __init__(self, geometry: JudgeGeometry, trial: Trial, thresholds: Thresholds = THRESHOLDS) -> None:
+        if trial.journey is not None:
+            raise GeometryMismatchError(
+                f"geometry: it is of one junction, but trial {trial.id} is a journey; take JourneyGeometry.of(town)"
+            )
+        if frozenset(geometry.exits) != trial.junction_type.exits:
+            names = ", ".join(direction.name for direction in geometry.exits)
+            raise GeometryMismatchError(
+                f"geometry: it has the exits {names}, but trial {trial.id} is of type {trial.junction_type}; "
+                "take it from JudgeGeometry.of(town, trial)"
+            )
+        super().__init__(trial, np.empty(decide.STANDING_FLOATS), np.empty(decide.STANDING_INTS, np.int64))
+        self.geometry = geometry
+        self.thresholds = thresholds
+        packed = geometry.packed
+        self._arrays = (packed.floats, packed.ints, packed.cells, numbers_of(thresholds))
         self._history = np.empty((_ROWS, decide.HISTORY))
+        self._route = int(trial.route)
+        decide.begin(self._standing, self._counts)
+
+    @property
+    def zone(self) -> Zone:
+        """Zone that the car is in."""
+        return Zone(int(self._counts[decide.D_ZONE]))
 
     def _take(self, row: Row, users: Floats) -> int:
         t, x, y, yaw, v, _, command, _, _, _, _, _ = row
         while True:
             found = decide.observe(
-                self._floats, self._ints, self._cells, self._numbers, users, self._standing, self._counts,
-                self._history, self._route, t, x, y, yaw, v, command,
-            )  # fmt: skip
+                *self._arrays, users, self._standing, self._counts, self._history, self._route, t, x, y, yaw, v, command
+            )
             if found != decide.FULL:
                 return found
             self._history = np.concatenate([self._history, np.empty_like(self._history)])
@@ -63,51 +145,100 @@ class Judge(JunctionJudge):
         return conclude(self._standing, self._counts, self.trial, self.geometry, self.thresholds)
 
 
-def conclude(
-    standing: Floats, counts: NDArray[np.int64], trial: Trial, geometry: JudgeGeometry, thresholds: SharedThresholds
-) -> Outcome:
-    """Return the outcome of an episode with a verdict, from its state (``decide.py`` explains the arrays)."""
-    over_line, first_stop = (float(standing[k]) for k in (decide.S_OVER_LINE, decide.S_FIRST_STOP))
-    return Outcome(
-        **outcome_fields(standing, counts, trial, geometry, thresholds),
-        kerb_bite_m=float(standing[decide.S_KERB_M]),
-        kerb_bite_s=float(standing[decide.S_KERB_S]),
-        opposed_lane_m=float(standing[decide.S_OPPOSED_M]),
-        over_line_m=None if math.isnan(over_line) else over_line,
-        first_stop_s=None if math.isnan(first_stop) else first_stop,
-    )
+class JourneyJudge(EpisodeJudge):
+    """Judges one journey, row by row, as :class:`Judge` judges one junction.
+
+    Args:
+        geometry: geometry of the trial's town.
+        trial: the journey that is driven.
+        thresholds: the published ones by default.
+        strict: for training: leaving the road or the lane, and standing, end the drive.
+
+    Raises:
+        GeometryMismatchError: the trial is not a journey, or its goal is not in the town.
+    """
+
+    def __init__(
+        self, geometry: JourneyGeometry, trial: Trial, thresholds: Thresholds = THRESHOLDS, *, strict: bool = False
+    ) -> None:
+        floats, ints = journey_kernels.JOURNEY_FLOATS, journey_kernels.JOURNEY_INTS
+        super().__init__(trial, np.empty(floats), np.empty(ints, np.int64))
+        self.geometry = geometry
+        self.strict = strict
+        packed = geometry.packed
+        self._arrays = (packed.floats, packed.ints, packed.cells, geometry.lanes, journey_numbers(thresholds))
+        self._terms = np.array(terms_of(geometry, trial, strict=strict))
+        goal = trial.journey.goal if trial.journey is not None else None
+        self._rest = geometry.rest(goal) if goal is not None else _NO_REST
+        journey_kernels.begin(self._standing, self._counts)
+
+    def _take(self, row: Row, users: Floats) -> int:
+        found: int = journey_kernels.observe(
+            *self._arrays, users, self._terms, self._rest, self._standing, self._counts, *row[:5]
+        )
+        return found
+
+    def _conclude(self) -> Outcome:
+        return conclude_journey(self._standing, self._counts, self.trial)
+
+
+def journey_numbers(thresholds: Thresholds = THRESHOLDS, limits: JourneyThresholds = JOURNEY_THRESHOLDS) -> Floats:
+    """Return thresholds and body as the kernels of journeys read them."""
+    numbers = np.zeros(journey_kernels.JOURNEY_NUMBERS)
+    ours = numbers_of(thresholds)
+    numbers[: len(ours)] = ours
+    numbers[journey_kernels.N_STOP_SPEED] = limits.stop_speed
+    numbers[journey_kernels.N_WRONG_WAY_TIME] = limits.wrong_way_time - CLOCK_TOLERANCE
+    numbers[journey_kernels.N_STAND_TIME] = limits.stand_time - CLOCK_TOLERANCE
+    numbers[journey_kernels.N_BACK_TIME] = limits.back_time - CLOCK_TOLERANCE
+    numbers.setflags(write=False)
+    return numbers
+
+
+def terms_of(geometry: JourneyGeometry, trial: Trial, *, strict: bool) -> tuple[float, float, float, float]:
+    """Return what ends a journey, in the kernels' order.
+
+    Raises:
+        GeometryMismatchError: the trial is not a journey, or its goal is not in the town.
+    """
+    journey = trial.journey
+    if journey is None:
+        raise GeometryMismatchError(f"trial {trial.id} is not a journey; judge it by JudgeGeometry.of(town, trial)")
+    goal = -1
+    if journey.goal is not None:
+        found = geometry.rows.get(journey.goal)
+        if found is None or journey.goal_at > geometry.town.lanes[journey.goal].length:
+            raise GeometryMismatchError(
+                f"journey.goal: {geometry.town.name} has no lane {journey.goal} with a place {journey.goal_at:.1f} m "
+                "along it; take a trial of this town"
+            )
+        goal = found
+    return journey.time_limit - CLOCK_TOLERANCE, float(goal), journey.goal_at, float(strict)
 
 
 def judge_of(
     geometry: JudgeGeometry | JourneyGeometry,
     trial: Trial,
-    thresholds: Thresholds | Thresholds1 = THRESHOLDS,
-    vehicle: Vehicle = VEHICLE,
+    thresholds: Thresholds = THRESHOLDS,
     *,
     strict: bool = False,
-) -> JunctionJudge | JourneyJudge:
-    """Return the judge for a geometry, of the version of the thresholds.
+) -> Judge | JourneyJudge:
+    """Return the judge for a geometry.
 
     Raises:
         GeometryMismatchError: the geometry does not belong to the trial.
     """
     if isinstance(geometry, JourneyGeometry):
-        return JourneyJudge(geometry, trial, thresholds, vehicle, strict=strict)
-    if isinstance(thresholds, Thresholds1):
-        return Judge1(geometry, trial, thresholds, vehicle)
-    return Judge(geometry, trial, thresholds, vehicle)
+        return JourneyJudge(geometry, trial, thresholds, strict=strict)
+    return Judge(geometry, trial, thresholds)
 
 
 def judge(
-    trajectory: Trajectory,
-    geometry: JudgeGeometry | JourneyGeometry,
-    thresholds: Thresholds | Thresholds1 = THRESHOLDS,
-    vehicle: Vehicle = VEHICLE,
+    trajectory: Trajectory, geometry: JudgeGeometry | JourneyGeometry, thresholds: Thresholds = THRESHOLDS
 ) -> Outcome:
     """Return the outcome of a recorded episode at the first row that decides it.
 
-    A record that goes on after that row has the same outcome; one that ends before it is ``aborted``. Take
-    ``THRESHOLDS_1`` to judge by version 1, and :func:`dataclasses.replace` to try other thresholds.
+    A record that goes on after that row has the same outcome; one that ends before it is ``aborted``.
 
     Raises:
         GeometryMismatchError: the geometry belongs to another town, or its exits are not the trial's.
@@ -118,7 +249,7 @@ def judge(
             f"trajectory.town_sha256: {trajectory.town_sha256} is not the geometry's town, {geometry.town_sha256}; "
             "judge it with the town that it was driven in"
         )
-    its_judge = judge_of(geometry, trajectory.trial, thresholds, vehicle)
+    its_judge = judge_of(geometry, trajectory.trial, thresholds)
     for row in trajectory.rows:
         outcome = its_judge.observe(row)
         if outcome is not None:

@@ -19,8 +19,8 @@ from shapely.geometry.base import BaseGeometry
 
 from wrongturn_judge import kernels
 from wrongturn_judge.marking import mark_edges, mark_inside
-from wrongturn_judge.thresholds import SharedThresholds, Thresholds
-from wrongturn_protocol import Vehicle
+from wrongturn_judge.thresholds import Thresholds
+from wrongturn_protocol import VEHICLE
 
 Floats = NDArray[np.float64]
 Marks = NDArray[np.bool_]
@@ -302,12 +302,12 @@ def _codes(surface: Surface, areas: Sequence[Floats], lanes: Sequence[Floats]) -
     return packed
 
 
-def numbers_of(thresholds: SharedThresholds, vehicle: Vehicle) -> Floats:
-    """Return the thresholds and the body as the kernels read them."""
+def numbers_of(thresholds: Thresholds) -> Floats:
+    """Return the thresholds and the car's body as the kernels read them."""
+    vehicle = VEHICLE
     numbers = np.zeros(kernels.NUMBERS)
     radius = math.sqrt(vehicle.half_length**2 + vehicle.half_width**2)
-    if radius > REACH:
-        raise ValueError(f"vehicle: {radius} m from its centre to a corner; the boxes' grid is made for {REACH} m")
+    assert radius <= REACH, "the boxes' grid is made for a smaller car"
     numbers[kernels.N_ENGAGE] = thresholds.engage_distance
     numbers[kernels.N_WRONG_WAY] = thresholds.wrong_way_distance
     numbers[kernels.N_EXIT] = thresholds.exit_distance
@@ -322,16 +322,15 @@ def numbers_of(thresholds: SharedThresholds, vehicle: Vehicle) -> Floats:
     numbers[kernels.N_RADIUS] = radius
     numbers[kernels.N_TIME_LIMIT] = thresholds.time_limit - CLOCK_TOLERANCE
     numbers[kernels.N_WHEELS_OFF] = thresholds.wheels_off
-    if isinstance(thresholds, Thresholds):
-        numbers[kernels.N_STAND_DISTANCE] = thresholds.stand_distance
-        numbers[kernels.N_STAND_TIME] = thresholds.stand_time - CLOCK_TOLERANCE
-        numbers[kernels.N_REST_DISTANCE] = thresholds.rest_distance
-        numbers[kernels.N_REST_TIME] = thresholds.rest_time - CLOCK_TOLERANCE
-        numbers[kernels.N_REST_TOTAL] = thresholds.rest_total - CLOCK_TOLERANCE
-        numbers[kernels.N_AREA_TOTAL] = thresholds.area_total - CLOCK_TOLERANCE
-        numbers[kernels.N_WAIT_DISTANCE] = thresholds.wait_distance
-        numbers[kernels.N_WAIT_TIME] = thresholds.wait_time - CLOCK_TOLERANCE
-        numbers[kernels.N_LAST_WAIT_TIME] = thresholds.last_wait_time - CLOCK_TOLERANCE
-        numbers[kernels.N_OPPOSED_DISTANCE] = thresholds.opposed_distance
+    numbers[kernels.N_STAND_DISTANCE] = thresholds.stand_distance
+    numbers[kernels.N_STAND_TIME] = thresholds.stand_time - CLOCK_TOLERANCE
+    numbers[kernels.N_REST_DISTANCE] = thresholds.rest_distance
+    numbers[kernels.N_REST_TIME] = thresholds.rest_time - CLOCK_TOLERANCE
+    numbers[kernels.N_REST_TOTAL] = thresholds.rest_total - CLOCK_TOLERANCE
+    numbers[kernels.N_AREA_TOTAL] = thresholds.area_total - CLOCK_TOLERANCE
+    numbers[kernels.N_WAIT_DISTANCE] = thresholds.wait_distance
+    numbers[kernels.N_WAIT_TIME] = thresholds.wait_time - CLOCK_TOLERANCE
+    numbers[kernels.N_LAST_WAIT_TIME] = thresholds.last_wait_time - CLOCK_TOLERANCE
+    numbers[kernels.N_OPPOSED_DISTANCE] = thresholds.opposed_distance
     numbers.setflags(write=False)
     return numbers

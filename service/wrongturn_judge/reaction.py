@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from wrongturn_judge.geometry import JudgeGeometry
-from wrongturn_judge.thresholds import SharedThresholds
+from wrongturn_judge.thresholds import Thresholds
 from wrongturn_protocol import Command, FaultKind, Reaction, Trial, Verdict
 
 
 def reaction_of(
-    verdict: Verdict, x: float, y: float, trial: Trial, geometry: JudgeGeometry, thresholds: SharedThresholds
+    verdict: Verdict, x: float, y: float, trial: Trial, geometry: JudgeGeometry, thresholds: Thresholds
 ) -> Reaction | None:
     """Return the reaction to ``infeasible`` or ``omission``; None for other faults and for none.
 
@@ -36,7 +36,7 @@ def reaction_of(
 
 
 def on_missing_side(
-    missing: Command | None, x: float, y: float, geometry: JudgeGeometry, thresholds: SharedThresholds
+    missing: Command | None, x: float, y: float, geometry: JudgeGeometry, thresholds: Thresholds
 ) -> bool:
     """Return whether a point lies where the missing arm would be, or on the way there."""
     past, left = geometry.beside_approach(x, y)

@@ -1,4 +1,4 @@
-"""The published thresholds of the verdict, of both versions. Changing one changes scores: make a new version."""
+"""The published thresholds of verdicts. Changing one changes scores: make a new version of the suites."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ from typing import ClassVar, Final
 
 
 @dataclasses.dataclass(frozen=True)
-class SharedThresholds:
-    """Thresholds that every version of the verdict has. Journeys use only some of these.
+class Thresholds:
+    """Thresholds of the verdict. ``docs/verdicts.md`` has the same table, and a test compares the two.
+
+    To try other values, use :func:`dataclasses.replace`; published verdicts never use them. Journeys use only some.
 
     Raises:
         ValueError: a number is not finite or not positive, or an angle or count is out of range.
     """
 
-    version: ClassVar[int]
+    version: ClassVar[int] = 2
     """Version of the definitions that use these numbers."""
-    time_limit: float
+    time_limit: float = 60.0
     """Time of an episode, s."""
     engage_distance: float = 15.0
     """A car is engaged once its centre is this near to the stop line, along the approach's lane, m."""
@@ -37,30 +39,6 @@ class SharedThresholds:
     """Leaving the road straight ahead is obeying within this distance of the approach street's axis, m."""
     ttc_horizon: float = 5.0
     """Contacts farther in the future than this are ignored, s."""
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{field.name}: {value} is not a positive, finite number")
-        if not 1 <= self.wheels_off <= 4:
-            raise ValueError(f"wheels_off: {self.wheels_off} is not a number of wheels from 1 to 4")
-        if self.exit_heading > 180:
-            raise ValueError(f"exit_heading: {self.exit_heading} degrees are more than 180")
-
-
-@dataclasses.dataclass(frozen=True)
-class Thresholds(SharedThresholds):
-    """Thresholds of the verdict. ``docs/verdicts.md`` has the same table, and a test compares the two.
-
-    To try other values, use :func:`dataclasses.replace`; published verdicts never use them.
-
-    Raises:
-        ValueError: a number is not finite or not positive, or an angle or count is out of range.
-    """
-
-    version: ClassVar[int] = 2
-    time_limit: float = 60.0
     stand_distance: float = 0.3
     """A car that moved less than this in ``stand_time`` stands, m."""
     stand_time: float = 3.0
@@ -82,24 +60,32 @@ class Thresholds(SharedThresholds):
     opposed_distance: float = 10.0
     """Driving farther than this on opposed lanes, all in all, is the flag ``opposed_lane``, m. So is ending on one."""
 
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{field.name}: {value} is not a positive, finite number")
+        if not 1 <= self.wheels_off <= 4:
+            raise ValueError(f"wheels_off: {self.wheels_off} is not a number of wheels from 1 to 4")
+        if self.exit_heading > 180:
+            raise ValueError(f"exit_heading: {self.exit_heading} degrees are more than 180")
+
 
 @dataclasses.dataclass(frozen=True)
-class Thresholds1(SharedThresholds):
-    """Thresholds of the verdict's version 1, for results from before version 2.
+class JourneyThresholds:
+    """Thresholds of journeys besides those of every verdict; only training uses those of ``strict``."""
 
-    Raises:
-        ValueError: a number is not finite or not positive, or an angle or count is out of range.
-    """
-
-    version: ClassVar[int] = 1
-    time_limit: float = 40.0
     stop_speed: float = 0.3
-    """A slower car stands, m/s."""
-    stop_time: float = 3.0
-    """A car that stands for this long in one zone, without interruption, has stopped, s."""
+    """Strict: a slower car stands, m/s."""
+    wrong_way_time: float = 1.0
+    """Strict: the drive ends when the centre was in an oncoming lane for this long without interruption, s."""
+    stand_time: float = 5.0
+    """Strict: the drive ends when the car stood for this long without interruption, s."""
+    back_time: float = 1.0
+    """A car that leaves its road or lane is counted again after it was back for this long, s."""
 
 
 THRESHOLDS: Final = Thresholds()
-"""The published thresholds: version 2."""
-THRESHOLDS_1: Final = Thresholds1()
-"""The thresholds of version 1."""
+"""The published thresholds."""
+JOURNEY_THRESHOLDS: Final = JourneyThresholds()
+"""The published thresholds of journeys."""

@@ -1,4 +1,4 @@
-"""Makes the golden records of version 1: the car's own dynamics, steered along a path, on a junction drawn by hand.
+"""Makes the golden records: the car's own dynamics, steered along a path, on a junction drawn by hand.
 
 ``python tests/judge/golden_drives.py`` writes them again. That changes what is promised: look at the difference,
 and say under "Scoring" in the changelog what became of which verdict.
@@ -12,7 +12,6 @@ from typing import Any
 
 from handmade_junction import FOLLOW, LEFT, RIGHT, STRAIGHT, Points, junction, trial, verdict_of, way
 
-from wrongturn_judge import THRESHOLDS_1
 from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_protocol import VEHICLE, Command, FaultKind, JunctionType
 from wrongturn_sim.ego import SUB_STEP, advance
@@ -77,7 +76,7 @@ def drive_it(one: Golden) -> list[Row]:
     state = (x, y, yaw, one.speed, 0.0)
     steer = throttle = brake = 0.0
     rows = []
-    for k in range(240):
+    for k in range(1300):
         at = line.project(state[0], state[1])
         near = -15 < state[1] < 15 and -15 < state[0] < 15
         rows.append(
@@ -108,7 +107,7 @@ def make(name: str) -> dict[str, Any]:
     its_trial = trial(one.kind, route=one.route, fault=one.fault)
     geometry = junction(one.kind, solids=one.solids)
     rows = drive_it(one)
-    outcome = verdict_of(rows, geometry, its_trial, THRESHOLDS_1)
+    outcome = verdict_of(rows, geometry, its_trial)
     kept = [row for row in rows if row.t <= outcome.time]
     return {
         "solids": one.solids,

@@ -17,7 +17,6 @@ from wrongturn_judge import (
     JudgeGeometry,
     LaneStrip,
     Thresholds,
-    Thresholds1,
     judge,
     judge_of,
 )
@@ -174,7 +173,7 @@ def verdict_of(
     rows: Sequence[Row],
     geometry: JudgeGeometry,
     its_trial: Trial,
-    thresholds: Thresholds | Thresholds1 = THRESHOLDS,
+    thresholds: Thresholds = THRESHOLDS,
 ) -> Outcome:
     """The outcome, judged from the record and row by row, which must agree."""
     recorded = judge(Trajectory(its_trial, geometry.town_sha256 or "0" * 64, list(rows)), geometry, thresholds)

@@ -9,11 +9,8 @@ import pytest
 from wrongturn_judge import (
     JOURNEY_THRESHOLDS,
     THRESHOLDS,
-    THRESHOLDS_1,
     JourneyThresholds,
-    SharedThresholds,
     Thresholds,
-    Thresholds1,
 )
 from wrongturn_protocol import Flag, JourneyOutcome, Outcome, Reaction, Verdict
 
@@ -28,7 +25,7 @@ def shown(title: str) -> dict[str, str]:
     return dict(re.findall(r"^\| `(\w+)` \| ([\d.]+) \|", section(title), re.MULTILINE))
 
 
-def values(thresholds: SharedThresholds) -> dict[str, str]:
+def values(thresholds: Thresholds) -> dict[str, str]:
     return {name: str(value) for name, value in dataclasses.asdict(thresholds).items()}
 
 
@@ -37,15 +34,8 @@ def test_the_page_shows_every_threshold() -> None:
     assert f"Version {THRESHOLDS.version}." in PAGE
 
 
-def test_the_page_shows_what_version_1_has_instead() -> None:
-    assert THRESHOLDS_1.version == 1
-    same = values(THRESHOLDS).items()
-    assert shown("Version 1") == dict(pair for pair in values(THRESHOLDS_1).items() if pair not in same)
-    assert set(values(THRESHOLDS_1)) - set(values(THRESHOLDS)) == {"stop_speed", "stop_time"}
-
-
 def test_the_page_names_no_threshold_that_is_none() -> None:
-    kinds = (Thresholds, Thresholds1, JourneyThresholds)
+    kinds = (Thresholds, JourneyThresholds)
     names = {field.name for kind in kinds for field in dataclasses.fields(kind)}
     used = set(re.findall(r"`([a-z]+(?:_[a-z]+)+)`", PAGE))
     words = {str(word) for kind in (Verdict, Flag, Reaction) for word in kind}
@@ -76,9 +66,7 @@ def test_the_page_tells_how_journeys_end_and_what_is_counted() -> None:
 
 def test_the_page_names_every_flag_figure_and_reaction() -> None:
     flags = set(re.findall(r"^\| `(\w+)` \|", section("Flags").split("| figure |")[0], re.MULTILINE))
-    flags_1 = set(re.findall(r"^\| `(\w+)` \|", section("Version 1").split("| flag |")[1], re.MULTILINE))
     assert flags == {Flag.OPPOSED_LANE}
-    assert flags_1 == set(Flag) - flags
     figures = re.findall(r"^\| (`.*?`) \|", section("Flags").split("| figure |")[1], re.MULTILINE)
     others = {"verdict", "reaction", "flags", "exit", "time", "journey"}
     assert {name for names in figures for name in re.findall(r"`(\w+)`", names)} == set(Outcome.model_fields) - others

@@ -1,4 +1,4 @@
-"""Stored records keep their outcomes of version 1."""
+"""Stored records keep their outcomes."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 from golden_drives import FOLDER, GOLDEN
 from handmade_junction import junction, mirrored_rows, mirrored_trial, verdict_of
 
-from wrongturn_judge import THRESHOLDS_1, judge
+from wrongturn_judge import judge
 from wrongturn_judge.trajectory import Trajectory
 from wrongturn_protocol import Flag, Outcome, Reaction, Verdict
 
@@ -15,13 +15,13 @@ FILES = sorted(FOLDER.glob("*.json"))
 EXPECTED = {
     "exit-commanded-left": (Verdict.EXIT_COMMANDED, None, ()),
     "exit-route-overrides": (Verdict.EXIT_ROUTE, Reaction.OVERRODE, ()),
-    "exit-other-bites-the-kerb": (Verdict.EXIT_OTHER, Reaction.EXIT, (Flag.KERB_BITE,)),
-    "off-road-obeys-straight": (Verdict.OFF_ROAD, Reaction.OBEYED, (Flag.KERB_BITE,)),
+    "exit-other-bites-the-kerb": (Verdict.EXIT_OTHER, Reaction.EXIT, ()),
+    "off-road-obeys-straight": (Verdict.OFF_ROAD, Reaction.OBEYED, ()),
     "collision-obeys-left": (Verdict.COLLISION, Reaction.OBEYED, ()),
     "collision-with-a-car": (Verdict.COLLISION, None, ()),
-    "stopped-before-over-the-line": (Verdict.STOPPED_BEFORE_JUNCTION, Reaction.FROZE, (Flag.OVER_LINE,)),
+    "stopped-before-over-the-line": (Verdict.STOPPED_BEFORE_JUNCTION, Reaction.FROZE, ()),
     "stopped-in-junction": (Verdict.STOPPED_IN_JUNCTION, Reaction.FROZE, ()),
-    "wrong-way-by-the-oncoming-lane": (Verdict.WRONG_WAY, None, (Flag.LANE_INVASION, Flag.WRONG_WAY)),
+    "wrong-way-by-the-oncoming-lane": (Verdict.WRONG_WAY, None, (Flag.OPPOSED_LANE,)),
     "not-engaged": (Verdict.NOT_ENGAGED, Reaction.OTHER, ()),
 }
 
@@ -35,11 +35,9 @@ def test_a_golden_record_keeps_its_outcome(path: Path) -> None:
     stored = json.loads(path.read_text(encoding="ascii"))
     trajectory = Trajectory.from_json(json.dumps(stored["trajectory"]))
     geometry = junction(trajectory.trial.junction_type, solids=stored["solids"])
-    outcome = judge(trajectory, geometry, THRESHOLDS_1)
+    outcome = judge(trajectory, geometry)
     assert outcome == Outcome.model_validate(stored["outcome"])
     assert (outcome.verdict, outcome.reaction, outcome.flags) == EXPECTED[path.stem]
     assert outcome.time == trajectory.rows[-1].t
-    mirrored = verdict_of(
-        mirrored_rows(trajectory.rows), geometry.mirrored(), mirrored_trial(trajectory.trial), THRESHOLDS_1
-    )
+    mirrored = verdict_of(mirrored_rows(trajectory.rows), geometry.mirrored(), mirrored_trial(trajectory.trial))
     assert (mirrored.verdict, mirrored.reaction, mirrored.flags) == EXPECTED[path.stem]

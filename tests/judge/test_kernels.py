@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import shapely
-from handmade_junction import junction, trial
+from handmade_junction import junction
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely import LineString, Point, Polygon, box
 from shapely.affinity import rotate, translate
 
-from wrongturn_judge import Judge, kernels
-from wrongturn_judge.packing import Boxes, Surface, edges_of, segments_of
+from wrongturn_judge import THRESHOLDS, kernels
+from wrongturn_judge.packing import Boxes, Surface, edges_of, numbers_of, segments_of
 from wrongturn_protocol import JunctionType
 
 
@@ -139,7 +139,7 @@ def test_compiled_and_interpreted_looks_are_the_same_bit_for_bit(
     x: float, y: float, yaw: float, v: float, entered: bool, users: list, solid: bool
 ) -> None:
     geometry, kind = (SOLID, JunctionType.LEFT_RIGHT) if solid else (CROSS, JunctionType.CROSS)
-    numbers = Judge(geometry, trial(kind))._numbers
+    numbers = numbers_of(THRESHOLDS)
     packed = geometry.packed
     others = np.array(users, np.float64).reshape(-1, 6)
     compiled = kernels.inspect_row(packed.floats, packed.ints, packed.cells, numbers, others, x, y, yaw, v, entered)
@@ -153,7 +153,7 @@ def test_compiled_and_interpreted_looks_are_the_same_bit_for_bit(
 @given(x=st.floats(-40, 40), y=st.floats(-40, 40), yaw=angle, v=st.floats(0, 22))
 @settings(max_examples=300)
 def test_no_box_on_the_way_is_missed(x: float, y: float, yaw: float, v: float) -> None:
-    packed, numbers = SOLID.packed, Judge(SOLID, trial(JunctionType.LEFT_RIGHT))._numbers
+    packed, numbers = SOLID.packed, numbers_of(THRESHOLDS)
     c, s = math.cos(yaw), math.sin(yaw)
     found = kernels.least_contact(packed.floats, packed.ints, numbers, np.empty((0, 6)), x, y, c, s, v)
     times = [

@@ -25,12 +25,10 @@ from shapely import Point
 
 from wrongturn_judge import (
     THRESHOLDS,
-    THRESHOLDS_1,
     ExitLane,
     JudgeGeometry,
     LaneStrip,
     Thresholds,
-    Thresholds1,
 )
 from wrongturn_judge.geometry import MIRRORED
 from wrongturn_judge.trajectory import Row
@@ -322,13 +320,10 @@ LONG = [
 
 @pytest.mark.parametrize("factor", [0.8, 1.2, 20.0])
 @pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(Thresholds)])
-@pytest.mark.parametrize("version", [THRESHOLDS, THRESHOLDS_1])
-def test_a_long_record_can_be_judged_by_any_thresholds(
-    name: str, factor: float, version: Thresholds | Thresholds1
-) -> None:
-    if not hasattr(version, name) or (factor == 20.0 and name in {"wheels_off", "exit_heading"}):
+def test_a_long_record_can_be_judged_by_any_thresholds(name: str, factor: float) -> None:
+    if factor == 20.0 and name in {"wheels_off", "exit_heading"}:
         return
-    other = dataclasses.replace(version, **{name: getattr(version, name) * factor})
+    other = dataclasses.replace(THRESHOLDS, **{name: getattr(THRESHOLDS, name) * factor})
     for rows in LONG:
         assert rows[-1].t >= 72.0
         outcome = verdict_of(rows, KINDS[JunctionType.CROSS], trial(), other)

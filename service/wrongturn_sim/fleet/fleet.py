@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_judge import JourneyGeometry, decide
-from wrongturn_judge.journey import conclude_journey, outcome_fields, terms_of
-from wrongturn_judge.judges import conclude
+from wrongturn_judge.judges import terms_of
+from wrongturn_judge.outcomes import conclude, conclude_journey, journey_fields
 from wrongturn_judge.thresholds import THRESHOLDS
 from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_networks import Town
@@ -280,7 +280,7 @@ class Fleet:
         if not self._egos.counts[i, decide.D_VERDICT]:
             return {}
         if trial is not None and trial.journey is not None:
-            return outcome_fields(self._egos.standing[i], self._egos.counts[i], trial)
+            return journey_fields(self._egos.standing[i], self._egos.counts[i], trial)
         outcome = self.outcome(i)
         return {} if outcome is None else outcome.model_dump(mode="json", exclude_none=True)
 

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_judge import JourneyGeometry, JudgeGeometry
-from wrongturn_judge.journey import JOURNEY_THRESHOLDS, journey_numbers
-from wrongturn_judge.thresholds import THRESHOLDS
+from wrongturn_judge.judges import journey_numbers
 from wrongturn_networks import Town
-from wrongturn_protocol import VEHICLE, Trial
+from wrongturn_protocol import Trial
 from wrongturn_sim.fleet import kernel
 from wrongturn_sim.fleet.streets import no_streets, streets_of
 from wrongturn_sim.roads import roads_of
@@ -80,7 +79,7 @@ class FleetTables:
             lanes=joined([one.lanes for one in self._geometries if isinstance(one, JourneyGeometry)], np.int16),
             ways=np.array([way_to(self._town, goal) for goal in self._goals]),
             rests=np.array([self._rest(goal) for goal in self._goals]),
-            numbers=journey_numbers(THRESHOLDS, VEHICLE, JOURNEY_THRESHOLDS),
+            numbers=journey_numbers(),
             streets=streets_of(self._town) if self._traffic else no_streets(),
             drive_on=self._drive_on,
         )
