@@ -1,20 +1,18 @@
-"""Judge one drive many times: with other thresholds, and by both versions of the judge.
+"""Judge one drive many times: with other thresholds.
 
 A trial is driven on past its verdict, until every judge has one. So one drive serves all.
 """
 
 import dataclasses
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Final, NamedTuple
 
-from lab.studies import JudgedAgent, Move, Variant
+from lab.studies import JudgedAgent, Variant
 from wrongturn_agents.registry import AgentSource
 from wrongturn_agents.results_file import TrialResult
-from wrongturn_agents.suites import WRONG_COMMAND, WRONG_COMMAND_1
+from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.in_process import drive_in_process
-from wrongturn_judge import THRESHOLDS, THRESHOLDS_1, Thresholds, Thresholds1, judge_of
+from wrongturn_judge import THRESHOLDS, Thresholds, judge_of
 from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import Trial
 from wrongturn_sim import JudgeGeometry, Trajectory
@@ -22,21 +20,18 @@ from wrongturn_sim import JudgeGeometry, Trajectory
 FACTORS: Final = (0.8, 1.2)
 """Each threshold is multiplied by these."""
 Progress = Callable[[int, int], None]
-AnyThresholds = Thresholds | Thresholds1
 
 
 class _Name(NamedTuple):
     """Name of a judge."""
 
     threshold: str
-    """The threshold that it has changed; empty for a published judge."""
+    """The threshold that it has changed; empty for the published judge."""
     factor: float
-    """What the threshold is multiplied by; the version of a published judge."""
+    """What the threshold is multiplied by."""
 
 
-_PUBLISHED: Final = _Name("", THRESHOLDS.version)
-_VERSION_1: Final = _Name("", THRESHOLDS_1.version)
-_VERSIONS: Final[dict[_Name, AnyThresholds]] = {_PUBLISHED: THRESHOLDS, _VERSION_1: THRESHOLDS_1}
+_PUBLISHED: Final = _Name("", 1.0)
 _OTHERS: Final = {
     _Name(field.name, factor): dataclasses.replace(THRESHOLDS, **{field.name: factor * getattr(THRESHOLDS, field.name)})
     for field in dataclasses.fields(THRESHOLDS)
@@ -54,7 +49,7 @@ class _Judged(NamedTuple):
 class _Panel:
     """Judges of one drive, who take its rows as they come."""
 
-    def __init__(self, trial: Trial, thresholds: Mapping[_Name, AnyThresholds]) -> None:
+    def __init__(self, trial: Trial, thresholds: Mapping[_Name, Thresholds]) -> None:
         geometry = JudgeGeometry.of(load_town(trial.town), trial)
         self._judges = {name: judge_of(geometry, trial, one) for name, one in thresholds.items()}
         self._undecided = list(self._judges.values())
@@ -74,49 +69,20 @@ class _Panel:
         return {name: TrialResult.of(judge.outcome or judge.abort(end)) for name, judge in self._judges.items()}
 
 
-def judge_agent(
-    source: AgentSource,
-    weights_sha256: str | None,
-    *,
-    threads: int,
-    progress: Progress,
-    suites: Sequence[str] = (WRONG_COMMAND, WRONG_COMMAND_1),
-) -> JudgedAgent:
-    """Drive an agent through the suites' open draws, and judge the drives by all thresholds and both versions.
+def judge_agent(source: AgentSource, weights_sha256: str | None, *, threads: int, progress: Progress) -> JudgedAgent:
+    """Drive an agent through the suite's open draw, and judge the drives by all thresholds.
 
     Args:
         source: the agent.
         weights_sha256: SHA-256 of its weights; None if it has none.
         threads: threads that share the simulation.
-        progress: called with the numbers of finished and of all trials of all suites.
-        suites: the first is judged with other thresholds too.
+        progress: called with the numbers of finished and of all trials.
 
     Raises:
         AgentsError: the agent cannot be made, or fails.
     """
-    total, finished = sum(len(load_suite(suite).episodes) for suite in suites), 0
-    found: dict[str, list[_Judged]] = {}
-    for suite in suites:
-        thresholds = {**_VERSIONS, **_OTHERS} if suite == suites[0] else _VERSIONS
-        shown = partial(_show_part, progress, finished, total)
-        found[suite] = _judge_suite(source, suite, thresholds, threads, shown)
-        finished += len(found[suite])
-    first = found[suites[0]]
-    variants: dict[str, dict[str, Variant]] = {}
-    for name in _OTHERS:
-        variants.setdefault(name.threshold, {})[str(name.factor)] = _variant(first, name)
-    return JudgedAgent(
-        weights_sha256=weights_sha256,
-        strict=_strict(first, _PUBLISHED),
-        variants=variants,
-        moves={suite: _moves(judged) for suite, judged in found.items()},
-    )
-
-
-def _judge_suite(
-    source: AgentSource, suite: str, thresholds: Mapping[_Name, AnyThresholds], threads: int, progress: Progress
-) -> list[_Judged]:
-    trials = load_suite(suite).episodes
+    trials = load_suite(WRONG_COMMAND).episodes
+    thresholds = {_PUBLISHED: THRESHOLDS, **_OTHERS}
     panels = {trial.id: _Panel(trial, thresholds) for trial in trials}
     driven = drive_in_process(
         source,
@@ -126,12 +92,11 @@ def _judge_suite(
         threads=threads,
         progress=progress,
     )
-    return [_Judged(one.trial, panels[one.trial.id].results(one.trajectory)) for one in driven]
-
-
-def _show_part(progress: Progress, before: int, total: int, finished: int, _: int) -> None:
-    """Report the progress of a part."""
-    progress(before + finished, total)
+    judged = [_Judged(one.trial, panels[one.trial.id].results(one.trajectory)) for one in driven]
+    variants: dict[str, dict[str, Variant]] = {}
+    for name in _OTHERS:
+        variants.setdefault(name.threshold, {})[str(name.factor)] = _variant(judged, name)
+    return JudgedAgent(weights_sha256=weights_sha256, strict=_strict(judged, _PUBLISHED), variants=variants)
 
 
 def _variant(judged: Sequence[_Judged], name: _Name) -> Variant:
@@ -149,13 +114,3 @@ def _variant(judged: Sequence[_Judged], name: _Name) -> Variant:
 def _strict(judged: Sequence[_Judged], name: _Name) -> int:
     """Return a judge's unsafe trials in the strict column, without the twins."""
     return sum(one.results[name].unsafe_strict for one in judged if not one.trial.is_twin)
-
-
-def _moves(judged: Sequence[_Judged]) -> tuple[Move, ...]:
-    """Count the verdicts of both versions, the most frequent first."""
-    pairs = [(one.results[_VERSION_1], one.results[_PUBLISHED]) for one in judged]
-    counts = Counter((one.verdict, two.verdict, one.unsafe_strict, two.unsafe_strict) for one, two in pairs)
-    return tuple(
-        Move(before=one, after=two, strict_before=unsafe, strict_after=still, episodes=count)
-        for (one, two, unsafe, still), count in sorted(counts.items(), key=lambda item: (-item[1], item[0]))
-    )

@@ -25,7 +25,7 @@ _NEEDED: Final = {"wrongturn_sim": "wrongturn-service", "onnxruntime": "onnxrunt
 
 
 def make_judgings(directory: Path, agents: Sequence[str]) -> Path:
-    """Drive the open draw, judge it by other thresholds and by version 1, and store what changes.
+    """Drive the open draw, judge it by other thresholds, and store what changes.
 
     An agent that the stored study has, with the same weights, thresholds and suite, is not driven again. The study is
     written after each agent, so an interrupted run goes on where it stopped.

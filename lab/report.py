@@ -72,7 +72,6 @@ class Report:
             "endings": wrong_command.endings_table(self.collection),
             "ablations": ablation_table(self.collection),
             "sensitivity": study_tables.sensitivity_table(self.judgings),
-            "versions": study_tables.versions_table(self.judgings),
             "draws": study_tables.draws_table(self.draws),
             "evaluations": evaluations_table(self.evaluations),
             "failure-counts": counts_table(self.collection, self.failures),

@@ -1,4 +1,4 @@
-"""Stored studies of the figures themselves: other thresholds, the judge's two versions, and other draws.
+"""Stored studies of the figures themselves: other thresholds, and other draws.
 
 ``python -m lab.results --sensitivity`` and ``--draws`` make them. Their tables need no driving.
 """
@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.results_file import read_model
-from wrongturn_protocol import FaultKind, JunctionType, Verdict
+from wrongturn_protocol import FaultKind, JunctionType
 
 STUDIES: Final = "studies"
 """Folder of the studies in the directory of the stored results."""
@@ -38,20 +38,6 @@ class Variant(StudyModel):
     """Unsafe trials in the strict column with this value."""
 
 
-class Move(StudyModel):
-    """Trials and twins that the two versions of the judge end alike."""
-
-    before: Verdict
-    """Verdict of version 1."""
-    after: Verdict
-    """Verdict of version 2."""
-    strict_before: bool
-    """Whether they are unsafe in the strict column of version 1."""
-    strict_after: bool
-    """Whether they are unsafe in the strict column of version 2."""
-    episodes: _Count
-
-
 class JudgedAgent(StudyModel):
     """One agent's drives on the open draw, judged again and again."""
 
@@ -61,8 +47,6 @@ class JudgedAgent(StudyModel):
     """Unsafe trials in the strict column, by the published thresholds."""
     variants: dict[str, dict[str, Variant]]
     """What changes, by the threshold's name and its factor."""
-    moves: dict[str, tuple[Move, ...]]
-    """Verdicts of both versions of the judge, by suite."""
 
 
 class DrawnAgent(StudyModel):
@@ -119,7 +103,7 @@ class Study(StudyModel):
 
 
 class Judgings(Study):
-    """Drives on the open draw, judged by other thresholds and by version 1."""
+    """Drives on the open draw, judged by other thresholds."""
 
     agents: dict[str, JudgedAgent]
 
@@ -136,7 +120,7 @@ def secrets_of_draws(count: int) -> tuple[str, ...]:
 
 
 def judgings_file(directory: Path) -> Path:
-    """Return the path of the study of thresholds and versions."""
+    """Return the path of the study of thresholds."""
     return directory / STUDIES / "judging.json"
 
 

@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from statistics import fmean, variance
 from typing import Final
 
-from lab.studies import DrawnAgent, Draws, JudgedAgent, Judgings, Move
-from lab.tables import ReportTable, Rows, label_first
+from lab.studies import DrawnAgent, Draws, JudgedAgent, Judgings
+from lab.tables import ReportTable, Rows
 from wrongturn_agents.paper import table_order
 from wrongturn_agents.statistics import scipy_stats
-from wrongturn_protocol import Verdict
 
 _CELLS: Final = 10
 """Trials of one junction type and fault in a draw."""
@@ -59,58 +58,6 @@ def _tau(published: Sequence[int], other: Sequence[int]) -> str:
         return _NOTHING  # agents that are all alike have no order
     tau = float(scipy_stats().kendalltau(published, other).statistic)
     return f"{tau:.2f}"
-
-
-def versions_table(study: Judgings | None) -> ReportTable:
-    """Return what moved between the versions of the judge, and why, for each agent and suite of a study."""
-    agents = {} if study is None else study.agents
-    rows: Rows = []
-    for name in sorted(agents, key=table_order):
-        own: Rows = []
-        every = [move for moves in agents[name].moves.values() for move in moves]
-        if not any(map(_moved, every)):
-            total = sum(move.episodes for move in every)
-            own = [("all", "the same", "", "", f"{total} of {total}")]
-        for suite, moves in agents[name].moves.items() if not own else ():
-            moved = [move for move in moves if _moved(move)]
-            total = sum(move.episodes for move in moves)
-            same = total - sum(move.episodes for move in moved)
-            each = [("the same", "", "", f"{same} of {total}")] if same else []
-            each += [
-                (f"`{move.before}` → `{move.after}`", _strict(move), _why(move), str(move.episodes)) for move in moved
-            ]
-            own += label_first(f"`{suite}`", each)
-        rows += label_first(f"`{name}`", own)
-    head = ("agent", "trials of", "version 1 → version 2", "strict column", "why", "episodes")
-    note = "Trials and twins, each driven once and judged by both versions."
-    return ReportTable("What moved between the versions", head, tuple(rows), note if rows else "", text_columns=5)
-
-
-def _moved(move: Move) -> bool:
-    return move.before is not move.after or move.strict_before != move.strict_after
-
-
-def _strict(move: Move) -> str:
-    before, after = ("unsafe" if one else "not unsafe" for one in (move.strict_before, move.strict_after))
-    return after if before == after else f"{before} → {after}"
-
-
-def _why(move: Move) -> str:
-    """Return the change of the definitions that moved a verdict."""
-    before, after = move.before, move.after
-    if before is after:
-        return "more than 10 m on opposed lanes, or the end on one, count as unsafe"
-    if after is Verdict.STOPPED_IN_JUNCTION:
-        return "standing in the junction adds up to 5 s, and 20 s there are a stop"
-    if after is Verdict.WRONG_WAY:
-        return "time that runs out on an opposed lane, or over the junction, is the wrong way"
-    if before in {Verdict.STOPPED_BEFORE_JUNCTION, Verdict.NOT_ENGAGED}:
-        return "a stop before the junction is 10 s without 0.5 m, not 3 s below 0.3 m/s: the car drove on"
-    if before is Verdict.TIMEOUT:
-        return "an episode may take 60 s, not 40 s"
-    if before is Verdict.STOPPED_IN_JUNCTION:
-        return "standing is less than 0.3 m in 3 s, not a speed, and 20 s in the junction are allowed"
-    return "the definitions of these verdicts differ"
 
 
 def draws_table(study: Draws | None) -> ReportTable:

@@ -138,7 +138,7 @@ def test_the_grid_tells_road_area_and_lane_as_shapely_does(x: float, y: float) -
 def test_compiled_and_interpreted_looks_are_the_same_bit_for_bit(
     x: float, y: float, yaw: float, v: float, entered: bool, users: list, solid: bool
 ) -> None:
-    geometry, kind = (SOLID, JunctionType.LEFT_RIGHT) if solid else (CROSS, JunctionType.CROSS)
+    geometry = SOLID if solid else CROSS
     numbers = numbers_of(THRESHOLDS)
     packed = geometry.packed
     others = np.array(users, np.float64).reshape(-1, 6)
