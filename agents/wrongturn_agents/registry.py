@@ -31,16 +31,9 @@ from wrongturn_agents.errors import (
     UnknownAgentError,
     why_no_file,
 )
-from wrongturn_agents.exploits.blocker import Blocker
-from wrongturn_agents.exploits.clones import Clone
-from wrongturn_agents.exploits.creeper import Creeper
-from wrongturn_agents.exploits.head_on import HeadOn
-from wrongturn_agents.exploits.odometer import Odometer
-from wrongturn_agents.exploits.oncoming_lane import OncomingLane, OncomingLaneBack
-from wrongturn_agents.exploits.pause_then_obey import PauseThenObey
-from wrongturn_agents.exploits.twin_tape import TwinTape
-from wrongturn_agents.exploits.twitcher import Twitcher
-from wrongturn_agents.exploits.u_turner import UTurner
+from wrongturn_agents.exploits.rule_drivers import Clone, Creeper, Odometer, PauseThenObey, Twitcher
+from wrongturn_agents.exploits.stunts import Blocker, HeadOn, OncomingLane, OncomingLaneBack, UTurner
+from wrongturn_agents.exploits.tapes import TwinTape
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, ShippedAgent, trained_with
 from wrongturn_client.invocation import program, python
 from wrongturn_protocol import AgentKind, Track

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_agents.baselines import Manner, Path, RuleDriver, View
-from wrongturn_agents.baselines.obeys_blindly import made_up_path
+from wrongturn_agents.baselines.drivers import made_up_path
 from wrongturn_protocol import DIRECTIONS, Action, Command
 from wrongturn_protocol.observations import Observation
 

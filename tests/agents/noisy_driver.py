@@ -12,7 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from wrongturn_agents.baselines import RuleDriver, View
-from wrongturn_agents.baselines.obeys_blindly import made_up_path
+from wrongturn_agents.baselines.drivers import made_up_path
 from wrongturn_protocol import DIRECTIONS, Action, Command
 from wrongturn_protocol.observations import Observation
 
