@@ -107,6 +107,7 @@ async def fill(url: str, suite_id: str, agents: int) -> Filled:
                     "state": "finished",
                     "secret": suite_id,
                     "trials": len(suite.episodes),
+                    "seq": number + 1,
                     "created": _BEGUN + number,
                     "driven": _BEGUN + number,
                     "finished": _BEGUN + number + 3600,

@@ -31,7 +31,7 @@ from wrongturn_service.storage.models import (
 )
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.submissions import SubmissionStore
-from wrongturn_service.tokens import digest
+from wrongturn_service.tokens import digest, new_token
 
 _CACHED = 10_000
 
@@ -312,6 +312,13 @@ class Accounts:
         """Replace an agent's token. None revokes it."""
         await self._store.set_token(agent_id, None if token is None else digest(token), reply)
         await self._forget(agent_id)
+
+    async def renew(self, reply: IdempotencyRow) -> str:
+        """Return a new token in place of the one that a stored reply had, which ends."""
+        token = new_token()
+        await self._store.renew_token(reply, digest(token))
+        await self._forget(reply.agent_id or reply.owner_id)
+        return token
 
     async def forget(self, holders: Iterable[str]) -> None:
         """Forget the tokens of agents and runners that were ended in the database."""

@@ -1,7 +1,6 @@
 """What the operator does: hiding, ending tokens, and deleting with all that hangs on it."""
 
 import asyncio
-from collections.abc import Iterable
 from typing import Final
 
 import structlog
@@ -15,9 +14,8 @@ from wrongturn_service.errors import ForbiddenError, InvalidRequestError, NotFou
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.registration import SHIPPED
 from wrongturn_service.replays import Replays
-from wrongturn_service.storage.administration import AdministrationStore, Doomed, Found, Item
-from wrongturn_service.storage.audit import Act, AuditLog
-from wrongturn_service.storage.contents import total
+from wrongturn_service.storage.administration import AdministrationStore, Found, Item, PendingDeletion
+from wrongturn_service.storage.audit import Act
 from wrongturn_service.storage.models import EvaluationRow, OwnerRow
 from wrongturn_service.submissions.operations import Submissions
 from wrongturn_service.web.kept import Kept
@@ -34,14 +32,12 @@ class Administration:
     """Changes what others own. Every change is in the audit log.
 
     Attributes:
-        rows: The database.
-        audit: The audit log.
+        rows: The database, with the audit log.
     """
 
     def __init__(
         self,
         rows: AdministrationStore,
-        audit: AuditLog,
         accounts: Accounts,
         submissions: Submissions,
         episodes: EpisodeManager,
@@ -50,7 +46,6 @@ class Administration:
         kept: Kept,
     ) -> None:
         self.rows = rows
-        self.audit = audit
         self._accounts = accounts
         self._submissions = submissions
         self._episodes = episodes
@@ -66,11 +61,6 @@ class Administration:
         if found is None:
             raise unknown(collection, item_id)
         return found
-
-    async def contents(self, collection: Collection, item_id: str) -> Contents:
-        """Return what hangs on an item, and would be deleted with it."""
-        contents, submissions = await self.rows.contents(collection, item_id)
-        return total(contents, await asyncio.to_thread(self._models, submissions))
 
     async def hide(self, collection: Collection, item_id: str, act: Act, *, hidden: bool) -> int:
         """Hide an item from everybody but its owner and the operator, or show it again. Safe to call again.
@@ -132,23 +122,23 @@ class Administration:
             found = await self.rows.item(collection, item_id)
             if found is not None:
                 _check_not_shipped(found)
-            doomed = await self.rows.begin_deletion(collection, item_id, act)
-            if doomed is None:
+            pending = await self.rows.begin_deletion(collection, item_id, act)
+            if pending is None:
                 before = await self.rows.deleted_before(collection, item_id, act, free=free)
                 if before is None:
                     raise unknown(collection, item_id)
                 self._leaderboards.forget_all()  # a place may be free now
                 name, held = before
                 return Deletion(id=item_id, name=name, deleted=Contents(), held=held)
-            await self._let_go(doomed)
-            models = await asyncio.to_thread(self._delete_models, doomed.submissions)
-            more = True
-            while more:
-                more = await self.rows.delete_some(collection, item_id, doomed.seq)
-            deleted, held = await self.rows.finish_deletion(collection, item_id, doomed, models, free=free)
+            await self._let_go(pending)
+            for submission in pending.submissions:
+                await asyncio.to_thread(self._submissions.files.delete, submission)
+            while await self.rows.delete_some(pending):
+                pass
+            deleted, held = await self.rows.finish_deletion(pending, item_id, free=free)
             self._forget()
         self._log.warning("deleted", kind=collection.one, id=item_id, **deleted.model_dump(exclude_defaults=True))
-        return Deletion(id=item_id, name=doomed.name, deleted=deleted, held=held)
+        return Deletion(id=item_id, name=pending.name, deleted=deleted, held=held)
 
     async def note(
         self, authorization: str | None, address: str, action: AuditAction, collection: Collection, row: Item
@@ -165,34 +155,21 @@ class Administration:
         if not self._accounts.is_operator(authorization) or isinstance(row, EvaluationRow):
             return
         act = Act(await self._accounts.operator(authorization), address)
-        await self.audit.note(act.entry(action, collection, row.id, row.name, Contents(**{collection.value: 1})))
+        await self.rows.note(act, action, collection, row, row.name)
 
-    async def _let_go(self, doomed: Doomed) -> None:
+    async def _let_go(self, pending: PendingDeletion) -> None:
         """End what runs of a target that is hidden and stopped in the database."""
         self._forget()
-        holders = {*doomed.agents, *doomed.submissions, *doomed.cancelled}
+        holders = {*pending.agents, *pending.submissions, *pending.cancelled}
         await self._accounts.forget(holders)
-        for submission in doomed.cancelled:
+        for submission in pending.cancelled:
             self._submissions.cancelled(submission)
-        await self._episodes.closings.drop(doomed.evaluations, holders)
+        await self._episodes.closings.drop(pending.evaluations, holders)
 
     def _forget(self) -> None:
         self._leaderboards.forget_all()
         self._kept.clear()
         self._replays.clear()
-
-    def _models(self, submissions: Iterable[str]) -> Contents:
-        """Return the number and bytes of the files with models. Use a thread."""
-        sizes = [size for one in submissions if (size := self._submissions.files.size(one)) is not None]
-        return Contents(models=len(sizes), bytes=sum(sizes))
-
-    def _delete_models(self, submissions: Iterable[str]) -> Contents:
-        """Delete the files with models, and return what they were. Use a thread."""
-        submissions = list(submissions)
-        found = self._models(submissions)
-        for submission in submissions:
-            self._submissions.files.delete(submission)
-        return found
 
 
 def unknown(collection: Collection, item_id: str) -> NotFoundError:

@@ -1,4 +1,7 @@
-"""``Idempotency-Key``: a repeated request gets the stored reply, so nothing is created twice."""
+"""``Idempotency-Key``: a repeated request gets the stored reply, so nothing is created twice.
+
+Tokens are not stored. A repeated registration or rotation makes a new token, and the one before ends.
+"""
 
 import asyncio
 import contextlib
@@ -12,14 +15,14 @@ from wrongturn_protocol import FieldError, ProblemType
 from wrongturn_service.errors import InvalidRequestError, ServiceError
 from wrongturn_service.storage.models import IdempotencyRow
 from wrongturn_service.storage.store import Store
-from wrongturn_service.tokens import digest, seal
+from wrongturn_service.tokens import digest
 
 HEADER = "Idempotency-Key"
 _LONGEST = 255
 
 
 @dataclass(frozen=True)
-class Once:
+class IdempotentRequest:
     """A request with its key.
 
     Attributes:
@@ -35,35 +38,28 @@ class Once:
     fingerprint: str
 
     def remember(
-        self,
-        status: int,
-        content_type: str,
-        token: str | None = None,
+        self, status: int, content_type: str, *, with_token: bool = False
     ) -> Callable[[bytes], IdempotencyRow] | None:
         """Return a function that makes the row to store from a reply's body. None without a key.
 
         Args:
             status: Status of the reply.
             content_type: Content type of the reply.
-            token: A token in the reply, which is stored encrypted.
+            with_token: Whether the reply also has a token. The body is stored without it.
         """
         key = self.key
         if key is None:
             return None
-
-        def row(body: bytes) -> IdempotencyRow:
-            return IdempotencyRow(
-                scope=self.scope,
-                key_sha256=digest(key),
-                request_sha256=self.fingerprint,
-                status=status,
-                content_type=content_type,
-                body=body,
-                sealed_token=None if token is None else seal(token, key),
-                created=time.time(),
-            )
-
-        return row
+        return lambda body: IdempotencyRow(
+            scope=self.scope,
+            key_sha256=digest(key),
+            request_sha256=self.fingerprint,
+            status=status,
+            content_type=content_type,
+            body=body,
+            with_token=with_token,
+            created=time.time(),
+        )
 
 
 class Idempotency:
@@ -78,7 +74,7 @@ class Idempotency:
     @contextlib.asynccontextmanager
     async def once(
         self, key: str | None, scope: str, call: str, body: bytes, line: asyncio.Semaphore | None = None
-    ) -> AsyncIterator[Once]:
+    ) -> AsyncIterator[IdempotentRequest]:
         """Handle a request in the block.
 
         Args:
@@ -94,7 +90,7 @@ class Idempotency:
         """
         fingerprint = hashlib.sha256(call.encode("utf-8", "surrogatepass") + b"\n" + body).hexdigest()
         if key is None:
-            yield Once(None, None, scope, fingerprint)
+            yield IdempotentRequest(None, None, scope, fingerprint)
             return
         if not (0 < len(key) <= _LONGEST and key.isascii() and key.isprintable()):
             raise InvalidRequestError(
@@ -115,4 +111,4 @@ class Idempotency:
                     status=422,
                     errors=[FieldError(path=HEADER, message=message)],
                 )
-            yield Once(stored, key, scope, fingerprint)
+            yield IdempotentRequest(stored, key, scope, fingerprint)

@@ -4,8 +4,6 @@ import time
 from collections import OrderedDict, deque
 from typing import Final
 
-import structlog
-
 from wrongturn_protocol import AgentKind, AgentRegistration, FieldError, OwnerDetail, OwnerRegistration, ProblemType
 from wrongturn_protocol.reserved_names import OWNER_NAME, looks_like, misleads
 from wrongturn_service.accounts import Accounts, bearer
@@ -24,7 +22,6 @@ from wrongturn_service.tokens import digest, new_id
 
 SHIPPED: Final = OWNER_NAME
 """Owner of the agents that the operator registers as other kinds than ``submitted``."""
-_log = structlog.get_logger("registration")
 _HOUR_S = 3600.0
 _ADDRESSES = 10_000
 
@@ -69,9 +66,7 @@ class Registrations:
 
     async def prepare(self) -> None:
         """Make the owner of the shipped agents, so that nobody else has or takes its name."""
-        renamed = await self._store.reserve_owner(new_owner(SHIPPED))
-        if renamed is not None:
-            _log.warning("owner renamed, because its name is reserved", owner=renamed.id, name=renamed.name)
+        await self._store.reserve_owner(new_owner(SHIPPED))
 
     async def registrant(self, authorization: str | None, advice: str) -> OwnerRow | None:
         """Return the owner whose token an ``Authorization`` header holds; None for the operator or without a token.
@@ -94,7 +89,7 @@ class Registrations:
             raise ForbiddenError(f"this is an agent's token; {advice}")
         await self._accounts.check_no_runner(authorization)
         raise UnauthenticatedError(
-            "nobody has this token; it may have been rotated or revoked; leave it out, or mend it"
+            "nobody has this token; it may have been rotated or revoked; leave it out, or correct it"
         )
 
     def sender(self, authorization: str | None, owner: OwnerRow | None, address: str) -> str:

@@ -33,7 +33,6 @@ from wrongturn_service.simulators.interface import SimulatorPool, SimulatorStart
 from wrongturn_service.simulators.local_pool import LocalPool
 from wrongturn_service.socket.limits import ConnectionLimits
 from wrongturn_service.storage.administration import AdministrationStore
-from wrongturn_service.storage.audit import AuditLog
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.finished import FinishedStore
 from wrongturn_service.storage.store import Store
@@ -181,7 +180,6 @@ async def run_service(
         kept = Kept()
         administration = Administration(
             AdministrationStore(database),
-            AuditLog(database),
             accounts,
             submissions,
             episodes,
@@ -217,10 +215,10 @@ async def run_service(
 
 def _limits(settings: Settings) -> Limits:
     return Limits(
-        evaluation=settings.parallel,
-        agent=Most(settings.open_episodes, settings.practice),
-        owner=Most(settings.open_per_owner, settings.practice_per_owner),
-        address=Most(settings.open_per_address, settings.practice_per_address),
+        evaluation=settings.max_parallel,
+        agent=Most(settings.max_open, settings.max_practice),
+        owner=Most(settings.max_open_per_owner, settings.max_practice_per_owner),
+        address=Most(settings.max_open_per_address, settings.max_practice_per_address),
     )
 
 
@@ -276,29 +274,41 @@ async def _housekeeping(
     pool: SimulatorPool,
     memory: Gauge,
 ) -> None:
+    """Do chores for ever. Each fails alone, and is then tried again."""
     log = structlog.get_logger("service")
-    purged = 0.0
+
+    async def purge() -> None:
+        now = time.time()
+        await store.purge(
+            practice_before=now - settings.practice_keep_days * _DAY_S,
+            replies_before=now - settings.idempotency_keep_hours * _HOUR_S,
+            abandoned_before=now - settings.abandoned_keep_days * _DAY_S,
+            unused_before=now - settings.unused_keep_days * _DAY_S,
+        )
+
+    async def measure() -> None:
+        memory.set(await asyncio.to_thread(pool.memory))
+
+    async def close() -> None:
+        await episodes.closings.close_overdue(await submissions.evaluations())
+
+    async def start() -> None:
+        # A service that is not ready gets no calls, so no call would start a simulator.
+        if pool.failure is not None and not pool.running:
+            await pool.start()
+
+    always = {"memory": measure, "retry": evaluations.retry, "close": close, "tidy": submissions.tidy, "start": start}
+    hourly = {"purge": purge, "purge submissions": submissions.purge}
+    due = dict.fromkeys({**hourly, **always}, 0.0)
     while True:
-        try:
-            if time.monotonic() - purged >= _PURGE_S or not purged:
-                now = time.time()
-                await store.purge(
-                    practice_before=now - settings.practice_keep_days * _DAY_S,
-                    replies_before=now - settings.idempotency_keep_hours * _HOUR_S,
-                    abandoned_before=now - settings.abandoned_keep_days * _DAY_S,
-                    unused_before=now - settings.unused_keep_days * _DAY_S,
-                )
-                await submissions.purge()
-                purged = time.monotonic()
-            memory.set(await asyncio.to_thread(pool.memory))
-            await evaluations.retry()
-            await episodes.closings.close_overdue(await submissions.evaluations())
-            await submissions.tidy()
-            if pool.failure is not None and not pool.running:
-                # A service that is not ready gets no calls, so no call would start a simulator.
-                await pool.start()
-        except Exception:
-            log.exception("housekeeping failed")
+        for name, chore in {**hourly, **always}.items():
+            if time.monotonic() < due[name]:
+                continue
+            try:
+                await chore()
+                due[name] = time.monotonic() + (_PURGE_S if name in hourly else 0.0)
+            except Exception:
+                log.exception("housekeeping failed", chore=name)
         await asyncio.sleep(min(_RETRY_S, settings.evaluation_idle_h * _HOUR_S / 4))
 
 

@@ -4,7 +4,7 @@ from enum import StrEnum
 from functools import cached_property
 from ipaddress import ip_network
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import urlsplit
 
 import platformdirs
@@ -17,7 +17,7 @@ from wrongturn_service.secret_file import Secret, read_secret
 PREFIX = "WRONGTURN_"
 GATEWAY = "gateway"
 """Stands for the address of the default gateway."""
-Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class Registration(StrEnum):
@@ -27,8 +27,16 @@ class Registration(StrEnum):
     OPERATOR = "operator"
 
 
+def _times_simulators(number: int) -> Any:
+    """Return the default of a limit on open episodes: a multiple of the number of simulators."""
+    return Field(default_factory=lambda settings: number * settings.get("simulators", 1))
+
+
 class Settings(BaseSettings):
-    """The service's settings, described in ``docs/settings.md``."""
+    """The service's settings. ``python lab/settings_page.py`` writes their docstrings into ``docs/settings.md``.
+
+    A default that is computed stands at the end of its docstring: ``Default: …``
+    """
 
     model_config = SettingsConfigDict(
         env_prefix=PREFIX,
@@ -39,122 +47,131 @@ class Settings(BaseSettings):
     )
 
     host: str = "127.0.0.1"
-    """Address to listen on."""
+    """Address to listen on. `0.0.0.0` means every address of the machine: then put a proxy with TLS in front of it."""
     port: Annotated[int, Field(ge=0, le=65535)] = 8000
-    """Port to listen on. 0 takes a free port."""
+    """Port to listen on. 0 takes a free port; the ready line says which."""
     public_url: str | None = None
-    """URL at which people reach the service behind a proxy. Default: the one of each request."""
+    """URL at which people reach the service behind a proxy, such as `https://lab.example/wrongturn`. The pages and the
+    OpenAPI document name it. Default: that of each request."""
     home: Path = Field(default_factory=lambda: Path(platformdirs.user_data_dir("wrongturn")))
-    """Folder for data, models, your towns and caches."""
+    """Folder for the database, models that were handed in, and compiled code. Default: the platform's data folder."""
     database: str = ""
-    """SQLAlchemy URL of the database. Default: the SQLite file ``wrongturn.db`` in the home."""
+    """URL of the database, as SQLAlchemy writes it. For PostgreSQL: `postgresql+asyncpg://user:password@host/name`.
+    Only one service can use a database at a time. The folder of a SQLite file has to exist; the service creates only
+    its home. Default: `wrongturn.db` in the home."""
     database_password_file: Path | None = None
     """File with the password of a PostgreSQL database whose URL has none."""
     operator_token: SecretStr | None = None
-    """The operator's bearer token. Without it there is no operator."""
+    """Bearer token of the operator. Without it there is no operator."""
     operator_token_file: Path | None = None
-    """File with the operator's token, in place of ``operator_token``. It is read at each use."""
+    """File with that token, in its place, of at least 16 characters. It is read at each use, so a new token takes
+    effect at once."""
     registration: Registration = Registration.OPEN
-    """``open``: everybody may register owners and agents. ``operator``: only the operator registers owners.
-
-    Owners always register their agents by their token."""
+    """`open`: anybody may register owners and agents. `operator`: only the operator registers owners, and owners
+    register their agents by their token."""
     registration_limit: Annotated[int, Field(ge=1)] = 100
     """Owners and agents that one address may register within an hour. The operator is exempt, and so are agents that
     register with their owner's token."""
     agents_per_owner: Annotated[int, Field(ge=1)] = 100
-    """Agents of one owner. The owner of the shipped agents is exempt."""
+    """Agents of one owner. One more gets 507 `quota-reached`."""
     accounts_per_address: Annotated[int, Field(ge=2)] = 1000
-    """Owners and agents that one address may have registered in all."""
+    """Owners and agents that one address may have registered in all. One more gets 507 `quota-reached`."""
     bytes_per_owner: Annotated[int, Field(ge=1 << 20)] = 1 << 30
-    """Bytes that may be stored for one owner. The owner of the shipped agents is exempt."""
+    """Bytes that may be stored for one owner. What does not fit gets 507 `quota-reached`."""
     bytes_per_address: Annotated[int, Field(ge=1 << 20)] = 4 << 30
     """Bytes that may be stored for all owners that one address has registered."""
     metrics_token: SecretStr | None = None
-    """Bearer token for ``GET /metrics``, beside the operator's. Without both only this machine may read the metrics."""
+    """Bearer token for `GET /metrics`. The operator's opens it too. Without either, only programs of the service's own
+    machine may read the metrics."""
     metrics_token_file: Path | None = None
-    """File with the token of the metrics, in place of ``metrics_token``. It is read at each use."""
+    """File with that token, in its place, of at least 16 characters. It is read at each use."""
     metrics_port: Annotated[int, Field(ge=1, le=65535)] | None = None
-    """Port of its own for ``/metrics``, which the main port then does not have."""
+    """A port for `/metrics` alone, at the same address. The main port then answers 404 there."""
     simulators: Annotated[int, Field(ge=1, le=4096)] = Field(
         default_factory=lambda: Machine().simulators(),
     )
-    """Largest number of simulators that drive. Each is a process that starts when first needed and stays."""
+    """Largest number of simulators that drive. Each is a process that starts when it is first needed, and then stays.
+    The default leaves 1 GiB for the service and 200 MiB for each simulator; in a container, the limits of its cgroup
+    count. Default: four times the cores, at least 16, as far as the memory is enough."""
     spare_simulators: Annotated[int, Field(ge=0, le=64)] = 1
     """Simulators kept ready beyond those that drive, to replace one that dies at once."""
-    simulator_start_timeout_s: Seconds = 180.0
-    """Seconds in which a simulator process must be ready. The first on a machine compiles its kernels."""
-    simulator_timeout_s: Seconds = 30.0
-    """Seconds after which a simulator that does not answer counts as dead.
-
-    A step has at most 5. A replay has 0.02 more for each step."""
-    lease_release_s: Seconds = 10.0
-    """Seconds of an agent's silence after which its simulator is released."""
-    lease_abort_s: Seconds = 600.0
-    """Seconds of an agent's silence after which its episode is ``aborted``."""
-    max_parallel: Annotated[int, Field(ge=1)] | None = None
-    """Open episodes of one evaluation. Default: ``simulators``."""
-    max_practice: Annotated[int, Field(ge=1)] | None = None
-    """Open practice episodes of one agent. Default: twice ``simulators``."""
-    max_open: Annotated[int, Field(ge=1)] | None = None
-    """Open episodes of one agent, scored and practice. Default: four times ``simulators``."""
-    max_open_per_owner: Annotated[int, Field(ge=1)] | None = None
-    """Open episodes of one owner, scored and practice. Default: eight times ``simulators``."""
-    max_practice_per_owner: Annotated[int, Field(ge=1)] | None = None
-    """Open practice episodes of one owner. Default: four times ``simulators``."""
-    max_open_per_address: Annotated[int, Field(ge=1)] | None = None
-    """Open episodes that one address has begun, scored and practice. Default: sixteen times ``simulators``."""
-    max_practice_per_address: Annotated[int, Field(ge=1)] | None = None
-    """Open practice episodes that one address has begun. Default: eight times ``simulators``."""
-    evaluation_idle_h: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 24.0
+    simulator_start_timeout_s: Positive = 180.0
+    """Seconds in which a simulator process must be ready. The first on a machine compiles its code."""
+    simulator_timeout_s: Positive = 30.0
+    """Seconds after which a simulator that does not answer counts as dead; for a step, at most 5. Its episode is
+    replayed in another one, which gets 0.02 s more for each step."""
+    lease_release_s: Positive = 10.0
+    """Seconds without a call after which the simulator of an episode goes to other agents. It is rebuilt by replay."""
+    lease_abort_s: Positive = 600.0
+    """Seconds without a call after which an episode is `aborted`."""
+    max_parallel: Annotated[int, Field(ge=1)] = _times_simulators(1)
+    """Open episodes of one evaluation. Default: as many as `WRONGTURN_SIMULATORS`."""
+    max_practice: Annotated[int, Field(ge=1)] = _times_simulators(2)
+    """Open practice episodes of one agent. One more gets 429 `rate-limited`, as for the five limits below. Default:
+    twice `WRONGTURN_SIMULATORS`."""
+    max_open: Annotated[int, Field(ge=1)] = _times_simulators(4)
+    """Open episodes of one agent, scored and practice. Default: four times `WRONGTURN_SIMULATORS`."""
+    max_open_per_owner: Annotated[int, Field(ge=1)] = _times_simulators(8)
+    """Open episodes of one owner. Default: eight times `WRONGTURN_SIMULATORS`."""
+    max_practice_per_owner: Annotated[int, Field(ge=1)] = _times_simulators(4)
+    """Open practice episodes of one owner. Default: four times `WRONGTURN_SIMULATORS`."""
+    max_open_per_address: Annotated[int, Field(ge=1)] = _times_simulators(16)
+    """Open episodes that one address has begun. Default: sixteen times `WRONGTURN_SIMULATORS`."""
+    max_practice_per_address: Annotated[int, Field(ge=1)] = _times_simulators(8)
+    """Open practice episodes that one address has begun. Default: eight times `WRONGTURN_SIMULATORS`."""
+    evaluation_idle_h: Positive = 24.0
     """Hours without a reset or a step after which a running evaluation is closed, as DELETE closes it."""
-    evaluation_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 7.0
+    evaluation_days: Positive = 7.0
     """Days that a driven evaluation may take. Then it is closed, however active its agent is."""
     max_waiting: Annotated[int, Field(ge=1)] = 64
-    """Calls of one agent that may wait for a simulator."""
+    """Calls of one agent in the queue for a simulator. One more gets 429 `rate-limited`."""
     max_line: Annotated[int, Field(ge=1)] = 1024
-    """Calls of all agents that may wait for a simulator."""
+    """Calls of all agents in the queue for a simulator. One more gets 503 `simulators-busy` and no place in it."""
     max_sockets: Annotated[int, Field(ge=1)] = 32
-    """Connections to ``/v1/drive`` of one agent."""
+    """Connections of one agent to `/v1/drive`. One connection carries any number of episodes."""
     max_sockets_per_address: Annotated[int, Field(ge=1)] = 256
-    """Connections to ``/v1/drive`` from one address."""
+    """Connections from one address to `/v1/drive`."""
     max_connections: Annotated[int, Field(ge=1)] = 4096
-    """Connections of all clients."""
-    slow_client_s: Seconds = 30.0
-    """Seconds in which a request, or its next 64 KiB, has to arrive, and a reply has to be read."""
-    ping_interval_s: Seconds = 20.0
-    """Seconds between two pings on a connection to ``/v1/drive``."""
-    ping_timeout_s: Seconds = 60.0
-    """Seconds after which a client that does not answer a ping counts as gone. An agent may think for that long."""
+    """Connections of all clients. One more gets 503 `service-full`."""
+    slow_client_s: Positive = 30.0
+    """Seconds in which a client must send a whole request or message, or the next 64 KiB of it, and take a reply, or 64
+    KiB of it."""
+    ping_interval_s: Positive = 20.0
+    """Seconds between two pings on a connection to `/v1/drive`."""
+    ping_timeout_s: Positive = 60.0
+    """Seconds without an answer to a ping after which a client counts as gone. An agent may think for that long."""
     trusted_proxies: str = ""
-    """Proxies whose ``X-Forwarded-For`` is believed: addresses and networks, separated by commas, or ``*``.
-
-    ``gateway`` is the address of the default gateway, which in a container is its machine. Default: nobody's."""
+    """Addresses and networks of proxies, separated by commas, whose `X-Forwarded-For` names the client's address.
+    `gateway` is the default gateway, which for a container is its machine. With `*` any client can claim any
+    address."""
     submissions: Annotated[int, Field(ge=0, le=256)] = Field(
         default_factory=lambda: max(1, Machine().processors() // 2)
     )
-    """Submissions driven at a time. 0 refuses them all."""
+    """Submissions driven at a time. 0 turns them off. Default: half the cores, at least 1."""
     submissions_per_owner: Annotated[int, Field(ge=1)] = 8
-    """Submissions of one owner that may wait or be driven."""
+    """Submissions of one owner that may wait or be driven. One more gets 429 `rate-limited`."""
     runner_socket: Path | None = None
-    """Unix socket of a runner container, which holds the sandboxes. Default: bubblewrap on this machine."""
+    """Unix socket of a runner container, whose sandboxes run the models. Without it they run under bubblewrap on this
+    machine."""
     model_limit: Annotated[int, Field(ge=1024, le=1 << 30)] = 128 * 1024 * 1024
-    """Largest model, bytes."""
+    """Largest model in bytes."""
     model_memory: Annotated[int, Field(ge=1 << 28)] = 2 * 1024 * 1024 * 1024
-    """Memory that the sandbox of a model may take, bytes."""
-    submission_keep_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 30.0
-    """Days to keep the models and logs of submissions that are over."""
-    practice_keep_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 7.0
-    """Days to keep finished practice episodes."""
-    abandoned_keep_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 30.0
-    """Days to keep lost episodes of evaluations that are over, and episodes of cancelled evaluations."""
-    unused_keep_days: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 180.0
-    """Days to keep owners who registered themselves, and their agents, if they never begin an evaluation."""
-    idempotency_keep_hours: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 48.0
-    """Hours to keep the reply to an ``Idempotency-Key``."""
-    shutdown_grace_s: Seconds = 5.0
-    """Seconds that episodes and requests in progress get when the service stops."""
+    """Memory in bytes that a model may take in its sandbox."""
+    submission_keep_days: Positive = 30.0
+    """Days for which the models and logs of submissions that are over are kept."""
+    practice_keep_days: Positive = 7.0
+    """Days for which finished practice episodes are kept. Scored episodes are never deleted."""
+    abandoned_keep_days: Positive = 30.0
+    """Days for which lost episodes of evaluations that are over, and episodes of cancelled evaluations, are kept."""
+    unused_keep_days: Positive = 180.0
+    """Days after which owners are deleted with their agents, if they registered themselves, have neither an evaluation
+    nor a submission, and stored nothing new."""
+    idempotency_keep_hours: Positive = 48.0
+    """Hours for which the reply to an `Idempotency-Key` is kept."""
+    shutdown_grace_s: Positive = 5.0
+    """Seconds for which a stopping service waits for episodes that are being driven and for requests in progress."""
     log_level: Annotated[str, Field(pattern="^(debug|info|warning|error)$")] = "info"
-    """Lowest level to log: ``debug``, ``info``, ``warning`` or ``error``."""
+    """Lowest level to log: `debug`, `info`, `warning` or `error`. Logs are JSON lines on stderr."""
 
     @field_validator("trusted_proxies")
     @classmethod
@@ -224,41 +241,6 @@ class Settings(BaseSettings):
         names = [name.strip() for name in self.trusted_proxies.split(",")]
         gateway = Machine().gateway() if GATEWAY in names else None
         return ",".join(filter(None, (gateway if name == GATEWAY else name for name in names)))
-
-    @property
-    def parallel(self) -> int:
-        """Largest number of open episodes of one evaluation."""
-        return self.max_parallel or self.simulators
-
-    @property
-    def practice(self) -> int:
-        """Largest number of open practice episodes of one agent."""
-        return self.max_practice or 2 * self.simulators
-
-    @property
-    def open_episodes(self) -> int:
-        """Largest number of open episodes of one agent."""
-        return self.max_open or 4 * self.simulators
-
-    @property
-    def open_per_owner(self) -> int:
-        """Largest number of open episodes of one owner."""
-        return self.max_open_per_owner or 8 * self.simulators
-
-    @property
-    def practice_per_owner(self) -> int:
-        """Largest number of open practice episodes of one owner."""
-        return self.max_practice_per_owner or 4 * self.simulators
-
-    @property
-    def open_per_address(self) -> int:
-        """Largest number of open episodes that one address has begun."""
-        return self.max_open_per_address or 16 * self.simulators
-
-    @property
-    def practice_per_address(self) -> int:
-        """Largest number of open practice episodes that one address has begun."""
-        return self.max_practice_per_address or 8 * self.simulators
 
 
 def _password(file: Path) -> str:

@@ -1,4 +1,4 @@
-"""Backups each night, and a new machine that goes on with one of them: what docs/backups.md says."""
+"""Backups each night, and a new machine that goes on with one of them: what docs/operating.md says."""
 
 import asyncio
 import os
@@ -18,7 +18,7 @@ from postgres_server import PostgresServer, programs
 from service_harness import expect, problem
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs/backups.md").read_text("utf-8")
+PAGE = (ROOT / "docs/operating.md").read_text("utf-8")
 BACKUP = ROOT / "deploy/backup"
 BOARD = "/v1/leaderboards/smoke@2"
 

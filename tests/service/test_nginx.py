@@ -1,4 +1,4 @@
-"""The configurations and commands of nginx.md and administration.md, with a real nginx before a service."""
+"""The configurations and commands of compose.md, with a real nginx before a service."""
 
 import os
 import re
@@ -20,8 +20,7 @@ from wrongturn_client import Action, Client
 from wrongturn_protocol import EvaluationState
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGE = (DOCS / "nginx.md").read_text("utf-8")
-ADMINISTRATION = (DOCS / "administration.md").read_text("utf-8")
+PAGE = (DOCS / "compose.md").read_text("utf-8")
 INSIDE = "127.0.0.4"
 """The operator's network."""
 JSON = {"Content-Type": "application/json"}
@@ -62,13 +61,12 @@ def proxied(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proxied]:
 
 def configuration(folder: Path, ports: dict[int, int | None]) -> str:
     """The page's configuration with the test's name, ports and folder."""
-    text, inner = re.findall(r"```nginx\n(.*?)```", PAGE, re.DOTALL)
+    text, inner, operators = re.findall(r"```nginx\n(.*?)```", PAGE, re.DOTALL)
     for directive in ("listen 80;", "listen 443 ssl;", "server 127.0.0.1:8000;"):
         assert text.count(directive) == 1
         port = int(re.search(r"\b(80|443|8000)\b", directive)[1])  # type: ignore[index]
         text = text.replace(directive, re.sub(rf"\b{port}\b", str(ports[port]), directive))
     text = text.replace("/etc/nginx/", f"{folder}/").replace("lab.example", "localhost")
-    (operators,) = re.findall(r"```nginx\n(.*?)```", ADMINISTRATION, re.DOTALL)
     assert operators.count("10.0.0.0/8") == 1
     # As of the section on several proxies: here the outer one is this machine.
     more = inner.replace("192.0.2.10", "127.0.0.2") + operators.replace("10.0.0.0/8", INSIDE)

@@ -73,10 +73,9 @@ async def audit(
     A target is an id, or ``owner:NAME`` or ``agent:NAME``, also of one that was deleted.
     """
     await service.accounts.operator(authorization)
-    log = service.administration.audit
     item, named = _target(target)
     before, most = wanted.number, wanted.limit + 1
-    rows = await log.entries(before=before, limit=most, target=item, named=named, action=action)
+    rows = await service.administration.rows.entries(before=before, limit=most, target=item, named=named, action=action)
     page, following = wanted.cut(rows, lambda row: row.seq)
     return reply(AuditList(entries=tuple(_entry(row) for row in page), next=following))
 
@@ -115,7 +114,7 @@ async def item(service: ServiceDep, authorization: AuthorizationDep, collection:
     """Show one of them, and what a deletion would delete with it."""
     await service.accounts.operator(authorization)
     found = await service.administration.item(collection, item)
-    contents = await service.administration.contents(collection, item)
+    contents = await service.administration.rows.contents(collection, item)
     return reply(AdminDetail(**_fields(found), contents=contents))
 
 

@@ -55,7 +55,7 @@ async def register(
             owner=owner,
         )
         agent = detail(row)
-        remember = once.remember(201, Encoding.JSON, token)
+        remember = once.remember(201, Encoding.JSON, with_token=True)
         await service.registrations.add_agent(row, remember(agent.model_dump_json().encode()) if remember else None)
     return reply(RegisteredAgent(**agent.model_dump(), token=token), 201)
 
@@ -90,7 +90,7 @@ async def rotate(
         row = await service.accounts.owned_agent(agent, authorization)
         found = detail(row)
         token = new_token()
-        remember = once.remember(201, Encoding.JSON, token)
+        remember = once.remember(201, Encoding.JSON, with_token=True)
         stored = remember(found.model_dump_json().encode()) if remember else None
         await service.accounts.set_token(agent, token, stored)
         await service.administration.note(

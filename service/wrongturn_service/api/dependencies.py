@@ -8,7 +8,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import lru_cache
-from typing import Annotated, Any, Final, Generic, TypeVar
+from typing import Annotated, Final, Generic, TypeVar
 
 import orjson
 from fastapi import Depends, Header, Request, Response, Security
@@ -21,10 +21,9 @@ from wrongturn_service.accounts import Caller
 from wrongturn_service.api.body import parsed
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.errors import NotFoundError, ServiceError
-from wrongturn_service.idempotency import HEADER, Idempotency, Once
+from wrongturn_service.idempotency import HEADER, IdempotentRequest
 from wrongturn_service.service import Service
-from wrongturn_service.storage.models import EvaluationRow
-from wrongturn_service.tokens import unseal
+from wrongturn_service.storage.models import EvaluationRow, IdempotencyRow
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -87,11 +86,17 @@ class Body(Generic[M]):
 
 
 class StoredReplyError(Exception):
-    """The request was answered before under its key; the handler sends that reply again."""
+    """The request was answered before under its key; the handler sends that reply again.
 
-    def __init__(self, once: Once) -> None:
+    Args:
+        stored: The reply.
+        token: A new token in place of the one that the reply had. None if it had none.
+    """
+
+    def __init__(self, stored: IdempotencyRow, token: str | None) -> None:
         super().__init__("answered before")
-        self.once = once
+        self.stored = stored
+        self.token = token
 
 
 class RequestKey:
@@ -99,11 +104,11 @@ class RequestKey:
 
     def __init__(self, request: Request, value: str | None) -> None:
         self.value = value
-        self._idempotency: Idempotency = request.app.state.service.idempotency
+        self._service: Service = request.app.state.service
         self._call = f"{request.method} {request.url.path}"
 
     @contextlib.asynccontextmanager
-    async def once(self, scope: str, body: BaseModel | None = None) -> AsyncIterator[Once]:
+    async def once(self, scope: str, body: BaseModel | None = None) -> AsyncIterator[IdempotentRequest]:
         """Run the block once for each key.
 
         Args:
@@ -116,9 +121,12 @@ class RequestKey:
             ServiceError: The key was sent with another request.
         """
         content = b"" if body is None else body.model_dump_json().encode()
-        async with self._idempotency.once(self.value, scope, self._call, content) as once:
-            if once.stored is not None:
-                raise StoredReplyError(once)
+        async with self._service.idempotency.once(self.value, scope, self._call, content) as once:
+            stored = once.stored
+            if stored is not None:
+                raise StoredReplyError(
+                    stored, await self._service.accounts.renew(stored) if stored.with_token else None
+                )
             yield once
 
 
@@ -234,12 +242,7 @@ async def made_once(service: Service, name: str, make: Callable[[], BaseModel]) 
 
 
 def stored_reply(error: StoredReplyError) -> Response:
-    """Return the reply that was stored for a key, with its token if it had one."""
-    stored, key = error.once.stored, error.once.key
-    assert stored is not None
-    assert key is not None
-    body = stored.body
-    if stored.sealed_token is not None:
-        message: dict[str, Any] = {**orjson.loads(body), "token": unseal(stored.sealed_token, key)}
-        body = orjson.dumps(message)
+    """Return the reply that was stored for a key, with its new token if it had one."""
+    stored = error.stored
+    body = stored.body if error.token is None else orjson.dumps({**orjson.loads(stored.body), "token": error.token})
     return Response(body, stored.status, media_type=stored.content_type)

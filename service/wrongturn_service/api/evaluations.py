@@ -40,7 +40,7 @@ from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.evaluations import new_evaluation, unknown
 from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError
-from wrongturn_service.idempotency import HEADER, Once
+from wrongturn_service.idempotency import HEADER, IdempotentRequest
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
 
@@ -70,8 +70,7 @@ async def begin(
 
 async def _check_there(service: Service, answered: StoredReplyError) -> None:
     """Raise NotFoundError if the evaluation that a key began was deleted since."""
-    assert answered.once.stored is not None
-    begun = EvaluationDetail.model_validate_json(answered.once.stored.body)
+    begun = EvaluationDetail.model_validate_json(answered.stored.body)
     if await service.store.evaluation(begun.id) is None:
         raise NotFoundError(
             ProblemType.UNKNOWN_EVALUATION,
@@ -80,7 +79,7 @@ async def _check_there(service: Service, answered: StoredReplyError) -> None:
         )
 
 
-async def _begin(service: Service, caller: Caller, wanted: EvaluationRequest, once: Once) -> EvaluationRow:
+async def _begin(service: Service, caller: Caller, wanted: EvaluationRequest, once: IdempotentRequest) -> EvaluationRow:
     row = new_evaluation(catalogue.suite(wanted.suite), caller.id, caller.track, Entry.REMOTE)
     store = once.remember(201, Encoding.JSON)
 
@@ -247,7 +246,7 @@ def _detail(row: EvaluationRow, count: int, service: Service) -> EvaluationDetai
         state=EvaluationState(row.state),
         trials=row.trials,
         finished=count,
-        max_parallel=service.settings.parallel,
+        max_parallel=service.settings.max_parallel,
         commitment=commitment_of(row.secret) if drawn else None,
         secret=row.secret if drawn and over else None,
         metrics=None if row.metrics is None else Metrics.model_validate_json(row.metrics),

@@ -36,7 +36,7 @@ async def register(
         token = new_token()
         row = owner_of(registration, token, service.registrations.origin(authorization, address))
         owner = owner_detail(row)
-        remember = once.remember(201, Encoding.JSON, token)
+        remember = once.remember(201, Encoding.JSON, with_token=True)
         await service.registrations.add_owner(row, remember(owner.model_dump_json().encode()) if remember else None)
     return reply(RegisteredOwner(**owner.model_dump(), token=token), 201)
 
@@ -65,7 +65,7 @@ async def rotate(
         row = await service.registrations.own(owner, authorization)
         found = owner_detail(row)
         token = new_token()
-        remember = once.remember(201, Encoding.JSON, token)
+        remember = once.remember(201, Encoding.JSON, with_token=True)
         stored = remember(found.model_dump_json().encode()) if remember else None
         await service.registrations.set_owner_token(owner, token, stored)
         await service.administration.note(

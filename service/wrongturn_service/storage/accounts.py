@@ -2,23 +2,14 @@
 
 from collections.abc import Sequence
 
-from sqlalchemy import inspect, or_, select, update
+from sqlalchemy import and_, delete, inspect, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wrongturn_protocol import AgentKind
 from wrongturn_service.storage import held
-from wrongturn_service.storage.models import (
-    AgentRow,
-    IdempotencyRow,
-    OwnerRow,
-)
+from wrongturn_service.storage.models import AgentRow, IdempotencyRow, OwnerRow
 from wrongturn_service.storage.queries import Queries
 from wrongturn_service.storage.usage import owner_of, size_of
-from wrongturn_service.storage.visible import (
-    has_evaluation,
-    seen_agents,
-    seen_owners,
-)
+from wrongturn_service.storage.visible import has_evaluation, seen_agents, seen_owners
 
 
 class AgentNameTakenError(Exception):
@@ -50,34 +41,14 @@ class AccountStore(Queries):
         owner.stored_bytes, owner.active = size_of(owner.contact), owner.created
         session.add(owner)
         await session.flush()
-        await self._usage.check(session, owner.id, 0)
+        await self._usage.make_room(session, owner.id, 0)
 
-    async def reserve_owner(self, owner: OwnerRow) -> OwnerRow | None:
-        """Store a new owner, unless it is there already.
-
-        An owner of its name that an upgrade made of an agent is somebody else; the rest of its id is the agent's.
-        It gets a number behind its name, and the new owner gets its agents of other kinds than ``submitted``.
-
-        Returns:
-            The owner that has a new name now, or None.
-        """
+    async def reserve_owner(self, owner: OwnerRow) -> None:
+        """Store a new owner, unless one of its name is there already."""
         async with self._database.write() as session:
-            found = await session.scalar(select(OwnerRow).where(OwnerRow.name_key == owner.name_key))
-            if found is None:
+            there = select(OwnerRow.id).where(OwnerRow.name_key == owner.name_key)
+            if await session.scalar(there) is None:
                 session.add(owner)
-            elif await session.get(AgentRow, f"ag{found.id[2:]}") is None:
-                return None
-            else:
-                taken = set((await session.scalars(select(OwnerRow.name_key))).all())
-                names = (f"{found.name}-{number}" for number in range(2, len(taken) + 3))
-                found.name = next(name for name in names if name.lower() not in taken)
-                found.name_key = found.name.lower()
-                await session.flush()  # the name has to be free before another has it
-                session.add(owner)
-                await session.flush()
-                shipped = update(AgentRow).where(AgentRow.owner_id == found.id, AgentRow.kind != AgentKind.SUBMITTED)
-                await session.execute(shipped.values(owner_id=owner.id))
-        return found
 
     async def owners(self, *, after: str | None = None, limit: int | None = None) -> Sequence[OwnerRow]:
         """Return owners by name, without hidden ones.
@@ -112,6 +83,7 @@ class AccountStore(Queries):
     ) -> None:
         """Replace an owner's token. None revokes it."""
         async with self._database.write() as session:
+            await end_tokens(session, owners=[owner_id])
             await session.execute(update(OwnerRow).where(OwnerRow.id == owner_id).values(token_sha256=token_sha256))
             await self._usage.remember(session, reply, owner_id)
 
@@ -139,7 +111,7 @@ class AccountStore(Queries):
             agent.stored_bytes = size_of(agent.description, agent.homepage)
             await self._usage.take(session, owner.id, agent.stored_bytes)
             session.add(agent)
-            await self._usage.remember(session, reply, owner.id)
+            await self._usage.remember(session, reply, owner.id, {"agent_id": agent.id})
 
     async def agents(
         self, *, evaluated: bool = False, after: str | None = None, limit: int | None = None
@@ -186,8 +158,25 @@ class AccountStore(Queries):
     async def set_token(self, agent_id: str, token_sha256: str | None, reply: IdempotencyRow | None = None) -> None:
         """Replace an agent's token. None revokes it."""
         async with self._database.write() as session:
+            await end_tokens(session, agents=[agent_id])
             await session.execute(update(AgentRow).where(AgentRow.id == agent_id).values(token_sha256=token_sha256))
-            await self._usage.remember(session, reply, await owner_of(session, agent_id))
+            await self._usage.remember(session, reply, await owner_of(session, agent_id), {"agent_id": agent_id})
+
+    async def renew_token(self, reply: IdempotencyRow, token_sha256: str) -> None:
+        """Replace the token that a stored reply had, unless it was rotated or revoked since."""
+        row, holder = (OwnerRow, reply.owner_id) if reply.agent_id is None else (AgentRow, reply.agent_id)
+        async with self._database.write() as session:
+            if await session.get(IdempotencyRow, (reply.scope, reply.key_sha256)) is not None:
+                await session.execute(update(row).where(row.id == holder).values(token_sha256=token_sha256))
+
+
+async def end_tokens(session: AsyncSession, *, owners: Sequence[str] = (), agents: Sequence[str] = ()) -> None:
+    """End the tokens of owners and agents. Afterwards a repeated registration or rotation makes no new one."""
+    of_owners = and_(IdempotencyRow.owner_id.in_(owners), IdempotencyRow.agent_id.is_(None))
+    theirs = or_(of_owners, IdempotencyRow.agent_id.in_(agents))
+    await session.execute(delete(IdempotencyRow).where(IdempotencyRow.with_token, theirs))
+    for row, holders in ((OwnerRow, owners), (AgentRow, agents)):
+        await session.execute(update(row).where(row.id.in_(holders)).values(token_sha256=None))
 
 
 async def _check_owner_name(session: AsyncSession, owner: OwnerRow) -> None:

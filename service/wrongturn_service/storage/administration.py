@@ -1,28 +1,33 @@
-"""Queries of the operator: lists of everything, and deletions in small steps."""
+"""What the operator does: lists of everything, hiding, revoking, and deletions in small steps."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from sqlalchemy import ColumnElement, and_, or_, select, update
+from sqlalchemy import ColumnElement, and_, delete, false, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from wrongturn_protocol import EpisodeState, EvaluationState, SubmissionState
 from wrongturn_protocol.administration import Contents
 from wrongturn_protocol.vocabulary import AuditAction, Collection
-from wrongturn_service.storage import audit, contents, deletion, held
+from wrongturn_service.storage import audit, held
+from wrongturn_service.storage.accounts import end_tokens
 from wrongturn_service.storage.audit import Act
-from wrongturn_service.storage.contents import Scope, counted, scope_of
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import (
     AgentRow,
     AuditRow,
     EpisodeRow,
     EvaluationRow,
+    HeldRow,
+    IdempotencyRow,
     OwnerRow,
     SubmissionRow,
+    UnusedSecretRow,
 )
 from wrongturn_service.storage.submissions import OPEN
-from wrongturn_service.storage.usage import Usage
+from wrongturn_service.storage.usage import KINDS, stored
 
 Item = OwnerRow | AgentRow | EvaluationRow | SubmissionRow
 ROWS: Final[dict[Collection, type[Item]]] = {
@@ -31,6 +36,8 @@ ROWS: Final[dict[Collection, type[Item]]] = {
     Collection.EVALUATIONS: EvaluationRow,
     Collection.SUBMISSIONS: SubmissionRow,
 }
+_BATCH: Final = 100
+"""Episodes that are deleted in one transaction, so that others can write in between."""
 
 
 class After(NamedTuple):
@@ -70,26 +77,28 @@ class Found(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Doomed:
+class PendingDeletion:
     """What is being deleted.
 
     Attributes:
-        seq: Number of the entry in the audit log.
+        collection: Kind of what is deleted: an owner in place of the one agent for which it was made.
+        id: Its id.
         name: Name of the target.
-        owners: Ids of owners.
-        agents: Ids of agents.
-        evaluations: Ids of evaluations.
-        submissions: Ids of submissions.
+        entry: Number of the entry in the audit log.
+        agents: Ids of the agents that go with it.
+        evaluations: Ids of the evaluations that go with it.
+        submissions: Ids of the submissions that go with it.
         cancelled: Ids of submissions that waited or ran, also of those that stay.
     """
 
-    seq: int
+    collection: Collection
+    id: str
     name: str
-    owners: tuple[str, ...] = ()
-    agents: tuple[str, ...] = ()
-    evaluations: tuple[str, ...] = ()
-    submissions: tuple[str, ...] = ()
-    cancelled: tuple[str, ...] = ()
+    entry: int
+    agents: Sequence[str]
+    evaluations: Sequence[str]
+    submissions: Sequence[str]
+    cancelled: Sequence[str]
 
 
 class AdministrationStore:
@@ -131,12 +140,10 @@ class AdministrationStore:
             found = (await session.scalars(select(row.id).where(called))).all()
         return max(found, key=lambda one: one == word, default=None)
 
-    async def contents(self, collection: Collection, item_id: str) -> tuple[Contents, tuple[str, ...]]:
-        """Return what hangs on an item, without its models, and the ids of the submissions that may have some."""
+    async def contents(self, collection: Collection, item_id: str) -> Contents:
+        """Return what hangs on an item, with the item itself."""
         async with self._database.read() as session:
-            scope = await scope_of(session, collection, item_id)
-            submissions = tuple((await session.scalars(select(SubmissionRow.id).where(scope.submissions))).all())
-            return await contents.everything(session, collection, item_id), submissions
+            return await _contents(session, *await _whole(session, collection, item_id))
 
     async def hide(self, collection: Collection, item_id: str, act: Act, *, hidden: bool) -> int:
         """Hide an item, or show it again. Return 0 if nothing has changed."""
@@ -148,34 +155,28 @@ class AdministrationStore:
             )
             if changed:
                 action = AuditAction.HIDE if hidden else AuditAction.UNHIDE
-                name = await _name(session, collection, item_id)
-                contents = Contents(**{collection.value: 1})
-                await audit.add(session, act.entry(action, collection, item_id, name, contents))
+                target = collection, item_id, await _name(session, collection, item_id)
+                await act.note(session, action, target, Contents(**{collection.value: 1}))
         return changed
 
-    async def revoke(self, collection: Collection, item_id: str, act: Act) -> tuple[int, tuple[str, ...]]:
+    async def revoke(self, collection: Collection, item_id: str, act: Act) -> tuple[int, Sequence[str]]:
         """End the token of an agent, or those of an owner and its agents.
 
         Returns:
             The number of tokens that ended, and the ids of the agents among their holders.
         """
         async with self._database.write() as session:
-            scope = await scope_of(session, collection, item_id)
-            has_token = AgentRow.token_sha256.is_not(None)
-            agents = tuple((await session.scalars(select(AgentRow.id).where(scope.agents, has_token))).all())
-            await session.execute(update(AgentRow).where(AgentRow.id.in_(agents)).values(token_sha256=None))
-            owners = 0
-            if collection is Collection.OWNERS:
-                of_owner = update(OwnerRow).where(OwnerRow.id == item_id, OwnerRow.token_sha256.is_not(None))
-                owners = await _changed(session, of_owner.values(token_sha256=None))
-            changed = len(agents) + owners
-            if changed:
-                name = await _name(session, collection, item_id)
-                contents = Contents(owners=owners, agents=len(agents))
-                await audit.add(session, act.entry(AuditAction.REVOKE, collection, item_id, name, contents))
-        return changed, agents
+            has_token = _rows("agents", collection, item_id).where(AgentRow.token_sha256.is_not(None))
+            agents = (await session.scalars(has_token)).all()
+            query = select(OwnerRow.id).where(OwnerRow.id == item_id, OwnerRow.token_sha256.is_not(None))
+            owners = (await session.scalars(query)).all()
+            await end_tokens(session, owners=owners, agents=agents)
+            if owners or agents:
+                target = collection, item_id, await _name(session, collection, item_id)
+                await act.note(session, AuditAction.REVOKE, target, Contents(owners=len(owners), agents=len(agents)))
+        return len(owners) + len(agents), agents
 
-    async def begin_deletion(self, collection: Collection, item_id: str, act: Act) -> Doomed | None:
+    async def begin_deletion(self, collection: Collection, item_id: str, act: Act) -> PendingDeletion | None:
         """Hide an item with all that hangs on it, end its tokens, and stop what runs. None if it is gone.
 
         From here on nothing of it is added. A deletion that is cut short after this leaves it hidden.
@@ -183,76 +184,56 @@ class AdministrationStore:
         async with self._database.write() as session:
             if await session.get(ROWS[collection], item_id) is None:
                 return None
-            scope = await scope_of(session, collection, item_id)
-            owners, agents, evaluations, submissions = [
-                tuple((await session.scalars(select(row.id).where(where))).all())
-                for row, where in (
-                    (OwnerRow, scope.owners),
-                    (AgentRow, scope.agents),
-                    (EvaluationRow, scope.evaluations),
-                    (SubmissionRow, scope.submissions),
-                )
-            ]
-            open_ones = select(SubmissionRow.id).where(
-                or_(scope.submissions, SubmissionRow.evaluation_id.in_(evaluations)), SubmissionRow.state.in_(OPEN)
-            )
-            cancelled = tuple((await session.scalars(open_ones)).all())
-            await deletion.stop(session, scope, cancelled)
             name = await _name(session, collection, item_id)
-            entry = act.entry(AuditAction.DELETE, collection, item_id, name, Contents(), done=False)
-            await audit.add(session, entry)
-            # Before the episodes: a reply is found by the episode that it began.
-            await deletion.delete_replies(session, scope, collection, item_id, entry)
-            return Doomed(entry.seq, name, owners, agents, evaluations, submissions, cancelled)
+            whole = await _whole(session, collection, item_id)
+            target = collection, item_id, name
+            entry = await act.note(session, AuditAction.DELETE, target, await _contents(session, *whole), done=False)
+            agents, evaluations, submissions = [
+                (await session.scalars(_rows(kind, *whole))).all() for kind in ("agents", "evaluations", "submissions")
+            ]
+            its = or_(SubmissionRow.id.in_(submissions), SubmissionRow.evaluation_id.in_(evaluations))
+            waiting = select(SubmissionRow.id).where(its, SubmissionRow.state.in_(OPEN))
+            cancelled = (await session.scalars(waiting)).all()
+            await _stop(session, whole, agents, cancelled)
+            return PendingDeletion(*whole, name, entry.seq, agents, evaluations, submissions, cancelled)
 
-    async def delete_some(self, collection: Collection, item_id: str, seq: int) -> bool:
-        """Delete some episodes with their trajectories. Return whether there may be more.
-
-        Args:
-            collection: Kind of the target.
-            item_id: Id of the target.
-            seq: Number of the entry in the audit log, which counts them.
-        """
+    async def delete_some(self, pending: PendingDeletion) -> bool:
+        """Delete some episodes with their trajectories. Return whether there may be more."""
         async with self._database.write() as session:
-            scope = await scope_of(session, collection, item_id)
-            episodes = (await session.scalars(select(EpisodeRow.id).where(scope.episodes).limit(deletion.BATCH))).all()
-            if not episodes:
-                return False
-            await deletion.delete_episodes(
-                session, Scope(episodes=EpisodeRow.id.in_(episodes)), await deletion.entry_of(session, seq)
-            )
-            return len(episodes) == deletion.BATCH
+            some = _rows("episodes", pending.collection, pending.id).limit(_BATCH)
+            episodes = (await session.scalars(some)).all()
+            await session.execute(delete(EpisodeRow).where(EpisodeRow.id.in_(episodes)))
+            return len(episodes) == _BATCH
 
     async def finish_deletion(
-        self, collection: Collection, item_id: str, doomed: Doomed, models: Contents, *, free: bool
+        self, pending: PendingDeletion, item_id: str, *, free: bool
     ) -> tuple[Contents, tuple[str, ...]]:
         """Delete what is left of an item.
 
         Args:
-            collection: Kind of the target.
-            item_id: Id of the target.
-            doomed: What :meth:`begin_deletion` returned.
-            models: Files that were deleted already.
+            pending: What :meth:`begin_deletion` returned.
+            item_id: Id of the target, under which what stays taken is noted.
             free: Free names and places too.
 
         Returns:
             All that was deleted, and what stays taken.
         """
         async with self._database.write() as session:
-            scope = await scope_of(session, collection, item_id)
             if not free:
-                await deletion.hold(session, collection, item_id, scope)
-            entry = await deletion.entry_of(session, doomed.seq)
-            await deletion.delete_replies(session, scope, collection, item_id, entry)
-            await deletion.delete_episodes(session, scope, entry)
-            deletion.note(entry, await counted(session, scope), models)
-            owner = await contents.owner_of_item(session, collection, item_id)
-            await deletion.delete_rest(session, scope)
-            if owner is not None:
-                await Usage().recount(session, owner)
+                await _hold(session, pending, item_id)
+            match pending.collection:  # what the database does not delete with the row
+                case Collection.AGENTS:
+                    await session.execute(delete(SubmissionRow).where(SubmissionRow.agent_id == pending.id))
+                case Collection.EVALUATIONS:
+                    await session.execute(delete(IdempotencyRow).where(IdempotencyRow.evaluation_id == pending.id))
+                case Collection.SUBMISSIONS:
+                    await session.execute(delete(IdempotencyRow).where(IdempotencyRow.scope == pending.id))
+            row = ROWS[pending.collection]
+            await session.execute(delete(row).where(row.id == pending.id))
+            entry = await session.get(AuditRow, pending.entry)
+            assert entry is not None
             entry.done = True
-            deleted = Contents.model_validate_json(entry.counts)
-            return deleted, await held.held_by(session, item_id)
+            return Contents.model_validate_json(entry.counts), await held.held_by(session, item_id)
 
     async def deleted_before(
         self, collection: Collection, item_id: str, act: Act, *, free: bool
@@ -273,19 +254,118 @@ class AdministrationStore:
             if entry is None:
                 return None
             if free and await held.free(session, item_id):
-                await audit.add(session, act.entry(AuditAction.FREE, collection, item_id, entry.name, Contents()))
+                await act.note(session, AuditAction.FREE, (collection, item_id, entry.name), Contents())
             return entry.name, await held.held_by(session, item_id)
 
-    async def suites_of(self, collection: Collection, item_id: str) -> set[str]:
-        """Return the suites on which an item has evaluations."""
-        async with self._database.read() as session:
-            scope = await scope_of(session, collection, item_id)
-            return set((await session.scalars(select(EvaluationRow.suite).where(scope.evaluations).distinct())).all())
-
     async def usage(self, begin: int, limit: int) -> tuple[list[tuple[str, str, Contents]], Contents]:
-        """Return some owners with what they have stored, and the sum. See :func:`contents.usage`."""
+        """Return some owners with what they have stored, those with the most bytes first, and the sum over all owners.
+
+        Args:
+            begin: Owners to leave out at the beginning.
+            limit: Most owners.
+        """
+        size = stored().label("size")
+        page = select(OwnerRow.id, OwnerRow.name, size).order_by(size.desc(), OwnerRow.id).offset(begin).limit(limit)
+        everything: dict[str, int] = {}
         async with self._database.read() as session:
-            return await contents.usage(session, begin, limit)
+            rows = (await session.execute(page)).tuples().all()
+            found: dict[str, dict[str, int]] = {owner: {"bytes": size} for owner, _, size in rows}
+            for name, kind in KINDS.items():
+                owner_id = kind.of[Collection.OWNERS]
+                query = select(kind.number, kind.bytes).select_from(kind.rows)
+                everything[name], size_of_all = (await session.execute(query)).one()
+                everything["bytes"] = everything.get("bytes", 0) + int(size_of_all)
+                of_page = select(owner_id, kind.number).select_from(kind.rows).where(owner_id.in_(found))
+                for owner, number in (await session.execute(of_page.group_by(owner_id))).tuples():
+                    found[owner][name] = number
+        return [(owner, name, Contents(**found[owner])) for owner, name, _ in rows], Contents(**everything)
+
+    async def note(self, act: Act, action: AuditAction, collection: Collection, row: Item, name: str) -> None:
+        """Add an entry to the audit log about something that was done already."""
+        async with self._database.write() as session:
+            await act.note(session, action, (collection, row.id, name), Contents(**{collection.value: 1}))
+
+    async def entries(self, **narrowed: Any) -> Sequence[AuditRow]:
+        """Return entries of the audit log, see :func:`~wrongturn_service.storage.audit.entries`."""
+        async with self._database.read() as session:
+            return await audit.entries(session, **narrowed)
+
+
+def _rows(name: str, collection: Collection, item_id: str) -> Any:
+    """Return the query for the ids of the rows of a kind that hang on an item."""
+    kind = KINDS[name]
+    query = kind.select(kind.id, of=collection, item=item_id)
+    return select(kind.id).where(false()) if query is None else query
+
+
+async def _contents(session: AsyncSession, collection: Collection, item_id: str) -> Contents:
+    found: dict[str, int] = {}
+    for name, kind in KINDS.items():
+        query = kind.select(kind.number, kind.bytes, of=collection, item=item_id)
+        if query is not None:
+            found[name], size = (await session.execute(query)).one()
+            found["bytes"] = found.get("bytes", 0) + int(size)
+    return Contents(**found)
+
+
+async def _whole(session: AsyncSession, collection: Collection, item_id: str) -> tuple[Collection, str]:
+    """Return what is deleted with an item: the owner that was made with an agent, which has its name and nothing else.
+
+    Any other item is itself.
+    """
+    agent = await session.get(AgentRow, item_id) if collection is Collection.AGENTS else None
+    if agent is None or agent.owner.token_sha256 is not None or agent.owner.name_key != agent.name_key:
+        return collection, item_id
+    other_agents = select(AgentRow.id).where(AgentRow.owner_id == agent.owner_id, AgentRow.id != item_id)
+    other_submissions = select(SubmissionRow.id).where(
+        SubmissionRow.owner_id == agent.owner_id, SubmissionRow.agent_id.is_distinct_from(item_id)
+    )
+    for others in (other_agents, other_submissions):
+        if await session.scalar(others.limit(1)) is not None:
+            return collection, item_id
+    return Collection.OWNERS, agent.owner_id
+
+
+async def _stop(
+    session: AsyncSession, whole: tuple[Collection, str], agents: Sequence[str], cancelled: Sequence[str]
+) -> None:
+    """Hide what is being deleted, end its tokens, and stop what runs."""
+    now = time.time()
+    owners = [whole[1]] if whole[0] is Collection.OWNERS else []
+    await end_tokens(session, owners=owners, agents=agents)
+    for row, ids in ((OwnerRow, owners), (AgentRow, agents)):
+        await session.execute(update(row).where(row.id.in_(ids)).values(hidden=True))
+    evaluations = EvaluationRow.id.in_(_rows("evaluations", *whole))
+    await session.execute(update(EvaluationRow).where(evaluations).values(hidden=True))
+    running = update(EvaluationRow).where(evaluations, EvaluationRow.state == EvaluationState.RUNNING)
+    await session.execute(running.values(state=EvaluationState.CANCELLED))
+    driven = update(EpisodeRow).where(
+        EpisodeRow.id.in_(_rows("episodes", *whole)), EpisodeRow.state == EpisodeState.OPEN
+    )
+    await session.execute(driven.values(state=EpisodeState.LOST, finished=now))
+    over = {"state": SubmissionState.CANCELLED, "token_sha256": None, "ended": now, "reason": "deleted by the operator"}
+    await session.execute(update(SubmissionRow).where(SubmissionRow.id.in_(cancelled)).values(**over))
+
+
+async def _hold(session: AsyncSession, pending: PendingDeletion, deleted: str) -> None:
+    """Keep the names, and the place on a suite, of what is about to be deleted."""
+    for name, row, kind in (("owners", OwnerRow, held.OWNER), ("agents", AgentRow, held.AGENT)):
+        names = select(row.name_key).where(row.id.in_(_rows(name, pending.collection, pending.id)))
+        for key in (await session.scalars(names)).all():
+            await session.merge(HeldRow(kind=kind, key=key, deleted=deleted))
+    evaluation = await session.get(EvaluationRow, pending.id) if pending.collection is Collection.EVALUATIONS else None
+    if evaluation is None:
+        return
+    agent, suite = evaluation.agent_id, evaluation.suite
+    if evaluation.driven is None:
+        # It never counted. The agent's next one gets its trials.
+        await session.merge(UnusedSecretRow(agent_id=agent, suite=suite, secret=evaluation.secret))
+        return
+    of_agent = EvaluationRow.agent_id == agent, EvaluationRow.suite == suite, EvaluationRow.driven.is_not(None)
+    first = select(EvaluationRow.id).where(*of_agent).order_by(EvaluationRow.seq).limit(1)
+    if await session.scalar(first) == pending.id:
+        key = held.place(agent, suite)
+        await session.merge(HeldRow(kind=held.EVALUATION, key=key, agent_id=agent, deleted=deleted))
 
 
 def _found(collection: Collection) -> Any:

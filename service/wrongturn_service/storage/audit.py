@@ -9,7 +9,6 @@ from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol.administration import Contents
 from wrongturn_protocol.vocabulary import AuditAction, Collection
-from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import AuditRow
 
 _LONGEST_NAME = 160
@@ -29,77 +28,61 @@ class Act:
     address: str
     reason: str | None = None
 
-    def entry(
+    async def note(
         self,
+        session: AsyncSession,
         action: AuditAction,
-        collection: Collection,
-        target: str,
-        name: str,
+        target: tuple[Collection, str, str],
         contents: Contents,
         *,
         done: bool = True,
     ) -> AuditRow:
-        """Return the row of what is done. :func:`add` gives it its number."""
-        return AuditRow(
+        """Add an entry about a target, by its kind, its id and its name, as the last one."""
+        collection, item_id, name = target
+        entry = AuditRow(
+            seq=(await session.scalar(select(func.max(AuditRow.seq))) or 0) + 1,
             time=time.time(),
             actor=self.actor,
             address=self.address[:64],
             action=action.value,
             kind=collection.value,
-            target=target,
+            target=item_id,
             name=name[:_LONGEST_NAME],
             reason=self.reason,
             counts=contents.model_dump_json(exclude_defaults=True),
             done=done,
         )
+        session.add(entry)
+        return entry
 
 
-async def add(session: AsyncSession, entry: AuditRow | None) -> None:
-    """Add an entry as the last one. None adds nothing."""
-    if entry is None:
-        return
-    entry.seq = (await session.scalar(select(func.max(AuditRow.seq))) or 0) + 1
-    session.add(entry)
+async def entries(
+    session: AsyncSession,
+    *,
+    before: int | None,
+    limit: int,
+    target: str | None = None,
+    named: tuple[Collection, str] | None = None,
+    action: AuditAction | None = None,
+) -> Sequence[AuditRow]:
+    """Return entries, newest first.
 
-
-class AuditLog:
-    """Reads the audit log. Each method is one transaction."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
-
-    async def note(self, entry: AuditRow) -> None:
-        """Add an entry about something that was done already."""
-        async with self._database.write() as session:
-            await add(session, entry)
-
-    async def entries(
-        self,
-        *,
-        before: int | None,
-        limit: int,
-        target: str | None = None,
-        named: tuple[Collection, str] | None = None,
-        action: AuditAction | None = None,
-    ) -> Sequence[AuditRow]:
-        """Return entries, newest first.
-
-        Args:
-            before: Only entries with a lower number. None for all.
-            limit: Most entries.
-            target: Only entries about this id.
-            named: Only entries about a target of this kind that has, or had, this name in upper or lower case.
-            action: Only entries of this kind.
-        """
-        query = select(AuditRow).order_by(AuditRow.seq.desc()).limit(limit)
-        if before is not None:
-            query = query.where(AuditRow.seq < before)
-        if target is not None:
-            query = query.where(AuditRow.target == target)
-        if named is not None:
-            collection, name = named
-            query = query.where(AuditRow.kind == collection, func.lower(AuditRow.name) == name.lower())
-        if action is not None:
-            query = query.where(AuditRow.action == action)
-        async with self._database.read() as session:
-            return (await session.scalars(query)).all()
+    Args:
+        session: The session.
+        before: Only entries with a lower number. None for all.
+        limit: Most entries.
+        target: Only entries about this id.
+        named: Only entries about a target of this kind that has, or had, this name in upper or lower case.
+        action: Only entries of this kind.
+    """
+    query = select(AuditRow).order_by(AuditRow.seq.desc()).limit(limit)
+    if before is not None:
+        query = query.where(AuditRow.seq < before)
+    if target is not None:
+        query = query.where(AuditRow.target == target)
+    if named is not None:
+        collection, name = named
+        query = query.where(AuditRow.kind == collection, func.lower(AuditRow.name) == name.lower())
+    if action is not None:
+        query = query.where(AuditRow.action == action)
+    return (await session.scalars(query)).all()

@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Sequence
 from typing import Any
 
-from sqlalchemy import select, update
+from sqlalchemy import Update, func, select, update
 
 from wrongturn_protocol import EpisodeState, EvaluationState, Verdict
 from wrongturn_service.storage.accounts import check_there
@@ -15,7 +15,7 @@ from wrongturn_service.storage.condition import FailureKind, StorageError
 from wrongturn_service.storage.evaluations import EvaluationOverError, next_episode
 from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, IdempotencyRow, TrajectoryRow
 from wrongturn_service.storage.queries import Queries
-from wrongturn_service.storage.usage import ROW, TRAJECTORY_ROW, owner_of
+from wrongturn_service.storage.usage import ROW, TRAJECTORY_ROW, owner_of, size_of
 
 
 class DamagedTrajectoryError(StorageError):
@@ -47,24 +47,19 @@ class EpisodeStore(Queries):
                 if await session.scalar(scored) is not None:
                     raise EvaluationOverError(episode.evaluation_id)
                 # The connection may have broken during an earlier commit that did succeed.
-                ghost = update(EpisodeRow).where(
-                    EpisodeRow.evaluation_id == episode.evaluation_id,
-                    EpisodeRow.trial_id == episode.trial_id,
-                    EpisodeRow.state == EpisodeState.OPEN,
+                ghost = _lost().where(
+                    EpisodeRow.evaluation_id == episode.evaluation_id, EpisodeRow.trial_id == episode.trial_id
                 )
-                await session.execute(ghost.values(state=EpisodeState.LOST, finished=time.time()))
+                await session.execute(ghost)
                 episode.seq = await next_episode(session, episode.evaluation_id)
             await check_there(session, AgentRow, episode.agent_id)
             owner = await owner_of(session, episode.agent_id)
-            if reply is not None:
-                reply.episode_id = episode.id
             if episode.evaluation_id is None:
                 episode.stored_bytes = episode.stored_bytes or ROW
                 await self._usage.take(session, owner, episode.stored_bytes)
-                await self._usage.remember(session, reply, owner)
-            else:
-                await self._usage.remember(session, reply, owner, evaluation_id=episode.evaluation_id)
             session.add(episode)
+            about = {"agent_id": episode.agent_id, "episode_id": episode.id, "evaluation_id": episode.evaluation_id}
+            await self._usage.remember(session, reply, owner, about, reserved=episode.evaluation_id is not None)
 
     async def episode(self, episode_id: str) -> EpisodeRow | None:
         """Return an episode, or None."""
@@ -120,42 +115,32 @@ class EpisodeStore(Queries):
         # A journey with traffic has megabytes; in a thread its compression does not hold up other agents.
         compressed = await asyncio.to_thread(zlib.compress, trajectory, 6)
         async with self._database.write() as session:
-            query = update(EpisodeRow).where(EpisodeRow.id == episode_id, EpisodeRow.state == EpisodeState.OPEN)
-            result = await session.execute(
-                query.values(state=EpisodeState.FINISHED, finished=time.time(), **values),
-            )
-            if not getattr(result, "rowcount", 0):
-                row = await session.get(EpisodeRow, episode_id)
+            row = await session.get(EpisodeRow, episode_id)
+            if row is None or row.state != EpisodeState.OPEN:
                 return (
                     row is not None
                     and row.state == EpisodeState.FINISHED
                     and all(getattr(row, name) == value for name, value in values.items())
                 )
+            for name, value in {"state": EpisodeState.FINISHED, "finished": time.time(), **values}.items():
+                setattr(row, name, value)
+            row.stored_bytes = size_of(row.trial, row.outcome, row.last_reply)
             if trajectory:
+                row.stored_bytes += TRAJECTORY_ROW + len(compressed)
                 session.add(
                     TrajectoryRow(episode_id=episode_id, sha256=sha256, size=len(trajectory), data=compressed),
                 )
-            await self._usage.settle_episode(session, episode_id, TRAJECTORY_ROW + len(compressed) if trajectory else 0)
         return True
 
     async def lose_episode(self, episode_id: str, verdict: Verdict | None = None) -> None:
         """Mark an open episode as lost, so that its trial runs again."""
         async with self._database.write() as session:
-            query = update(EpisodeRow).where(EpisodeRow.id == episode_id, EpisodeRow.state == EpisodeState.OPEN)
-            values = {"state": EpisodeState.LOST, "finished": time.time(), "verdict": verdict}
-            if getattr(await session.execute(query.values(**values)), "rowcount", 0):
-                await self._usage.settle_episode(session, episode_id)
+            await session.execute(_lost(verdict=verdict).where(EpisodeRow.id == episode_id))
 
     async def lose_open_episodes(self) -> int:
         """Mark the episodes that were open when the service last stopped as lost, and return their number."""
         async with self._database.write() as session:
-            is_open = EpisodeRow.state == EpisodeState.OPEN
-            lost = (await session.scalars(select(EpisodeRow.id).where(is_open))).all()
-            values = {"state": EpisodeState.LOST, "finished": time.time()}
-            await session.execute(update(EpisodeRow).where(is_open).values(**values))
-            for episode in lost:
-                await self._usage.settle_episode(session, episode)
-            return len(lost)
+            return int(getattr(await session.execute(_lost()), "rowcount", 0))
 
     async def trajectory(self, episode_id: str) -> tuple[bytes, str] | None:
         """Return a trajectory's canonical JSON and its SHA-256, or None.
@@ -166,6 +151,12 @@ class EpisodeStore(Queries):
         async with self._database.read() as session:
             row = await session.get(TrajectoryRow, episode_id)
             return None if row is None else (await asyncio.to_thread(_unpacked, row), row.sha256)
+
+
+def _lost(**columns: Any) -> Update:
+    """Return what marks open episodes as lost."""
+    over = {"state": EpisodeState.LOST, "finished": time.time(), "stored_bytes": ROW + func.length(EpisodeRow.trial)}
+    return update(EpisodeRow).where(EpisodeRow.state == EpisodeState.OPEN).values(**over, **columns)
 
 
 def _unpacked(row: TrajectoryRow) -> bytes:

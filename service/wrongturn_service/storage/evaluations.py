@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 
-from sqlalchemy import delete, func, select, update
+from sqlalchemy import func, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import EpisodeState, EvaluationState, Outcome
@@ -18,10 +18,7 @@ from wrongturn_service.storage.models import (
 )
 from wrongturn_service.storage.queries import Queries
 from wrongturn_service.storage.usage import ROW, owner_of, size_of
-from wrongturn_service.storage.visible import (
-    counting_suites,
-    seen_evaluations,
-)
+from wrongturn_service.storage.visible import counting_suites, seen_evaluations
 
 
 class EvaluationOverError(Exception):
@@ -60,7 +57,8 @@ class EvaluationStore(Queries):
             evaluation.stored_bytes = evaluation.stored_bytes or ROW
             await self._usage.take(session, owner, evaluation.stored_bytes, reserve=True)
             session.add(evaluation)
-            await self._usage.remember(session, None if remember is None else remember(evaluation), owner)
+            about = {"agent_id": evaluation.agent_id, "evaluation_id": evaluation.id}
+            await self._usage.remember(session, None if remember is None else remember(evaluation), owner, about)
         return evaluation
 
     async def evaluation(self, evaluation_id: str) -> EvaluationRow | None:
@@ -113,10 +111,8 @@ class EvaluationStore(Queries):
                 EvaluationRow.state == EvaluationState.RUNNING,
             )
             values = {"state": EvaluationState.FINISHED, "finished": time.time(), "metrics": metrics}
-            if not getattr(await session.execute(query.values(**values)), "rowcount", 0):
-                return False
-            await self._usage.settle_evaluation(session, evaluation_id, size_of(metrics))
-            return True
+            result = await session.execute(query.values(**values, stored_bytes=size_of(metrics)))
+            return bool(getattr(result, "rowcount", 0))
 
     async def retire_evaluation(self, evaluation_id: str) -> None:
         """Cancel a running evaluation whose suite was retired. It has no end, because its agent did not cancel it."""
@@ -124,8 +120,7 @@ class EvaluationStore(Queries):
             query = update(EvaluationRow).where(
                 EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.RUNNING
             )
-            if getattr(await session.execute(query.values(state=EvaluationState.CANCELLED)), "rowcount", 0):
-                await self._usage.settle_evaluation(session, evaluation_id, ROW)
+            await session.execute(query.values(state=EvaluationState.CANCELLED, stored_bytes=ROW))
 
     async def delete_undriven(self, evaluation_id: str) -> bool:
         """Delete a running evaluation without any step, and keep its secret for the agent's next one on the suite.
@@ -138,11 +133,6 @@ class EvaluationStore(Queries):
             if row is None or row.state != EvaluationState.RUNNING or row.driven is not None:
                 return False
             secret = UnusedSecretRow(agent_id=row.agent_id, suite=row.suite, secret=row.secret)
-            await self._usage.delete_episodes(session, EpisodeRow.evaluation_id == evaluation_id)
-            results = await session.get(ResultsRow, evaluation_id)
-            size = row.stored_bytes + (0 if results is None else results.stored_bytes)
-            await session.execute(delete(ResultsRow).where(ResultsRow.evaluation_id == evaluation_id))
-            await self._usage.add(session, await owner_of(session, row.agent_id), -size)
             await session.delete(row)
             await session.merge(secret)
         return True
@@ -197,10 +187,8 @@ class EvaluationStore(Queries):
             evaluation = await session.get(EvaluationRow, evaluation_id)
             if evaluation is None:
                 return
-            old = await session.get(ResultsRow, evaluation_id)
             size, now = size_of(body), time.time()
-            owner = await owner_of(session, evaluation.agent_id)
-            await self._usage.take(session, owner, size - (0 if old is None else old.stored_bytes))
+            await self._usage.take(session, await owner_of(session, evaluation.agent_id), size)
             await session.merge(ResultsRow(evaluation_id=evaluation_id, body=body, created=now, stored_bytes=size))
 
     async def cancelled_counts(self, suite: str) -> dict[str, int]:
@@ -257,9 +245,6 @@ class EvaluationStore(Queries):
         Raises:
             QuotaReachedError: There is none.
         """
-        async with self._database.read() as session:
-            if await self._usage.fits(session, owner_id, more):
-                return
         async with self._database.write() as session:
             await self._usage.make_room(session, owner_id, more)
 

@@ -20,19 +20,7 @@ def place(agent_id: str, suite: str) -> str:
 
 async def is_held(session: AsyncSession, kind: str, key: str) -> bool:
     """Return whether a name or a place stays taken."""
-    return await session.scalar(select(HeldRow.key).where(HeldRow.kind == kind, HeldRow.key == key)) is not None
-
-
-async def hold(session: AsyncSession, kind: str, key: str, deleted: str) -> None:
-    """Keep a name or a place taken. Safe to call more than once.
-
-    Args:
-        session: The session.
-        kind: Kind of what is held.
-        key: The name or the place.
-        deleted: Id of what was deleted, by which it can be freed.
-    """
-    await session.merge(HeldRow(kind=kind, key=key, deleted=deleted))
+    return await session.get(HeldRow, (kind, key)) is not None
 
 
 async def free(session: AsyncSession, deleted: str) -> int:

@@ -1,5 +1,7 @@
 """The tables, with types that SQLite and PostgreSQL share. Times are seconds since 1970, UTC."""
 
+from typing import Any
+
 from sqlalchemy import (
     BigInteger,
     Boolean,
@@ -34,6 +36,16 @@ class Base(DeclarativeBase):
     )
 
 
+def _of(table: str, *, ondelete: str = "CASCADE", **options: Any) -> Any:
+    """Return a column with the id of the row to which a row belongs, and with which it is deleted."""
+    return mapped_column(_ID, ForeignKey(f"{table}.id", ondelete=ondelete), **options)
+
+
+def _bytes() -> Any:
+    """Return a column that counts bytes."""
+    return mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+
+
 class OwnerRow(Base):
     """Who answers for agents. One that was made with its agent has no token."""
 
@@ -51,8 +63,8 @@ class OwnerRow(Base):
     """Whether the operator hides it, its agents and their evaluations from everybody else."""
     origin: Mapped[str | None] = mapped_column(String(64), index=True)
     """The address that registered it, as limits count addresses. None if the operator did."""
-    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
-    """Bytes of all that is stored for it, see :mod:`wrongturn_service.storage.usage`."""
+    stored_bytes: Mapped[int] = _bytes()
+    """Bytes of all that is stored for it, or more, see :mod:`wrongturn_service.storage.usage`."""
     active: Mapped[float | None] = mapped_column(Double)
     """When something was last stored for it."""
 
@@ -72,12 +84,11 @@ class AgentRow(Base):
     homepage: Mapped[str | None] = mapped_column(Text)
     trained_on_faults: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
     """Whether it met wrong commands in its training, as its owner says."""
-    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+    stored_bytes: Mapped[int] = _bytes()
     """Bytes of the row."""
     token_sha256: Mapped[str | None] = mapped_column(_SHA, unique=True)
     created: Mapped[float] = mapped_column(Double)
-    owner_id: Mapped[str] = mapped_column(_ID, ForeignKey("owners.id"), index=True, nullable=True)
-    """Every agent has an owner. The column allows null because SQLite adds no other foreign key to a filled table."""
+    owner_id: Mapped[str] = _of("owners", index=True)
     owner: Mapped[OwnerRow] = relationship(lazy="joined")
     hidden: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
     """Whether the operator hides it and its evaluations."""
@@ -94,7 +105,7 @@ class EvaluationRow(Base):
     __tablename__ = "evaluations"
 
     id: Mapped[str] = mapped_column(_ID, primary_key=True)
-    agent_id: Mapped[str] = mapped_column(_ID, ForeignKey("agents.id"), index=True)
+    agent_id: Mapped[str] = _of("agents", index=True)
     suite: Mapped[str] = mapped_column(String(80), index=True)
     suite_sha256: Mapped[str] = mapped_column(_SHA)
     entry: Mapped[str] = mapped_column(_WORD)
@@ -110,12 +121,10 @@ class EvaluationRow(Base):
     """When its first step arrived. From then on it counts."""
     hidden: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
     """Whether the operator hides it. It still counts as the agent's first one."""
-    seq: Mapped[int] = mapped_column(BigInteger, index=True, unique=True, nullable=True)
-    """Order in which evaluations were begun, from 1. It decides what counts first, because clocks can be set back.
-
-    Every evaluation has one. The column allows null because SQLite adds no other to a filled table."""
-    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
-    """Bytes of the row and its episodes; while it runs, what they can come to."""
+    seq: Mapped[int] = mapped_column(BigInteger, unique=True)
+    """Order in which evaluations were begun, from 1. It decides what counts first, because clocks can be set back."""
+    stored_bytes: Mapped[int] = _bytes()
+    """Bytes of the row; while it runs, what it and its episodes can come to."""
 
 
 class UnusedSecretRow(Base):
@@ -126,7 +135,7 @@ class UnusedSecretRow(Base):
 
     __tablename__ = "unused_secrets"
 
-    agent_id: Mapped[str] = mapped_column(_ID, ForeignKey("agents.id"), primary_key=True)
+    agent_id: Mapped[str] = _of("agents", primary_key=True)
     suite: Mapped[str] = mapped_column(String(80), primary_key=True)
     secret: Mapped[str] = mapped_column(_SHA)
 
@@ -137,8 +146,8 @@ class EpisodeRow(Base):
     __tablename__ = "episodes"
 
     id: Mapped[str] = mapped_column(_ID, primary_key=True)
-    evaluation_id: Mapped[str | None] = mapped_column(_ID, ForeignKey("evaluations.id"))
-    agent_id: Mapped[str] = mapped_column(_ID, ForeignKey("agents.id"))
+    evaluation_id: Mapped[str | None] = _of("evaluations")
+    agent_id: Mapped[str] = _of("agents")
     trial_id: Mapped[str] = mapped_column(String(160))
     trial: Mapped[str] = mapped_column(Text)
     """JSON of Trial."""
@@ -158,7 +167,7 @@ class EpisodeRow(Base):
     trajectory_sha256: Mapped[str | None] = mapped_column(_SHA)
     seq: Mapped[int | None] = mapped_column(Integer)
     """Order of the resets of an evaluation, from 1. Practice has none."""
-    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+    stored_bytes: Mapped[int] = _bytes()
     """Bytes of the row and its trajectory. Practice has what they can come to until its end."""
 
     __table_args__ = (
@@ -182,7 +191,7 @@ class TrajectoryRow(Base):
 
     __tablename__ = "trajectories"
 
-    episode_id: Mapped[str] = mapped_column(_ID, ForeignKey("episodes.id"), primary_key=True)
+    episode_id: Mapped[str] = _of("episodes", primary_key=True)
     sha256: Mapped[str] = mapped_column(_SHA)
     """SHA-256 of the canonical JSON."""
     size: Mapped[int] = mapped_column(BigInteger)
@@ -196,11 +205,11 @@ class ResultsRow(Base):
 
     __tablename__ = "results"
 
-    evaluation_id: Mapped[str] = mapped_column(_ID, ForeignKey("evaluations.id"), primary_key=True)
+    evaluation_id: Mapped[str] = _of("evaluations", primary_key=True)
     body: Mapped[str] = mapped_column(Text)
     """JSON of ResultsRequest."""
     created: Mapped[float] = mapped_column(Double)
-    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+    stored_bytes: Mapped[int] = _bytes()
     """Bytes of the row."""
 
 
@@ -216,14 +225,20 @@ class IdempotencyRow(Base):
     status: Mapped[int] = mapped_column(Integer)
     content_type: Mapped[str] = mapped_column(String(80))
     body: Mapped[bytes] = mapped_column(LargeBinary)
-    sealed_token: Mapped[bytes | None] = mapped_column(LargeBinary)
-    """The reply's token, encrypted with the key."""
+    with_token: Mapped[bool] = mapped_column(Boolean)
+    """Whether the reply had a token. It is stored nowhere: a repeat makes a new one, which ends the old one."""
     created: Mapped[float] = mapped_column(Double, index=True)
-    owner_id: Mapped[str | None] = mapped_column(_ID, index=True)
-    """The owner whose bytes it counts to. None for the operator's."""
-    episode_id: Mapped[str | None] = mapped_column(_ID, index=True)
-    """The episode that the request began. It goes with that episode."""
-    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+    owner_id: Mapped[str] = _of("owners", index=True)
+    """The owner whose bytes it counts to."""
+    agent_id: Mapped[str | None] = _of("agents", index=True)
+    """The agent that sent the request, or that it registered."""
+    evaluation_id: Mapped[str | None] = mapped_column(_ID, index=True)
+    """The evaluation that the request began or drove. An evaluation that its agent deletes leaves the reply."""
+    episode_id: Mapped[str | None] = _of("episodes", index=True)
+    """The episode that the request began."""
+    submission_id: Mapped[str | None] = _of("submissions", index=True)
+    """The submission that the request handed in."""
+    stored_bytes: Mapped[int] = _bytes()
     """Bytes of the row."""
 
 
@@ -235,14 +250,12 @@ class SubmissionRow(Base):
     id: Mapped[str] = mapped_column(_ID, primary_key=True)
     seq: Mapped[int] = mapped_column(BigInteger, unique=True)
     """Order of arrival, from 1."""
-    owner_id: Mapped[str] = mapped_column(_ID, ForeignKey("owners.id"), index=True)
-    agent_id: Mapped[str | None] = mapped_column(_ID, ForeignKey("agents.id", ondelete="SET NULL"), index=True)
+    owner_id: Mapped[str] = _of("owners", index=True)
+    agent_id: Mapped[str | None] = _of("agents", ondelete="SET NULL", index=True)
     """The agent that handed it in, or the one that was made after the check."""
     agent_made: Mapped[bool] = mapped_column(Boolean)
     """Whether the service makes the agent. Otherwise the agent was there before, and handed it in."""
-    evaluation_id: Mapped[str | None] = mapped_column(
-        _ID, ForeignKey("evaluations.id", ondelete="SET NULL"), index=True
-    )
+    evaluation_id: Mapped[str | None] = _of("evaluations", ondelete="SET NULL", index=True)
     suite: Mapped[str] = mapped_column(String(80))
     name: Mapped[str] = mapped_column(String(64))
     name_key: Mapped[str] = mapped_column(String(64), index=True)
@@ -253,7 +266,7 @@ class SubmissionRow(Base):
     """SHA-256 of the model."""
     size: Mapped[int] = mapped_column(BigInteger)
     """Bytes of the model."""
-    stored_bytes: Mapped[int] = mapped_column(BigInteger, insert_default=0, server_default=text("0"))
+    stored_bytes: Mapped[int] = _bytes()
     """Bytes of the row, its log and, while it is there, the model."""
     state: Mapped[str] = mapped_column(_WORD, index=True)
     reason: Mapped[str | None] = mapped_column(Text)
@@ -275,7 +288,7 @@ class SubmissionLogRow(Base):
 
     __tablename__ = "submission_log"
 
-    submission_id: Mapped[str] = mapped_column(_ID, ForeignKey("submissions.id"), primary_key=True)
+    submission_id: Mapped[str] = _of("submissions", primary_key=True)
     number: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=False)
     """From 1."""
     time: Mapped[float] = mapped_column(Double)
@@ -283,7 +296,7 @@ class SubmissionLogRow(Base):
 
 
 class HeldRow(Base):
-    """What stays taken after the operator has deleted its holder: a name, or an agent's first evaluation on a suite."""
+    """What stays taken after the operator has deleted its holder: a name, or an agent's place on a suite."""
 
     __tablename__ = "held"
 
@@ -291,6 +304,8 @@ class HeldRow(Base):
     """``owner`` or ``agent`` for a name, ``evaluation`` for a suite."""
     key: Mapped[str] = mapped_column(String(128), primary_key=True)
     """The name in lower case, or the agent's id and the suite."""
+    agent_id: Mapped[str | None] = _of("agents", index=True)
+    """The agent whose place it is. None for a name."""
     deleted: Mapped[str] = mapped_column(_ID, index=True)
     """Id of what was deleted."""
 

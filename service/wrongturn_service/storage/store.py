@@ -1,12 +1,20 @@
 """All queries of the service, one method each. Rows are detached: read them, do not change them."""
 
-from sqlalchemy import select
+from sqlalchemy import Delete, delete, func, select
 
-from wrongturn_service.storage import purging
+from wrongturn_protocol import EpisodeState, EvaluationState
 from wrongturn_service.storage.accounts import AccountStore
 from wrongturn_service.storage.episodes import EpisodeStore
 from wrongturn_service.storage.evaluations import EvaluationStore
-from wrongturn_service.storage.models import EpisodeRow, IdempotencyRow
+from wrongturn_service.storage.models import (
+    AgentRow,
+    EpisodeRow,
+    EvaluationRow,
+    IdempotencyRow,
+    OwnerRow,
+    ResultsRow,
+    SubmissionRow,
+)
 from wrongturn_service.storage.usage import over_practice
 
 
@@ -44,8 +52,41 @@ class Store(AccountStore, EvaluationStore, EpisodeStore):
             unused_before: Owners who registered themselves, have no evaluation and no submission, and have stored
                 nothing since; with their agents.
         """
+        practice = delete(EpisodeRow).where(*over_practice(), EpisodeRow.finished < practice_before)
+        replies = delete(IdempotencyRow).where(IdempotencyRow.created < replies_before)
         async with self._database.write() as session:
-            await self._usage.delete_episodes(session, *over_practice(), EpisodeRow.finished < practice_before)
-            await self._usage.delete_replies(session, IdempotencyRow.created < replies_before)
-            await purging.delete_abandoned(session, self._usage, abandoned_before)
-            await purging.delete_unused(session, self._usage, unused_before)
+            for old in (practice, replies, *_abandoned(abandoned_before), _unused(unused_before)):
+                await session.execute(old)
+
+
+def _abandoned(before: float) -> list[Delete]:
+    """Return what deletes the lost episodes of evaluations that are over, and all that cancelled evaluations hold."""
+    over = select(EvaluationRow.id).where(EvaluationRow.state != EvaluationState.RUNNING)
+    lost = EpisodeRow.state == EpisodeState.LOST, EpisodeRow.finished < before
+    last = select(func.max(EpisodeRow.finished)).where(EpisodeRow.evaluation_id == EvaluationRow.id)
+    cancelled = select(EvaluationRow.id).where(
+        EvaluationRow.state == EvaluationState.CANCELLED, last.scalar_subquery() < before
+    )
+    return [
+        delete(EpisodeRow).where(EpisodeRow.evaluation_id.in_(over), *lost),
+        delete(ResultsRow).where(ResultsRow.evaluation_id.in_(cancelled)),
+        delete(EpisodeRow).where(EpisodeRow.evaluation_id.in_(cancelled)),
+    ]
+
+
+def _unused(before: float) -> Delete:
+    """Return what deletes owners who registered themselves and never drove what counts."""
+    evaluated = select(EvaluationRow.id).join_from(EvaluationRow, AgentRow).where(AgentRow.owner_id == OwnerRow.id)
+    handed_in = select(SubmissionRow.id).where(SubmissionRow.owner_id == OwnerRow.id)
+    driving = (
+        select(EpisodeRow.id)
+        .join_from(EpisodeRow, AgentRow)
+        .where(AgentRow.owner_id == OwnerRow.id, EpisodeRow.state == EpisodeState.OPEN)
+    )
+    return delete(OwnerRow).where(
+        OwnerRow.origin.is_not(None),
+        OwnerRow.active < before,
+        ~evaluated.exists(),
+        ~handed_in.exists(),
+        ~driving.exists(),
+    )

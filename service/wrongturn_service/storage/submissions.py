@@ -20,7 +20,6 @@ from wrongturn_service.storage.models import (
     OwnerRow,
     SubmissionLogRow,
     SubmissionRow,
-    UnusedSecretRow,
 )
 from wrongturn_service.storage.usage import ROW, SUBMISSION, Quota, Usage, size_of
 
@@ -95,16 +94,14 @@ class SubmissionStore:
             submission.seq = (await session.scalar(select(func.max(SubmissionRow.seq))) or 0) + 1
             submission.stored_bytes = SUBMISSION + submission.size
             await self._usage.take(session, submission.owner_id, submission.stored_bytes)
-            await self._usage.remember(session, reply, submission.owner_id)
             session.add(submission)
+            await self._usage.remember(session, reply, submission.owner_id, {"submission_id": submission.id})
 
     async def forget_model(self, submission_id: str) -> None:
         """Note that a submission's model was deleted, so its bytes count no more. Safe to call again."""
         async with self._database.write() as session:
-            row = await session.get(SubmissionRow, submission_id)
-            if row is not None and row.stored_bytes > SUBMISSION:
-                await self._usage.add(session, row.owner_id, SUBMISSION - row.stored_bytes)
-                row.stored_bytes = SUBMISSION
+            row = update(SubmissionRow).where(SubmissionRow.id == submission_id)
+            await session.execute(row.values(stored_bytes=SUBMISSION))
 
     async def open_count(self, owner_id: str) -> int:
         """Return how many submissions of an owner wait or run."""
@@ -248,7 +245,7 @@ class SubmissionStore:
             if await agent_name_taken(session, agent.name_key):
                 raise AgentNameTakenError(agent.name)
             agent.stored_bytes = size_of(agent.description)
-            await self._usage.add(session, row.owner_id, agent.stored_bytes, now=time.time())
+            await self._usage.add(session, row.owner_id, agent.stored_bytes)
             session.add(agent)
             await session.flush()
             row.agent_id, row.track = agent.id, agent.track
@@ -267,11 +264,6 @@ class SubmissionStore:
             begun = select(EvaluationRow.id).where(EvaluationRow.agent_id == agent).limit(1)
             if await session.scalar(begun) is not None:
                 return None
-            made = await session.get(AgentRow, agent)
-            await self._usage.delete_episodes(session, EpisodeRow.agent_id == agent)
-            await self._usage.delete_replies(session, IdempotencyRow.scope == agent)
-            await self._usage.add(session, row.owner_id, 0 if made is None else -made.stored_bytes)
-            await session.execute(delete(UnusedSecretRow).where(UnusedSecretRow.agent_id == agent))
             await session.execute(delete(AgentRow).where(AgentRow.id == agent))
         return agent
 
@@ -294,7 +286,7 @@ class SubmissionStore:
             await prepare_evaluation(session, evaluation)
             # It is not refused: the submission was taken in, and the service itself drives it.
             evaluation.stored_bytes = evaluation.stored_bytes or ROW
-            await self._usage.add(session, row.owner_id, evaluation.stored_bytes, now=time.time())
+            await self._usage.add(session, row.owner_id, evaluation.stored_bytes)
             session.add(evaluation)
             await session.flush()
             row.evaluation_id, row.state, row.started = evaluation.id, SubmissionState.RUNNING.value, time.time()

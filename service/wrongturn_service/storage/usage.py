@@ -1,20 +1,24 @@
-"""Bytes that are stored for owners, and what each owner and address may have.
+"""What is stored for owners, by kind, and how much each owner and address may have.
 
-Each row that belongs to an owner has its size in the column ``stored_bytes``, and an owner has the sum of them. Both
-change in the transaction that stores or deletes the row. What is still growing is counted at what it may become: an
-episode of practice until it ends, an evaluation until it is finished.
+Each row that belongs to an owner has its size in the column ``stored_bytes``. What is still growing has the size that
+it may come to: an episode of practice until it ends, an evaluation until it is finished. :func:`stored` sums them.
+
+A sum over many rows takes too long for each reset. So an owner's own ``stored_bytes`` only grows as things are stored,
+and is summed anew when it reaches the quota.
 """
 
 import time
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, Select, delete, func, select, update
+from sqlalchemy import ColumnElement, case, delete, func, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
+from sqlalchemy.orm import aliased, join, outerjoin
 
-from wrongturn_protocol import EpisodeState, Trial
+from wrongturn_protocol import EpisodeState, EvaluationState, Trial
 from wrongturn_protocol.reserved_names import OWNER_NAME
+from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service.errors import QuotaReachedError
 from wrongturn_service.storage.models import (
     AgentRow,
@@ -44,6 +48,98 @@ _UNLIMITED: Final = 1 << 62
 
 
 @dataclass(frozen=True)
+class Kind:
+    """A kind of rows.
+
+    Attributes:
+        rows: The table, joined to those that say whose a row is.
+        id: Column of a row's id.
+        of: Columns that name the owner, agent, evaluation or submission with which a row is deleted.
+        size: Bytes of a row. None if they are counted with another kind.
+        number: What counts the rows.
+    """
+
+    rows: Any
+    id: Any
+    of: dict[Collection, Any]
+    size: Any = None
+    number: Any = field(default_factory=func.count)
+
+    @property
+    def bytes(self) -> Any:
+        """The sum of the rows' bytes."""
+        return func.coalesce(func.sum(0 if self.size is None else self.size), 0)
+
+    def select(self, *columns: Any, of: Collection, item: Any) -> Any:
+        """Return the query for columns of the rows that belong to an item; None if no row of this kind does."""
+        return select(*columns).select_from(self.rows).where(self.of[of] == item) if of in self.of else None
+
+
+_OF_AGENT: Final = {Collection.OWNERS: AgentRow.owner_id, Collection.AGENTS: AgentRow.id}
+_OF_EVALUATION: Final = {**_OF_AGENT, Collection.EVALUATIONS: EvaluationRow.id}
+_OF_EPISODE: Final = {**_OF_AGENT, Collection.EVALUATIONS: EpisodeRow.evaluation_id}
+_OF_SUBMISSION: Final = {
+    Collection.OWNERS: SubmissionRow.owner_id,
+    Collection.AGENTS: SubmissionRow.agent_id,
+    Collection.SUBMISSIONS: SubmissionRow.id,
+}
+_OF_REPLY: Final = {
+    Collection.OWNERS: IdempotencyRow.owner_id,
+    Collection.AGENTS: IdempotencyRow.agent_id,
+    Collection.EVALUATIONS: IdempotencyRow.evaluation_id,
+    Collection.SUBMISSIONS: IdempotencyRow.submission_id,
+}
+_SCORED: Final = aliased(EvaluationRow)
+_EVALUATIONS: Final = join(EvaluationRow, AgentRow, EvaluationRow.agent_id == AgentRow.id)
+_EPISODES: Final = join(EpisodeRow, AgentRow, EpisodeRow.agent_id == AgentRow.id)
+_HAS_MODEL: Final = SubmissionRow.stored_bytes > SUBMISSION
+# An evaluation that runs has reserved the bytes of its episodes and of the replies to their resets.
+_RESERVED: Final = _SCORED.state == EvaluationState.RUNNING
+_SIZE_OF_EPISODE: Final = case((_RESERVED, 0), else_=EpisodeRow.stored_bytes)
+_SIZE_OF_REPLY: Final = case((_RESERVED, 0), else_=IdempotencyRow.stored_bytes)
+_SIZE_OF_OWNER: Final = ROW + func.coalesce(func.length(OwnerRow.contact), 0)
+KINDS: Final = {
+    "owners": Kind(OwnerRow, OwnerRow.id, {Collection.OWNERS: OwnerRow.id}, _SIZE_OF_OWNER),
+    "agents": Kind(AgentRow, AgentRow.id, _OF_AGENT, AgentRow.stored_bytes),
+    "evaluations": Kind(_EVALUATIONS, EvaluationRow.id, _OF_EVALUATION, EvaluationRow.stored_bytes),
+    "episodes": Kind(
+        outerjoin(_EPISODES, _SCORED, _SCORED.id == EpisodeRow.evaluation_id),
+        EpisodeRow.id,
+        _OF_EPISODE,
+        _SIZE_OF_EPISODE,
+    ),
+    "trajectories": Kind(
+        join(_EPISODES, TrajectoryRow, TrajectoryRow.episode_id == EpisodeRow.id), EpisodeRow.id, _OF_EPISODE
+    ),
+    "results": Kind(
+        join(_EVALUATIONS, ResultsRow, ResultsRow.evaluation_id == EvaluationRow.id),
+        ResultsRow.evaluation_id,
+        _OF_EVALUATION,
+        ResultsRow.stored_bytes,
+    ),
+    "submissions": Kind(SubmissionRow, SubmissionRow.id, _OF_SUBMISSION, SubmissionRow.stored_bytes),
+    "models": Kind(SubmissionRow, SubmissionRow.id, _OF_SUBMISSION, number=func.count(case((_HAS_MODEL, 1)))),
+    "replies": Kind(
+        outerjoin(IdempotencyRow, _SCORED, _SCORED.id == IdempotencyRow.evaluation_id),
+        IdempotencyRow.key_sha256,
+        _OF_REPLY,
+        _SIZE_OF_REPLY,
+    ),
+}
+"""What is stored for owners, by the names of :class:`~wrongturn_protocol.administration.Contents`."""
+
+
+def stored() -> Any:
+    """Return the bytes that are stored for an owner, as a column beside those of :class:`OwnerRow`."""
+    total: Any = _SIZE_OF_OWNER
+    for name, kind in KINDS.items():
+        if kind.size is not None and name != "owners":
+            sizes = kind.select(kind.bytes, of=Collection.OWNERS, item=OwnerRow.id)
+            total = total + sizes.correlate(OwnerRow).scalar_subquery()
+    return total
+
+
+@dataclass(frozen=True)
 class Quota:
     """What an owner and an address may have.
 
@@ -60,66 +156,24 @@ class Quota:
     accounts: int = _UNLIMITED
 
 
-@dataclass(frozen=True)
-class _Reached:
-    """A quota of bytes, and what would be stored with some bytes more.
-
-    Attributes:
-        whose: The owner or the address, in words.
-        setting: The quota's setting.
-        stored: Bytes that are stored.
-        more: Bytes that are wanted.
-        most: Bytes that may be stored.
-    """
-
-    whose: str
-    setting: str
-    stored: int
-    more: int
-    most: int
-
-    @property
-    def over(self) -> int:
-        """Bytes that would be too many; 0 or less if all fit."""
-        return self.stored + self.more - self.most
-
-    def sentence(self, *, reserve: bool) -> str:
-        """Return what is said to who wanted the bytes, which may be the reserve of an evaluation."""
-        wanted = f"{_megabytes(self.more)} more do not fit" if self.more else "nothing more fits"
-        if reserve:
-            wanted = (
-                f"an evaluation reserves {_megabytes(self.more)}, which do not fit now (at its end it keeps only what "
-                "it stored, and the rest comes back)"
-            )
-        return (
-            f"{wanted}: {self.whose} has {_megabytes(self.stored)} of {_megabytes(self.most)}, its quota; finish or "
-            "cancel running evaluations, wait until practice, models and stored replies are deleted with time, or ask "
-            f"the operator to raise {self.setting}"
-        )
-
-
 class Usage:
-    """Counts what owners have. Each method works in the caller's transaction."""
+    """Holds owners and addresses to their quota. Each method works in the caller's transaction."""
 
     def __init__(self, quota: Quota | None = None) -> None:
         self._quota = quota or Quota()
 
-    async def add(self, session: AsyncSession, owner_id: str, more: int, *, now: float | None = None) -> None:
-        """Count stored bytes of an owner, or deleted ones if ``more`` is negative. There is no check.
-
-        Args:
-            session: The transaction.
-            owner_id: Id of the owner.
-            more: Bytes.
-            now: Seconds since 1970 if the owner does something now. None if the service does.
-        """
-        values: dict[str, Any] = {"stored_bytes": OwnerRow.stored_bytes + more}
-        if now is not None:
-            values["active"] = now
+    async def add(self, session: AsyncSession, owner_id: str, more: int) -> None:
+        """Count bytes that an owner stores, without a check."""
+        values = {"stored_bytes": OwnerRow.stored_bytes + more, "active": time.time()}
         await session.execute(update(OwnerRow).where(OwnerRow.id == owner_id).values(**values))
 
     async def take(self, session: AsyncSession, owner_id: str, more: int, *, reserve: bool = False) -> None:
-        """Count bytes that an owner is about to store. If they do not fit, its oldest practice is deleted for them.
+        """Count bytes that an owner is about to store, once there is room for them, see :meth:`make_room`."""
+        await self.make_room(session, owner_id, more, reserve=reserve)
+        await self.add(session, owner_id, more)
+
+    async def make_room(self, session: AsyncSession, owner_id: str, more: int, *, reserve: bool = False) -> None:
+        """Make room for so many bytes, if need be by deleting the owner's oldest practice.
 
         Args:
             session: The transaction.
@@ -130,95 +184,82 @@ class Usage:
         Raises:
             QuotaReachedError: They do not fit even then.
         """
-        await self.make_room(session, owner_id, more, reserve=reserve)
-        await self.add(session, owner_id, more, now=time.time())
+        summed = False
+        while (reached := await self._reached(session, owner_id, more)) is not None:
+            if summed and not await self._evict(session, owner_id, reached.over):
+                raise QuotaReachedError(reached.sentence(more, reserve=reserve))
+            await self._sum(session, owner_id)
+            summed = True
 
-    async def make_room(self, session: AsyncSession, owner_id: str, more: int, *, reserve: bool = False) -> None:
-        """Make room for so many bytes, if need be by deleting the owner's oldest practice. As :meth:`take` otherwise.
-
-        Raises:
-            QuotaReachedError: They do not fit even then.
-        """
-        reached = await self._reached(session, owner_id, more)
-        if reached is not None:
-            await self._evict(session, owner_id, reached.over)
-            await self.check(session, owner_id, more, reserve=reserve)
-
-    async def fits(self, session: AsyncSession, owner_id: str, more: int) -> bool:
-        """Return whether an owner may store so many bytes more."""
-        return await self._reached(session, owner_id, more) is None
-
-    async def check(self, session: AsyncSession, owner_id: str, more: int, *, reserve: bool = False) -> None:
-        """Check that an owner may store so many bytes more. Raises QuotaReachedError."""
-        reached = await self._reached(session, owner_id, more)
-        if reached is not None:
-            raise QuotaReachedError(reached.sentence(reserve=reserve))
-
-    async def _reached(self, session: AsyncSession, owner_id: str, more: int) -> _Reached | None:
+    async def _reached(self, session: AsyncSession, owner_id: str, more: int) -> "_Reached | None":
         """Return the quota that so many bytes more would exceed, the one by most; None if they fit."""
         query = select(OwnerRow.name_key, OwnerRow.origin, OwnerRow.stored_bytes).where(OwnerRow.id == owner_id)
         found = (await session.execute(query)).first()
         if found is None or found.name_key == OWNER_NAME.lower():
             return None
-        sums = [_Reached("this owner", "WRONGTURN_BYTES_PER_OWNER", found.stored_bytes, more, self._quota.owner_bytes)]
+        size, most = found.stored_bytes, self._quota.owner_bytes
+        quotas = [_Reached("this owner", "WRONGTURN_BYTES_PER_OWNER", size, most, size + more - most)]
         if found.origin is not None:
-            all_of_it = await self._of_address(session, found.origin)
-            address = "the address that registered this owner"
-            sums.append(_Reached(address, "WRONGTURN_BYTES_PER_ADDRESS", all_of_it, more, self._quota.address_bytes))
-        worst = max(sums, key=lambda quota: quota.over)
+            total = select(func.sum(OwnerRow.stored_bytes)).where(OwnerRow.origin == found.origin)
+            size, most = int(await session.scalar(total) or 0), self._quota.address_bytes
+            whose = "the address that registered this owner"
+            quotas.append(_Reached(whose, "WRONGTURN_BYTES_PER_ADDRESS", size, most, size + more - most))
+        worst = max(quotas, key=lambda quota: quota.over)
         return worst if worst.over > 0 else None
 
-    async def _of_address(self, session: AsyncSession, origin: str) -> int:
-        total = select(func.coalesce(func.sum(OwnerRow.stored_bytes), 0)).where(OwnerRow.origin == origin)
-        return int(await session.scalar(total) or 0)
+    async def _sum(self, session: AsyncSession, owner_id: str) -> None:
+        """Sum what is stored for an owner and for the others of its address."""
+        other = aliased(OwnerRow)
+        origin = select(other.origin).where(other.id == owner_id).scalar_subquery()
+        counted = update(OwnerRow).where(or_(OwnerRow.id == owner_id, OwnerRow.origin == origin))
+        await session.execute(counted.values(stored_bytes=stored()).execution_options(synchronize_session=False))
 
-    async def _evict(self, session: AsyncSession, owner_id: str, wanted: int) -> None:
-        """Delete an owner's oldest practice until so many bytes are free, or none is left."""
+    async def _evict(self, session: AsyncSession, owner_id: str, wanted: int) -> bool:
+        """Delete so many bytes of an owner's oldest practice, or a part of them. Return whether there was any."""
         own = select(AgentRow.id).where(AgentRow.owner_id == owner_id)
-        query = (
-            select(EpisodeRow.id, EpisodeRow.stored_bytes)
-            .where(EpisodeRow.agent_id.in_(own), *over_practice())
-            .order_by(EpisodeRow.finished)
-            .limit(_BATCH)
-        )
-        while wanted > 0:
-            rows = (await session.execute(query)).tuples().all()
-            if not rows:
+        query = select(EpisodeRow.id, EpisodeRow.stored_bytes).where(EpisodeRow.agent_id.in_(own), *over_practice())
+        some: list[str] = []
+        for episode, size in (await session.execute(query.order_by(EpisodeRow.finished).limit(_BATCH))).tuples():
+            if wanted <= 0:
                 break
-            some: list[str] = []
-            for episode, size in rows:
-                some.append(episode)
-                wanted -= size
-                if wanted <= 0:
-                    break
-            await self.delete_episodes(session, EpisodeRow.id.in_(some))
+            some.append(episode)
+            wanted -= size
+        await session.execute(delete(EpisodeRow).where(EpisodeRow.id.in_(some)))
+        return bool(some)
 
     async def remember(
-        self, session: AsyncSession, reply: IdempotencyRow | None, owner_id: str, evaluation_id: str | None = None
+        self,
+        session: AsyncSession,
+        reply: IdempotencyRow | None,
+        owner_id: str,
+        about: Mapping[str, str | None] | None = None,
+        *,
+        reserved: bool = False,
     ) -> None:
-        """Store the reply for an idempotency key, and count it.
+        """Store the reply for an idempotency key.
 
         Args:
-            session: The transaction.
+            session: The transaction, in which the rows that the reply is about are stored already.
             reply: The reply. None without a key.
             owner_id: The owner whose bytes it counts to.
-            evaluation_id: The evaluation whose reserve has room for it. Without it the owner's quota must have room.
+            about: Ids of what the reply is about: ``agent_id``, ``evaluation_id``, ``episode_id``, ``submission_id``.
+            reserved: The reply's evaluation has reserved its bytes. Otherwise the owner's quota must have room.
 
         Raises:
             QuotaReachedError: It does not fit.
         """
         if reply is None:
             return
-        reply.owner_id, reply.stored_bytes = owner_id, size_of(reply.body, reply.sealed_token)
-        if evaluation_id is None:
+        await session.flush()
+        for name, value in {"owner_id": owner_id, **(about or {})}.items():
+            setattr(reply, name, value)
+        reply.stored_bytes = size_of(reply.body)
+        if not reserved:
             await self.take(session, owner_id, reply.stored_bytes)
-        else:
-            reserve = update(EvaluationRow).where(EvaluationRow.id == evaluation_id)
-            await session.execute(reserve.values(stored_bytes=EvaluationRow.stored_bytes - reply.stored_bytes))
         session.add(reply)
 
     async def check_accounts(self, session: AsyncSession, owner: OwnerRow, *, agents: int, owners: int) -> None:
-        """Check that an owner may be stored, or have an agent more.
+        """Check that an owner may be stored, or have agents more.
 
         Args:
             session: The transaction.
@@ -248,73 +289,30 @@ class Usage:
                 "them, or ask the operator to raise WRONGTURN_ACCOUNTS_PER_ADDRESS"
             )
 
-    # What has come to its end
 
-    async def settle_evaluation(self, session: AsyncSession, evaluation_id: str, size: int) -> None:
-        """Count an evaluation that is over at what it has come to: a row of this size, and its episodes."""
-        evaluation = await session.get(EvaluationRow, evaluation_id, populate_existing=True)
-        if evaluation is None:
-            return
-        episodes = select(func.coalesce(func.sum(EpisodeRow.stored_bytes), 0)).where(
-            EpisodeRow.evaluation_id == evaluation_id
+@dataclass(frozen=True)
+class _Reached:
+    """A quota of bytes, and by how much it would be exceeded."""
+
+    whose: str
+    setting: str
+    stored: int
+    most: int
+    over: int
+
+    def sentence(self, more: int, *, reserve: bool) -> str:
+        """Return what is said to who wanted so many bytes more, which may be the reserve of an evaluation."""
+        wanted = f"{_megabytes(more)} more do not fit" if more else "nothing more fits"
+        if reserve:
+            wanted = (
+                f"an evaluation reserves {_megabytes(more)}, which do not fit now (at its end it keeps only what it "
+                "stored, and the rest comes back)"
+            )
+        return (
+            f"{wanted}: {self.whose} has {_megabytes(self.stored)} of {_megabytes(self.most)}, its quota; finish or "
+            "cancel running evaluations, wait until practice, models and stored replies are deleted with time, or ask "
+            f"the operator to raise {self.setting}"
         )
-        size += int(await session.scalar(episodes) or 0)
-        owner = await owner_of(session, evaluation.agent_id)
-        await self.add(session, owner, size - evaluation.stored_bytes)
-        evaluation.stored_bytes = size
-
-    async def settle_episode(self, session: AsyncSession, episode_id: str, trajectory: int = 0) -> None:
-        """Count an episode that is over at what it has come to, with so many bytes of its trajectory."""
-        episode = await session.get(EpisodeRow, episode_id, populate_existing=True)
-        if episode is None:
-            return
-        size = size_of(episode.trial, episode.outcome, episode.last_reply) + trajectory
-        if episode.evaluation_id is None:
-            owner = await owner_of(session, episode.agent_id)
-            await self.add(session, owner, size - episode.stored_bytes)
-        episode.stored_bytes = size
-
-    # Deletions
-
-    async def delete_episodes(self, session: AsyncSession, *where: ColumnElement[bool]) -> None:
-        """Delete episodes with their trajectories and stored replies. Scored ones are counted with their evaluation."""
-        episodes = select(EpisodeRow.id).where(*where)
-        await self.delete_replies(session, IdempotencyRow.episode_id.in_(episodes))
-        sizes = select(AgentRow.owner_id, func.sum(EpisodeRow.stored_bytes)).join_from(EpisodeRow, AgentRow)
-        practice = sizes.where(EpisodeRow.evaluation_id.is_(None), *where)
-        await self._give_back(session, practice.group_by(AgentRow.owner_id))
-        await session.execute(delete(TrajectoryRow).where(TrajectoryRow.episode_id.in_(episodes)))
-        await session.execute(delete(EpisodeRow).where(*where))
-
-    async def delete_replies(self, session: AsyncSession, *where: ColumnElement[bool]) -> None:
-        """Delete replies that were stored for idempotency keys."""
-        sizes = select(IdempotencyRow.owner_id, func.sum(IdempotencyRow.stored_bytes)).where(*where)
-        await self._give_back(session, sizes.group_by(IdempotencyRow.owner_id))
-        await session.execute(delete(IdempotencyRow).where(*where))
-
-    async def _give_back(self, session: AsyncSession, sizes: "Select[Any, Any]") -> None:
-        for owner, size in (await session.execute(sizes)).tuples().all():
-            if owner is not None:
-                await self.add(session, owner, -int(size))
-
-    async def recount(self, session: AsyncSession, owner_id: str) -> int:
-        """Count an owner's bytes anew from its rows, for example after many were deleted, and return them."""
-        own = select(AgentRow.id).where(AgentRow.owner_id == owner_id)
-        evaluations = select(EvaluationRow.id).where(EvaluationRow.agent_id.in_(own))
-        owner = await session.get(OwnerRow, owner_id)
-        total = 0 if owner is None else size_of(owner.contact)
-        for size, belongs in (
-            (AgentRow.stored_bytes, AgentRow.owner_id == owner_id),
-            (EvaluationRow.stored_bytes, EvaluationRow.agent_id.in_(own)),
-            # Scored episodes are counted with their evaluation.
-            (EpisodeRow.stored_bytes, EpisodeRow.agent_id.in_(own) & EpisodeRow.evaluation_id.is_(None)),
-            (ResultsRow.stored_bytes, ResultsRow.evaluation_id.in_(evaluations)),
-            (IdempotencyRow.stored_bytes, IdempotencyRow.owner_id == owner_id),
-            (SubmissionRow.stored_bytes, SubmissionRow.owner_id == owner_id),
-        ):
-            total += int(await session.scalar(select(func.coalesce(func.sum(size), 0)).where(belongs)) or 0)
-        await session.execute(update(OwnerRow).where(OwnerRow.id == owner_id).values(stored_bytes=total))
-        return total
 
 
 def _megabytes(size: int) -> str:
@@ -336,11 +334,6 @@ def over_practice() -> Sequence[ColumnElement[bool]]:
     return EpisodeRow.evaluation_id.is_(None), EpisodeRow.state != EpisodeState.OPEN
 
 
-def size_of(*values: str | bytes | None, more: int = ROW) -> int:
-    """Return the bytes that a row with these texts takes.
-
-    Args:
-        *values: Its long columns.
-        more: What it takes beside them.
-    """
-    return more + sum(len(value.encode() if isinstance(value, str) else value) for value in values if value is not None)
+def size_of(*texts: str | bytes | None) -> int:
+    """Return the bytes that a row with these texts takes."""
+    return ROW + sum(len(text.encode() if isinstance(text, str) else text) for text in texts if text is not None)
