@@ -2,7 +2,6 @@
 
 from typing import Any, SupportsFloat, Unpack
 
-import gymnasium
 import httpx
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -13,12 +12,12 @@ from wrongturn_client.errors import EpisodeFinishedError, EpisodeLostError
 from wrongturn_client.one_thread import OneThread
 from wrongturn_client.practice import Practice
 from wrongturn_protocol import ActionLike, Track, TrialKeywords, TrialOptions
-from wrongturn_protocol.observations import Observation, action_space, observation_space
-from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, Screen, check_render_mode
+from wrongturn_protocol.environments import TrialEnv
+from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.trial_options import check_keywords, check_options
 
 
-class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+class RemoteEnv(TrialEnv):
     """Practise on a service; nothing is scored.
 
     Each reset draws a new trial from the environment's own generator, which ``reset(seed=...)`` sets, unless ``suite``
@@ -41,8 +40,6 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         ValueError: A name does not exist, or options do not go together.
     """
 
-    metadata = {"render_modes": list(RENDER_MODES), "render_fps": FRAMES_A_SECOND}  # noqa: RUF012
-
     def __init__(
         self,
         url: str | None = None,
@@ -56,13 +53,8 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         **options: Unpack[TrialKeywords],
     ) -> None:
         check_keywords(RemoteEnv, options)
-        check_render_mode(render_mode)
-        self.render_mode = render_mode
-        self._screen = Screen() if render_mode == "human" else None
         trials = TrialOptions.of(town, track, **options)
-        self.track = trials.track
-        self.observation_space = observation_space(self.track)  # type: ignore[assignment]
-        self.action_space = action_space()  # type: ignore[assignment]
+        self._prepare(trials.track, render_mode)
         self._alone = OneThread()
         self._practice = Practice(trials, url, token, patience, transport)
         self._episode: str | None = None
@@ -125,30 +117,17 @@ class RemoteEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             info: dict[str, Any] = {} if verdict is None else {"verdict": str(verdict)}
             return reply["observation"], reply.get("reward") or 0.0, terminated, truncated, info
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """Return the view from above beside the camera's, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.
-
-        It shows the route and the other road users, which agents may not see.
-
-        Raises:
-            ResetNeeded: No episode has begun.
-            WrongturnError: The service does not answer, or refuses.
-        """
-        if self._episode is None:
-            raise ResetNeeded("render before the first reset; call reset")
-        return self._practice.view(self._episode) if self.render_mode == "rgb_array" else None
-
     def close(self) -> None:
         """End an open episode, and close the connection and the window."""
-        if self._screen is not None:
-            self._screen.close()
+        super().close()
         self._abort()
         self._practice.close()
         self._episode = None
 
-    def _watch(self) -> None:
-        if self._screen is not None and self._episode is not None:
-            self._screen.show(self._practice.view(self._episode))
+    def _picture(self) -> NDArray[np.uint8]:
+        if self._episode is None:
+            raise ResetNeeded("render before the first reset; call reset")
+        return self._practice.view(self._episode)
 
     def _abort(self) -> None:
         if self._episode is not None and not self._ended:

@@ -7,9 +7,8 @@ from typing import Any, Final, Unpack, cast
 import httpx
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import concatenate, create_empty_array
 from numpy.typing import NDArray
 
 from wrongturn_client.episode_calls import Result, granted
@@ -24,18 +23,10 @@ from wrongturn_client.errors import (
 from wrongturn_client.one_thread import OneThread
 from wrongturn_client.practice import Practice
 from wrongturn_protocol import Track, TrialKeywords, TrialOptions
-from wrongturn_protocol.observations import Observation, action_space, observation_space
-from wrongturn_protocol.screen import FRAMES_A_SECOND, VECTOR_RENDER_MODES, check_render_mode
+from wrongturn_protocol.environments import TrialVectorEnv
+from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.trial_options import check_keywords
-from wrongturn_protocol.vectors import (
-    Flags,
-    autoreset_mode_of,
-    checked_actions,
-    mask_of,
-    seeds_of,
-    trials_of,
-    whole_number,
-)
+from wrongturn_protocol.vectors import Flags
 from wrongturn_protocol.wire import Call
 
 _BRIEFLY: Final = 5.0
@@ -43,7 +34,7 @@ _BRIEFLY: Final = 5.0
 _STEP: Final = Call.STEP.value
 
 
-class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
+class RemoteVectorEnv(TrialVectorEnv):
     """Practise many trials at once over one connection; each environment has its own generator and its own end.
 
     The steps of all environments go in one message. After ``reset(seed=s)``, environment ``i`` drives the same trials
@@ -69,11 +60,9 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         ValueError: A name does not exist, or options do not go together.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012
-        "render_modes": list(VECTOR_RENDER_MODES),
-        "render_fps": FRAMES_A_SECOND,
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
+    _NOT_BEGUN = ResetNeeded
+    _ENDED = ResetNeeded
+    _BAD_ACTION = InvalidActionError
 
     def __init__(
         self,
@@ -90,31 +79,19 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         **options: Unpack[TrialKeywords],
     ) -> None:
         check_keywords(RemoteVectorEnv, options)
-        check_render_mode(render_mode, VECTOR_RENDER_MODES)
-        self.render_mode = render_mode
-        self.num_envs = count = whole_number("num_envs", num_envs)
-        self.autoreset_mode = autoreset_mode_of(autoreset_mode)
-        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         trials = TrialOptions.of(town, track, **options)
-        self.track = trials.track
-        self.single_observation_space = observation_space(self.track)
-        self.single_action_space = action_space()
-        self.observation_space = batch_space(self.single_observation_space, count)
-        self.action_space = batch_space(self.single_action_space, count)
+        self._prepare(num_envs, trials.track, autoreset_mode, render_mode)
         self._alone = OneThread()
         self._practice = Practice(trials, url, token, patience, transport)
         self._slots: int | None = None
-        self._randoms: list[np.random.Generator | None] = [None] * count
         self._calls: dict[int, list[Any]] = {}
         """Calls that begin the next episodes, kept until they succeed: another attempt begins no other episode."""
-        self._episodes: list[str | None] = [None] * count
+        self._episodes: list[str | None] = [None] * self.num_envs
         """Ids of the open episodes; None if none is open."""
-        self._shown = [""] * count
+        self._shown = [""] * self.num_envs
         """Ids of the episodes that began last, open or not: those that ``render`` shows."""
-        self._seqs = [0] * count
-        self._seen: list[Observation] = [{}] * count
-        self._begun = np.zeros(count, np.bool_)
-        self._over = np.zeros(count, np.bool_)
+        self._seqs = [0] * self.num_envs
+        self._seen: list[Observation] = [{}] * self.num_envs
 
     def reset(
         self,
@@ -135,23 +112,16 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             WrongturnError: The service does not answer, or refuses.
         """
         with self._alone:
-            seeds = seeds_of(seed, self.num_envs)
-            trials = trials_of(options, self.num_envs, str)
-            chosen = mask_of(options, self.num_envs)
-            left = np.ones(self.num_envs, np.bool_)
-            left[chosen] = False
-            if not self._begun[left].all():
+            asked = self._asked(seed, options, str)
+            if not all(self._begun[i] or i in asked for i in range(self.num_envs)):
                 raise ResetNeeded("options.reset_mask: environments that it leaves out have no trial; reset them too")
-            for i in chosen:
-                if seeds[i] is not None or self._randoms[i] is None:
-                    self._randoms[i], _ = seeding.np_random(seeds[i])
-            for i in chosen:
+            for i, trial in asked.items():
                 self._calls.pop(i, None)
-                self._draw(i, trials[i])
-            self._abort(chosen)
+                self._draw(i, trial)
+            self._abort(asked)
             self.closed = False  # so that another close ends what begins now
             infos: dict[str, Any] = {}
-            for i, reply in zip(chosen, self._begin_all(chosen), strict=True):
+            for i, reply in zip(asked, self._begin_all(list(asked)), strict=True):
                 self._start(i, reply, infos)
             return self._observation(), infos
 
@@ -169,18 +139,11 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             WrongturnError: The service does not answer, or refuses.
         """
         with self._alone:
-            if not self._begun.all():
-                raise ResetNeeded("there is no trial to drive; call reset")
-            waiting = self._over if self.autoreset_mode is AutoresetMode.NEXT_STEP else np.zeros_like(self._over)
-            driven = ~waiting
-            if (self._over & driven).any():
-                raise ResetNeeded(
-                    f"environments {np.flatnonzero(self._over).tolist()} ended; reset them with options reset_mask",
-                )
-            rows = checked_actions(actions, driven, InvalidActionError).tolist()
+            given, driven = self._driven(actions)
+            rows = given.tolist()
             results = self._practice.exchange(
                 [
-                    self._draw(i) if waiting[i] else [_STEP, self._episodes[i], self._seqs[i] + 1, *rows[i]]
+                    [_STEP, self._episodes[i], self._seqs[i] + 1, *rows[i]] if driven[i] else self._draw(i)
                     for i in range(self.num_envs)
                 ]
             )
@@ -189,38 +152,22 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             ended = [i for i in np.flatnonzero(driven).tolist() if replies[i]["terminated"] or replies[i]["truncated"]]
             begun = {}
             if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
-                begun = dict(
-                    zip(ended, map(granted, self._practice.exchange([self._draw(i) for i in ended])), strict=True)
-                )
+                following = self._practice.exchange([self._draw(i) for i in ended])
+                begun = dict(zip(ended, map(granted, following), strict=True))
             return self._advance(replies, driven, begun)
-
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Return a picture of each environment, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.
-
-        It is the view from above beside the camera's. It shows the route and the other road users, which agents may
-        not see. Each picture is a call of its own, so it takes longer than a step.
-
-        Raises:
-            ResetNeeded: No episode has begun.
-            WrongturnError: The service does not answer, or refuses.
-        """
-        if not self._begun.all():
-            raise ResetNeeded("render before the first reset; call reset")
-        if self.render_mode is None:
-            return None
-        return tuple(self._practice.view(episode) for episode in self._shown)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """End open episodes and close the connection."""
         self._abort(range(self.num_envs))
         self._practice.close()
 
+    def _picture(self, i: int) -> NDArray[np.uint8]:
+        return self._practice.view(self._shown[i])
+
     def _draw(self, i: int, trial: str | None = None) -> list[Any]:
         """Return the call that begins an environment's next episode."""
         if i not in self._calls:
-            random = self._randoms[i]
-            assert random is not None
-            self._calls[i] = self._practice.call(random, trial)
+            self._calls[i] = self._practice.call(self._randoms[i], trial)
         return self._calls[i]
 
     def _abort(self, chosen: Iterable[int]) -> None:
@@ -273,7 +220,7 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         self._episodes[i] = self._shown[i] = reply["id"]
         self._seqs[i], self._seen[i] = 0, reply["observation"]
         self._begun[i], self._over[i] = True, False
-        self._add_info(infos, {"trial": reply["trial"], "town": reply["town"]}, i)
+        self._note(infos, i, trial=reply["trial"], town=reply["town"])
 
     def _advance(
         self, replies: list[dict[str, Any]], driven: Flags, begun: dict[int, dict[str, Any]]
@@ -296,10 +243,8 @@ class RemoteVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
     def _end(self, i: int, reply: dict[str, Any], following: dict[str, Any] | None, infos: dict[str, Any]) -> None:
         self._over[i], self._episodes[i] = True, None
         info = {name: str(reply[name]) for name in ("verdict", "lost") if reply.get(name) is not None}
-        if following is None:
-            self._add_info(infos, info, i)
-        else:
-            self._add_info(infos, {"final_obs": self._seen[i], "final_info": info}, i)
+        self._note_end(infos, i, self._seen[i], **info)
+        if following is not None:
             self._start(i, following, infos)
 
     def _observation(self) -> Observation:

@@ -2,14 +2,13 @@
 
 from typing import TYPE_CHECKING, Any, SupportsFloat, Unpack
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_protocol import ActionLike, Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.actions import three_numbers
-from wrongturn_protocol.observations import Observation, action_space, observation_space
-from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, Screen, check_render_mode
+from wrongturn_protocol.environments import TrialEnv
+from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.trial_options import check_keywords, check_options
 from wrongturn_sim.environment_simulator import EnvironmentSimulator
 from wrongturn_sim.episode import Episode
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from wrongturn_sim.camera import Camera
 
 
-class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+class WrongturnSimEnv(TrialEnv):
     """Drive trials in this process. It can have any number of these environments.
 
     A car that drives alone needs no SUMO. With ``traffic``, the second environment of a process and each further one
@@ -43,8 +42,6 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         ValueError: a name does not exist, or two options exclude each other.
     """
 
-    metadata = {"render_modes": list(RENDER_MODES), "render_fps": FRAMES_A_SECOND}  # noqa: RUF012
-
     def __init__(
         self,
         town: str | None = None,
@@ -57,16 +54,10 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     ) -> None:
         check_keywords(WrongturnSimEnv, options)
         trials = TrialOptions.of(town, track, **options)
-        self.track = trials.track
-        check_render_mode(render_mode)
+        self._prepare(trials.track, render_mode, picture_size(camera))
         self._source = TrialSource(trials)
         self.strict = a_flag("strict", strict)
-        self.render_mode = render_mode
-        self._screen = Screen() if render_mode == "human" else None
         self._camera = camera
-        size = picture_size(camera)
-        self.observation_space = observation_space(self.track, size)  # type: ignore[assignment]
-        self.action_space = action_space()  # type: ignore[assignment]
         self._simulator = EnvironmentSimulator()
         self.episode: Episode | None = None
         """The last episode, with its trajectory; None before the first reset."""
@@ -108,25 +99,12 @@ class WrongturnSimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             info["outcome"] = self.episode.outcome.model_dump(mode="json", exclude_none=True)
         return observation, reward, terminated, truncated, info
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """Return the view from above beside the camera's, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.
-
-        It shows the route and the other road users, which agents may not see. For the camera alone, call
-        ``env.unwrapped.episode.picture()``.
-
-        Raises:
-            EpisodeNotStartedError: call ``reset`` first.
-        """
-        if self.episode is None:
-            raise EpisodeNotStartedError("render before the first reset; call reset")
-        return self.episode.view(camera=self._camera) if self.render_mode == "rgb_array" else None
-
     def close(self) -> None:
         """End the process of SUMO and close the window, if there are any; ``reset`` begins anew."""
         self._simulator.close()
-        if self._screen is not None:
-            self._screen.close()
+        super().close()
 
-    def _watch(self) -> None:
-        if self._screen is not None and self.episode is not None:
-            self._screen.show(self.episode.view(camera=self._camera))
+    def _picture(self) -> NDArray[np.uint8]:
+        if self.episode is None:
+            raise EpisodeNotStartedError("render before the first reset; call reset")
+        return self.episode.view(camera=self._camera)

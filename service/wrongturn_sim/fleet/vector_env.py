@@ -10,25 +10,15 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
-from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from wrongturn_networks import load_town
 from wrongturn_protocol import OptionError, Track, Traffic, Trial, TrialKeywords, TrialOptions
-from wrongturn_protocol.observations import Observation, action_space, observation_space
-from wrongturn_protocol.screen import FRAMES_A_SECOND, VECTOR_RENDER_MODES, check_render_mode
+from wrongturn_protocol.environments import TrialVectorEnv
+from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.trial_options import check_keywords
-from wrongturn_protocol.vectors import (
-    Flags,
-    autoreset_mode_of,
-    checked_actions,
-    mask_of,
-    seeds_of,
-    trials_of,
-    whole_number,
-)
+from wrongturn_protocol.vectors import Flags, whole_number
 from wrongturn_sim.errors import EpisodeAlreadyFinishedError, EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.fleet.fleet import Fleet, Record
 from wrongturn_sim.fleet.traffic import FleetTraffic
@@ -39,7 +29,7 @@ if TYPE_CHECKING:
     from wrongturn_sim.fleet.camera import FleetCamera
 
 
-class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
+class WrongturnVectorEnv(TrialVectorEnv):
     """Drive many trials at once, each with its own random generator and its own end.
 
     After ``reset(seed=s)``, environment ``i`` draws and drives the same trials as a single environment after
@@ -73,11 +63,9 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         OptionError: a name does not exist, or two options exclude each other.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012
-        "render_modes": list(VECTOR_RENDER_MODES),
-        "render_fps": FRAMES_A_SECOND,
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
+    _NOT_BEGUN = EpisodeNotStartedError
+    _ENDED = EpisodeAlreadyFinishedError
+    _BAD_ACTION = InvalidActionError
 
     def __init__(
         self,
@@ -98,8 +86,7 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         **options: Unpack[TrialKeywords],
     ) -> None:
         check_keywords(WrongturnVectorEnv, options)
-        for name, number in (("num_envs", num_envs), ("threads", threads)):
-            whole_number(name, number)
+        whole_number("threads", threads)
         for name, flag in (("strict", strict), ("record", record), ("copy", copy)):
             a_flag(name, flag)
         if drive_on is not None and (not isinstance(drive_on, int | float) or not drive_on > 0):
@@ -108,25 +95,20 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             raise OptionError(f"own_traffic: is {own_traffic!r}; give a FleetTraffic, such as FleetTraffic()")
         if backend not in ("cpu", "cuda"):
             raise OptionError(f"backend: is {backend!r}; give cpu or cuda")
-        check_render_mode(render_mode, VECTOR_RENDER_MODES)
+        trials = TrialOptions.of(town, track, **options)
+        self._prepare(num_envs, trials.track, autoreset_mode, render_mode, picture_size(camera))
         if render_mode is not None and not record:
             raise OptionError("render_mode: pictures are drawn from the record; leave render_mode or record=False out")
-        trials = TrialOptions.of(town, track, **options)
         if trials.traffic != Traffic() and own_traffic is None:
             raise OptionError(
                 "traffic: the cars of one batch drive alone; leave it out, take single environments, or give "
                 "own_traffic=FleetTraffic() to drive beside the batch's own traffic"
             )
-        self.track = trials.track
         self._source = TrialSource(trials)
         if len(self._source.towns) != 1:
             names = ", ".join(self._source.towns)
             raise OptionError(f"suite: {trials.suite} has trials in {names}; all cars need the same town")
-        self.num_envs = num_envs
         self.copy = copy
-        self.autoreset_mode = autoreset_mode_of(autoreset_mode)
-        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.render_mode = render_mode
         self._fleet = Fleet(
             load_town(self._source.towns[0]),
             num_envs,
@@ -139,15 +121,6 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         )
         has_pictures = self.track in {Track.CAMERA, Track.SEGMENTATION}
         self._camera = self._camera_of(camera, threads, backend) if has_pictures else None
-        size = picture_size(camera)
-        space = observation_space(self.track, size)
-        self.single_observation_space = space
-        self.single_action_space = action_space()
-        self.observation_space = batch_space(space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self._randoms: list[np.random.Generator | None] = [None] * num_envs
-        self._begun = np.zeros(num_envs, np.bool_)
-        self._over = np.zeros(num_envs, np.bool_)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -163,14 +136,9 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             OptionError: the number of seeds, trials or flags is not that of the environments.
             SimError: as :class:`~wrongturn_sim.fleet.fleet.Fleet`.
         """
-        seeds = seeds_of(seed, self.num_envs)
-        trials: list[Trial | str | None] = trials_of(options, self.num_envs, (str, Trial))
-        chosen = mask_of(options, self.num_envs)
-        for i in chosen:
-            if seeds[i] is not None or self._randoms[i] is None:
-                self._randoms[i], _ = seeding.np_random(seeds[i])
+        asked = self._asked(seed, options, (str, Trial))
         infos: dict[str, Any] = {}
-        self._begin([(i, self._draw(i, trials[i])) for i in chosen], infos)
+        self._begin([(i, self._draw(i, trial)) for i, trial in asked.items()], infos)
         return self._observation(), infos
 
     def step(
@@ -186,19 +154,12 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             EpisodeNotStartedError: call ``reset`` first.
             EpisodeAlreadyFinishedError: an environment has ended, and ``autoreset_mode`` is ``Disabled``.
         """
-        if not self._begun.all():
-            raise EpisodeNotStartedError("step before the first reset; call reset")
-        waiting = self._over if self.autoreset_mode is AutoresetMode.NEXT_STEP else np.zeros_like(self._over)
-        driven = ~waiting
-        if (self._over & driven).any():
-            raise EpisodeAlreadyFinishedError(
-                f"environments {np.flatnonzero(self._over).tolist()} ended; reset them with options reset_mask"
-            )
+        given, driven = self._driven(actions)
         fleet = self._fleet
-        fleet.step(checked_actions(actions, driven, InvalidActionError).astype(np.float32), driven)
+        fleet.step(given.astype(np.float32), driven)
         infos: dict[str, Any] = {}
-        if waiting.any():
-            self._begin([(i, self._draw(i)) for i in np.flatnonzero(waiting).tolist()], infos, render=False)
+        if not driven.all():
+            self._begin([(i, self._draw(i)) for i in np.flatnonzero(~driven).tolist()], infos, render=False)
         if self._camera is not None:
             self._camera.render()
         rewards = fleet.rewards.copy()
@@ -208,20 +169,6 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         if ended.any():
             self._finish(np.flatnonzero(ended).tolist(), infos)
         return self._observation(), rewards, ended & ~truncated, truncated, infos
-
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Return a picture of each environment, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.
-
-        It has the bytes of the single environment's: the view from above beside the benchmark's camera.
-
-        Raises:
-            EpisodeNotStartedError: call ``reset`` first.
-        """
-        if not self._begun.all():
-            raise EpisodeNotStartedError("render before the first reset; call reset")
-        if self.render_mode is None:
-            return None
-        return tuple(self._fleet.view(i) for i in range(self.num_envs))
 
     def episode(self, index: int) -> Record:
         """Return the trajectory of an environment's episode so far, and its outcome if it has ended.
@@ -264,9 +211,10 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         return FleetCamera(self._fleet, camera or Camera(), self.track, threads, backend)
 
     def _draw(self, i: int, given: Trial | str | None = None) -> Trial:
-        random = self._randoms[i]
-        assert random is not None
-        return self._source.draw(random) if given is None else self._source.find(given)
+        return self._source.draw(self._randoms[i]) if given is None else self._source.find(given)
+
+    def _picture(self, i: int) -> NDArray[np.uint8]:
+        return self._fleet.view(i)
 
     def _begin(self, trials: list[tuple[int, Trial]], infos: dict[str, Any], *, render: bool = True) -> None:
         self._fleet.begin(trials)
@@ -286,29 +234,11 @@ class WrongturnVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         for i, seen in zip(ended, pictures, strict=True):
             outcome = self._fleet.outcome_fields(i)
             ended_as = {"verdict": outcome["verdict"], "outcome": outcome} if outcome else {}
-            if at_once:
-                last = {**{name: array[i].copy() for name, array in self._fleet.observation.items()}, **seen}
-                self._note(infos, i, final_obs=last)
-                self._note(infos.setdefault("final_info", {}), i, **ended_as)
-                infos["_final_info"] = infos["_final_obs"]
-            else:
-                self._note(infos, i, **ended_as)
+            last = {name: array[i].copy() for name, array in self._fleet.observation.items()} if at_once else {}
+            self._note_end(infos, i, {**last, **seen}, **ended_as)
         if at_once:
             self._begin([(i, self._draw(i)) for i in ended], infos)
 
-    def _note(self, infos: dict[str, Any], i: int, **values: Any) -> None:
-        """Add values to ``infos``; Gymnasium's ``_add_info`` would turn dicts into arrays of numbers."""
-        for name, value in values.items():
-            if name not in infos:
-                infos[name] = np.full(self.num_envs, None, object)
-                infos[f"_{name}"] = np.zeros(self.num_envs, np.bool_)
-            infos[name][i] = value
-            infos[f"_{name}"][i] = True
-
-    def _arrays(self) -> Observation:
-        arrays = self._fleet.observation
-        return arrays if self._camera is None else {**arrays, **self._camera.pictures}
-
     def _observation(self) -> Observation:
-        arrays = self._arrays()
-        return {name: array.copy() for name, array in arrays.items()} if self.copy else dict(arrays)
+        arrays = {**self._fleet.observation, **({} if self._camera is None else self._camera.pictures)}
+        return {name: array.copy() for name, array in arrays.items()} if self.copy else arrays

@@ -1,0 +1,167 @@
+"""What the environments in process and over the wire share: arguments, spaces, generators, ends and pictures."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
+from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, VECTOR_RENDER_MODES, Screen, check_render_mode
+from wrongturn_protocol.vectors import (
+    Flags,
+    autoreset_mode_of,
+    checked_actions,
+    mask_of,
+    seeds_of,
+    trials_of,
+    whole_number,
+)
+from wrongturn_protocol.vocabulary import Track
+
+
+class TrialEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+    """Base of the environments that drive one trial at a time."""
+
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": FRAMES_A_SECOND}  # noqa: RUF012
+
+    def _prepare(self, track: Track, render_mode: str | None, size: tuple[int, int] = IMAGE_SHAPE) -> None:
+        """Set the spaces, and open no window yet. ``size`` is rows and columns of a picture."""
+        check_render_mode(render_mode)
+        self.track = track
+        self.render_mode = render_mode
+        self._screen = Screen() if render_mode == "human" else None
+        self.observation_space = observation_space(track, size)  # type: ignore[assignment]
+        self.action_space = action_space()  # type: ignore[assignment]
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return the view from above beside the camera's, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.
+
+        It shows the route and the other road users, which agents may not see. Before the first reset it raises what
+        ``step`` raises then.
+        """
+        return self._picture() if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Close the window. Safe to call more than once."""
+        if self._screen is not None:
+            self._screen.close()
+
+    def _watch(self) -> None:
+        """Show the moment in the window, if there is one."""
+        if self._screen is not None:
+            self._screen.show(self._picture())
+
+    @abstractmethod
+    def _picture(self) -> NDArray[np.uint8]:
+        """Draw the moment; raise an error if no episode has begun."""
+
+
+class TrialVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
+    """Base of the environments that drive many trials at once, each with its own generator and its own end.
+
+    After ``reset(seed=s)``, environment ``i`` drives the same trials as a single environment after
+    ``reset(seed=s + i)``.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": list(VECTOR_RENDER_MODES),
+        "render_fps": FRAMES_A_SECOND,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+    _NOT_BEGUN: ClassVar[type[Exception]]
+    """What ``step`` and ``render`` raise before the first reset."""
+    _ENDED: ClassVar[type[Exception]]
+    """What ``step`` raises for environments that ended, in the mode ``Disabled``."""
+    _BAD_ACTION: ClassVar[type[Exception]]
+
+    def _prepare(
+        self,
+        num_envs: int,
+        track: Track,
+        autoreset_mode: AutoresetMode | str,
+        render_mode: str | None,
+        size: tuple[int, int] = IMAGE_SHAPE,
+    ) -> None:
+        """Set the spaces and begin nothing. ``size`` is rows and columns of a picture. Raises OptionError."""
+        check_render_mode(render_mode, VECTOR_RENDER_MODES)
+        self.num_envs = count = whole_number("num_envs", num_envs)
+        self.track = track
+        self.render_mode = render_mode
+        self.autoreset_mode = autoreset_mode_of(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.single_observation_space = observation_space(track, size)
+        self.single_action_space = action_space()
+        self.observation_space = batch_space(self.single_observation_space, count)
+        self.action_space = batch_space(self.single_action_space, count)
+        self._randoms: list[np.random.Generator] = []
+        self._begun = np.zeros(count, np.bool_)
+        self._over = np.zeros(count, np.bool_)
+
+    def _asked(
+        self, seed: int | Sequence[int | None] | None, options: dict[str, Any] | None, single: type | tuple[type, ...]
+    ) -> dict[int, Any]:
+        """Return the environments to reset, each with the trial that it was asked for, or None; seed their generators.
+
+        Args:
+            seed: As ``reset`` takes it.
+            options: As ``reset`` takes them.
+            single: Types of a trial in the options.
+        """
+        seeds = seeds_of(seed, self.num_envs)
+        trials = trials_of(options, self.num_envs, single)
+        chosen = mask_of(options, self.num_envs)
+        self._randoms = self._randoms or [seeding.np_random(one)[0] for one in seeds]
+        for i in chosen:
+            if seeds[i] is not None:
+                self._randoms[i], _ = seeding.np_random(seeds[i])
+        return {i: trials[i] for i in chosen}
+
+    def _driven(self, actions: Any) -> tuple[NDArray[np.float64], Flags]:
+        """Return the checked actions and which environments they drive, (n,); the others begin their next episode."""
+        if not self._begun.all():
+            raise self._NOT_BEGUN("there is no trial to drive; call reset")
+        begins_now = self.autoreset_mode is AutoresetMode.NEXT_STEP
+        driven = ~self._over if begins_now else np.ones_like(self._over)
+        if (self._over & driven).any():
+            raise self._ENDED(
+                f"environments {np.flatnonzero(self._over).tolist()} ended; reset them with options reset_mask"
+            )
+        return checked_actions(actions, driven, self._BAD_ACTION), driven
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture of each environment, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.
+
+        It is the view from above beside the camera's, as a single environment shows it. Before the first reset it
+        raises what ``step`` raises then.
+        """
+        if not self._begun.all():
+            raise self._NOT_BEGUN("render before the first reset; call reset")
+        return None if self.render_mode is None else tuple(self._picture(i) for i in range(self.num_envs))
+
+    @abstractmethod
+    def _picture(self, i: int) -> NDArray[np.uint8]:
+        """Draw an environment's moment."""
+
+    def _note(self, infos: dict[str, Any], i: int, **values: Any) -> None:
+        """Add values to ``infos``; Gymnasium's ``_add_info`` would turn dicts into arrays of numbers."""
+        for name, value in values.items():
+            if name not in infos:
+                infos[name] = np.full(self.num_envs, None, object)
+                infos[f"_{name}"] = np.zeros(self.num_envs, np.bool_)
+            infos[name][i] = value
+            infos[f"_{name}"][i] = True
+
+    def _note_end(self, infos: dict[str, Any], i: int, last: Observation, **info: Any) -> None:
+        """Add an episode's end to ``infos``; with its last observation where the next episode began at once."""
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            self._note(infos, i, **info)
+            return
+        self._note(infos, i, final_obs=last)
+        self._note(infos.setdefault("final_info", {}), i, **info)
+        infos["_final_info"] = infos["_final_obs"]
