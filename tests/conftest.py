@@ -3,7 +3,7 @@
 import functools
 import gc
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from typing import Any
 
 import httpx._transports.default
@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 from xdist.scheduler import LoadFileScheduling
 
+from wrongturn_client import LocalService
 from wrongturn_sandbox import SandboxUnavailableError, probe
 
 # Each new client of httpx loads all certificates anew, which takes 30 ms. The tests make thousands and need none.
@@ -32,8 +33,16 @@ settings.register_profile(
 )
 settings.load_profile("same")
 
-TOGETHER = ("tests/browser", "tests/contract", "tests/exploits", "tests/idioms", "tests/runner")
-"""Folders whose files share a service that takes long to start or to fill: one worker runs all of them."""
+TOGETHER = {
+    "tests/browser": "browser",
+    "tests/client": "clients",
+    "tests/contract": "contract",
+    "tests/environments": "clients",
+    "tests/exploits": "exploits",
+    "tests/idioms": "clients",
+    "tests/runner": "runner",
+}
+"""Folders whose files share a service that takes long to start or to fill: one worker runs all of a group."""
 
 
 class FolderScheduling(LoadFileScheduling):  # type: ignore[misc]
@@ -41,7 +50,7 @@ class FolderScheduling(LoadFileScheduling):  # type: ignore[misc]
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.split("::", 1)[0]
-        return next((folder for folder in TOGETHER if file.startswith(f"{folder}/")), file)
+        return next((group for folder, group in TOGETHER.items() if file.startswith(f"{folder}/")), file)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FolderScheduling | None:
@@ -65,7 +74,16 @@ def pytest_collection() -> Generator[None, object, object]:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the files with slow tests, and whole folders, first: no worker is left alone with a long one at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow and not item.nodeid.startswith(TOGETHER))
+    items.sort(key=lambda item: item.path not in slow and not item.nodeid.startswith(tuple(TOGETHER)))
+
+
+@pytest.fixture(scope="session")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
+    """One real service for all tests that change nothing of it that another test looks at; a start costs 6 s."""
+    database = tmp_path_factory.mktemp("service") / "wrongturn.db"
+    settings = {"WRONGTURN_SUBMISSIONS": "0", "WRONGTURN_SIMULATORS": "4"}
+    with LocalService(database=f"sqlite+aiosqlite:///{database}", environment=settings) as service:
+        yield service
 
 
 @pytest.fixture(scope="session")

@@ -1,12 +1,9 @@
 import importlib.util
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-
-from wrongturn_client import LocalService
 
 
 def _load(name: str) -> ModuleType:
@@ -29,12 +26,3 @@ _load("forwarder")
 def _plain_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("WRONGTURN_URL", "WRONGTURN_TOKEN", "WRONGTURN_OWNER_TOKEN", "WRONGTURN_OPERATOR_TOKEN"):
         monkeypatch.delenv(name, raising=False)
-
-
-@pytest.fixture(scope="session")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
-    database = tmp_path_factory.mktemp("service") / "wrongturn.db"
-    with LocalService(
-        database=f"sqlite+aiosqlite:///{database}", environment={"WRONGTURN_SUBMISSIONS": "0"}
-    ) as service:
-        yield service

@@ -8,15 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from typing import Any
 
-import gymnasium
 import httpx
 import numpy as np
 import pytest
 from client_forwarder import Forwarder
-from gymnasium.error import ResetNeeded
 
 from wrongturn_client import (
-    ApiError,
     LocalService,
     RemoteEnv,
     RemoteVectorEnv,
@@ -43,56 +40,6 @@ def forwarder(service: LocalService) -> Iterator[Forwarder]:
     forwarder = Forwarder(service.url)
     yield forwarder
     forwarder.close()
-
-
-def test_a_batch_is_what_single_environments_are(service: LocalService) -> None:
-    """Both over the socket, and over HTTP where it is not offered; seeds, autoreset and verdicts too."""
-    before = _figure(service.url, STEPS)
-    options = {"url": service.url, "town": "junctions", "track": "privileged", "fault": "omission"}
-    envs = gymnasium.make_vec("wrongturn_client:Wrongturn-v0", num_envs=2, autoreset_mode="Disabled", **options)
-    seen = [envs.reset(seed=4)[0]]
-    ended: dict[int, tuple[int, str]] = {}
-    rewards = []
-    while len(ended) < 1:
-        observation, reward, terminated, truncated, infos = envs.step(_gas(2))
-        seen.append(observation)
-        rewards.append(reward)
-        for i in np.flatnonzero(terminated | truncated).tolist():
-            ended[i] = (len(seen) - 1, infos["verdict"][i])
-    envs.close()
-    assert _figure(service.url, STEPS) == before, "it went by the socket"
-    for i in range(2):
-        env = RemoteEnv(**options)  # type: ignore[arg-type]
-        first, _ = env.reset(seed=4 + i)
-        _same(first, seen[0], i)
-        for number, batch in enumerate(seen[1:], 1):
-            observation, reward, terminated, truncated, info = env.step(GAS)
-            _same(observation, batch, i)
-            assert reward == rewards[number - 1][i]
-            assert (terminated or truncated) == (ended.get(i, (0, ""))[0] == number)
-        if i in ended:
-            assert info["verdict"] == ended[i][1]
-        env.close()
-    assert _figure(service.url, "wrongturn_open_episodes") == 0
-
-
-def _same(one: dict[str, Any], batch: dict[str, Any], i: int) -> None:
-    assert one.keys() == batch.keys()
-    for name, array in one.items():
-        assert array.dtype == batch[name].dtype
-        np.testing.assert_array_equal(array, batch[name][i])
-
-
-def test_the_service_says_what_is_wrong_with_a_name(service: LocalService) -> None:
-    for options, says in (
-        ({"fault": "stuck"}, "fault.kind: stuck is not built yet; take one of none, infeasible, omission"),
-        ({"town": "Town1"}, "town: 'Town1' is not known; there are: .*Did you mean Town01"),
-        ({"town": "Town01", "approach": "J9-X"}, "approach: 'J9-X' is not known; there are: .*Did you mean J9-"),
-    ):
-        env = RemoteEnv(service.url, **options)  # type: ignore[arg-type]
-        with pytest.raises(ApiError, match=says):
-            env.reset()
-        env.close()
 
 
 def test_a_connection_that_breaks_costs_no_step(forwarder: Forwarder, service: LocalService) -> None:
@@ -170,45 +117,6 @@ def test_more_environments_than_simulators_and_a_service_that_is_killed(small: d
         assert not truncated.any()
         envs.close()
         assert _figure(first.url, "wrongturn_open_episodes") == 0
-
-
-def test_a_batch_shows_the_pictures_of_single_environments(service: LocalService) -> None:
-    options: dict[str, Any] = {"town": "junctions", "render_mode": "rgb_array"}
-    envs = gymnasium.make_vec("wrongturn_client:Wrongturn-v0", num_envs=2, url=service.url, **options)
-    assert envs.metadata["render_modes"] == ["rgb_array"]
-    with pytest.raises(ResetNeeded):
-        envs.render()
-    envs.reset(seed=4)
-    envs.step(_gas(2))
-    pictures = envs.render()
-    envs.close()
-    assert pictures is not None
-    for i, picture in enumerate(pictures):
-        env = RemoteEnv(service.url, **options)
-        env.reset(seed=4 + i)
-        env.step(GAS)
-        np.testing.assert_array_equal(env.render(), picture)
-        env.close()
-    assert not np.array_equal(*pictures)
-
-
-def test_stable_baselines_makes_single_environments_and_evaluates_beside_them(service: LocalService) -> None:
-    ppo = pytest.importorskip("stable_baselines3").PPO
-    from stable_baselines3.common.callbacks import EvalCallback
-    from stable_baselines3.common.env_util import make_vec_env
-
-    made = {"url": service.url, "town": "junctions", "track": "privileged"}
-    envs = make_vec_env("wrongturn_client:Wrongturn-v0", n_envs=2, seed=1, env_kwargs=made)
-    callback = EvalCallback(
-        make_vec_env("wrongturn_client:Wrongturn-v0", env_kwargs={**made, "max_episode_steps": 4}),
-        n_eval_episodes=1,
-        eval_freq=4,
-    )
-    ppo("MultiInputPolicy", envs, n_steps=4, batch_size=8, n_epochs=1, seed=1, device="cpu").learn(8, callback)
-    assert np.isfinite(callback.last_mean_reward)
-    assert envs.render("rgb_array").shape[2] == 3
-    callback.eval_env.close()
-    envs.close()
 
 
 def test_stable_baselines_learns_over_the_wire(service: LocalService) -> None:

@@ -8,7 +8,6 @@ import sys
 import time
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -190,16 +189,3 @@ def test_nothing_is_left_after_a_crash():
     while is_alive(child):
         assert time.monotonic() < end
         time.sleep(0.02)
-
-
-@pytest.mark.parametrize("mode", ["sync", "async"])
-def test_gymnasium_makes_vectors_of_them(mode):
-    envs = gymnasium.make_vec(ID, num_envs=2, vectorization_mode=mode, town="junctions", track="privileged")
-    try:
-        first, _ = envs.reset(seed=[1, 1])
-        for step in range(5):
-            seen, *_ = envs.step(np.stack([action(step)] * 2))
-        assert (seen["pose"][0] == seen["pose"][1]).all()
-        assert (seen["pose"] != first["pose"]).any()
-    finally:
-        envs.close()
