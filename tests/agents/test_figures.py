@@ -2,7 +2,6 @@
 
 import csv
 import io
-import math
 import re
 from pathlib import Path
 
@@ -13,8 +12,8 @@ from made_results import wrong_command
 from wrongturn_agents import figures
 from wrongturn_agents.errors import MissingPackageError, ResultsError
 from wrongturn_agents.figures import drives
-from wrongturn_agents.figures.junction_frame import Frame, installed_town, rings
 from wrongturn_agents.figures.rate_charts import mcnemar
+from wrongturn_agents.figures.towns import installed_town
 from wrongturn_networks import load_suite
 from wrongturn_protocol import FaultKind, Flag, JunctionType, Reaction, Trial, Verdict
 
@@ -29,27 +28,6 @@ def leaves_the_road(trial: Trial) -> dict[str, object]:
 def run() -> figures.Drives:
     """Of six trials the three with a wrong command left the road; all twins took their exits."""
     return drives.of_run(driven_run(leaves_the_road))
-
-
-@pytest.mark.parametrize(
-    ("heading", "point", "turned"),
-    [
-        (math.pi / 2, (10, 25), (0, 5)),  # north, 5 m on
-        (math.pi / 2, (12, 20), (2, 0)),  # north, 2 m to the right
-        (0, (15, 20), (0, 5)),  # east, 5 m on
-        (0, (10, 18), (2, 0)),  # east, 2 m to the right
-        (math.pi, (10, 22), (2, 0)),  # west, 2 m to the right
-    ],
-)
-def test_an_approachs_frame_has_the_car_drive_up(heading, point, turned):
-    assert Frame((10, 20), heading).turned([point])[0] == pytest.approx(turned)
-
-
-def test_polygons_are_taken_from_either_kind_of_geometry():
-    square, hole = [(0, 0), (4, 0), (4, 4), (0, 0)], [(1, 1), (2, 1), (2, 2), (1, 1)]
-    assert rings({"type": "Polygon", "coordinates": [square, hole]}) == [[tuple(square), tuple(hole)]]
-    two = {"type": "MultiPolygon", "coordinates": [[square], [hole]]}
-    assert rings(two) == [[tuple(square)], [tuple(hole)]]
 
 
 def test_trajectories_are_drawn_over_their_type_and_fault(run):
@@ -71,7 +49,7 @@ def test_trajectories_are_drawn_over_their_type_and_fault(run):
     assert drawn.get_xdata() == pytest.approx([0.0] * 27, abs=1e-6)
     assert drawn.get_ydata() == pytest.approx([step - 20.0 for step in range(27)], abs=1e-6)
     (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == ["left by an exit", "left the road"]
+    assert [text.get_text() for text in legend.get_texts()] == ["exit", "off road"]
     # Dash and marker tell them apart without colour.
     looks = {(line.get_linestyle(), line.get_marker()) for line in legend.get_lines()}
     assert len(looks) == len({dash for dash, _ in looks}) == len({marker for _, marker in looks}) == 2

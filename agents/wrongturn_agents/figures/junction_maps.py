@@ -8,9 +8,10 @@ import numpy as np
 
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.figures.drives import Drive, Drives
-from wrongturn_agents.figures.junction_frame import FindTown, Frame, Ring, installed_town, rings
 from wrongturn_agents.figures.look import COLUMN, MARKS, PAGE, Mark, mark_of, new_figure, style
+from wrongturn_agents.figures.towns import FindTown, installed_town
 from wrongturn_protocol import FaultKind, JunctionType
+from wrongturn_protocol.junction_frame import Frame, Points, rings
 from wrongturn_protocol.words import name
 
 if TYPE_CHECKING:
@@ -137,7 +138,7 @@ def _panel(axes: "Axes", drives: Sequence[Drive], towns: FindTown, twin: Drive |
         approach = next((one for one in town.approaches if one.id == drive.trial.approach), None)
         if approach is None:
             raise ResultsError(f"{town.name}: has no approach {drive.trial.approach}; the town is another version")
-        frames[drive.trial.town, approach.id] = Frame.of(approach)
+        frames[drive.trial.town, approach.id] = Frame(approach.stop_line, approach.heading)
     for (town_name, _), frame in frames.items():
         for polygon in rings(towns(town_name).road):
             _draw_road(axes, [frame.turned(ring) for ring in polygon])
@@ -154,7 +155,7 @@ def _panel(axes: "Axes", drives: Sequence[Drive], towns: FindTown, twin: Drive |
         spine.set(linewidth=0.4, color=_KERB)
 
 
-def _draw_road(axes: "Axes", polygon: Sequence[Ring]) -> None:
+def _draw_road(axes: "Axes", polygon: Sequence[Points]) -> None:
     from matplotlib.patches import PathPatch  # noqa: PLC0415 - comes with an extra
     from matplotlib.path import Path  # noqa: PLC0415
     from matplotlib.transforms import Bbox  # noqa: PLC0415
@@ -169,8 +170,8 @@ def _draw_road(axes: "Axes", polygon: Sequence[Ring]) -> None:
         axes.add_patch(PathPatch(whole, facecolor="none", edgecolor=_KERB, linewidth=0.3, zorder=1))
 
 
-def _draw_path(axes: "Axes", points: Ring, mark: Mark, zorder: int) -> None:
-    across, along = zip(*points, strict=True)
+def _draw_path(axes: "Axes", points: Points, mark: Mark, zorder: int) -> None:
+    across, along = points.T
     axes.plot(across, along, color=mark.colour, linestyle=mark.dash, linewidth=0.7, zorder=zorder)
     inside = _ACROSS[0] <= across[-1] <= _ACROSS[1] and _ALONG[0] <= along[-1] <= _ALONG[1]
     if inside:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 from wrongturn_agents.errors import MissingPackageError, ResultsError
 from wrongturn_agents.results_file import TrialResult
 from wrongturn_protocol import Verdict
+from wrongturn_protocol.junction_frame import shape
+from wrongturn_protocol.words import name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,29 +59,28 @@ class Mark:
     """Marker at the last position."""
 
 
-EXIT: Final = Mark("left by an exit", "#0072b2", "solid", "^")
-_STOPPED: Final = Mark("stopped before the junction", "#009e73", (0, (6, 1, 1, 1)), "s")
-_OPPOSED: Final = Mark("exit, long on an opposed lane", "#56b4e9", (0, (5, 1)), "v")
-_WRONG_WAY: Final = Mark("wrong way", "#e69f00", (0, (7, 2)), "D")
-_OFF_ROAD: Final = Mark("left the road", "#d55e00", (0, (3, 1)), "X")
-_COLLISION: Final = Mark("collision", "#000000", (0, (1, 1)), "*")
-_STOOD: Final = Mark("stopped in the junction", "#cc79a7", (0, (4, 1, 1, 1, 1, 1)), "P")
-_NEITHER: Final = Mark("time ran out", "#777777", (0, (1, 2)), "o")
-_ABORTED: Final = Mark("given up", "#777777", (0, (2, 2)), "+")
-MARKS: Final = (EXIT, _STOPPED, _OPPOSED, _WRONG_WAY, _OFF_ROAD, _COLLISION, _STOOD, _NEITHER, _ABORTED)
-"""All marks, from safe to unsafe; the order of legends."""
+_MARKERS: Final = {"star": "*", "cross": "X", "block": "s", "triangle": "^", "bar": "_", "dot": "o", "diamond": "D"}
+"""matplotlib's markers of the pages' shapes."""
+
+
+def _of(verdict: Verdict, colour: str, dash: Any, words: str | None = None) -> Mark:
+    return Mark(words or name(verdict), colour, dash, _MARKERS[shape(verdict)])
+
+
+EXIT: Final = _of(Verdict.EXIT_COMMANDED, "#0072b2", "solid", "exit")
+_OPPOSED: Final = _of(Verdict.EXIT_COMMANDED, "#56b4e9", (0, (5, 1)), "exit by the oncoming lane")
+_NEITHER: Final = _of(Verdict.TIMEOUT, "#777777", (0, (1, 2)))
 _BY_VERDICT: Final = {
-    Verdict.EXIT_COMMANDED: EXIT,
-    Verdict.EXIT_ROUTE: EXIT,
-    Verdict.EXIT_OTHER: EXIT,
-    Verdict.ARRIVED: EXIT,
-    Verdict.STOPPED_BEFORE_JUNCTION: _STOPPED,
-    Verdict.WRONG_WAY: _WRONG_WAY,
-    Verdict.OFF_ROAD: _OFF_ROAD,
-    Verdict.COLLISION: _COLLISION,
-    Verdict.STOPPED_IN_JUNCTION: _STOOD,
-    Verdict.ABORTED: _ABORTED,
+    **dict.fromkeys((Verdict.EXIT_COMMANDED, Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER, Verdict.ARRIVED), EXIT),
+    Verdict.STOPPED_BEFORE_JUNCTION: _of(Verdict.STOPPED_BEFORE_JUNCTION, "#009e73", (0, (6, 1, 1, 1))),
+    Verdict.WRONG_WAY: _of(Verdict.WRONG_WAY, "#e69f00", (0, (7, 2))),
+    Verdict.OFF_ROAD: _of(Verdict.OFF_ROAD, "#d55e00", (0, (3, 1))),
+    Verdict.COLLISION: _of(Verdict.COLLISION, "#000000", (0, (1, 1))),
+    Verdict.STOPPED_IN_JUNCTION: _of(Verdict.STOPPED_IN_JUNCTION, "#cc79a7", (0, (4, 1, 1, 1, 1, 1))),
+    Verdict.ABORTED: _of(Verdict.ABORTED, "#777777", (0, (2, 2))),
 }
+MARKS: Final = (EXIT, _OPPOSED, *dict.fromkeys(mark for mark in _BY_VERDICT.values() if mark is not EXIT), _NEITHER)
+"""All marks, from safe to unsafe; the order of legends."""
 
 
 def mark_of(result: TrialResult) -> Mark:

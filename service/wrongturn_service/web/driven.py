@@ -10,9 +10,10 @@ import orjson
 
 from wrongturn_networks import load_town, town_names
 from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Task, twin_id
+from wrongturn_protocol.junction_frame import Points
 from wrongturn_service.service import Service
 from wrongturn_service.storage.finished import FinishedEpisode
-from wrongturn_service.web.junction_map import Driven, JunctionMap, Points, junction_map
+from wrongturn_service.web.junction_map import Driven, JunctionMap, junction_map
 
 _BATCH: Final = 120
 """Trajectories in memory at once. The longest episodes of a junction have about 0.3 MB each."""

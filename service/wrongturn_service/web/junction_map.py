@@ -8,21 +8,17 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Final, NamedTuple, Self
+from functools import lru_cache, partial
+from typing import Final, NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
-from shapely.affinity import affine_transform
 from shapely.geometry.base import BaseGeometry
 
 from wrongturn_networks import Town, load_town
-from wrongturn_protocol import DIRECTIONS, FaultKind, JunctionType, Outcome, Safety, Trial, Verdict
+from wrongturn_protocol import DIRECTIONS, FaultKind, JunctionType, Outcome, Safety, Trial
+from wrongturn_protocol.junction_frame import Frame, Points, shape
 from wrongturn_service.web import words
-
-Points = NDArray[np.float64]
-"""Points (n, 2), metres."""
 
 LEFT, TOP, RIGHT, BOTTOM = -34.0, -34.0, 34.0, 34.0
 """What a map shows, metres. Cars that take an exit end 27 to 30 m from the node."""
@@ -32,51 +28,6 @@ _DETAIL: Final = 0.15
 """Drawn paths are this near to the driven ones, metres."""
 _INSET: Final = 1.5
 """Marks of paths that leave the map stand this far inside its border, metres."""
-
-MARKS: Final = {
-    Verdict.COLLISION: "star",
-    Verdict.OFF_ROAD: "cross",
-    Verdict.STOPPED_IN_JUNCTION: "block",
-    Verdict.WRONG_WAY: "triangle",
-    Verdict.STOPPED_BEFORE_JUNCTION: "bar",
-    Verdict.EXIT_COMMANDED: "dot",
-    Verdict.EXIT_ROUTE: "dot",
-    Verdict.EXIT_OTHER: "dot",
-}
-"""Shape at the end of a path, by verdict."""
-NEUTRAL_MARK: Final = "diamond"
-"""Shape of the other verdicts."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """The map's frame at one approach.
-
-    Attributes:
-        origin: The junction's node, metres, town frame.
-        heading: Heading of the approach's lane at the stop line, radians.
-    """
-
-    origin: tuple[float, float]
-    heading: float
-
-    @classmethod
-    def of(cls, town: Town, approach_id: str) -> Self:
-        """Return the frame of an approach. Raises UnknownApproachError."""
-        approach = town.approach(approach_id)
-        return cls(town.junctions[approach.junction].position, approach.heading)
-
-    def draw(self, points: Points) -> Points:
-        """Return points (n, 2) of the town's frame in the map's."""
-        east, north = points[:, 0] - self.origin[0], points[:, 1] - self.origin[1]
-        cos, sin = math.cos(self.heading), math.sin(self.heading)
-        return np.column_stack((east * sin - north * cos, -(east * cos + north * sin)))
-
-    def draw_area(self, area: BaseGeometry) -> BaseGeometry:
-        """Return an area of the town's frame in the map's."""
-        cos, sin = math.cos(self.heading), math.sin(self.heading)
-        x, y = self.origin
-        return affine_transform(area, [sin, -cos, -cos, -sin, y * cos - x * sin, x * cos + y * sin])
 
 
 class Driven(NamedTuple):
@@ -176,14 +127,9 @@ def junction_map(
     )
 
 
-def mark(verdict: Verdict) -> str:
-    """Return the name of a verdict's shape."""
-    return MARKS.get(verdict, NEUTRAL_MARK)
-
-
 def shares(outcomes: Iterable[Outcome]) -> tuple[Share, ...]:
     """Return how many outcomes ended in each way, the most frequent first."""
-    counts = Counter((words.ending(one.verdict, one.exit), words.side(one), mark(one.verdict)) for one in outcomes)
+    counts = Counter((words.ending(one.verdict, one.exit), words.side(one), shape(one.verdict)) for one in outcomes)
     return tuple(Share(*key, count) for key, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])))
 
 
@@ -199,19 +145,26 @@ def _drawn(driven: Driven) -> Drawn | None:
     if driven.path is None or not len(driven.path):
         return None
     trial, outcome = driven.trial, driven.outcome
-    points = _frame(trial.town, trial.approach).draw(driven.path)
+    points = on_map(frame_of(load_town(trial.town), trial.approach), driven.path)
     x, y = points[-1].tolist()
     end = (
         min(max(x, LEFT + _INSET), RIGHT - _INSET),
         min(max(y, TOP + _INSET), BOTTOM - _INSET),
     )
     title = f"{trial.town} {trial.approach}, {words.name(outcome.verdict)}. {words.told(trial)} {words.ended(outcome)}"
-    return Drawn(driven.episode, path_data(points), end, words.side(outcome), mark(outcome.verdict), title)
+    return Drawn(driven.episode, path_data(points), end, words.side(outcome), shape(outcome.verdict), title)
 
 
 @lru_cache(maxsize=1024)
-def _frame(town: str, approach: str) -> Frame:
-    return Frame.of(load_town(town), approach)
+def frame_of(town: Town, approach_id: str) -> Frame:
+    """Return the frame of an approach, with the junction's node at (0, 0). Raises UnknownApproachError."""
+    approach = town.approach(approach_id)
+    return Frame(town.junctions[approach.junction].position, approach.heading)
+
+
+def on_map(frame: Frame, points: Points) -> Points:
+    """Return points (n, 2) of the town's frame on the map, where y is down."""
+    return frame.turned(points) * (1.0, -1.0)
 
 
 @lru_cache(maxsize=64)
@@ -229,10 +182,10 @@ def ground(approaches: frozenset[tuple[str, str]]) -> Ground:
 @lru_cache(maxsize=1024)
 def _road(town_name: str, approach: str) -> BaseGeometry:
     town = load_town(town_name)
-    frame = Frame.of(town, approach)
+    frame = frame_of(town, approach)
     x, y = frame.origin
     near = shapely.clip_by_rect(town.road, x - _REACH, y - _REACH, x + _REACH, y + _REACH)
-    shown = shapely.clip_by_rect(frame.draw_area(near), LEFT, TOP, RIGHT, BOTTOM)
+    shown = shapely.clip_by_rect(shapely.transform(near, partial(on_map, frame)), LEFT, TOP, RIGHT, BOTTOM)
     return shapely.make_valid(shown)
 
 
@@ -242,7 +195,7 @@ def _stop_line(town_name: str, approach_id: str) -> str:
     half = town.lanes[approach.lane].width / 2
     across = np.array([-math.sin(approach.heading), math.cos(approach.heading)]) * half
     ends = np.array(approach.stop_line) + np.array([across, -across])
-    return path_data(Frame.of(town, approach_id).draw(ends))
+    return path_data(on_map(frame_of(town, approach_id), ends))
 
 
 def _area_data(area: BaseGeometry) -> str:

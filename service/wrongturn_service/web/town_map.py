@@ -1,11 +1,13 @@
 """A town's map as SVG, with a mark at each approach."""
 
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+
 from wrongturn_protocol import Command, JunctionType, TownDetail
+from wrongturn_protocol.junction_frame import rings
 
 _BACK: Final = 9.0
 """Metres from the stop line back to the middle of an approach's mark."""
@@ -46,7 +48,7 @@ def town_map(town: TownDetail) -> TownMap:
     width, height = right - left + 2 * _MARGIN, top - bottom + 2 * _MARGIN
     return TownMap(
         box=f"{left - _MARGIN:.1f} {-top - _MARGIN:.1f} {width:.1f} {height:.1f}",
-        road=_path(_rings(town.road)),
+        road=_path(town.road),
         junctions=tuple((name, *_middle(area)) for name, area in town.junctions.items()),
         approaches=tuple(
             ApproachMark(
@@ -82,19 +84,13 @@ def glyph(kind: JunctionType) -> str:
     return "M0 8V0" + "".join(f"M0 0{end}" for command, end in ends.items() if command in kind.exits)
 
 
-def _rings(geometry: dict[str, Any]) -> Iterable[Sequence[Sequence[float]]]:
-    """Return the rings of a GeoJSON polygon or multipolygon."""
-    polygons = geometry["coordinates"] if geometry["type"] == "MultiPolygon" else [geometry["coordinates"]]
-    for polygon in polygons:
-        yield from polygon
-
-
-def _path(rings: Iterable[Sequence[Sequence[float]]]) -> str:
-    return "".join("M" + "L".join(f"{x:.1f} {-y:.1f}" for x, y in ring) + "z" for ring in rings)
+def _path(geometry: dict[str, Any]) -> str:
+    every = (ring for polygon in rings(geometry) for ring in polygon)
+    return "".join("M" + "L".join(f"{x:.1f} {-y:.1f}" for x, y in ring.tolist()) + "z" for ring in every)
 
 
 def _middle(area: dict[str, Any]) -> tuple[float, float]:
     """Return the middle of an area's bounds."""
-    points = [point for ring in _rings(area) for point in ring]
-    xs, ys = [point[0] for point in points], [point[1] for point in points]
-    return round((min(xs) + max(xs)) / 2, 1), round(-(min(ys) + max(ys)) / 2, 1)
+    points = np.concatenate([ring for polygon in rings(area) for ring in polygon])
+    x, y = ((points.min(axis=0) + points.max(axis=0)) / 2).tolist()
+    return round(x, 1), round(-y, 1)

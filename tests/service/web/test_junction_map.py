@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import Command, FaultKind, Flag, JunctionType, Outcome, Safety, Verdict
+from wrongturn_protocol.junction_frame import Frame, rings
 from wrongturn_service.web import junction_map
-from wrongturn_service.web.junction_map import Driven, Frame
+from wrongturn_service.web.junction_map import Driven, frame_of, on_map
 
 METRES = st.floats(-500, 500)
 ANGLES = st.floats(-math.pi, math.pi)
@@ -40,38 +41,38 @@ OUTCOMES = st.lists(
 def test_a_path_that_moves_with_its_approach_is_drawn_the_same(points, x, y, heading, by_x, by_y, turn):
     cos, sin = math.cos(turn), math.sin(turn)
     rotation = np.array([[cos, -sin], [sin, cos]])
-    node = np.array([x, y])
     moved = points @ rotation.T + [by_x, by_y]
-    origin = rotation @ node + [by_x, by_y]
-    drawn = Frame((x, y), heading).draw(points)
-    assert np.allclose(Frame((origin[0], origin[1]), heading + turn).draw(moved), drawn, atol=1e-6)
+    origin = rotation @ np.array([x, y]) + [by_x, by_y]
+    drawn = Frame((x, y), heading).turned(points)
+    assert np.allclose(Frame((origin[0], origin[1]), heading + turn).turned(moved), drawn, atol=1e-6)
 
 
 @given(METRES, METRES, ANGLES)
 def test_the_car_drives_in_from_below_and_left_is_left(x, y, heading):
     ahead, left = np.array([math.cos(heading), math.sin(heading)]), np.array([-math.sin(heading), math.cos(heading)])
-    node = np.array([x, y])
-    drawn = Frame((x, y), heading).draw(np.array([node - 30 * ahead, node + 10 * left]))
-    assert np.allclose(drawn, [[0, 30], [-10, 0]], atol=1e-6)
+    node, frame = np.array([x, y]), Frame((x, y), heading)
+    points = np.array([node - 30 * ahead, node + 10 * left])
+    assert np.allclose(frame.turned(points), [[0, -30], [-10, 0]], atol=1e-6)
+    assert np.allclose(on_map(frame, points), [[0, 30], [-10, 0]], atol=1e-6)
 
 
-@pytest.mark.parametrize("approach", ["J1-E", "J3-S", "J4-W", "J12-S"])
-def test_roads_are_drawn_in_the_same_frame_as_paths(approach):
-    town = load_town("Town01")
-    frame = Frame.of(town, approach)
-    area = town.junctions[town.approach(approach).junction].area
-    corners = np.array(area.exterior.coords)
-    assert np.allclose(np.array(frame.draw_area(area).exterior.coords), frame.draw(corners), atol=1e-6)
+def test_polygons_are_taken_from_either_kind_of_geometry():
+    square, hole = [[0, 0], [4, 0], [4, 4], [0, 0]], [[1, 1], [2, 1], [2, 2], [1, 1]]
+    for geometry, wanted in (
+        ({"type": "Polygon", "coordinates": [square, hole]}, [[square, hole]]),
+        ({"type": "MultiPolygon", "coordinates": [[square], [hole]]}, [[square], [hole]]),
+    ):
+        assert [[ring.tolist() for ring in polygon] for polygon in rings(geometry)] == wanted
 
 
 def test_all_approaches_of_a_type_have_the_street_in_the_same_place():
     town = load_town("Town01")
     for approach in town.approaches.values():
-        drawn = Frame.of(town, approach.id).draw(np.array([approach.stop_line]))
+        drawn = on_map(frame_of(town, approach.id), np.array([approach.stop_line]))
         assert drawn[0, 0] == pytest.approx(2, abs=0.1)  # half a lane to the right of the street's centre line
         assert drawn[0, 1] > 5
         for direction, way_out in approach.exits.items():
-            x, y = Frame.of(town, approach.id).draw(way_out.path[-1:])[0]
+            x, y = on_map(frame_of(town, approach.id), way_out.path[-1:])[0]
             if direction is Command.STRAIGHT:
                 assert (x, y < -5) == (pytest.approx(2, abs=0.1), True)
             else:
