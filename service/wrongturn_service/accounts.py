@@ -96,7 +96,7 @@ class Caller:
     @property
     def _scope(self) -> str:
         what = "its check" if self.evaluation is None else f"evaluation {self.evaluation}"
-        return f"this token of submission {self.submission} is good for {what} alone"
+        return f"this token of submission {self.submission} is valid only for {what}"
 
     def check_track(self, request: PracticeRequest) -> None:
         """Check that practice is in the agent's own track. Raises InvalidRequestError.
@@ -179,7 +179,7 @@ class Accounts:
     async def caller(self, authorization: str | None) -> Caller:
         """Return the agent, or the runner, whose token an ``Authorization`` header holds.
 
-        A runner's token is good for its submission alone: the call has to check it.
+        A runner's token is valid only for its submission: the call has to check it.
 
         Raises:
             UnauthenticatedError: There is no token, or nobody has it.
@@ -222,30 +222,33 @@ class Accounts:
         """
         if self.is_operator(authorization):
             return Submitter(None)
-        token_sha256 = digest(bearer(authorization))
-        owner = await self._store.owner_by_token(token_sha256)
-        if owner is not None:
-            return Submitter(owner)
-        agent = await self._store.agent_by_token(token_sha256)
-        if agent is not None:
-            return Submitter(agent.owner, agent)
-        await self.check_no_runner(authorization)
-        raise UnauthenticatedError("nobody has this token; it may have been rotated or revoked")
+        holder = await self.holder(authorization)
+        return Submitter(holder) if isinstance(holder, OwnerRow) else Submitter(holder.owner, holder)
 
-    async def check_no_runner(self, authorization: str | None) -> None:
-        """Check that no runner has the token of an ``Authorization`` header. Raises ForbiddenError."""
-        caller = await self._find(digest(bearer(authorization)))
-        if caller is not None:
-            caller.check_agent()
+    async def holder(self, authorization: str | None, remedy: str = "") -> OwnerRow | AgentRow:
+        """Return the owner or the agent whose token an ``Authorization`` header holds.
+
+        Raises:
+            UnauthenticatedError: There is no token, or nobody has it; then the message ends with the remedy.
+            ForbiddenError: It is a runner's token.
+        """
+        token_sha256 = digest(bearer(authorization))
+        found = await self._store.owner_by_token(token_sha256) or await self._store.agent_by_token(token_sha256)
+        if found is not None:
+            return found
+        runner = await self._runner(token_sha256)
+        if runner is not None:
+            runner.check_agent()
+        raise UnauthenticatedError(f"nobody has this token; it may have been rotated or revoked{remedy}")
 
     @property
     def has_operator(self) -> bool:
         """Whether the service has an operator."""
-        return self._settings.operator.asked
+        return self._settings.operator.required
 
     def is_operator(self, authorization: str | None) -> bool:
         """Return whether an ``Authorization`` header holds the operator's token."""
-        if authorization is None or not self._settings.operator.asked:
+        if authorization is None or not self._settings.operator.required:
             return False
         scheme, _, token = authorization.partition(" ")
         return scheme.lower() == "bearer" and self._settings.operator.is_(token.strip())
@@ -287,7 +290,7 @@ class Accounts:
         if authorization is None:
             return False
         try:
-            return self.is_operator(authorization) or await self._holder(authorization) in holders
+            return self.is_operator(authorization) or (await self.holder(authorization)).id in holders
         except (UnauthenticatedError, ForbiddenError):
             return False
 
@@ -297,16 +300,11 @@ class Accounts:
         Raises:
             UnauthenticatedError, ForbiddenError, NotFoundError.
         """
-        holder = None if self.is_operator(authorization) else await self._holder(authorization)
+        holder = None if self.is_operator(authorization) else (await self.holder(authorization)).id
         row = await self.agent(agent_id)
         if holder is not None and holder not in {row.id, row.owner_id}:
             raise ForbiddenError(f"this is neither the token of agent {agent_id} nor its owner's")
         return row
-
-    async def _holder(self, authorization: str | None) -> str:
-        """Return the id of the owner or agent that has a token. Raises UnauthenticatedError."""
-        owner = await self._store.owner_by_token(digest(bearer(authorization)))
-        return owner.id if owner is not None else (await self.agent_caller(authorization)).id
 
     async def set_token(self, agent_id: str, token: str | None, reply: IdempotencyRow | None = None) -> None:
         """Replace an agent's token. None revokes it."""

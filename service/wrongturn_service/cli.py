@@ -1,19 +1,24 @@
 """``wrongturn serve``, and the service's checks for ``wrongturn doctor``. Heavy imports wait until a command runs."""
 
 import gc
+import os
+import signal
+import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from wrongturn_service import parent
 from wrongturn_service.extra import REMEDY, missing_modules, require_server
 
 if TYPE_CHECKING:
     from wrongturn_service.settings import Settings
 
 _USAGE = 2
+_ENDS_WITH_PARENT: Final = "WRONGTURN_ENDS_WITH_PARENT"
+"""Environment variable that ``wrongturn_client.LocalService`` sets."""
 
 
 def serve(
@@ -47,7 +52,7 @@ def serve(
     It prints its URL once it is ready. Other settings come from WRONGTURN_* variables, see docs/settings.md.
     """
     require_server("serve")
-    parent.stop_with_it()
+    _stop_with_parent()
     from pydantic import ValidationError  # noqa: PLC0415
 
     from wrongturn_service.address import AddressError, bind  # noqa: PLC0415
@@ -85,6 +90,24 @@ def serve(
     except StartupError as error:
         typer.echo(f"Wrongturn cannot start: {error}", err=True)
         raise typer.Exit(1) from None
+
+
+def _stop_with_parent() -> None:
+    """Stop this process as by SIGTERM at the end of stdin, if the parent asks for that.
+
+    Stdin is then a pipe whose other end only the parent has. The system closes it even after ``kill -9``.
+    """
+    if os.environ.pop(_ENDS_WITH_PARENT, None):
+        threading.Thread(target=_await_end, args=(sys.stdin.fileno(),), name="parent", daemon=True).start()
+
+
+def _await_end(pipe: int) -> None:
+    while os.read(pipe, 1):
+        pass
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for closed in (1, 2):  # nobody reads them any more, and writing to them would fail
+        os.dup2(nowhere, closed)
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def checks() -> Iterator[tuple[str, bool, str, str]]:

@@ -31,7 +31,7 @@ def check_reader(settings: Settings, request: HTTPConnection) -> None:
     Raises:
         UnauthenticatedError: It may not.
     """
-    secrets = [secret for secret in (settings.metrics, settings.operator) if secret.asked]
+    secrets = [secret for secret in (settings.metrics, settings.operator) if secret.required]
     if not secrets:
         if not _local(request):
             raise UnauthenticatedError(

@@ -2,6 +2,7 @@
 
 import time
 from collections import OrderedDict, deque
+from dataclasses import dataclass
 from typing import Final
 
 from wrongturn_protocol import AgentKind, AgentRegistration, FieldError, OwnerDetail, OwnerRegistration, ProblemType
@@ -11,7 +12,6 @@ from wrongturn_service.errors import (
     ConflictError,
     ForbiddenError,
     NotFoundError,
-    UnauthenticatedError,
     UnavailableError,
 )
 from wrongturn_service.settings import Registration, Settings
@@ -55,6 +55,33 @@ class AddressLimit:
         times.append(now)
 
 
+@dataclass(frozen=True)
+class Registrant:
+    """Who registers an owner or an agent.
+
+    Attributes:
+        owner: The owner whose token was sent. None for the operator and without a token.
+        address: The address that the request comes from.
+        operator: Whether the operator's token was sent.
+    """
+
+    owner: OwnerRow | None
+    address: str
+    operator: bool = False
+
+    @property
+    def scope(self) -> str:
+        """Whose an ``Idempotency-Key`` is: the token's, or without a token the address's."""
+        if self.owner is not None:
+            return self.owner.id
+        return "operator" if self.operator else f"registration {self.address}"
+
+    @property
+    def origin(self) -> str | None:
+        """Whose quota a new owner counts to: its address's, or nobody's if the operator registers it."""
+        return None if self.operator else self.address
+
+
 class Registrations:
     """Registers owners and agents."""
 
@@ -68,49 +95,37 @@ class Registrations:
         """Make the owner of the shipped agents, so that nobody else has or takes its name."""
         await self._store.reserve_owner(new_owner(SHIPPED))
 
-    async def registrant(self, authorization: str | None, advice: str) -> OwnerRow | None:
-        """Return the owner whose token an ``Authorization`` header holds; None for the operator or without a token.
+    async def registrant(self, authorization: str | None, address: str, advice: str) -> Registrant:
+        """Return who registers.
 
         Args:
-            authorization: The header.
+            authorization: The ``Authorization`` header.
+            address: The address that the request comes from.
             advice: What to do instead of sending an agent's token.
 
         Raises:
             UnauthenticatedError: Nobody has this token.
-            ForbiddenError: It is an agent's token.
+            ForbiddenError: It is an agent's token, or a runner's.
         """
-        if authorization is None or self._accounts.is_operator(authorization):
-            return None
-        token_sha256 = digest(bearer(authorization))
-        owner = await self._store.owner_by_token(token_sha256)
-        if owner is not None:
-            return owner
-        if await self._store.agent_by_token(token_sha256) is not None:
+        operator = self._accounts.is_operator(authorization)
+        if authorization is None or operator:
+            return Registrant(None, address, operator=operator)
+        holder = await self._accounts.holder(authorization, "; leave it out, or correct it")
+        if not isinstance(holder, OwnerRow):
             raise ForbiddenError(f"this is an agent's token; {advice}")
-        await self._accounts.check_no_runner(authorization)
-        raise UnauthenticatedError(
-            "nobody has this token; it may have been rotated or revoked; leave it out, or correct it"
-        )
+        return Registrant(holder, address)
 
-    def sender(self, authorization: str | None, owner: OwnerRow | None, address: str) -> str:
-        """Return whose an ``Idempotency-Key`` of a registration is: the token's, or without a token the address's."""
-        if owner is not None:
-            return owner.id
-        return "operator" if self._accounts.is_operator(authorization) else f"registration {address}"
-
-    def check_agent(
-        self, registration: AgentRegistration, owner: OwnerRow | None, authorization: str | None, address: str
-    ) -> None:
+    def check_agent(self, registration: AgentRegistration, who: Registrant) -> None:
         """Check whether an agent may be registered. Raises ForbiddenError, ConflictError, UnavailableError."""
-        if self._accounts.is_operator(authorization):
+        if who.operator:
             return
         if registration.kind is not AgentKind.SUBMITTED:
             raise ForbiddenError(f"kind: {registration.kind} needs the operator's token; leave it out")
-        if owner is None:
+        if who.owner is None:
             self._check_open("agents", "ask the operator for an owner's token")
         self.check_agent_name(registration.name)
-        if owner is None:  # an owner has a limit of its own on agents
-            self._limit.check(address)
+        if who.owner is None:  # an owner has a limit of its own on agents
+            self._limit.check(who.address)
 
     def check_agent_name(self, name: str) -> None:
         """Check that a name is not kept for the operator. Raises ConflictError.
@@ -125,41 +140,30 @@ class Registrations:
                 ProblemType.AGENT_NAME_TAKEN, f"name: {message}", errors=[FieldError(path="name", message=message)]
             )
 
-    def check_owner(self, registration: OwnerRegistration, authorization: str | None, address: str) -> None:
+    def check_owner(self, registration: OwnerRegistration, who: Registrant) -> None:
         """Check whether an owner may be registered. Raises ForbiddenError, ConflictError, UnavailableError."""
-        if not self._accounts.is_operator(authorization):
+        if not who.operator:
             self._check_open("owners", "ask the operator to register you")
             _check_owner_name(registration.name)
-            self._limit.check(address)
+            self._limit.check(who.address)
 
     def _check_open(self, what: str, remedy: str) -> None:
         if self._settings.registration is Registration.OPERATOR:
             raise ForbiddenError(f"only the operator registers {what} here; {remedy}", ProblemType.REGISTRATION_CLOSED)
 
-    async def owner_for(
-        self, registration: AgentRegistration, owner: OwnerRow | None, authorization: str | None, address: str
-    ) -> OwnerRow:
+    async def owner_for(self, registration: AgentRegistration, who: Registrant) -> OwnerRow:
         """Return the owner of an agent that is about to be registered.
 
-        Args:
-            registration: The agent.
-            owner: The owner that registers it. Without one, a shipped agent belongs to :data:`SHIPPED`, and any other
-                gets a new owner of its name.
-            authorization: The header of the request.
-            address: The address that the request comes from.
+        An agent that no owner registers belongs to :data:`SHIPPED` if it is shipped, else to a new owner of its name.
         """
-        if owner is not None:
-            return owner
+        if who.owner is not None:
+            return who.owner
         if registration.kind is not AgentKind.SUBMITTED:
             shipped = await self._store.owner_by_name(SHIPPED.lower())
             assert shipped is not None
             return shipped
         _check_owner_name(registration.name)
-        return new_owner(registration.name, origin=self.origin(authorization, address))
-
-    def origin(self, authorization: str | None, address: str) -> str | None:
-        """Return whose quota an owner that registers counts to: its address's, or nobody's if the operator does it."""
-        return None if self._accounts.is_operator(authorization) else address
+        return new_owner(registration.name, origin=who.origin)
 
     async def add_agent(self, row: AgentRow, reply: IdempotencyRow | None) -> None:
         """Store a new agent, and its owner if that is new. Raises ConflictError."""
@@ -202,9 +206,9 @@ class Registrations:
     async def own(self, owner_id: str, authorization: str | None) -> OwnerRow:
         """Return an owner to itself or the operator. Raises UnauthenticatedError, ForbiddenError, NotFoundError."""
         bearer(authorization)
-        holder = await self.registrant(authorization, "send this owner's own token, or the operator's")
+        who = await self.registrant(authorization, "", "send this owner's own token, or the operator's")
         row = await self.owner(owner_id)
-        if holder is not None and holder.id != owner_id:
+        if who.owner is not None and who.owner.id != owner_id:
             raise ForbiddenError(f"this is not the token of owner {owner_id}")
         return row
 
@@ -236,11 +240,6 @@ def new_owner(name: str, contact: str | None = None, token: str | None = None, o
         created=time.time(),
         origin=origin,
     )
-
-
-def owner_of(registration: OwnerRegistration, token: str, origin: str | None) -> OwnerRow:
-    """Return the row of an owner that registers."""
-    return new_owner(registration.name, registration.contact, token, origin)
 
 
 def owner_detail(row: OwnerRow) -> OwnerDetail:

@@ -37,8 +37,8 @@ class Secret:
         self._told = ""
 
     @property
-    def asked(self) -> bool:
-        """Whether there should be a secret. If its file cannot be read, nobody has it."""
+    def required(self) -> bool:
+        """Whether a secret is configured. If its file is unreadable, every caller is refused."""
         return self._given is not None or self._file is not None
 
     def is_(self, told: str) -> bool:

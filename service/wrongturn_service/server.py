@@ -18,7 +18,6 @@ from fastapi import FastAPI
 from typing_extensions import override
 
 from wrongturn_protocol import wire
-from wrongturn_service import descriptors
 from wrongturn_service.app import create_app
 from wrongturn_service.errors import StartupError
 from wrongturn_service.service import Service
@@ -34,6 +33,9 @@ _SILENT_S = 1.0
 """A stop does not wait for agents that have been silent for so many seconds."""
 _LOOK_S = 0.05
 _IMPATIENT = 2
+_OWN_DESCRIPTORS = 64
+"""File descriptors of the database, the log, uploads and submissions."""
+_PER_SIMULATOR = 4
 _EVERYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # noqa: S104 - what to call instead
 
 
@@ -113,7 +115,7 @@ def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     guard = Guard(
         settings.max_connections,
-        descriptors.for_connections(limit, settings.simulators),
+        for_connections(limit, settings.simulators),
         settings.slow_client_s,
         app.state.telemetry.closed,
     )
@@ -138,6 +140,28 @@ def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
     )
 
 
+def for_connections(limit: int, simulators: int) -> int:
+    """Return how many of the process's file descriptors may be in use when the service takes another connection.
+
+    Without any left, the event loop would close new connections without a word, and the database and the simulators
+    could open nothing. So the last ones, at most half, are not for connections.
+    """
+    return limit - min(_OWN_DESCRIPTORS + _PER_SIMULATOR * simulators, limit // 2)
+
+
+def warn_if_few(limit: int, simulators: int, connections: int) -> None:
+    """Log a warning if the process may not have the descriptors for so many connections."""
+    there = for_connections(limit, simulators)
+    if there < connections:
+        structlog.get_logger("server").warning(
+            "few file descriptors",
+            limit=limit,
+            connections=there,
+            remedy=f"raise the hard limit (ulimit -Hn, LimitNOFILE=) to {connections + limit - there}, "
+            f"or set WRONGTURN_MAX_CONNECTIONS to {there}",
+        )
+
+
 def run(settings: Settings, bound: socket.socket) -> None:
     """Serve until SIGTERM or SIGINT.
 
@@ -150,7 +174,9 @@ def run(settings: Settings, bound: socket.socket) -> None:
     """
     sys.setswitchinterval(_SWITCH_S)
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    descriptors.warn_if_few(descriptors.raise_limit(), settings.simulators, settings.max_connections)
+    _, limit = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
+    warn_if_few(limit, settings.simulators, settings.max_connections)
     app = create_app(settings)
     server = Server(
         configuration(app, settings), app, f"http://{host}:{bound.getsockname()[1]}", settings.shutdown_grace_s

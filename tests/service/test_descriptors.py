@@ -10,14 +10,14 @@ from clocked_service import ClockedService
 from raw_socket import connected, http_problem, rest
 from service_harness import expect, metrics
 
-from wrongturn_service import descriptors
+from wrongturn_service import server
 
 
 def test_the_last_ones_are_not_for_connections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free = os.dup(0)
     os.close(free)
     # The clients of this test have descriptors of the same process.
-    monkeypatch.setattr(descriptors, "for_connections", lambda *_: free + 80)
+    monkeypatch.setattr(server, "for_connections", lambda *_: free + 80)
     service = ClockedService(tmp_path / "wrongturn.db")
     with contextlib.ExitStack() as stack, service.agent() as agent:
         stack.callback(service.close)
@@ -38,13 +38,13 @@ def test_the_last_ones_are_not_for_connections(tmp_path: Path, monkeypatch: pyte
 
 @pytest.mark.parametrize(("limit", "simulators", "kept"), [(1024, 16, 128), (100, 16, 50), (1 << 20, 16, 128)])
 def test_how_many_are_not_for_connections(limit: int, simulators: int, kept: int) -> None:
-    assert descriptors.for_connections(limit, simulators) == limit - kept
+    assert server.for_connections(limit, simulators) == limit - kept
 
 
 def test_too_few_are_told_at_the_start() -> None:
     with structlog.testing.capture_logs() as said:
-        descriptors.warn_if_few(1 << 20, 16, 4096)
+        server.warn_if_few(1 << 20, 16, 4096)
         assert not said
-        descriptors.warn_if_few(1024, 16, 4096)
+        server.warn_if_few(1024, 16, 4096)
     assert said[0]["connections"] == 896
     assert "to 4224, or set WRONGTURN_MAX_CONNECTIONS to 896" in said[0]["remedy"]

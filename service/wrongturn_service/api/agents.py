@@ -32,14 +32,11 @@ async def register(
 
     With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made.
     """
-    authorization = request.headers.get("authorization")
-    owner = await service.registrations.registrant(
-        authorization, "register agents with their owner's token, or without one"
-    )
-    address = address_of(request)
-    async with key.once(service.registrations.sender(authorization, owner, address), registration) as once:
-        service.registrations.check_agent(registration, owner, authorization, address)
-        owner = await service.registrations.owner_for(registration, owner, authorization, address)
+    advice = "register agents with their owner's token, or without one"
+    who = await service.registrations.registrant(request.headers.get("authorization"), address_of(request), advice)
+    async with key.once(who.scope, registration) as once:
+        service.registrations.check_agent(registration, who)
+        owner = await service.registrations.owner_for(registration, who)
         token = new_token()
         row = AgentRow(
             id=new_id("ag"),

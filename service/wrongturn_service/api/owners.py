@@ -12,7 +12,7 @@ from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.api.paging import PageDep
 from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.registration import owner_detail, owner_of
+from wrongturn_service.registration import new_owner, owner_detail
 from wrongturn_service.tokens import digest, new_token
 
 router = APIRouter(prefix="/v1/owners", tags=["owners"], route_class=Route)
@@ -26,15 +26,12 @@ async def register(
     key: KeyDep,
 ) -> Response:
     """Register an owner. The reply shows the token once. With it the owner registers agents."""
-    authorization = request.headers.get("authorization")
-    holder = await service.registrations.registrant(
-        authorization, "register an owner without a token, or with the operator's"
-    )
-    address = address_of(request)
-    async with key.once(service.registrations.sender(authorization, holder, address), registration) as once:
-        service.registrations.check_owner(registration, authorization, address)
+    advice = "register an owner without a token, or with the operator's"
+    who = await service.registrations.registrant(request.headers.get("authorization"), address_of(request), advice)
+    async with key.once(who.scope, registration) as once:
+        service.registrations.check_owner(registration, who)
         token = new_token()
-        row = owner_of(registration, token, service.registrations.origin(authorization, address))
+        row = new_owner(registration.name, registration.contact, token, who.origin)
         owner = owner_detail(row)
         remember = once.remember(201, Encoding.JSON, with_token=True)
         await service.registrations.add_owner(row, remember(owner.model_dump_json().encode()) if remember else None)
