@@ -1,10 +1,11 @@
 """How long a submission takes, against the same model's own worker, in turns at one service.
 
-    .venv/bin/python benchmarks/submission.py MODEL.onnx [--suite wrong-command@2] [--rounds 2] [--json FILE]
+    .venv/bin/python benchmarks/submission.py [MODEL.onnx] [--suite wrong-command@2] [--rounds 2] [--json F] [--short]
 
 Each round drives the suite by ``wrongturn run MODEL.onnx`` and then by ``wrongturn submit MODEL.onnx``. Prints the wall
 time and the processor time of each, by all processes together: the service and its simulators too. Other programs spoil
-the wall time, and the processor time much less.
+the wall time, and the processor time much less: the load is printed. ``--short`` drives smoke@2 once, to see that this
+still runs.
 """
 
 import argparse
@@ -25,6 +26,7 @@ import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, befor
 from wrongturn_client import Client, LocalService
 
 RUN, SUBMIT = "run", "submit"
+MODEL = Path(__file__).parents[1] / "agents/wrongturn_agents/weights/ppo-segmentation.onnx"
 _LOOK_S = 0.25
 
 
@@ -91,11 +93,14 @@ def drive(service: LocalService, token: str, how: str, options: argparse.Namespa
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("model", type=Path)
+    parser.add_argument("model", type=Path, nargs="?", default=MODEL)
     parser.add_argument("--suite", default="wrong-command@2")
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures")
+    parser.add_argument("--short", action="store_true", help="one round of smoke@2, to see that it runs")
     options = parser.parse_args()
+    if options.short:
+        options.suite, options.rounds = "smoke@2", 1
     found: dict[str, list[dict[str, float]]] = {RUN: [], SUBMIT: []}
     with tempfile.TemporaryDirectory() as folder:
         database = f"sqlite+aiosqlite:///{folder}/wrongturn.db"

@@ -4,7 +4,7 @@
 model, not the file; ``docs/models.md`` shows the contract as a table.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import prod
 from typing import Any, Final
@@ -89,9 +89,7 @@ class ModelContract:
     def feed(self, observation: Observation, state: NDArray[Any] | None = None) -> dict[str, NDArray[Any]]:
         """Return the model's inputs, each with a batch axis of 1.
 
-        Args:
-            observation: One array for each key of the track.
-            state: What :meth:`state` returned for the step before; None at the start of an episode.
+        ``state`` is what :meth:`state` returned for the step before, None at the start of an episode.
         """
         feed = {name: np.asarray(observation[name])[None] for name in self.inputs}
         if self.state_shape is not None:
@@ -100,9 +98,6 @@ class ModelContract:
 
     def action(self, outputs: Mapping[str, NDArray[Any]]) -> Action:
         """Return the action that a model's outputs mean. Values out of range are clipped.
-
-        Args:
-            outputs: The outputs by name; others than :attr:`outputs` are ignored.
 
         Raises:
             ContractError: A control is missing, is no number, has another shape, or is not finite.
@@ -121,8 +116,7 @@ class ModelContract:
         """Return what the model wants to remember for the next step; None for a model without a memory.
 
         Raises:
-            ContractError: The state is missing, is not finite, or has another type or shape than it had at the
-                beginning.
+            ContractError: It is missing, is not finite, or has another type or shape than at the beginning.
         """
         if self.state_shape is None:
             return None
@@ -155,13 +149,9 @@ def contract_of(
     """
     inputs = {put.name: put for put in signature.inputs}
     outputs = {put.name: put for put in signature.outputs}
-    wrong: list[str] = []
     observed = tuple(name for name in inputs if name != STATE_IN)
+    wrong = list(_wrong_opset(signature.opset))
     track: Track | None = None
-    try:
-        check_opset(signature.opset)
-    except ContractError as error:
-        wrong += error.messages
     try:
         track = _track(observed, signature.metadata.get("track"))
         _check_taken(observed, track, tracks, agent_track)
@@ -194,9 +184,14 @@ def check_opset(opset: int) -> None:
     Raises:
         ContractError: The opset is out of range.
     """
+    if wrong := list(_wrong_opset(opset)):
+        raise ContractError(*wrong)
+
+
+def _wrong_opset(opset: int) -> Iterator[str]:
     least, greatest = OPSETS
     if not least <= opset <= greatest:
-        raise ContractError(f"opset: {opset}; export the model with one from {least} to {greatest}")
+        yield f"opset: {opset}; export the model with one from {least} to {greatest}"
 
 
 def _track(inputs: tuple[str, ...], said: str | None) -> Track:
@@ -204,8 +199,7 @@ def _track(inputs: tuple[str, ...], said: str | None) -> Track:
     if said is not None and said not in set(_TRACKS):
         raise ContractError(f"metadata track: {_shown(said)} is none of {', '.join(_TRACKS)}")
     fitting = [track for track in _TRACKS if not _beyond(inputs, track)]
-    unknown = sorted(set(inputs) - _KEYS.keys())
-    if unknown:
+    if unknown := sorted(set(inputs) - _KEYS.keys()):
         raise ContractError(f"inputs: {_listed(unknown)}: no such observation key; the keys are {_keys_of_tracks()}")
     if not fitting:
         raise ContractError(f"inputs: no track has all of these; take the keys of one track: {_keys_of_tracks()}")
@@ -226,8 +220,9 @@ def _check_taken(
     """Check that a model's track is its agent's, or else one that the suite takes. Raises ContractError."""
     if agent_track is not None and track is not agent_track:
         beyond = _beyond(inputs, agent_track)
-        wants = f"wants {_listed(beyond)}" if beyond else f"is of the {track} track"
-        remedy = "do without" if beyond else f"set the metadata's track to {agent_track}"
+        wants, remedy = f"is of the {track} track", f"set the metadata's track to {agent_track}"
+        if beyond:
+            wants, remedy = f"wants {_listed(beyond)}", "do without"
         raise ContractError(
             f"inputs: the agent is of the {agent_track} track, and the model {wants}; {remedy}, "
             "or hand it in with the owner's token by another name"
@@ -243,7 +238,7 @@ def _check_taken(
         raise ContractError(f"inputs: the suite does not take the model's track, {track}; {remedy}")
 
 
-def _beyond(inputs: tuple[str, ...], track: Track) -> list[str]:
+def _beyond(inputs: Iterable[str], track: Track) -> list[str]:
     """Return the inputs that a track does not have."""
     has = {field.name for field in FIELDS[track]}
     return [name for name in inputs if name not in has]
@@ -252,11 +247,8 @@ def _beyond(inputs: tuple[str, ...], track: Track) -> list[str]:
 def _keys_of_tracks() -> str:
     """Return the keys of all tracks: those that all have, then what each adds."""
     common = [field.name for field in FIELDS[Track.STATE]]
-    more = [
-        f"{track}: {', '.join(field.name for field in FIELDS[track] if field.name not in common)}"
-        for track in _TRACKS[1:]
-    ]
-    return f"{', '.join(common)}; also {'; '.join(more)}"
+    more = [f"{track}: {', '.join(_beyond([field.name for field in FIELDS[track]], Track.STATE))}" for track in _TRACKS]
+    return f"{', '.join(common)}; also {'; '.join(more[1:])}"
 
 
 def _wrong_input(put: TensorSpec, field: Field) -> Iterator[str]:
@@ -308,7 +300,6 @@ def _wrong_state(taken: TensorSpec | None, given: TensorSpec | None) -> Iterator
 
 
 def _static(shape: Shape) -> tuple[int, ...]:
-    """Return the sizes after the batch axis."""
     return tuple(size for size in shape[1:] if isinstance(size, int))
 
 
@@ -320,11 +311,7 @@ def _fits(shape: Shape, wanted: tuple[int, ...]) -> bool:
 
 
 def _values(outputs: Mapping[str, NDArray[Any]], name: str, wide: int = 1) -> list[float]:
-    """Return the numbers of an output of shape (1, wide), or (1,) for a single one.
-
-    Raises:
-        ContractError: It is missing, is no number, has another shape, or is not finite.
-    """
+    """Return the numbers of an output of shape (1, wide), or (1,) for a single one. Raises ContractError."""
     given = np.asarray(_given(outputs, name))
     shapes = ((1, wide), (1,)) if wide == 1 else ((1, wide),)
     if given.dtype.name not in _FLOATS or given.shape not in shapes or not np.isfinite(given).all():

@@ -1,4 +1,4 @@
-"""An agent of your own, for the profile ``agent`` of compose: see docs/containers.md."""
+"""An agent of your own, for the profile ``agent`` of compose: see docs/submitting.md."""
 
 from wrongturn_client import Action
 

@@ -3,12 +3,10 @@
 import sys
 
 from wrongturn_client import WrongturnError
-from wrongturn_runner.check import check
 from wrongturn_runner.conversation import FAILED, Conversation
-from wrongturn_runner.drive import drive
-from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError
-from wrongturn_runner.messages import BUSY, Check, Refused
-from wrongturn_runner.plain_text import plain
+from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError, plain
+from wrongturn_runner.jobs import check, drive
+from wrongturn_runner.messages import BUSY, CheckJob, Refused
 
 
 def main() -> int:
@@ -16,7 +14,7 @@ def main() -> int:
     conversation = Conversation()
     try:
         job = conversation.job()
-        conversation.finish(check(job, conversation) if isinstance(job, Check) else drive(job, conversation))
+        conversation.finish(check(job, conversation) if isinstance(job, CheckJob) else drive(job, conversation))
     except ModelAtFaultError as error:
         conversation.finish(Refused(reason=plain(str(error))))
     except NoRoomError as error:

@@ -11,7 +11,17 @@ from typing import Final
 from pydantic import ValidationError
 
 from wrongturn_runner.errors import RunnerFailedError
-from wrongturn_runner.messages import JOB, Check, Described, Drive, Driven, Passed, Practice, Progressed, Refused
+from wrongturn_runner.messages import (
+    JOB,
+    CheckJob,
+    Described,
+    DriveJob,
+    Driven,
+    Passed,
+    PracticeJob,
+    Progressed,
+    Refused,
+)
 
 FAILED: Final = 1
 """Exit status of a runner that did not finish its work."""
@@ -34,21 +44,17 @@ class Conversation:
         self._parent = _pidfd(os.getppid())
         threading.Thread(target=self._listen, daemon=True).start()
 
-    def job(self) -> Check | Drive:
-        """Wait for the first message and return it.
-
-        Raises:
-            RunnerFailedError: It is not a job.
-        """
+    def job(self) -> CheckJob | DriveJob:
+        """Wait for the first message and return it. Raises RunnerFailedError if it is not a job."""
         try:
             return JOB.validate_json(self._lines.get())
         except ValidationError as error:
             raise _unreadable(error) from None
 
-    def practice(self) -> Practice:
+    def practice(self) -> PracticeJob:
         """Wait for the answer to ``described`` and return it; raises as :meth:`job`."""
         try:
-            return Practice.model_validate_json(self._lines.get())
+            return PracticeJob.model_validate_json(self._lines.get())
         except ValidationError as error:
             raise _unreadable(error) from None
 

@@ -1,6 +1,6 @@
 """What the service and a runner tell each other: JSON, one message a line, over the runner's stdin and stdout.
 
-The service starts ``python -m wrongturn_runner`` and writes a :class:`Check` or a :class:`Drive`. The runner writes
+The service starts ``python -m wrongturn_runner`` and writes a :class:`CheckJob` or :class:`DriveJob`. The runner writes
 events and ends with status 0 after ``passed``, ``refused`` or ``driven``. It ends with status :data:`BUSY` if it got no
 sandbox, because all of them are taken; the service then tries again. Any other end is the infrastructure's failure, and
 the service starts another runner, but not for ever.
@@ -18,7 +18,7 @@ BUSY: Final = 75
 """Exit status of a runner that got no sandbox, because all of them are taken."""
 
 
-class Place(Message):
+class SandboxAddress(Message):
     """Where the sandbox is, and what it allows."""
 
     socket: Path | None = None
@@ -27,13 +27,13 @@ class Place(Message):
     """Bytes that the model's process may take."""
 
 
-class Check(Message):
+class CheckJob(Message):
     """Look at a model, then let it drive six steps of practice."""
 
     task: Literal["check"] = "check"
     model: Path
     sha256: str
-    place: Place
+    sandbox: SandboxAddress
     tracks: tuple[Track, ...]
     """Tracks that the suite takes."""
     agent_track: Track | None = None
@@ -42,7 +42,7 @@ class Check(Message):
     """URL of the service."""
 
 
-class Practice(Message):
+class PracticeJob(Message):
     """Answer to ``described``: go on with practice. Without it the runner ends when its stdin is closed."""
 
     token: str = Field(repr=False)
@@ -50,13 +50,13 @@ class Practice(Message):
     trial: str
 
 
-class Drive(Message):
+class DriveJob(Message):
     """Drive an evaluation to its end, from wherever it is."""
 
     task: Literal["drive"] = "drive"
     model: Path
     sha256: str
-    place: Place
+    sandbox: SandboxAddress
     url: str
     token: str = Field(repr=False)
     """Token that is good for this evaluation alone; it is in no log."""
@@ -107,9 +107,9 @@ class Driven(Message):
     event: Literal["driven"] = "driven"
 
 
-Job = Annotated[Check | Drive, Field(discriminator="task")]
+Job = Annotated[CheckJob | DriveJob, Field(discriminator="task")]
 Event = Annotated[Described | Passed | Refused | Progressed | Driven, Field(discriminator="event")]
-JOB: TypeAdapter[Check | Drive] = TypeAdapter(Job)
+JOB: TypeAdapter[CheckJob | DriveJob] = TypeAdapter(Job)
 """Reads the first line of a runner's stdin."""
 EVENT: TypeAdapter[Described | Passed | Refused | Progressed | Driven] = TypeAdapter(Event)
 """Reads a line of a runner's stdout."""

@@ -12,18 +12,11 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from wrongturn_protocol import Action, Track
-from wrongturn_protocol.model_contract import (
-    ContractError,
-    ModelContract,
-    ModelSignature,
-    TensorSpec,
-    contract_of,
-)
+from wrongturn_protocol.model_contract import ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
 from wrongturn_protocol.observations import Observation
-from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError
-from wrongturn_runner.messages import Check, Drive
+from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError, plain
+from wrongturn_runner.messages import CheckJob, DriveJob
 from wrongturn_runner.pace import LOAD_S, Pace
-from wrongturn_runner.plain_text import plain
 from wrongturn_sandbox.errors import ModelRefusedError, SandboxBusyError, SandboxLostError, SandboxUnavailableError
 from wrongturn_sandbox.host import Sandbox, open_sandbox
 from wrongturn_sandbox.messages import Description, Limits
@@ -45,8 +38,6 @@ class SandboxedModel:
         """One line about its inputs, outputs and size."""
         self.about = plain(description.metadata.get("description", ""), _LONGEST_ABOUT) or None
         """What its metadata says of the agent."""
-        self.trained_on_faults = contract.trained_on_faults
-        """Whether its metadata says that the agent met wrong commands in its training."""
         self._idle: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
         for sandbox in sandboxes:
             self._idle.put(sandbox)
@@ -72,12 +63,6 @@ class EpisodePolicy:
     """Drives one episode with a model, and holds the model's state between its steps."""
 
     def __init__(self, model: SandboxedModel, pace: Pace) -> None:
-        """Begin without an episode.
-
-        Args:
-            model: Decides on the actions.
-            pace: Takes the time of each step.
-        """
         self._model = model
         self._pace = pace
         self._step = 0
@@ -109,7 +94,7 @@ class EpisodePolicy:
 
 @contextlib.contextmanager
 def sandboxed_model(
-    job: Check | Drive,
+    job: CheckJob | DriveJob,
     *,
     step_s: float,
     tracks: Collection[Track] | None = None,
@@ -119,7 +104,7 @@ def sandboxed_model(
     """Load a job's model in sandboxes for the ``with`` block.
 
     Args:
-        job: Names the model and the place of its sandboxes.
+        job: Names the model and its sandboxes.
         step_s: Longest step, seconds.
         tracks: Tracks that it may drive in; None for any.
         agent_track: Track of the agent that it has to drive as; None if there is no agent yet.
@@ -130,13 +115,13 @@ def sandboxed_model(
         RunnerFailedError: The file is damaged, or there is no sandbox.
     """
     data = _read(job.model, job.sha256)
-    limits = Limits(memory=job.place.memory, load_s=LOAD_S, step_s=step_s)
+    limits = Limits(memory=job.sandbox.memory, load_s=LOAD_S, step_s=step_s)
     with contextlib.ExitStack() as stack:
         with _explained():
-            loaded = [stack.enter_context(_first_sandbox(job.place.socket, limits))]
+            loaded = [stack.enter_context(_first_sandbox(job.sandbox.socket, limits))]
             with contextlib.suppress(SandboxBusyError):  # fewer are slower, but do
                 for _ in range(sandboxes - 1):
-                    loaded.append(stack.enter_context(open_sandbox(job.place.socket, limits)))  # noqa: PERF401
+                    loaded.append(stack.enter_context(open_sandbox(job.sandbox.socket, limits)))  # noqa: PERF401
             descriptions = [sandbox.load(data) for sandbox in loaded]
             del data
             contract = contract_of(_signature(descriptions[0]), tracks, agent_track)

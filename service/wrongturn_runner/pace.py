@@ -27,27 +27,22 @@ class Pace:
     """Time that a model took for its steps; it refuses a model that takes too long. Threads may share it."""
 
     def __init__(self, average_s: float, steps: int = _STEPS) -> None:
-        """Begin without a step.
-
-        Args:
-            average_s: Seconds that a step may take on average.
-            steps: Steps before the average counts. Until then, the time of that many steps is the limit.
-        """
+        """Allow a step ``average_s`` on average. Before so many steps, the time of that many steps is the limit."""
         self._average_s = average_s
         self._least = steps
+        self.steps_s: list[float] = []
+        """Seconds of the first steps, as many as count at least."""
         self._taken_s = 0.0
         self._steps = 0
         self._lock = threading.Lock()
 
     def add(self, seconds: float) -> None:
-        """Add a step.
-
-        Raises:
-            ModelAtFaultError: The model is too slow.
-        """
+        """Add a step. Raises ModelAtFaultError if the model is too slow."""
         with self._lock:
             self._steps += 1
             self._taken_s += seconds
+            if self._steps <= self._least:
+                self.steps_s.append(seconds)
             steps, taken_s = self._steps, self._taken_s
         if taken_s > self._average_s * max(steps, self._least):
             raise ModelAtFaultError(

@@ -37,11 +37,7 @@ def environment() -> dict[str, str]:
 
 
 def program() -> str:
-    """Return the path of bubblewrap.
-
-    Raises:
-        SandboxUnavailableError: It is not installed.
-    """
+    """Return the path of bubblewrap. Raises SandboxUnavailableError if it is not installed."""
     found = shutil.which("bwrap")
     if found is None:
         raise SandboxUnavailableError(f"bubblewrap is missing; {_INSTALL}")
@@ -49,11 +45,7 @@ def program() -> str:
 
 
 def version() -> str:
-    """Return bubblewrap's name and version: ``bubblewrap 0.8.0``.
-
-    Raises:
-        SandboxUnavailableError: It is not installed, or does not run.
-    """
+    """Return bubblewrap's name and version: ``bubblewrap 0.8.0``. Raises SandboxUnavailableError."""
     try:
         told = subprocess.run([program(), "--version"], capture_output=True, text=True, check=True, timeout=10)  # noqa: S603
     except (OSError, subprocess.SubprocessError) as error:
@@ -62,14 +54,7 @@ def version() -> str:
 
 
 def command(python_arguments: list[str]) -> list[str]:
-    """Return the command line that runs Python inside a sandbox.
-
-    Args:
-        python_arguments: Arguments of the interpreter.
-
-    Raises:
-        SandboxUnavailableError: Something that it needs is missing.
-    """
+    """Return the command line that runs Python inside a sandbox. Raises SandboxUnavailableError."""
     linker, libraries = shared_libraries()
     python = f"{_PYTHON}/bin/{interpreter().name}"
     folders = {f"{_PYTHON}/{place}": path for place, path in standard_library().items()}
@@ -93,12 +78,9 @@ def command(python_arguments: list[str]) -> list[str]:
 
 
 class Bubblewrap:
-    """A guest under bubblewrap.
+    """A guest under bubblewrap. Raises SandboxUnavailableError if something that it needs is missing.
 
     The kernel ends it together with the thread that starts it. So start it in one that lives as long.
-
-    Raises:
-        SandboxUnavailableError: Bubblewrap or something else that it needs is missing.
     """
 
     def __init__(self) -> None:

@@ -1,7 +1,7 @@
 """Checks a model's file by reading it alone. onnxruntime sees only what passes."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from onnx import AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto, ValueInfoProto
@@ -9,7 +9,6 @@ from onnx import AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto,
 from wrongturn_sandbox import rules
 from wrongturn_sandbox.errors import ModelRefusedError
 from wrongturn_sandbox.operators import CONTROL_FLOW, DOMAINS, OPERATORS, RANDOM
-from wrongturn_sandbox.tensors import check_dimensions, check_tensor, check_type
 
 _OTHER_FILES: Final = (
     (b"PK", "a zip archive, as Stable-Baselines3 and PyTorch write them; export the model to ONNX first"),
@@ -21,15 +20,17 @@ _OTHER_FILES: Final = (
 )
 _GRAPHS: Final = frozenset({AttributeProto.GRAPH, AttributeProto.GRAPHS})
 _NUMBERS: Final = {
-    AttributeProto.FLOAT,
-    AttributeProto.INT,
-    AttributeProto.STRING,
-    AttributeProto.TENSOR,
-    AttributeProto.FLOATS,
-    AttributeProto.INTS,
-    AttributeProto.STRINGS,
-    AttributeProto.TENSORS,
+    AttributeProto.AttributeType.Value(name)
+    for name in ("FLOAT", "INT", "STRING", "TENSOR", "FLOATS", "INTS", "STRINGS", "TENSORS")
 }
+_TYPES_OF: Final = {
+    1: ("BOOL", "INT8", "UINT8"),
+    2: ("INT16", "UINT16", "FLOAT16", "BFLOAT16"),
+    4: ("INT32", "UINT32", "FLOAT"),
+    8: ("INT64", "UINT64", "DOUBLE"),
+}
+_ITEM_BYTES: Final = {TensorProto.DataType.Value(name): size for size, names in _TYPES_OF.items() for name in names}
+"""Bytes of one element, for each type that is allowed."""
 
 
 def check(content: bytes | bytearray) -> ModelProto:
@@ -38,9 +39,6 @@ def check(content: bytes | bytearray) -> ModelProto:
     Write it anew for onnxruntime: then nothing that this reader does not know is left in it, and two readers cannot
     see two different models.
 
-    Args:
-        content: The file's bytes.
-
     Raises:
         ModelRefusedError: The file is no model, or breaks a rule.
     """
@@ -48,7 +46,7 @@ def check(content: bytes | bytearray) -> ModelProto:
     _check_versions(model)
     if len(model.functions):
         raise ModelRefusedError(
-            "the model holds functions of its own; write them into the graph by onnx.inliner.inline_local_functions",
+            "the model holds functions of its own; write them into the graph by onnx.inliner.inline_local_functions"
         )
     if len(model.training_info):
         raise ModelRefusedError("the model holds training information; export it for inference")
@@ -101,7 +99,7 @@ def _parse(content: bytes | bytearray) -> ModelProto:
 def _check_versions(model: ModelProto) -> None:
     if model.ir_version not in rules.IR_VERSIONS:
         raise ModelRefusedError(
-            f"IR version {model.ir_version} is not read here; use {rules.IR_VERSIONS[0]} to {rules.IR_VERSIONS[-1]}",
+            f"IR version {model.ir_version} is not read here; use {rules.IR_VERSIONS[0]} to {rules.IR_VERSIONS[-1]}"
         )
     if len(model.opset_import) > 64:
         raise ModelRefusedError("the model names more than 64 sets of operators")
@@ -110,7 +108,7 @@ def _check_versions(model: ModelProto) -> None:
         raise ModelRefusedError("the model must name exactly one version of ONNX's default operators (opset)")
     if versions[0] not in rules.OPSETS:
         raise ModelRefusedError(
-            f"opset {versions[0]} is not read here; export with opset {rules.OPSETS[0]} to {rules.OPSETS[-1]}",
+            f"opset {versions[0]} is not read here; export with opset {rules.OPSETS[0]} to {rules.OPSETS[-1]}"
         )
 
 
@@ -137,7 +135,7 @@ def _check_graph(graph: GraphProto) -> int:
             raise ModelRefusedError(f"the graph has {found} {what}; at most {most} are allowed")
     if len(graph.sparse_initializer):
         raise ModelRefusedError("the graph holds sparse initialisers; store them as ordinary ones")
-    parameters = sum(check_tensor(tensor, "initialiser") for tensor in graph.initializer)
+    parameters = sum(_check_tensor(tensor, "initialiser") for tensor in graph.initializer)
     constants = {tensor.name for tensor in graph.initializer}
     _check_values(graph, constants)
     tensors = 0
@@ -170,8 +168,8 @@ def _check_values(graph: GraphProto, constants: set[str]) -> None:
         if kind != "tensor_type":
             raise ModelRefusedError(f"{where}: it is no tensor; sequences, maps and optional values are not allowed")
         tensor = value.type.tensor_type
-        check_type(tensor.elem_type, where)
-        check_dimensions([dimension.dim_value for dimension in tensor.shape.dim], most, where, free=True)
+        _check_type(tensor.elem_type, where)
+        _check_dimensions([dimension.dim_value for dimension in tensor.shape.dim], most, where, free=True)
     for puts, what in ((graph.input, "inputs"), (graph.output, "outputs")):
         names = [put.name for put in puts]
         if len(set(names)) != len(names):
@@ -184,13 +182,13 @@ def _check_node(node: NodeProto) -> tuple[int, int]:
     operator = node.op_type
     if node.domain not in DOMAINS:
         raise ModelRefusedError(
-            f"{where}: its domain {_shown(node.domain)} is not allowed; use ONNX's own operators alone",
+            f"{where}: its domain {_shown(node.domain)} is not allowed; use ONNX's own operators alone"
         )
     if operator not in OPERATORS:
         why = "this operator is"
         if operator in CONTROL_FLOW or operator in RANDOM:
             why = "control flow is" if operator in CONTROL_FLOW else "random numbers are"
-        raise ModelRefusedError(f"{where}: {why} not allowed; docs/sandbox.md lists the operators that are")
+        raise ModelRefusedError(f"{where}: {why} not allowed; docs/models.md lists the operators that are")
     if len(node.input) > rules.PORTS_MOST or len(node.output) > rules.PORTS_MOST:
         raise ModelRefusedError(f"{where}: more than {rules.PORTS_MOST} inputs or outputs")
     if len(node.attribute) > rules.ATTRIBUTES_MOST:
@@ -223,7 +221,65 @@ def _check_attribute(attribute: AttributeProto, where: str) -> tuple[int, int]:
     if length > rules.ATTRIBUTE_LENGTH_MOST:
         raise ModelRefusedError(f"{where}: attribute {name} is too long; at most {rules.ATTRIBUTE_LENGTH_MOST} numbers")
     tensors = [*([attribute.t] if attribute.HasField("t") else ()), *attribute.tensors]
-    return len(tensors), sum(check_tensor(tensor, f"{where}: attribute {name}") for tensor in tensors)
+    return len(tensors), sum(_check_tensor(tensor, f"{where}: attribute {name}") for tensor in tensors)
+
+
+def _check_tensor(tensor: TensorProto, where: str) -> int:
+    """Check that a tensor lies in the file, as a type that is allowed, in full. Return how many elements it has."""
+    where = f"{where} {tensor.name[:64]!r}" if tensor.name else where
+    if tensor.data_location != TensorProto.DEFAULT or len(tensor.external_data):
+        raise ModelRefusedError(
+            f"{where}: its data lie in another file; store them in the model itself "
+            "(onnx.save with save_as_external_data=False)",
+        )
+    if tensor.HasField("segment"):
+        raise ModelRefusedError(f"{where}: it is stored in segments, which is not allowed")
+    _check_type(tensor.data_type, where)
+    elements = _check_dimensions(tensor.dims, rules.PARAMETERS_MOST, where)
+    if tensor.HasField("raw_data"):
+        held, item = len(tensor.raw_data), _ITEM_BYTES[tensor.data_type]
+        fits = held == elements * item and not _typed(tensor)
+    else:
+        fits = _typed(tensor) == elements
+    if not fits:
+        raise ModelRefusedError(f"{where}: its data do not have the length that its shape {list(tensor.dims)} asks for")
+    return elements
+
+
+def _check_type(code: int, where: str) -> None:
+    if code == TensorProto.STRING:
+        raise ModelRefusedError(f"{where}: string tensors are not allowed")
+    if code not in _ITEM_BYTES:
+        raise ModelRefusedError(f"{where}: elements of type {code} are not allowed; use ordinary numbers")
+
+
+def _check_dimensions(lengths: Sequence[int], most: int, where: str, *, free: bool = False) -> int:
+    """Check a shape, and return how many elements it has; Python's numbers do not overflow.
+
+    With ``free``, a length of 0 means any, and counts as 1.
+    """
+    if len(lengths) > rules.AXES_MOST:
+        raise ModelRefusedError(f"{where}: {len(lengths)} axes; at most {rules.AXES_MOST} are allowed")
+    if any(length < 0 for length in lengths):
+        raise ModelRefusedError(f"{where}: a negative length in its shape")
+    elements = math.prod(length or 1 for length in lengths) if free else math.prod(lengths)
+    largest = max(lengths, default=0)
+    if elements > most or largest > most:
+        raise ModelRefusedError(f"{where}: a shape of {elements} elements; at most {most} are allowed")
+    return elements
+
+
+def _typed(tensor: TensorProto) -> int:
+    """Return how many elements lie in the fields for one type each."""
+    if len(tensor.string_data):
+        raise ModelRefusedError("string tensors are not allowed")
+    return (
+        len(tensor.float_data)
+        + len(tensor.int32_data)
+        + len(tensor.int64_data)
+        + len(tensor.double_data)
+        + len(tensor.uint64_data)
+    )
 
 
 def _check_order(graph: GraphProto, constants: set[str]) -> None:
@@ -250,7 +306,7 @@ def _check_names(names: Iterable[str]) -> None:
     for name in names:
         if len(name) > rules.NAME_MOST or not name.isprintable():
             raise ModelRefusedError(
-                f"the name {_shown(name)} is too long or not printable; use at most {rules.NAME_MOST} characters",
+                f"the name {_shown(name)} is too long or not printable; use at most {rules.NAME_MOST} characters"
             )
 
 

@@ -33,8 +33,7 @@ getpid gettid getrusage times getcpu sched_getaffinity sysinfo uname
 def confine() -> None:
     """Forbid all system calls but those of computing, new privileges, core dumps and other processes' looks.
 
-    Raises:
-        OSError: The kernel refuses, or libseccomp is missing.
+    Raises OSError if the kernel refuses, or libseccomp is missing.
     """
     filter_ = _filter()
     _prctl(_PR_SET_DUMPABLE, 0)
@@ -71,11 +70,7 @@ def end_with_parent() -> None:
 
 
 def load_seccomp() -> Any:
-    """Return the module pyseccomp.
-
-    Raises:
-        OSError: libseccomp is missing.
-    """
+    """Return the module pyseccomp. Raises OSError if libseccomp is missing."""
     find = ctypes.util.find_library
     ctypes.util.find_library = _find_seccomp  # the real one starts programs to search
     try:

@@ -37,12 +37,7 @@ class DeadlineError(Exception):
 
 
 def send(connection: socket.socket, payload: bytes | bytearray | memoryview, deadline: float = math.inf) -> None:
-    """Send a frame.
-
-    Args:
-        connection: Connected stream socket.
-        payload: The frame's content.
-        deadline: When to give up, by ``time.monotonic()``.
+    """Send a frame, by a deadline of ``time.monotonic()``.
 
     Raises:
         DeadlineError: The other side did not take it in time.
@@ -62,12 +57,7 @@ def send(connection: socket.socket, payload: bytes | bytearray | memoryview, dea
 
 
 def receive(connection: socket.socket, most: int, deadline: float = math.inf) -> bytearray | None:
-    """Return a frame's content, or None when the other side has closed the connection.
-
-    Args:
-        connection: Connected stream socket.
-        most: Most bytes to take.
-        deadline: When to give up, by ``time.monotonic()``.
+    """Return a frame's content of at most so many bytes, or None when the other side has closed the connection.
 
     Raises:
         DeadlineError: The frame did not come in time.
@@ -122,11 +112,7 @@ def packed(message: object) -> bytes:
 
 
 def unpacked(content: bytes | bytearray) -> Any:
-    """Return a message of msgpack.
-
-    Raises:
-        FrameError: It is no msgpack.
-    """
+    """Return a message of msgpack. Raises FrameError if it is none."""
     try:
         return msgpack.unpackb(content, strict_map_key=True, ext_hook=_no_extension)
     except Exception as error:  # msgpack raises many classes, ValueError and its own among them

@@ -13,11 +13,7 @@ from wrongturn_sandbox.reasons import out_of_memory, printable
 
 
 def serve(descriptor: int) -> None:
-    """Serve the host at the other end of a socket until it closes it, then end this process.
-
-    Args:
-        descriptor: The socket's file descriptor.
-    """
+    """Serve the host at the other end of a socket, given by its file descriptor, then end this process."""
     end_with_parent()
     connection = socket.socket(fileno=descriptor)
     content = receive(connection, CALL_MOST)

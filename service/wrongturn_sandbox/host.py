@@ -1,10 +1,10 @@
 """The trusted side of a sandbox: opens one, hands it a model and observations, and distrusts what it says."""
 
 import contextlib
+import socket
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, NoReturn, Self
 
 from numpy.typing import NDArray
@@ -25,10 +25,40 @@ from wrongturn_sandbox.frames import (
     unpacked,
 )
 from wrongturn_sandbox.messages import Description, Limits, pack_arrays, read_arrays, read_description, read_reply
-from wrongturn_sandbox.remote import Remote
 
 START_S: Final = 60.0
 """Seconds that a sandbox may take to start. It takes half a second on a quiet machine."""
+
+
+class Remote:
+    """A guest behind a listener's socket. Raises SandboxUnavailableError if nobody listens there."""
+
+    def __init__(self, path: Path) -> None:
+        self.connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self.pid: int | None = None
+        self._path = path
+        try:
+            self.connection.settimeout(5)
+            self.connection.connect(str(path))
+        except OSError as error:
+            self.connection.close()
+            raise SandboxUnavailableError(
+                f"the runner container cannot be reached at {path} ({error.strerror or error}); start it, and check "
+                "that service and container share the socket's volume and its group",
+            ) from None
+
+    def why_not(self) -> str:
+        """Return why the guest did not start, for an operator."""
+        self.close()
+        return f"the runner container at {self._path} closed the connection at once; look at its log"
+
+    def status(self) -> int | None:
+        """Return None: nobody said how the guest ended."""
+        return None
+
+    def close(self) -> None:
+        """End the guest now: the listener does so when the connection is closed."""
+        self.connection.close()
 
 
 class Sandbox:
@@ -38,8 +68,8 @@ class Sandbox:
     that thread ends.
     """
 
-    def __init__(self, place: Bubblewrap | Remote, limits: Limits) -> None:
-        self._place = place
+    def __init__(self, guest: Bubblewrap | Remote, limits: Limits) -> None:
+        self._guest = guest
         self._limits = limits
         self.runtime = ""
         """Names and versions of the guest's libraries: ``onnxruntime 1.31.1, onnx 1.23.2``."""
@@ -47,13 +77,10 @@ class Sandbox:
     @property
     def pid(self) -> int | None:
         """Process id of bubblewrap, or None in a runner container."""
-        return self._place.pid
+        return self._guest.pid
 
     def load(self, model: bytes | bytearray | memoryview) -> Description:
-        """Check and load a model. Call it once.
-
-        Args:
-            model: The file's bytes.
+        """Check and load a model's file. Call it once.
 
         Raises:
             ModelRefusedError: The model is at fault.
@@ -74,10 +101,7 @@ class Sandbox:
             raise self._refused(_nonsense(error)) from None
 
     def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        """Return the model's outputs for one step's inputs, by name.
-
-        Args:
-            inputs: An array for each input, with the batch axis.
+        """Return the model's outputs for one step's inputs, by name. Each array has the batch axis.
 
         Raises:
             ModelRefusedError: The model is at fault.
@@ -94,34 +118,25 @@ class Sandbox:
 
     def close(self) -> None:
         """End the sandbox. Safe to call more than once."""
-        self._place.close()
+        self._guest.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def begin(self) -> None:
-        """Tell the guest its limits, and wait until it is ready.
-
-        Raises:
-            SandboxUnavailableError: It does not get ready.
-        """
+        """Tell the guest its limits, and wait until it is ready. Raises SandboxUnavailableError."""
         limits = self._limits
         deadline = time.monotonic() + START_S
         begin = {"begin": VERSION, "memory": limits.memory, "load_s": limits.load_s, "step_s": limits.step_s}
         with contextlib.suppress(OSError, DeadlineError):  # it may have said why it takes nothing
-            send(self._place.connection, packed(begin), deadline)
+            send(self._guest.connection, packed(begin), deadline)
         kind: str = ""
         said: Any = None
         try:
-            content = receive(self._place.connection, REPLY_MOST, deadline)
+            content = receive(self._guest.connection, REPLY_MOST, deadline)
             if content is not None:
                 kind, said = read_reply(unpacked(content))
         except DeadlineError:
@@ -136,13 +151,13 @@ class Sandbox:
             self.close()
             raise SandboxUnavailableError(f"the sandbox does not start: {reasons.printable(said)}")
         if kind != "ready" or said.get("ready") != VERSION:
-            why = self._place.why_not()
+            why = self._guest.why_not()
             self.close()
             raise SandboxUnavailableError(why)
         self.runtime = reasons.printable(said.get("runtime"))
 
     def _call(self, frames: tuple[bytes | bytearray | memoryview, ...], wanted: str, deadline: float, late: str) -> Any:
-        connection = self._place.connection
+        connection = self._guest.connection
         if connection.fileno() < 0:
             raise SandboxLostError("the sandbox is closed; open another one")
         try:
@@ -168,7 +183,7 @@ class Sandbox:
         raise self._refused(_nonsense(f"{kind} instead of {wanted}"))
 
     def _ended(self, said: object) -> NoReturn:
-        status = said if type(said) is int else self._place.status()
+        status = said if type(said) is int else self._guest.status()
         self.close()
         why = reasons.ending(status, self._limits)
         if why is None:
@@ -180,18 +195,18 @@ class Sandbox:
         return ModelRefusedError(reason)
 
 
-def open_sandbox(socket: Path | None, limits: Limits) -> Sandbox:
+def open_sandbox(path: Path | None, limits: Limits) -> Sandbox:
     """Open a sandbox that is ready to take a model.
 
     Args:
-        socket: Unix socket of a runner container, or None for bubblewrap on this machine.
+        path: Unix socket of a runner container, or None for bubblewrap on this machine.
         limits: What the model may use.
 
     Raises:
         SandboxBusyError: All sandboxes of the runner container are taken.
         SandboxUnavailableError: None can be opened; the message says why, and what the operator can do.
     """
-    sandbox = Sandbox(Bubblewrap() if socket is None else Remote(socket), limits)
+    sandbox = Sandbox(Bubblewrap() if path is None else Remote(path), limits)
     try:
         sandbox.begin()
     except BaseException:
@@ -200,20 +215,14 @@ def open_sandbox(socket: Path | None, limits: Limits) -> Sandbox:
     return sandbox
 
 
-def probe(socket: Path | None) -> str:
-    """Open a sandbox, close it again, and return what it is: ``bubblewrap 0.8.0 (…)`` or ``runner container (…)``.
+def probe(path: Path | None) -> str:
+    """Open a sandbox as :func:`open_sandbox`, close it, and return what it is: ``bubblewrap 0.8.0 (…)``.
 
     A container whose sandboxes are all taken works, and says so.
-
-    Args:
-        socket: Unix socket of a runner container, or None for bubblewrap on this machine.
-
-    Raises:
-        SandboxUnavailableError: None can be opened; the message says why, and what the operator can do.
     """
     try:
-        with open_sandbox(socket, Limits(memory=1 << 28)) as sandbox:
-            name = bubblewrap.version() if socket is None else "runner container"
+        with open_sandbox(path, Limits(memory=1 << 28)) as sandbox:
+            name = bubblewrap.version() if path is None else "runner container"
             return f"{name} ({sandbox.runtime})"
     except SandboxBusyError as error:
         return f"runner container ({error})"

@@ -51,8 +51,7 @@ def standard_library() -> dict[str, Path]:
 def packages() -> dict[str, Path]:
     """Return where each file or folder of the packages is, by its place below one folder.
 
-    Raises:
-        SandboxUnavailableError: A package is not installed.
+    Raises SandboxUnavailableError if a package is not installed.
     """
     found: dict[str, Path] = {}
     for name in PACKAGES:
@@ -63,7 +62,7 @@ def packages() -> dict[str, Path]:
             spec = None
         if spec is None:
             raise SandboxUnavailableError(
-                f"Python package {name.partition('.')[0]} is missing; install the service's requirements again",
+                f"Python package {name.partition('.')[0]} is missing; install the service's requirements again"
             )
         if spec.submodule_search_locations:
             folder = Path(next(iter(spec.submodule_search_locations)))

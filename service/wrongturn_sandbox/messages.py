@@ -67,25 +67,18 @@ class Description:
     """What the guest says about a model that it has loaded."""
 
     inputs: tuple[TensorInfo, ...]
-    """What the model takes."""
     outputs: tuple[TensorInfo, ...]
-    """What the model gives."""
     opset: int
     """Version of the default operators."""
     metadata: Mapping[str, str]
     """The file's own words about itself."""
     nodes: int
-    """Nodes of the graph."""
     parameters: int
-    """Numbers in the graph's constants."""
+    """Numbers in the graph's initialisers."""
 
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    """Return arrays as plain values.
-
-    Raises:
-        ValueError: An array's type or number of axes is not one that goes in or out.
-    """
+    """Return arrays as plain values. Raises ValueError for a type or a number of axes that does not go in or out."""
     for name, array in arrays.items():
         if array.dtype.name not in DTYPES or array.ndim > RANK_MOST:
             raise ValueError(f"{name}: {array.dtype.name} with {array.ndim} axes")
@@ -93,11 +86,7 @@ def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 
 def read_arrays(value: object) -> dict[str, NDArray[Any]]:
-    """Return arrays of what :func:`pack_arrays` made. Distrusts all of it.
-
-    Raises:
-        FrameError: It is something else.
-    """
+    """Return arrays of what :func:`pack_arrays` made. Distrusts all of it, and raises FrameError."""
     return {_text(name, NAME_MOST): _array(array) for name, array in _mapping(value, TENSORS_MOST).items()}
 
 
@@ -114,11 +103,7 @@ def pack_description(description: Description) -> dict[str, Any]:
 
 
 def read_description(value: object) -> Description:
-    """Return the description that :func:`pack_description` made plain. Distrusts all of it.
-
-    Raises:
-        FrameError: It is something else.
-    """
+    """Return the description that :func:`pack_description` made plain. Distrusts all of it, and raises FrameError."""
     said = _mapping(value, 6)
     if set(said) != {"inputs", "outputs", "opset", "metadata", "nodes", "parameters"}:
         raise FrameError("a description with other fields")
@@ -136,11 +121,7 @@ def read_description(value: object) -> Description:
 
 
 def read_reply(value: object) -> tuple[str, Any]:
-    """Return the one key of a reply, and its value.
-
-    Raises:
-        FrameError: It is something else.
-    """
+    """Return the one key of a reply, and its value. Raises FrameError."""
     said = _mapping(value, 2)
     kind = next(iter(said), None)
     if kind not in {"ready", "description", "outputs", "refused", "unavailable", "busy", "ended"}:

@@ -54,9 +54,7 @@ def too_slow_a_step(limits: Limits) -> str:
 def ending(status: int | None, limits: Limits) -> str | None:
     """Return why a guest is to blame for its end, or None when it was ended from outside.
 
-    Args:
-        status: Its exit status; negative for a signal; None where nobody knows.
-        limits: Its limits.
+    Its exit status is negative for a signal, and None where nobody knows.
     """
     if status is None:
         return None

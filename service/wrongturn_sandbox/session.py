@@ -26,11 +26,7 @@ _NO_MEMORY: Final = ("bad_alloc", "bad allocation", "Failed to allocate memory",
 
 
 class Session:
-    """A model that onnxruntime has loaded.
-
-    Raises:
-        ModelRefusedError: onnxruntime cannot load it, or an input or output has a type that no tensor here has.
-    """
+    """A model that onnxruntime has loaded. Raises ModelRefusedError if it cannot, or a port is no tensor of numbers."""
 
     def __init__(self, model: ModelProto, limits: Limits) -> None:
         self._limits = limits
@@ -40,21 +36,11 @@ class Session:
         content = model.SerializeToString()
         model.Clear()  # onnxruntime needs the memory now
         self._session = self._blamed(lambda: _open(content))
-        self.description = Description(
-            tuple(map(_info, self._session.get_inputs())),
-            tuple(map(_info, self._session.get_outputs())),
-            opset,
-            metadata,
-            nodes,
-            parameters,
-        )
+        inputs, outputs = (tuple(map(_info, puts())) for puts in (self._session.get_inputs, self._session.get_outputs))
+        self.description = Description(inputs, outputs, opset, metadata, nodes, parameters)
 
     def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        """Return the outputs of one step.
-
-        Raises:
-            ModelRefusedError: The model fails, or its outputs are too large.
-        """
+        """Return the outputs of one step. Raises ModelRefusedError if the model fails, or they are too large."""
         values = self._blamed(lambda: self._session.run(None, dict(inputs)))
         outputs = {
             tensor.name: np.asarray(value) for tensor, value in zip(self.description.outputs, values, strict=True)
@@ -62,7 +48,7 @@ class Session:
         size = sum(value.nbytes for value in outputs.values())
         if size > rules.OUTPUT_BYTES_MOST:
             raise ModelRefusedError(
-                f"the outputs of a step take {size} bytes; at most {rules.OUTPUT_BYTES_MOST} are allowed",
+                f"the outputs of a step take {size} bytes; at most {rules.OUTPUT_BYTES_MOST} are allowed"
             )
         return outputs
 

@@ -41,6 +41,7 @@ from wrongturn_service.storage.usage import Quota
 from wrongturn_service.submissions.availability import Availability
 from wrongturn_service.submissions.dispatcher import Dispatcher
 from wrongturn_service.submissions.files import ModelFiles
+from wrongturn_service.submissions.jobs import JobContext
 from wrongturn_service.submissions.operations import Submissions
 from wrongturn_service.submissions.runners import COMMAND
 from wrongturn_service.submissions.upload import Uploads
@@ -168,7 +169,9 @@ async def run_service(
         )
         stack.callback(uploads.close)
         availability = Availability(settings)
-        dispatcher = Dispatcher(settings, store, submissions, episodes, evaluations, availability, telemetry, runner)
+        dispatcher = Dispatcher(
+            JobContext(settings, store, submissions, episodes, evaluations, availability, telemetry, runner)
+        )
         stack.push_async_callback(dispatcher.stop)
         registrations = Registrations(store, settings, accounts)
         await registrations.prepare()

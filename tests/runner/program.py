@@ -14,20 +14,20 @@ from wrongturn_client import Client, LocalService
 from wrongturn_protocol import Track
 from wrongturn_runner.messages import (
     EVENT,
-    Check,
+    CheckJob,
     Described,
-    Drive,
+    DriveJob,
     Driven,
     Passed,
-    Place,
-    Practice,
+    PracticeJob,
     Progressed,
     Refused,
+    SandboxAddress,
 )
 
 Event = Described | Passed | Refused | Progressed | Driven
 COMMAND = (sys.executable, "-m", "wrongturn_runner")
-PLACE = Place(memory=2 << 30)
+SANDBOX = SandboxAddress(memory=2 << 30)
 SUITE = "smoke@2"
 
 
@@ -51,7 +51,7 @@ class Runner:
             assert stream is not None
             stream.close()
 
-    def tell(self, message: Check | Drive | Practice) -> None:
+    def tell(self, message: CheckJob | DriveJob | PracticeJob) -> None:
         assert self.process.stdin is not None
         self.process.stdin.write(message.model_dump_json().encode() + b"\n")
         self.process.stdin.flush()
@@ -87,17 +87,17 @@ def stored(folder: Path, model: bytes) -> dict[str, Any]:
     """Write a model and return the fields of a job that name it."""
     file = folder / "model.onnx"
     file.write_bytes(model)
-    return {"model": file, "sha256": hashlib.sha256(model).hexdigest(), "place": PLACE}
+    return {"model": file, "sha256": hashlib.sha256(model).hexdigest(), "sandbox": SANDBOX}
 
 
-def check_of(folder: Path, model: bytes, url: str, *tracks: Track) -> Check:
-    return Check(**stored(folder, model), tracks=tracks or (Track.CAMERA, Track.PRIVILEGED), url=url)
+def check_of(folder: Path, model: bytes, url: str, *tracks: Track) -> CheckJob:
+    return CheckJob(**stored(folder, model), tracks=tracks or (Track.CAMERA, Track.PRIVILEGED), url=url)
 
 
-def drive_of(folder: Path, model: bytes, service: LocalService) -> Drive:
+def drive_of(folder: Path, model: bytes, service: LocalService) -> DriveJob:
     """Begin an evaluation and return the job of driving it."""
     with Client(service.url) as client:
         token = client.register(f"driven {uuid.uuid4().hex[:8]}", Track.PRIVILEGED).token
     with Client(service.url, token) as client:
         evaluation = client.create_evaluation(SUITE).id
-    return Drive(**stored(folder, model), url=service.url, token=token, evaluation=evaluation, suite=SUITE)
+    return DriveJob(**stored(folder, model), url=service.url, token=token, evaluation=evaluation, suite=SUITE)

@@ -11,17 +11,17 @@ from small_models import forgetful, not_a_number_above, of_input, slow, steady
 
 from wrongturn_client import Client, LocalService
 from wrongturn_protocol import Track
-from wrongturn_runner.messages import Described, Passed, Practice, Refused
+from wrongturn_runner.messages import Described, Passed, PracticeJob, Refused
 
 pytestmark = pytest.mark.usefixtures("bubblewrap")
 
 SUITE = "smoke@2"
 
 
-def practice(service: LocalService, track: Track = Track.PRIVILEGED) -> Practice:
+def practice(service: LocalService, track: Track = Track.PRIVILEGED) -> PracticeJob:
     with Client(service.url) as client:
         token = client.register(f"checked {uuid.uuid4().hex[:8]}", track).token
-        return Practice(token=token, suite=SUITE, trial=client.trials(SUITE)[0].id)
+        return PracticeJob(token=token, suite=SUITE, trial=client.trials(SUITE)[0].id)
 
 
 def checked(folder: Path, service: LocalService, model: bytes, *tracks: Track) -> list[Event]:

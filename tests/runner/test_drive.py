@@ -13,14 +13,14 @@ from small_models import not_a_number_above, steady, wavering
 
 from wrongturn_client import Client, LocalService
 from wrongturn_protocol import EvaluationState
-from wrongturn_runner.messages import Drive, Driven, Progressed, Refused
+from wrongturn_runner.messages import DriveJob, Driven, Progressed, Refused
 
 pytestmark = pytest.mark.usefixtures("bubblewrap")
 
 TRIALS = 12
 
 
-def results(job: Drive) -> dict[str, tuple[str, str]]:
+def results(job: DriveJob) -> dict[str, tuple[str, str]]:
     """Return verdict and trajectory's SHA-256 of each trial of a finished evaluation."""
     with Client(job.url) as client:
         found = {}
@@ -33,7 +33,7 @@ def results(job: Drive) -> dict[str, tuple[str, str]]:
         return found
 
 
-def secret(job: Drive) -> str:
+def secret(job: DriveJob) -> str:
     with Client(job.url, job.token) as client:
         evaluation = client.evaluation(job.evaluation)
     assert evaluation.state is EvaluationState.FINISHED

@@ -9,7 +9,7 @@ from program import COMMAND, Runner, check_of, drive_of, stored
 from small_models import steady
 
 from wrongturn_client import LocalService
-from wrongturn_runner.messages import Described, Drive, Driven, Progressed
+from wrongturn_runner.messages import Described, DriveJob, Driven, Progressed
 
 pytestmark = pytest.mark.usefixtures("bubblewrap")
 
@@ -17,7 +17,7 @@ QUICK_S = 5.0
 """Far below any patience; a machine under load needs a part of it."""
 
 
-def driving(runner: Runner, job: Drive) -> list[psutil.Process]:
+def driving(runner: Runner, job: DriveJob) -> list[psutil.Process]:
     """Let a runner begin to drive, and return its sandboxes."""
     runner.tell(job)
     assert isinstance(runner.hear(), Progressed)
@@ -71,7 +71,7 @@ def test_it_ends_with_its_parent(tmp_path: Path, service: LocalService) -> None:
 
 
 def test_it_gives_up_where_nobody_answers(tmp_path: Path) -> None:
-    job = Drive(
+    job = DriveJob(
         **stored(tmp_path, steady()), url="http://127.0.0.1:9", token="none", evaluation="none", suite="smoke@2"
     )
     with Runner(tmp_path) as runner:

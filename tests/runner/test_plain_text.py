@@ -2,7 +2,7 @@
 
 import pytest
 
-from wrongturn_runner.plain_text import plain
+from wrongturn_runner.errors import plain
 
 
 @pytest.mark.parametrize(

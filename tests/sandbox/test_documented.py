@@ -1,4 +1,4 @@
-"""The documentation tells the rules that a model is checked by."""
+"""The page on models tells the contract, and the rules and limits that a model is checked by."""
 
 import re
 from pathlib import Path
@@ -6,18 +6,25 @@ from pathlib import Path
 import onnx
 import pytest
 
-from wrongturn_protocol.model_contract import MAX_STATE_BYTES, OPSETS
+from wrongturn_protocol.model_contract import CONTROLS, MAX_STATE_BYTES, OPSETS
+from wrongturn_runner.pace import CHECK_DEADLINE_S, CHECK_STEP_S, DRIVE_DEADLINE_S, DRIVE_STEP_S, LOAD_S
 from wrongturn_sandbox import rules
 from wrongturn_sandbox.operators import CONTROL_FLOW, GROUPS, OPERATORS, RANDOM
+from wrongturn_service.settings import Settings
 
-PAGE = (Path(__file__).parents[2] / "docs" / "sandbox.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "models.md").read_text(encoding="utf-8")
 MOSTS = sorted(name for name in vars(rules) if name.endswith("_MOST"))
+
+
+def row(name: str) -> str:
+    """Return the second column of a table's row."""
+    (found,) = re.findall(rf"^\| {re.escape(name)} \| (.*?) \|$", PAGE, re.MULTILINE)
+    return str(found)
 
 
 @pytest.mark.parametrize("kind", sorted(GROUPS))
 def test_every_operator_is_listed_under_its_kind(kind: str) -> None:
-    (row,) = re.findall(rf"^\| {kind} \| (.*) \|$", PAGE, re.MULTILINE)
-    assert set(re.findall(r"`(\w+)`", row)) == GROUPS[kind]
+    assert set(re.findall(r"`(\w+)`", row(kind))) == GROUPS[kind]
 
 
 @pytest.mark.parametrize("name", MOSTS)
@@ -25,11 +32,26 @@ def test_every_limit_is_told(name: str) -> None:
     assert f"| {getattr(rules, name):,} |" in PAGE
 
 
-def test_versions_are_told_and_are_the_contracts() -> None:
-    assert f"| IR version | {rules.IR_VERSIONS[0]} to {rules.IR_VERSIONS[-1]} |" in PAGE
-    assert f"| opset | {rules.OPSETS[0]} to {rules.OPSETS[-1]} of" in PAGE
+def test_the_versions_and_the_contracts_table() -> None:
+    assert row("IR version") == f"{rules.IR_VERSIONS[0]} to {rules.IR_VERSIONS[-1]}"
+    assert row("opset") == f"{OPSETS[0]} to {OPSETS[1]}, of ONNX's default domain"
     assert (rules.OPSETS[0], rules.OPSETS[-1]) == OPSETS
-    assert rules.OUTPUT_MOST * 4 >= MAX_STATE_BYTES
+    sets = "; or ".join(" and ".join(f"`{name}`" for name in names) for names in CONTROLS)
+    assert row("outputs").startswith(
+        "one of three sets: " + sets.replace("`steer` and `throttle`", "`steer`, `throttle`")
+    )
+    assert row("state").endswith("at most 1 MiB")
+    assert rules.OUTPUT_MOST * 4 >= MAX_STATE_BYTES == 1 << 20
+
+
+def test_the_limits_of_service_and_runner() -> None:
+    settings = Settings.model_fields
+    assert f"{settings['model_limit'].default:,} bytes (128 MiB)" in row("file")
+    assert f"{settings['model_memory'].default:,} bytes (2 GiB)" in row("memory")
+    assert row("time to load") == f"{LOAD_S:g} s"
+    check = f"{CHECK_DEADLINE_S:g} s, and {CHECK_STEP_S:g} s on average"
+    drive = f"{DRIVE_DEADLINE_S:g} s, and {DRIVE_STEP_S:g} s on average"
+    assert row("a step") == f"in the check {check}; in the drive {drive}"
 
 
 def test_the_allowed_operators_exist_and_hold_no_graph() -> None:

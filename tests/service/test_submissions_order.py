@@ -6,15 +6,21 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wrongturn_service.submissions.order import Waiting, in_turn, next_one
+from wrongturn_service.storage.models import SubmissionRow
+from wrongturn_service.submissions.order import in_turn, next_one
+
+
+def waiting(name: str, owner: str, seq: int) -> SubmissionRow:
+    return SubmissionRow(id=name, owner_id=owner, seq=seq)
+
 
 OWNERS = ["ann", "ben", "cid", "dan"]
 
 
 @st.composite
-def lines(draw: st.DrawFn, least: int = 0) -> list[Waiting]:
+def lines(draw: st.DrawFn, least: int = 0) -> list[SubmissionRow]:
     owners = draw(st.lists(st.sampled_from(OWNERS), min_size=least, max_size=30))
-    return [Waiting(f"s{seq}", owner, seq) for seq, owner in enumerate(owners, 1)]
+    return [waiting(f"s{seq}", owner, seq) for seq, owner in enumerate(owners, 1)]
 
 
 counts = st.dictionaries(st.sampled_from(OWNERS), st.integers(0, 5))
@@ -30,18 +36,18 @@ def test_nobody_is_next_where_none_waits() -> None:
 
 
 def test_of_one_owner_the_first_that_arrived_is_next() -> None:
-    line = [Waiting("b", "ann", 2), Waiting("a", "ann", 1), Waiting("c", "ann", 3)]
+    line = [waiting("b", "ann", 2), waiting("a", "ann", 1), waiting("c", "ann", 3)]
     assert [one.id for one in in_turn(line, [], {}, 1)] == ["a", "b", "c"]
 
 
 def test_an_owner_with_ten_does_not_keep_another_waiting() -> None:
-    line = [Waiting(f"a{seq}", "ann", seq) for seq in range(10)] + [Waiting("b", "ben", 10)]
+    line = [waiting(f"a{seq}", "ann", seq) for seq in range(10)] + [waiting("b", "ben", 10)]
     assert next_one(line, {"ann": 1}, {"ann": 1}) == line[-1]
     assert in_turn(line, ["ann"], {"ann": 1}, 1)[0].id == "b"
 
 
 def test_among_owners_with_as_many_running_the_one_served_longest_ago_is_next() -> None:
-    line = [Waiting("a", "ann", 1), Waiting("b", "ben", 2), Waiting("c", "cid", 3)]
+    line = [waiting("a", "ann", 1), waiting("b", "ben", 2), waiting("c", "cid", 3)]
     assert next_one(line, {}, {"ann": 9, "ben": 7, "cid": 8}) == line[1]
     assert next_one(line, {}, {"ann": 9, "ben": 7}) == line[2]  # never served
     assert next_one(line, {"cid": 1}, {"ann": 9, "ben": 7}) == line[1]
@@ -58,8 +64,8 @@ def test_the_next_does_not_depend_on_the_order_of_the_list(line, running, served
 def test_the_next_owner_has_the_fewest_and_its_first_submission_goes(line, running, served) -> None:
     chosen = next_one(line, running, served)
     assert chosen is not None
-    assert running.get(chosen.owner, 0) == min(running.get(one.owner, 0) for one in line)
-    assert chosen.seq == min(one.seq for one in line if one.owner == chosen.owner)
+    assert running.get(chosen.owner_id, 0) == min(running.get(one.owner_id, 0) for one in line)
+    assert chosen.seq == min(one.seq for one in line if one.owner_id == chosen.owner_id)
 
 
 @given(lines(), st.lists(st.sampled_from(OWNERS), max_size=4), turns, st.integers(1, 5))
@@ -67,22 +73,22 @@ def test_everybody_is_served_once_and_each_owner_in_the_order_of_arrival(line, r
     ordered = in_turn(line, running, served, slots)
     assert sorted(one.seq for one in ordered) == [one.seq for one in line]
     for owner in OWNERS:
-        own = [one.seq for one in ordered if one.owner == owner]
+        own = [one.seq for one in ordered if one.owner_id == owner]
         assert all(a < b for a, b in pairwise(own))
 
 
 @given(lines(), turns, st.integers(1, 5))
 def test_while_two_owners_wait_neither_gets_more_than_one_turn_ahead(line, served, slots) -> None:
     ordered = in_turn(line, [], served, slots)
-    left = Counter(one.owner for one in line)
+    left = Counter(one.owner_id for one in line)
     got: Counter[str] = Counter()
     for one in ordered:
-        got[one.owner] += 1
-        left[one.owner] -= 1
+        got[one.owner_id] += 1
+        left[one.owner_id] -= 1
         both = [owner for owner in OWNERS if left[owner]]
         for owner in both:
             # Whoever still waits has had as many turns as anybody else, or one less.
-            assert got[owner] >= got[one.owner] - 1
+            assert got[owner] >= got[one.owner_id] - 1
 
 
 @given(lines(least=1), st.lists(st.sampled_from(OWNERS), max_size=4), turns, st.integers(1, 5))
@@ -100,6 +106,6 @@ def test_the_whole_order_is_one_next_after_the_other(line, running, served, slot
         assert one is not None
         left.remove(one)
         expected.append(one)
-        turns_of[one.owner] = max(turns_of.values(), default=0) + 1
-        places.append(one.owner)
+        turns_of[one.owner_id] = max(turns_of.values(), default=0) + 1
+        places.append(one.owner_id)
     assert in_turn(line, running, served, slots) == expected

@@ -13,13 +13,22 @@ import pytest
 import structlog
 
 from wrongturn_protocol import Track
-from wrongturn_runner.messages import Check, Described, Drive, Passed, Place, Practice, Progressed, Refused
+from wrongturn_runner.messages import (
+    CheckJob,
+    Described,
+    DriveJob,
+    Passed,
+    PracticeJob,
+    Progressed,
+    Refused,
+    SandboxAddress,
+)
 from wrongturn_service.submissions.runners import Runner, RunnerLostError, runner
 
-JOB = Check(
+JOB = CheckJob(
     model=Path("/models/su_1.onnx"),
     sha256="0" * 64,
-    place=Place(memory=1 << 30),
+    sandbox=SandboxAddress(memory=1 << 30),
     tracks=(Track.CAMERA,),
     url="http://x",
 )
@@ -68,7 +77,7 @@ def test_a_runner_hears_its_job_and_its_practice() -> None:
             async for event in started.events():
                 told.append(event)
                 if isinstance(event, Described):
-                    await started.send(Practice(token="t", suite="smoke@2", trial="a"))
+                    await started.send(PracticeJob(token="t", suite="smoke@2", trial="a"))
         assert told == [
             Described(track=Track.CAMERA, description="check /models/su_1.onnx"),
             Passed(step_ms=(1.5, 2.5)),
@@ -190,10 +199,10 @@ def test_stderr_is_kept_for_the_operator_and_bounded() -> None:
 
 
 def test_a_drive_reaches_the_runner_as_it_is() -> None:
-    job = Drive(
+    job = DriveJob(
         model=Path("/m.onnx"),
         sha256="1" * 64,
-        place=Place(socket=Path("/run/s"), memory=1 << 30),
+        sandbox=SandboxAddress(socket=Path("/run/s"), memory=1 << 30),
         url="http://[::1]:8000",
         token="wt_x",
         evaluation="ev_1",
@@ -205,6 +214,6 @@ def test_a_drive_reaches_the_runner_as_it_is() -> None:
         async with runner(job, "su_1", (sys.executable, "-c", text)) as started:
             (event,) = [event async for event in started.events()]
             assert isinstance(event, Refused)
-            assert Drive.model_validate_json(event.reason) == job
+            assert DriveJob.model_validate_json(event.reason) == job
 
     asyncio.run(story())

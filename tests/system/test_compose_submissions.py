@@ -23,8 +23,11 @@ MODEL = ROOT / "agents/wrongturn_agents/weights/ppo-segmentation.onnx"
 pytestmark = [pytest.mark.soak, pytest.mark.system, pytest.mark.timeout(1800)]
 
 
-def blocks(page: str, language: str = "sh") -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", (ROOT / "docs" / page).read_text("utf-8"), re.DOTALL)
+MODEL_PAGE, _, CLASS_PAGE = (ROOT / "docs/submitting.md").read_text("utf-8").partition("\n## Run a class of your own")
+
+
+def blocks(page: str) -> list[str]:
+    return re.findall(r"```sh\n(.*?)```", page, re.DOTALL)
 
 
 def bash(script: str, folder: Path, **environment: str) -> str:
@@ -59,7 +62,7 @@ def wait_for(composed: Service, folder: Path, reached: Callable[[dict[str, Any]]
 def test_a_model_handed_in_by_curl_is_ranked(composed: Service, tmp_path: Path) -> None:
     """The page's blocks, from outside, as they stand."""
     shutil.copy(MODEL, tmp_path / "my_agent.onnx")
-    serve, *shown = blocks("submitting.md")
+    serve, *shown = blocks(MODEL_PAGE)
     assert serve == "wrongturn serve\n"
     bash("".join(shown).replace("http://127.0.0.1:8000", f"http://127.0.0.1:{composed.port}"), tmp_path)
     done = submission(composed, tmp_path)
@@ -137,7 +140,7 @@ def test_nothing_reaches_the_host_but_one_port_and_the_secrets(composed: Service
 
 def test_a_runner_that_is_killed_takes_no_submission_with_it(composed: Service, tmp_path: Path) -> None:
     shutil.copy(MODEL, tmp_path / "my_agent.onnx")
-    _, owner, hand_in, *_ = blocks("submitting.md")
+    _, owner, hand_in, *_ = blocks(MODEL_PAGE)
     begin = (owner + hand_in).replace("http://127.0.0.1:8000", f"http://127.0.0.1:{composed.port}")
     bash(begin.replace("our group", "unlucky group").replace("my-agent", "my-unlucky-agent"), tmp_path)
     wait_for(composed, tmp_path, lambda now: (now.get("finished") or 0) > 0)
@@ -174,7 +177,7 @@ print({
 
 def test_a_class_of_somebody_else_runs_with_its_owners_token(composed: Service, tmp_path: Path) -> None:
     """The page's blocks, but for the build of the image, which is there."""
-    register_owner, drive = blocks("containers.md")
+    register_owner, drive = blocks(CLASS_PAGE)
     bash(
         register_owner.replace("http://127.0.0.1:8000", f"http://127.0.0.1:{composed.port}").replace("our", "their"),
         tmp_path,

@@ -215,7 +215,7 @@ def test_an_agent_of_somebody_else_gets_its_owners_token_alone() -> None:
 
 
 def test_the_page_on_containers_shows_the_folders_module() -> None:
-    page = (ROOT / "docs/containers.md").read_text("utf-8")
+    page = (ROOT / "docs/submitting.md").read_text("utf-8")
     (shown,) = re.findall(r'```python title="my_agents.py"\n(.*?)```', page, re.DOTALL)
     assert shown == (DOCKER / "agent/my_agents.py").read_text("utf-8")
     made: dict[str, Any] = {}

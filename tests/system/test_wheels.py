@@ -96,6 +96,16 @@ def test_wrongturn_brings_every_part_and_every_extra() -> None:
     assert everything.extras == META["optional-dependencies"].keys() - {"all", "agents", "sim"}
 
 
+@pytest.mark.soak
+def test_wheels_are_built_without_the_large_environment(tmp_path: Path) -> None:
+    clone = tmp_path / "clone"
+    subprocess.run(["git", "clone", "-q", ROOT, clone], check=True)
+    subprocess.run([clone / "script/wheels", tmp_path / "dist", "networks", "."], check=True, capture_output=True)
+    assert len(list((tmp_path / "dist").glob("*.whl"))) == 2
+    assert not (clone / ".venv").exists()
+    assert sum(file.stat().st_size for file in (clone / ".venv-wheels").rglob("*") if file.is_file()) < 50_000_000
+
+
 def check_files(wheels: Wheels, name: str) -> None:
     """Check that a wheel has a part's files and no others, and that its sdist has what a wheel is built from."""
     packages: set[str] = set()

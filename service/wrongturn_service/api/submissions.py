@@ -107,13 +107,14 @@ async def hand_in(request: Request, service: ServiceDep, authorization: Authoriz
         if submitter.owner is None:
             raise ForbiddenError("the operator's token hands nothing in; send an owner's, or an agent's")
         headers = request.headers
-        length = headers.get("content-length", "")
+        said = headers.get("content-length", "")
+        length = int(said[:20]) if said.isdecimal() else None
         check_uncompressed(headers.getlist("content-encoding"))
         boundary = service.uploads.boundary(length, headers.get("content-type", ""))
         if key.value is None:
             # A repeat has to get its stored reply, even if there is no more room.
             await service.submissions.check_room(submitter.owner.id)
-            await service.store.check_room(submitter.owner.id, int(length[:20]) if length.isdecimal() else 0)
+            await service.store.check_room(submitter.owner.id, length or 0)
         await service.uploads.check_disk(length)
         submission = new_id("su")
         with service.uploads.one(submitter.owner.id, address_of(request)):

@@ -27,13 +27,10 @@ class NoSandboxError(Exception):
 
 
 def look_for(socket: Path | None) -> str:
-    """Return what the sandboxes are, such as ``bubblewrap 0.8.0``.
+    """Return what the sandboxes are, such as ``bubblewrap 0.8.0``. Raises NoSandboxError.
 
     Args:
         socket: Unix socket of a runner container, None for bubblewrap on this machine.
-
-    Raises:
-        NoSandboxError: There are none.
     """
     from wrongturn_sandbox import SandboxUnavailableError, probe  # noqa: PLC0415 - only where it is needed
 
@@ -47,12 +44,7 @@ class Availability:
     """Knows whether there are sandboxes, and looks again when that may have changed."""
 
     def __init__(self, settings: Settings, look: Callable[[], str] | None = None) -> None:
-        """Know nothing yet.
-
-        Args:
-            settings: Settings of the service.
-            look: Returns what the sandboxes are, or raises NoSandboxError. Default: :func:`look_for`.
-        """
+        """Know nothing yet. ``look`` takes the place of :func:`look_for`."""
         self._off = settings.submissions == 0
         self._comes_and_goes = settings.runner_socket is not None
         self._look = look or partial(look_for, settings.runner_socket)
@@ -110,11 +102,7 @@ class Availability:
             await self.look()
 
     async def check(self) -> None:
-        """Check that a submission can be taken. Looks again if there were no sandboxes.
-
-        Raises:
-            UnavailableError: There are none; the detail says why.
-        """
+        """Check that a submission can be taken. Raises UnavailableError, whose detail says why there is no sandbox."""
         stale = self._looked is None or time.monotonic() - self._looked >= _FRESH_S
         if not self.on and stale and not self._off:
             await self.look()

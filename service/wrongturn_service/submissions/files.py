@@ -82,19 +82,12 @@ class ModelFiles:
         self._part(submission_id).unlink(missing_ok=True)
 
     async def purge(self, rows: SubmissionStore, before: float) -> int:
-        """Delete models that nobody needs any more.
+        """Delete models that nobody needs, and return how many.
 
-        Those are models of submissions that were never driven, of those that were over before a time, and old ones
-        that no submission has.
+        Those are models of submissions that were never driven, of those that were over before a time (seconds since
+        1970), and old ones that no submission has.
 
         A model without a row is kept as long: the database may have been put back from a backup that is too old.
-
-        Args:
-            rows: The submissions.
-            before: Seconds since 1970.
-
-        Returns:
-            The number of deleted models.
         """
         written = {file.stem: file.stat().st_mtime for file in self.folder.glob("su_*.onnx")}
         known = {row.id: row for row in await rows.some(written)}

@@ -52,21 +52,11 @@ def boundary_of(content_type: str) -> bytes:
 
 
 class Form:
-    """A form that is being read.
-
-    Attributes:
-        size: Bytes of the model so far.
-    """
+    """A form that is being read. ``sink`` takes at most ``limit`` bytes of model; what it raises ends the reading."""
 
     def __init__(self, boundary: bytes, limit: int, sink: Callable[[bytes], None]) -> None:
-        """Read nothing yet.
-
-        Args:
-            boundary: The boundary.
-            limit: Largest model, bytes.
-            sink: Takes the model's bytes. What it raises ends the reading.
-        """
         self.size = 0
+        """Bytes of the model so far."""
         self._taken = 0
         self._limit = limit
         self._sink = sink
@@ -87,7 +77,7 @@ class Form:
                 "on_header_value": lambda data, start, end: self._add_header(1, data[start:end]),
                 "on_header_end": self._end_header,
                 "on_headers_finished": self._end_headers,
-                "on_end": self._end,
+                "on_end": lambda: setattr(self, "_ended", True),
             },
             max_header_count=_HEADERS,
             max_header_size=_HEADER_LIMIT,
@@ -173,9 +163,6 @@ class Form:
         value += data[start:end]
         if len(value) > FIELD_LIMIT:
             raise InvalidRequestError(self._field, f"is longer than {FIELD_LIMIT} bytes")
-
-    def _end(self) -> None:
-        self._ended = True
 
 
 def too_large(limit: int) -> ServiceError:

@@ -1,26 +1,41 @@
-"""What checks and drives of submissions have in common."""
+"""A submission's jobs: its check, then its drive, by one runner after the other until every episode is over."""
 
+import abc
 import asyncio
 import contextlib
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import ClassVar, Final
 
 import structlog
+from typing_extensions import override
 
-from wrongturn_protocol import SubmissionState
-from wrongturn_runner.messages import Place
-from wrongturn_service.episodes.evaluations import RunningEvaluations
+from wrongturn_protocol import Entry, EvaluationState, SubmissionState, Track
+from wrongturn_runner.messages import (
+    CheckJob,
+    Described,
+    DriveJob,
+    Driven,
+    Passed,
+    PracticeJob,
+    Progressed,
+    Refused,
+    SandboxAddress,
+)
+from wrongturn_service import catalogue
+from wrongturn_service.episodes.evaluations import RunningEvaluations, new_evaluation
 from wrongturn_service.episodes.manager import EpisodeManager
 from wrongturn_service.episodes.openings import PATIENCE_S
+from wrongturn_service.errors import ServiceError
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.models import SubmissionRow
 from wrongturn_service.storage.store import Store
+from wrongturn_service.storage.submissions import SubmissionOverError, SuiteBegunError
 from wrongturn_service.submissions.availability import Availability
-from wrongturn_service.submissions.errors import HaltedError, OverError, RefusedError
-from wrongturn_service.submissions.operations import NO_MODEL, Submissions
-from wrongturn_service.submissions.runners import NoRoomError, RunnerLostError
+from wrongturn_service.submissions.operations import NO_MODEL, OverError, RefusedError, Submissions
+from wrongturn_service.submissions.runners import HaltedError, NoRoomError, RunnerLostError, runner
 from wrongturn_service.telemetry import Telemetry
 
 ATTEMPTS: Final = 5
@@ -28,11 +43,21 @@ ATTEMPTS: Final = 5
 _FIRST_PAUSE_S: Final = 0.25
 _LONGEST_PAUSE_S: Final = 5.0
 _LOOK_S: Final = 3.0
+_LOAD_S: Final = 60.0
+"""Seconds until the model has to be described. The runner itself gives a model less; this is for runners that hang."""
+_PRACTICE_S: Final = 600.0
+"""Seconds for the practice, which may have to wait for a simulator."""
+_PARTS: Final = 10
+"""The log has a line for each tenth of the episodes."""
+_METRICS_PAUSE_S: Final = 5.0
+_PATIENCE_S: Final = 2.0
+"""Seconds to wait for a runner's resets at its end. The next runner waits longer; a stop or a cancellation does not."""
+_log = structlog.get_logger("submissions")
 
 
-@dataclass(frozen=True)
-class Means:
-    """Parts of the service that a job uses."""
+@dataclass
+class JobContext:
+    """Parts of the service that jobs use."""
 
     settings: Settings
     store: Store
@@ -43,93 +68,285 @@ class Means:
     telemetry: Telemetry
     command: Sequence[str]
     """Program of a runner."""
+    url: str = ""
+    """Where runners reach the service, once it listens."""
 
-    @property
-    def place(self) -> Place:
-        """Where the sandboxes are."""
-        return Place(socket=self.settings.runner_socket, memory=self.settings.model_memory)
 
-    def model(self, row: SubmissionRow) -> Path:
-        """Return the file with a submission's model. Raises RefusedError if it is gone."""
-        file = self.submissions.files.path(row.id)
+class Job(abc.ABC):
+    """A submission that is being checked or driven.
+
+    Attributes:
+        row: The submission.
+        halt: Tells the job to end. It is not cancelled, because that would cut its writes to the database short.
+        task: Does the work.
+    """
+
+    done: ClassVar[SubmissionState | None] = None
+    """State in which a submission ends whose job succeeded. None if it goes on."""
+    verb: ClassVar[str]
+
+    def __init__(self, context: JobContext, row: SubmissionRow) -> None:
+        self.row = row
+        self.halt = asyncio.Event()
+        self.task: asyncio.Task[None] | None = None
+        self._context = context
+        self._rows = context.submissions.rows
+        self._address = SandboxAddress(socket=context.settings.runner_socket, memory=context.settings.model_memory)
+
+    @abc.abstractmethod
+    async def run(self) -> None:
+        """Work until the submission is checked or driven.
+
+        Raises:
+            RefusedError: The model is at fault, no runner could do the work, or the evaluation cannot go on.
+            OverError: The submission was cancelled meanwhile.
+            HaltedError: The job was told to end.
+        """
+
+    async def pause(self, seconds: float) -> None:
+        """Wait some seconds. Raises HaltedError as soon as the job is told to end."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await self.halt.wait()
+        if self.halt.is_set():
+            raise HaltedError("the job has to end")
+
+    async def _tell(self, message: str, *, again: bool = True) -> None:
+        """Add a line to the submission's log, for its owner. Without ``again``, not if it is the last one already."""
+        lines = [] if again else await self._rows.log(self.row.id)
+        if not lines or lines[-1].message != message:
+            await self._rows.append_log(self.row.id, message)
+
+    def _model(self) -> Path:
+        """Return the file with the model. Raises RefusedError if it is gone."""
+        file = self._context.submissions.files.path(self.row.id)
         if not file.is_file():
             raise RefusedError(NO_MODEL)
         return file
 
-    async def tell(self, submission: str, message: str) -> None:
-        """Add a line to a submission's log, for its owner."""
-        await self.submissions.rows.append_log(submission, message)
-
-    async def _tell_once(self, submission: str, message: str) -> None:
-        """Add a line to a submission's log unless it is the last one: waiting can take long."""
-        lines = await self.submissions.rows.log(submission)
-        if not lines or lines[-1].message != message:
-            await self.tell(submission, message)
-
-    async def token(self, submission: str) -> str:
-        """Return a new token for a submission's runner. Raises OverError if the submission is over."""
-        token = await self.submissions.give_token(submission)
+    async def _token(self) -> str:
+        """Return a new token for the runner. Raises OverError if the submission is over."""
+        token = await self._context.submissions.give_token(self.row.id)
         if token is None:
-            raise OverError(submission)
+            raise OverError(self.row.id)
         return token
 
-    async def sandboxes(self, submission: str, halt: asyncio.Event) -> None:
-        """Wait until there are sandboxes. Raises HaltedError."""
-        if self.availability.on:
+    async def _wait_for_sandboxes(self) -> None:
+        if self._context.availability.on:
             return
-        await self._tell_once(submission, "The service has no sandbox at the moment. It goes on as soon as it has one.")
-        while not await self.availability.look():
-            await pause(_LOOK_S, halt)
+        await self._tell("The service has no sandbox at the moment. It continues when a sandbox is free.", again=False)
+        while not await self._context.availability.look():
+            await self.pause(_LOOK_S)
 
-    async def runner_gone(self, submission: str, patience_s: float = PATIENCE_S) -> None:
-        """End the token of a runner that is gone, and give up its open episodes.
+    async def _runner_gone(self, patience_s: float = PATIENCE_S) -> None:
+        """End the token of a runner that is gone, and give up its open episodes and its resets in progress."""
+        await self._rows.set_columns(self.row.id, token_sha256=None)
+        await self._context.episodes.lose(self.row.id, patience_s)
 
-        Args:
-            submission: Id of the submission.
-            patience_s: Seconds to wait for its resets in progress.
-        """
-        await self.submissions.rows.set_columns(submission, token_sha256=None)
-        await self.episodes.lose(submission, patience_s)
-
-    async def lost(self, row: SubmissionRow, lost: RunnerLostError, attempts: int, halt: asyncio.Event) -> None:
-        """Note that a runner was lost, and wait a little before the next one.
-
-        Args:
-            row: The submission.
-            lost: What happened.
-            attempts: How many runners in a row were lost now. One that got no sandbox is none of them.
-            halt: Tells the job to end.
+    async def _lost(self, lost: RunnerLostError, attempts: int) -> None:
+        """Note that a runner was lost, the ``attempts``-th in a row, and wait a little before the next one.
 
         Raises:
             RefusedError: They were too many, or the model is gone, which is why the runner ended.
             OverError: The submission is over, which may be why.
             HaltedError: The job was told to end.
         """
-        if not await self.submissions.rows.set_columns(row.id, attempts=attempts):
-            raise OverError(row.id)
-        self.model(row)
+        if not await self._rows.set_columns(self.row.id, attempts=attempts):
+            raise OverError(self.row.id)
+        self._model()
         if isinstance(lost, NoRoomError):
-            await self._tell_once(row.id, "All sandboxes are taken. It goes on as soon as one is free.")
-            await pause(_LONGEST_PAUSE_S, halt)
+            await self._tell("All sandboxes are taken. It continues when a sandbox is free.", again=False)
+            await self.pause(_LONGEST_PAUSE_S)
             return
-        self.telemetry.runners_lost.inc()
-        log = structlog.get_logger("submissions")
-        log.warning("runner lost", submission=row.id, reason=str(lost), attempts=attempts)
+        self._context.telemetry.runners_lost.inc()
+        _log.warning("runner lost", submission=self.row.id, reason=str(lost), attempts=attempts)
         if attempts >= ATTEMPTS:
-            what = "check" if row.state == SubmissionState.QUEUED else "drive"
             raise RefusedError(
-                f"the service could not {what} it: {attempts} runners in a row ended before they were done, the last "
-                f"one because {lost}; as far as the service can tell, the model is not to blame; ask the operator"
+                f"the service could not {self.verb} it: {attempts} runners in a row ended before they were done, the "
+                f"last one because {lost}; as far as the service can tell, the model is not to blame; ask the operator"
             )
-        await self.tell(row.id, f"A runner was lost: {lost}. Runner {attempts + 1} of at most {ATTEMPTS} takes over.")
-        await self.availability.look()
-        await pause(min(_LONGEST_PAUSE_S, _FIRST_PAUSE_S * 2 ** (attempts - 1)), halt)
+        await self._tell(f"A runner was lost: {lost}. Runner {attempts + 1} of at most {ATTEMPTS} takes over.")
+        await self._context.availability.look()
+        await self.pause(min(_LONGEST_PAUSE_S, _FIRST_PAUSE_S * 2 ** (attempts - 1)))
 
 
-async def pause(seconds: float, halt: asyncio.Event) -> None:
-    """Wait some seconds. Raises HaltedError as soon as the job is told to end."""
-    with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(seconds):
-            await halt.wait()
-    if halt.is_set():
-        raise HaltedError("the job has to end")
+class Check(Job):
+    """The check: the model is loaded, and drives six steps of practice. Then the submission is ``checked``."""
+
+    verb = "check"
+
+    @override
+    async def run(self) -> None:
+        began, attempts = time.monotonic(), self.row.attempts
+        await self._tell("The check begins.")
+        while True:
+            await self._wait_for_sandboxes()
+            try:
+                passed = await self._once()
+                break
+            except RunnerLostError as lost:
+                attempts += not isinstance(lost, NoRoomError)
+                await self._runner_gone()
+                await self._lost(lost, attempts)
+            except RefusedError:
+                self._context.telemetry.checks.observe(time.monotonic() - began)
+                raise
+        seconds = time.monotonic() - began
+        self._context.telemetry.checks.observe(seconds)
+        await self._runner_gone()
+        slowest = f"; the slowest took {max(passed.step_ms):.1f} ms" if passed.step_ms else ""
+        if await self._rows.set_state(self.row.id, SubmissionState.CHECKED, attempts=0):
+            await self._tell(
+                f"The model drove {len(passed.step_ms)} steps of practice{slowest}. It waits for its turn."
+            )
+            _log.info("submission checked", submission=self.row.id, seconds=round(seconds, 2))
+
+    async def _once(self) -> Passed:
+        """Let one runner check the model until its last word. Raises RefusedError, RunnerLostError."""
+        row, suite = self.row, catalogue.suite(self.row.suite)
+        job = CheckJob(
+            model=self._model(),
+            sha256=row.sha256,
+            sandbox=self._address,
+            tracks=suite.tracks,
+            agent_track=None if row.agent_made or row.track is None else Track(row.track),
+            url=self._context.url,
+        )
+        loop = asyncio.get_running_loop()
+        async with runner(job, row.id, self._context.command, self.halt) as process:
+            process.deadline = loop.time() + _LOAD_S
+            async for event in process.events():
+                match event:
+                    case Described():
+                        await self._make_agent(event)
+                        token = await self._token()
+                        process.deadline = loop.time() + _PRACTICE_S
+                        await process.send(PracticeJob(token=token, suite=suite.id, trial=suite.trials[0].id))
+                    case Refused():
+                        raise RefusedError(event.reason)
+                    case Passed():
+                        return event
+                    case _:
+                        raise RunnerLostError(f"the runner said {event.event!r}, which makes no sense in a check")
+        raise AssertionError("a runner's last word is passed or refused")
+
+    async def _make_agent(self, event: Described) -> None:
+        await self._tell(f"The model was loaded: {event.description}. Its track is {event.track}.")
+        agent = await self._context.submissions.make_agent(
+            self.row.id, event.track, description=event.about, trained_on_faults=event.trained_on_faults
+        )
+        if agent is None:
+            raise OverError(self.row.id)
+
+
+class Drive(Job):
+    """The drive of a submission that is ``checked`` or ``running``, until its evaluation is finished."""
+
+    done = SubmissionState.FINISHED
+    verb = "drive"
+
+    @override
+    async def run(self) -> None:
+        if self.row.state == SubmissionState.CHECKED:
+            await self._begin()
+        else:
+            await self._tell("The service was restarted. The drive goes on.")
+        evaluation, attempts = self.row.evaluation_id or "", self.row.attempts
+        while not await self._finished():
+            await self._wait_for_sandboxes()
+            before = await self._context.store.finished_count(evaluation)
+            try:
+                await self._once(evaluation, before)
+            except RunnerLostError as lost:
+                after = await self._context.store.finished_count(evaluation)
+                attempts = (0 if after > before else attempts) + (not isinstance(lost, NoRoomError))
+                await self._lost(lost, attempts)
+
+    async def _begin(self) -> None:
+        """Begin the evaluation by the rules for every agent."""
+        row = self.row
+        agent = await self._context.store.agent(row.agent_id or "")
+        if agent is None:
+            raise RefusedError("its agent was deleted; hand the model in again")
+        try:
+            evaluation = new_evaluation(catalogue.suite(row.suite), agent.id, Track(agent.track), Entry.UPLOADED)
+            await self._rows.begin_evaluation(row.id, evaluation)
+        except ServiceError as error:
+            raise RefusedError(error.detail) from error
+        except SubmissionOverError as error:
+            raise OverError(row.id) from error
+        except SuiteBegunError as error:
+            raise RefusedError(
+                f"the agent {row.name!r} has begun {row.suite} by its own token meanwhile, and the first evaluation "
+                "counts; hand the model in as a new agent"
+            ) from error
+        await self._tell(f"The drive begins: {evaluation.trials} episodes of {row.suite}, evaluation {evaluation.id}.")
+        _log.info("submission begins to drive", submission=row.id, evaluation=evaluation.id)
+        begun = await self._rows.get(row.id)
+        assert begun is not None
+        self.row = begun
+
+    async def _finished(self) -> bool:
+        """Return whether the evaluation is finished. Raises RefusedError if it cannot go on."""
+        evaluation = await self._context.store.evaluation(self.row.evaluation_id or "")
+        if evaluation is None:
+            raise RefusedError("its evaluation was deleted before its first step; hand the model in again")
+        if evaluation.state == EvaluationState.CANCELLED:
+            raise RefusedError(f"its evaluation was cancelled, because {self.row.suite} was retired")
+        return evaluation.state == EvaluationState.FINISHED
+
+    async def _once(self, evaluation: str, told: int) -> None:
+        """Let one runner drive until its last word. Raises RefusedError, RunnerLostError.
+
+        Args:
+            evaluation: Id of the evaluation.
+            told: Episodes that are over already.
+        """
+        # A reset of the runner before may have opened an episode late.
+        await self._runner_gone()
+        job = DriveJob(
+            model=self._model(),
+            sha256=self.row.sha256,
+            sandbox=self._address,
+            url=self._context.url,
+            token=await self._token(),
+            evaluation=evaluation,
+            suite=self.row.suite,
+        )
+        try:
+            async with runner(job, self.row.id, self._context.command, self.halt) as process:
+                async for event in process.events():
+                    match event:
+                        case Progressed():
+                            last = event.finished >= event.episodes
+                            if last or (event.finished - told) * _PARTS >= event.episodes:
+                                await self._tell(f"{event.finished} of {event.episodes} episodes are over.")
+                                told = event.finished
+                        case Refused():
+                            raise RefusedError(event.reason)
+                        case Driven():
+                            break
+                        case _:
+                            raise RunnerLostError(f"the runner said {event.event!r}, which makes no sense in a drive")
+        finally:
+            await self._runner_gone(_PATIENCE_S)
+        await self._settle(evaluation)
+
+    async def _settle(self, evaluation_id: str) -> None:
+        """Wait until the metrics of an evaluation are stored, whose every episode is over.
+
+        Raises:
+            RunnerLostError: Episodes are missing, whatever the runner said.
+        """
+        store = self._context.store
+        while True:
+            evaluation = await store.evaluation(evaluation_id)
+            if evaluation is None or evaluation.state != EvaluationState.RUNNING:
+                return
+            if await store.finished_count(evaluation_id) < evaluation.trials:
+                raise RunnerLostError("the runner said that it was done, but episodes are missing")
+            await self._context.evaluations.finish_closed(evaluation_id)
+            evaluation = await store.evaluation(evaluation_id)
+            if evaluation is not None and evaluation.state == EvaluationState.RUNNING:
+                _log.warning("metrics are not stored yet", evaluation=evaluation_id)
+                await self.pause(_METRICS_PAUSE_S)

@@ -12,7 +12,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from wrongturn_protocol import AgentKind, FieldError, ProblemType, SubmissionState, Track
 from wrongturn_protocol.submissions import NAME, SUITE
 from wrongturn_service.episodes.manager import EpisodeManager
-from wrongturn_service.errors import ConflictError, QuotaReachedError, ServiceError, UnavailableError
+from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.accounts import AgentNameTakenError
 from wrongturn_service.storage.models import AgentRow, IdempotencyRow, SubmissionRow
@@ -22,7 +22,6 @@ from wrongturn_service.storage.submissions import (
     SuiteBegunError,
     TooManySubmissionsError,
 )
-from wrongturn_service.submissions.errors import RefusedError
 from wrongturn_service.submissions.files import ModelFiles, never_driven
 from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.tokens import digest, new_id, new_token
@@ -31,6 +30,14 @@ _DAY_S: Final = 86400.0
 _COME_BACK_S: Final = 60
 _PATIENCE_S: Final = 10.0
 NO_MODEL: Final = "the service no longer has the model: backups do not hold models; hand it in again"
+
+
+class RefusedError(Exception):
+    """The submission has failed. The message says why and what to do, for its owner."""
+
+
+class OverError(Exception):
+    """The submission is over: it was cancelled while it was checked or driven."""
 
 
 def _nobody() -> None:
@@ -72,16 +79,12 @@ class Submissions:
         """
         try:
             await self.rows.add(row, reply, most=self._settings.submissions_per_owner)
-        except (AgentNameTakenError, SuiteBegunError, TooManySubmissionsError) as error:
-            await asyncio.to_thread(self.files.delete, row.id)
-            raise _refused(row, error) from error
-        except QuotaReachedError:
-            await asyncio.to_thread(self.files.delete, row.id)
-            raise
-        except SQLAlchemyError:
-            # The commit may have succeeded before its connection broke. Then the row needs its model.
-            if await self.rows.get(row.id) is None:
+        except Exception as error:
+            # A commit may have succeeded before its connection broke. Then the row needs its model.
+            if not isinstance(error, SQLAlchemyError) or await self.rows.get(row.id) is None:
                 await asyncio.to_thread(self.files.delete, row.id)
+            if isinstance(error, AgentNameTakenError | SuiteBegunError | TooManySubmissionsError):
+                raise _refused(row, error) from error
             raise
         self._log.info("submission handed in", submission=row.id, suite=row.suite, size=row.size)
         await self.rows.append_log(row.id, f"Handed in: {row.size} bytes, SHA-256 {row.sha256}")
@@ -104,13 +107,7 @@ class Submissions:
     async def make_agent(
         self, submission_id: str, track: Track, *, description: str | None = None, trained_on_faults: bool = False
     ) -> str | None:
-        """Make the agent of a submission whose model was looked at.
-
-        Args:
-            submission_id: Id of the submission.
-            track: Track of the model.
-            description: What the model says of the agent.
-            trained_on_faults: Whether the model says that the agent met wrong commands in its training.
+        """Make the agent of a submission whose model was looked at, with what the model says of it.
 
         Returns:
             The agent's id, that of the agent that handed it in if one did. None if the submission is over.
@@ -122,7 +119,11 @@ class Submissions:
         if row is None or SubmissionState(row.state).over:
             return None
         if row.agent_id is not None:
-            _check_track(row, track)
+            if row.track != track:
+                raise RefusedError(
+                    f"the model's track is {track}, and the track of agent {row.name!r} is {row.track}; hand it in "
+                    "with its owner's token by another name"
+                )
             return row.agent_id
         agent = AgentRow(
             id=new_id("ag"),
@@ -150,15 +151,7 @@ class Submissions:
 
         An agent that was made for it and never began an evaluation is deleted, so its name is free again. The model
         of a submission without an evaluation is deleted too: its row and log stay. Safe to call again. If it fails
-        half-way, :meth:`tidy` and :meth:`purge` go on with it.
-
-        Args:
-            submission_id: Id of the submission.
-            state: ``finished``, ``failed`` or ``cancelled``.
-            reason: Why it failed or was cancelled.
-
-        Returns:
-            False if it was over before.
+        half-way, :meth:`tidy` and :meth:`purge` go on with it. Returns False if it was over before.
         """
         ended = asyncio.Event()
         self._ending.setdefault(submission_id, set()).add(ended)
@@ -218,7 +211,7 @@ class Submissions:
             await self.rows.forget_model(row.id)
 
     async def tidy(self) -> None:
-        """Do what an end of the service or a failure has kept from being done. Call it before the first runner.
+        """Finish clean-up that a stop or a failure interrupted. Call it before the first runner.
 
         Submissions that are over are cleaned up. Those that wait or run without a model have failed. Practice of
         checks is gone, as all open episodes are.
@@ -241,15 +234,6 @@ class Submissions:
         deleted = await self.files.purge(self.rows, before)
         if deleted:
             self._log.info("models deleted", count=deleted, days=self._settings.submission_keep_days)
-
-
-def _check_track(row: SubmissionRow, track: Track) -> None:
-    """Check that a model's track is its agent's. Raises RefusedError."""
-    if row.track != track:
-        raise RefusedError(
-            f"the model's track is {track}, and the track of agent {row.name!r} is {row.track}; hand it in with its "
-            "owner's token by another name"
-        )
 
 
 def _refused(row: SubmissionRow, error: Exception) -> ServiceError:

@@ -1,45 +1,34 @@
-"""Whose submission is next. Pure functions: the same line gives the same order, whatever the clock says."""
+"""Whose submission is next. Pure functions: the same line gives the same order, whatever the clock says.
+
+``running`` says how many of each owner run, ``served`` in which turn (1, 2, 3, …) each owner was last served; owners
+who never were are left out.
+"""
 
 import heapq
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+
+from wrongturn_service.storage.models import SubmissionRow
 
 
-@dataclass(frozen=True, slots=True)
-class Waiting:
-    """A submission that waits.
-
-    Attributes:
-        id: Id of the submission.
-        owner: Id of its owner.
-        seq: Order of arrival.
-    """
-
-    id: str
-    owner: str
-    seq: int
-
-
-def next_one(waiting: Iterable[Waiting], running: Mapping[str, int], served: Mapping[str, int]) -> Waiting | None:
+def next_one(
+    waiting: Iterable[SubmissionRow], running: Mapping[str, int], served: Mapping[str, int]
+) -> SubmissionRow | None:
     """Return the submission that is next, None if none waits.
 
     It is one of the owner who has the fewest running; among those, of the one who was served longest ago or never;
     then the one that arrived first.
-
-    Args:
-        waiting: The submissions that wait.
-        running: How many of each owner run.
-        served: The turn in which each owner was last served: 1, 2, 3, … Owners who never were are left out.
     """
     return min(
         waiting,
-        key=lambda one: (running.get(one.owner, 0), served.get(one.owner, 0), one.seq),
+        key=lambda row: (running.get(row.owner_id, 0), served.get(row.owner_id, 0), row.seq),
         default=None,
     )
 
 
-def in_turn(waiting: Iterable[Waiting], running: Sequence[str], served: Mapping[str, int], slots: int) -> list[Waiting]:
+def in_turn(
+    waiting: Iterable[SubmissionRow], running: Sequence[str], served: Mapping[str, int], slots: int
+) -> list[SubmissionRow]:
     """Return the waiting submissions in the order in which they will run if no other one arrives.
 
     Which of those that run ends first is not known; this takes the one that began first.
@@ -47,13 +36,13 @@ def in_turn(waiting: Iterable[Waiting], running: Sequence[str], served: Mapping[
     Args:
         waiting: The submissions that wait.
         running: Owners of those that run, in the order of their beginnings.
-        served: As for :func:`next_one`.
+        served: As above.
         slots: How many run at a time.
     """
     turns, count, places = dict(served), Counter(running), deque(running)
-    lines: dict[str, deque[Waiting]] = {}
-    for one in sorted(waiting, key=lambda one: one.seq):
-        lines.setdefault(one.owner, deque()).append(one)
+    lines: dict[str, deque[SubmissionRow]] = {}
+    for row in sorted(waiting, key=lambda row: row.seq):
+        lines.setdefault(row.owner_id, deque()).append(row)
 
     def rank(owner: str) -> tuple[int, int, int]:
         return count[owner], turns.get(owner, 0), lines[owner][0].seq
@@ -61,7 +50,7 @@ def in_turn(waiting: Iterable[Waiting], running: Sequence[str], served: Mapping[
     # An owner may be in the heap more than once; only its entry with its present rank counts.
     heap = [(rank(owner), owner) for owner in lines]
     heapq.heapify(heap)
-    ordered: list[Waiting] = []
+    ordered: list[SubmissionRow] = []
     turn = max(turns.values(), default=0)
     while heap:
         while len(places) >= max(1, slots):

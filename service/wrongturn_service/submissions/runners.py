@@ -18,17 +18,16 @@ from pydantic import ValidationError
 from wrongturn_runner.messages import (
     BUSY,
     EVENT,
-    Check,
+    CheckJob,
     Described,
-    Drive,
+    DriveJob,
     Driven,
     Passed,
-    Practice,
+    PracticeJob,
     Progressed,
     Refused,
 )
 from wrongturn_service.child_environment import child_environment
-from wrongturn_service.submissions.errors import HaltedError
 
 COMMAND: Final = (sys.executable, "-P", "-m", "wrongturn_runner")
 """Program of a runner. ``-P``: a file in the service's folder must not take the place of a package."""
@@ -41,6 +40,10 @@ _KEPT: Final = 8 * 1024
 """Bytes of a runner's stderr that are kept for the operator."""
 _GRACE_S: Final = 2.0
 """Seconds that a runner gets to end by itself."""
+
+
+class HaltedError(Exception):
+    """The job was told to end: its submission is over, or the service stops."""
 
 
 class RunnerLostError(Exception):
@@ -64,7 +67,7 @@ class Runner:
         self._spoken = False
         self._log = structlog.get_logger("submissions").bind(submission=submission, runner=process.pid)
 
-    async def send(self, message: Check | Drive | Practice) -> None:
+    async def send(self, message: CheckJob | DriveJob | PracticeJob) -> None:
         """Send a message. A runner that is gone is noticed by :meth:`events`."""
         assert self._process.stdin is not None
         with contextlib.suppress(ConnectionError):
@@ -161,7 +164,7 @@ class Runner:
 
 @contextlib.asynccontextmanager
 async def runner(
-    job: Check | Drive,
+    job: CheckJob | DriveJob,
     submission: str,
     command: Sequence[str] = COMMAND,
     halt: asyncio.Event | None = None,

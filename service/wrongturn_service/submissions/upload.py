@@ -38,19 +38,15 @@ _OWNERS: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class Upload:
-    """A form that has arrived.
-
-    Attributes:
-        fields: Values of the fields beside the model, by name.
-        sha256: SHA-256 of the model.
-        size: Bytes of the model.
-        keep: Puts the model on disk for good. Without that it is deleted.
-    """
+    """A form that has arrived."""
 
     fields: dict[str, str]
+    """Values of the fields beside the model, by name."""
     sha256: str
     size: int
+    """Bytes of the model."""
     keep: Callable[[], Awaitable[None]]
+    """Puts the model on disk for good. Without that it is deleted."""
 
 
 class Uploads:
@@ -60,7 +56,7 @@ class Uploads:
         """Create the threads.
 
         Args:
-            files: The folder of the models.
+            files: Where models are kept.
             limit: Largest model, bytes.
             patience_s: Seconds in which a client has to send 64 KiB.
             each: Uploads of one owner at a time. An address may have four times as many.
@@ -80,27 +76,23 @@ class Uploads:
         self._closed = True
         self._threads.shutdown(wait=False)
 
-    def boundary(self, content_length: str, content_type: str) -> bytes:
+    def boundary(self, length: int | None, content_type: str) -> bytes:
         """Check the head of a request, before its body is read, and return the body's boundary.
 
         Raises:
             ServiceError: The body is too large (413), of another type (415), or without a boundary (400).
         """
-        if content_length.isdecimal() and int(content_length[:20]) > self._limit + AROUND:
+        if length is not None and length > self._limit + AROUND:
             raise too_large(self._limit)
         return boundary_of(content_type)
 
-    async def check_disk(self, content_length: str) -> None:
-        """Check, before a body is read, that the disk has room for it.
-
-        Args:
-            content_length: The header. Without it, the body may be as large as the largest model.
+    async def check_disk(self, length: int | None) -> None:
+        """Check, before a body is read, that the disk has room for it, or for the largest model if nobody said.
 
         Raises:
             ServiceError: The disk would be too full (507).
         """
-        size = int(content_length[:20]) if content_length.isdecimal() else self._limit
-        await self._work(self._files.check_room, size)
+        await self._work(self._files.check_room, self._limit if length is None else length)
 
     @contextlib.contextmanager
     def one(self, owner: str, address: str) -> Iterator[None]:
@@ -126,11 +118,6 @@ class Uploads:
     async def receive(self, submission_id: str, boundary: bytes, body: AsyncIterator[bytes]) -> AsyncIterator[Upload]:
         """Read a body to its end. When the block ends, the model is deleted unless it was kept.
 
-        Args:
-            submission_id: Id of the submission.
-            boundary: The boundary.
-            body: Pieces of the body.
-
         Raises:
             ServiceError: The client is too slow (408), the body is malformed (400) or too large (413), a field is wrong
                 (422), or the disk is full (507).
@@ -142,7 +129,7 @@ class Uploads:
             async for part in _parts(body, self._patience_s):
                 await self._work(writer.write, part)
             fields = await self._work(writer.form.end)
-            yield Upload(fields, writer.sha256, writer.form.size, partial(self._work, writer.keep))
+            yield Upload(fields, writer.hash.hexdigest(), writer.form.size, partial(self._work, writer.keep))
         finally:
             if self._closed:
                 writer.close()
@@ -172,12 +159,8 @@ class _Writer:
         self.form = Form(boundary, limit, self._take)
         self._files = files
         self._id = submission_id
-        self._hash = hashlib.sha256()
+        self.hash = hashlib.sha256()
         self._handle: int | None = None
-
-    @property
-    def sha256(self) -> str:
-        return self._hash.hexdigest()
 
     def begin(self) -> None:
         self._handle = self._files.begin(self._id)
@@ -189,7 +172,7 @@ class _Writer:
 
     def _take(self, data: bytes) -> None:
         assert self._handle is not None
-        self._hash.update(data)
+        self.hash.update(data)
         left = memoryview(data)
         while left:
             left = left[os.write(self._handle, left) :]
