@@ -160,17 +160,14 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
 
 def _submissions(settings: "Settings") -> tuple[str, bool, str, str]:
     """Check that models which are handed in have a sandbox."""
-    from wrongturn_service.submissions.availability import (  # noqa: PLC0415
-        TURNED_OFF,
-        NoSandboxError,
-        look_for,
-    )
+    from wrongturn_sandbox import SandboxUnavailableError, probe  # noqa: PLC0415
+    from wrongturn_service.submissions.availability import TURNED_OFF  # noqa: PLC0415
 
     if settings.submissions == 0:
         return "submissions", True, f"off: {TURNED_OFF}", ""
     try:
-        return "submissions", True, f"on: {look_for(settings.runner_socket)}", ""
-    except NoSandboxError as error:
+        return "submissions", True, f"on: {probe(settings.runner_socket)}", ""
+    except SandboxUnavailableError as error:
         remedy = "without a sandbox the service refuses submissions; WRONGTURN_SUBMISSIONS=0 turns them off"
         return "submissions", False, str(error), remedy
 

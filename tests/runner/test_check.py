@@ -56,21 +56,9 @@ def test_a_model_that_works_passes(tmp_path: Path, service: LocalService) -> Non
     ("model", "tracks", "reason"),
     [
         (b"no model at all", (), "ONNX"),
-        pytest.param(
-            *(of_input("sped"), (), r"inputs: sped: no such observation key; the keys are speed, steering"),
-            marks=pytest.mark.soak,
-        ),
-        pytest.param(
-            *(steady(metadata={}), (), r"does not take the model's track, state; set the metadata's track to camera"),
-            marks=pytest.mark.soak,
-        ),
         (steady(), (Track.CAMERA,), r"does not take the model's track, privileged; set the metadata's track to camera"),
         (not_a_number_above(0.0), (), r"^at step 1 of an episode: output accelerate: is .*nan.*must be finite"),
         (forgetful(), (), r"^at step 2 of an episode: output state_out: 1 of its 1 numbers are not finite"),
-        pytest.param(
-            *(steady(metadata={"trained_on_faults": "yes"}), (), r"metadata trained_on_faults: yes; write true"),
-            marks=pytest.mark.soak,
-        ),
     ],
 )
 def test_what_is_wrong_with_a_model_is_told(

@@ -1,11 +1,8 @@
 """A drive by the runner, against a real service, with an agent's own token."""
 
-import contextlib
 import re
-import signal
 from pathlib import Path
 
-import psutil
 import pytest
 from program import SUITE, Runner, drive_of
 from reference_drive import reference
@@ -68,27 +65,6 @@ def test_a_model_that_fails_in_the_middle_is_refused(tmp_path: Path, service: Lo
         # What becomes of them is the service's to decide.
         assert client.evaluation(job.evaluation).state is EvaluationState.RUNNING
         assert client.open_episodes(job.evaluation)
-
-
-@pytest.mark.soak  # CI loses sandboxes in tests/sandbox and runners in tests/service
-def test_a_lost_sandbox_costs_no_episode(tmp_path: Path, service: LocalService) -> None:
-    model = steady(0.02)
-    job = drive_of(tmp_path, model, service)
-    with Runner(tmp_path) as runner:
-        runner.tell(job)
-        while not isinstance(event := runner.hear(), Progressed) or event.finished < 2:
-            assert event is not None
-        for sandbox in runner.sandboxes():
-            with contextlib.suppress(psutil.NoSuchProcess):  # it ended with the one that holds it
-                sandbox.send_signal(signal.SIGKILL)
-        rest = runner.events()
-        assert runner.status() == 1
-        assert all(isinstance(event, Progressed) for event in rest)
-        assert "sandbox" in runner.log
-    with Runner(tmp_path) as runner:
-        runner.tell(job)
-        assert isinstance(runner.events()[-1], Driven), runner.log
-    assert results(job) == reference(model, SUITE, secret(job))
 
 
 def test_an_episode_whose_state_is_gone_is_not_driven_on(tmp_path: Path, service: LocalService) -> None:

@@ -11,32 +11,34 @@ _LARGE = 1 << 36
 _SLOW = "took longer than"
 
 
+def _spread(operator: str, *sizes: int) -> bytes:
+    return beside([node(operator, ["speed", "sizes"], ["b"])], "b", [ints("sizes", *sizes)])
+
+
 def _fill(*shape: int) -> bytes:
     return beside([node("ConstantOfShape", ["shape"], ["b"])], "b", [ints("shape", *shape)])
 
 
-def _live(*after: onnx.NodeProto) -> list[onnx.NodeProto]:
-    """Return nodes that go on from ``live``: 2 to the power of 36 at a step, and unknown when the model is loaded."""
-    return [
+def _at_a_step(operator: str, *inputs: str) -> bytes:
+    """Return a model whose operator takes ``live``: 2 to the power of 36 at a step, and unknown when it is loaded."""
+    nodes = [
         node("Abs", ["speed"], ["still"]),
         node("ReduceMax", ["still"], ["speed0"], keepdims=0),
         node("Min", ["speed0", "zero"], ["nothing"]),
         node("Add", ["nothing", "size"], ["size0"]),
         node("Cast", ["size0"], ["live"], to=INT64),
-        *after,
+        node("Reshape", ["live", "minus"], ["shape"]),
+        node(operator, inputs, ["b"]),
     ]
-
-
-def _at_a_step(last: str, *after: onnx.NodeProto, size: float = float(_LARGE)) -> bytes:
     constants = [
         number("zero", 0),
-        number("size", size),
+        number("size", float(_LARGE)),
         ints("minus", -1),
         number("start", 0, np.int64),
         number("one", 1, np.int64),
         ints("pair", 0, 1),
     ]
-    return beside(_live(node("Reshape", ["live", "minus"], ["shape"]), *after), last, constants)
+    return beside(nodes, "b", constants)
 
 
 def _matrices(count: int, width: int, *, live: bool) -> bytes:
@@ -104,46 +106,16 @@ BOMBS = (
     Case("memory-constant-of-shape", lambda: _fill(_LARGE), _MEMORY, By.STEP),
     Case("memory-constant-overflow", lambda: _fill(1 << 40, 1 << 40), "overflow", By.STEP),
     Case("memory-constant-negative", lambda: _fill(-1, -(1 << 62)), "non-negative"),
-    Case(
-        "memory-expand",
-        lambda: beside([node("Expand", ["speed", "s"], ["b"])], "b", [ints("s", 1 << 18, 1 << 18)]),
-        _MEMORY,
-        By.STEP,
-    ),
-    Case(
-        "memory-tile",
-        lambda: beside([node("Tile", ["speed", "s"], ["b"])], "b", [ints("s", 1 << 15, 3 << 13)]),
-        _MEMORY,
-        By.STEP,
-    ),
-    Case(
-        "memory-pad",
-        lambda: beside([node("Pad", ["speed", "s"], ["b"])], "b", [ints("s", 0, 0, 0, _LARGE)]),
-        _MEMORY,
-        By.STEP,
-    ),
+    Case("memory-expand", lambda: _spread("Expand", 1 << 18, 1 << 18), _MEMORY, By.STEP),
+    Case("memory-tile", lambda: _spread("Tile", 1 << 15, 3 << 13), _MEMORY, By.STEP),
+    Case("memory-pad", lambda: _spread("Pad", 0, 0, 0, _LARGE), _MEMORY, By.STEP),
     Case("memory-resize", _resize, _MEMORY, By.STEP),
     Case("memory-outer-product", _outer, _MEMORY, By.STEP),
     Case("memory-multiplying", _multiplying, _MEMORY, By.STEP),
     Case("memory-convolution", _conv, _MEMORY, By.STEP),
-    Case(
-        "memory-at-a-step-constant",
-        lambda: _at_a_step("b", node("ConstantOfShape", ["shape"], ["b"])),
-        _MEMORY,
-        By.STEP,
-    ),
-    Case(
-        "memory-at-a-step-range",
-        lambda: _at_a_step("b", node("Range", ["start", "live", "one"], ["b"])),
-        _MEMORY,
-        By.STEP,
-    ),
-    Case(
-        "memory-at-a-step-one-hot",
-        lambda: _at_a_step("b", node("OneHot", ["shape", "live", "pair"], ["b"])),
-        _MEMORY,
-        By.STEP,
-    ),
+    Case("memory-at-a-step-constant", lambda: _at_a_step("ConstantOfShape", "shape"), _MEMORY, By.STEP),
+    Case("memory-at-a-step-range", lambda: _at_a_step("Range", "start", "live", "one"), _MEMORY, By.STEP),
+    Case("memory-at-a-step-one-hot", lambda: _at_a_step("OneHot", "shape", "live", "pair"), _MEMORY, By.STEP),
     Case("time-at-loading", lambda: _matrices(400, 4000, live=False), _SLOW),
     Case("time-at-a-step", lambda: _matrices(400, 4000, live=True), _SLOW, By.STEP),
     Case("outputs-large", _wide_outputs, "bytes; at most", By.STEP),

@@ -1,13 +1,14 @@
 """A service in this process that takes submissions, and that a test plays the dispatcher for."""
 
 import contextlib
-from collections.abc import AsyncIterator
+import inspect
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 from unittest.mock import AsyncMock, patch
 
 import httpx
-from app_harness import application, register
+from app_harness import application, play, register
 from clocked_service import ClockedService
 from fake_pool import FakePool
 from model_form import TYPE, model
@@ -34,10 +35,32 @@ async def handing_in(folder: Path, token: str = "", **settings: Any) -> AsyncIte
         settings: The service's settings.
     """
     again = {"registration": "operator"} if token else {}
-    with patch.object(availability, "look_for", lambda _: "a sandbox of the test"):
+    with patch.object(availability, "probe", lambda _: "a sandbox of the test"):
         async with application(folder, FakePool(_SLOTS), operator_token=OPERATOR, **again, **settings) as http:
             http.headers["Authorization"] = f"Bearer {token or await owner(http, 'ada')}"
             yield http
+
+
+def story(**settings: Any) -> Callable[[Callable[..., Any]], Callable[..., None]]:
+    """Run an async test with the client of :func:`handing_in`, as its argument ``http``."""
+
+    def decorate(test: Callable[..., Any]) -> Callable[..., None]:
+        wanted = dict(inspect.signature(test).parameters)
+        folder = inspect.Parameter("tmp_path", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+
+        def run(tmp_path: Path, **given: Any) -> None:
+            async def told() -> None:
+                async with handing_in(tmp_path, **settings) as http:
+                    await test(http, **given, **({"tmp_path": tmp_path} if "tmp_path" in wanted else {}))
+
+            play(told)
+
+        run.__name__, run.__doc__, run.__module__ = test.__name__, test.__doc__, test.__module__
+        more = [each for name, each in wanted.items() if name not in {"http", "tmp_path"}]
+        run.__signature__ = inspect.Signature([folder, *more])  # type: ignore[attr-defined]
+        return run
+
+    return decorate
 
 
 class TakingService(ClockedService):
@@ -45,7 +68,7 @@ class TakingService(ClockedService):
 
     def __init__(self, folder: Path, **settings: Any) -> None:
         with contextlib.ExitStack() as stack:
-            stack.enter_context(patch.object(availability, "look_for", lambda _: "a sandbox of the test"))
+            stack.enter_context(patch.object(availability, "probe", lambda _: "a sandbox of the test"))
             stack.enter_context(patch.object(Dispatcher, "open", AsyncMock()))
             super().__init__(folder / "wrongturn.db", operator_token=OPERATOR, **settings)
             self._patches = stack.pop_all()

@@ -4,13 +4,14 @@ import os
 import time
 from pathlib import Path
 
+import httpx
 import pytest
 from app_harness import play
 from model_form import model
 from service_harness import expect, problem
 from sqlalchemy import update
-from submission_story import checked, hand_in, handing_in, running, service_of
-from test_submissions import bearer, files
+from submission_story import checked, hand_in, handing_in, running, service_of, story
+from test_submissions import bearer
 
 from wrongturn_protocol import SubmissionState
 from wrongturn_service.storage.backup import back_up, restore
@@ -20,6 +21,10 @@ from wrongturn_service.submissions.files import ModelFiles
 from wrongturn_service.submissions.operations import NO_MODEL
 
 _DAY_S = 86400.0
+
+
+def files(home: Path) -> list[str]:
+    return sorted(file.name for file in (home / "submissions").iterdir())
 
 
 def test_a_start_deletes_what_uploads_left(tmp_path: Path) -> None:
@@ -47,37 +52,34 @@ def test_a_start_leaves_what_another_service_receives(tmp_path: Path) -> None:
     assert files(tmp_path) == []
 
 
-def test_models_and_logs_are_kept_for_some_days(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with handing_in(tmp_path, submission_keep_days=3) as http:
-            submissions = service_of(http).submissions
-            names = ("old", "new", "open", "useless")
-            ids = {name: expect(await hand_in(http, model(name=name)), 202)["id"] for name in names}
-            for name in ("old", "new"):
-                await checked(http, ids[name])
-                evaluation, token = await running(http, ids[name])
-                reset = await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=bearer(token))
-                step = {"seq": 1, "action": {"steer": 0.0, "throttle": 0.0, "brake": 0.0}}
-                path = f"/v1/episodes/{expect(reset, 201)['id']}/step"
-                expect(await http.post(path, json=step, headers=bearer(token)), 200)
-                await submissions.end(ids[name], SubmissionState.FAILED, "as the test wants")
-            await _age(submissions.rows, ids["old"], 3.1)
-            # The service died before it could delete the model.
-            await submissions.rows.set_state(ids["useless"], SubmissionState.CANCELLED, reason="cut off")
-            for name, days in (("su_lost", 3.1), ("su_late", 2.9), ("operators", 99)):
-                file = tmp_path / "submissions" / f"{name}.onnx"
-                file.write_text(name)
-                os.utime(file, (time.time() - days * _DAY_S,) * 2)
-            os.utime(submissions.files.path(ids["open"]), (0, 0))
-            await submissions.purge()
-            left = {f"{ids['new']}.onnx", f"{ids['open']}.onnx", "su_late.onnx", "operators.onnx"}
-            assert set(files(tmp_path)) == left
-            shown = expect(await http.get(f"/v1/submissions/{ids['old']}"), 200)
-            assert shown["reason"] == "as the test wants"
-            logs = {name: expect(await http.get(f"/v1/submissions/{ids[name]}/log"), 200)["lines"] for name in names}
-            assert [bool(logs[name]) for name in names] == [False, True, True, True]
-
-    play(story)
+@story(submission_keep_days=3)
+async def test_models_and_logs_are_kept_for_some_days(http: httpx.AsyncClient, tmp_path: Path) -> None:
+    submissions = service_of(http).submissions
+    names = ("old", "new", "open", "useless")
+    ids = {name: expect(await hand_in(http, model(name=name)), 202)["id"] for name in names}
+    for name in ("old", "new"):
+        await checked(http, ids[name])
+        evaluation, token = await running(http, ids[name])
+        reset = await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=bearer(token))
+        step = {"seq": 1, "action": {"steer": 0.0, "throttle": 0.0, "brake": 0.0}}
+        path = f"/v1/episodes/{expect(reset, 201)['id']}/step"
+        expect(await http.post(path, json=step, headers=bearer(token)), 200)
+        await submissions.end(ids[name], SubmissionState.FAILED, "as the test wants")
+    await _age(submissions.rows, ids["old"], 3.1)
+    # The service died before it could delete the model.
+    await submissions.rows.set_state(ids["useless"], SubmissionState.CANCELLED, reason="cut off")
+    for name, days in (("su_lost", 3.1), ("su_late", 2.9), ("operators", 99)):
+        file = tmp_path / "submissions" / f"{name}.onnx"
+        file.write_text(name)
+        os.utime(file, (time.time() - days * _DAY_S,) * 2)
+    os.utime(submissions.files.path(ids["open"]), (0, 0))
+    await submissions.purge()
+    left = {f"{ids['new']}.onnx", f"{ids['open']}.onnx", "su_late.onnx", "operators.onnx"}
+    assert set(files(tmp_path)) == left
+    shown = expect(await http.get(f"/v1/submissions/{ids['old']}"), 200)
+    assert shown["reason"] == "as the test wants"
+    logs = {name: expect(await http.get(f"/v1/submissions/{ids[name]}/log"), 200)["lines"] for name in names}
+    assert [bool(logs[name]) for name in names] == [False, True, True, True]
 
 
 async def _age(rows: SubmissionStore, submission: str, days: float) -> None:

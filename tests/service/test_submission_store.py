@@ -184,20 +184,6 @@ def test_an_agent_with_an_evaluation_stays(database_url: str) -> None:
     play(database_url, story)
 
 
-def test_an_agent_that_was_there_before_stays(database_url: str) -> None:
-    async def story(store: Store, submissions: SubmissionStore) -> None:
-        mine = agent("mine")
-        mine.owner = new_owner("c")
-        await store.add_agent(mine, None)
-        row = submission("mine", mine.owner.id, agent_id="ag_mine", agent_made=False)
-        await submissions.add(row, None, most=9)
-        assert [found.id for found in await submissions.newest(agent="ag_mine")] == ["su_mine"]
-        assert await submissions.remove_agent("su_mine") is None
-        assert await store.agent("ag_mine") is not None
-
-    play(database_url, story)
-
-
 def test_the_log_is_kept_for_a_time(database_url: str) -> None:
     async def story(_: Store, submissions: SubmissionStore) -> None:
         for name in ("over", "open"):

@@ -1,16 +1,24 @@
 """A runner's token is good for its submission alone: every call with it, over HTTP and the socket, and its end."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from app_harness import play
 from drive_socket import DriveSocket
 from model_form import TYPE, model
 from service_harness import COAST, expect, problem
-from submission_story import TakingService, agent, begun, checked, hand_in, handing_in, looked_at, running, service_of
+from submission_story import (
+    TakingService,
+    agent,
+    begun,
+    checked,
+    hand_in,
+    looked_at,
+    running,
+    service_of,
+    story,
+)
 from test_submissions import NAMELESS, bearer
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -100,110 +108,97 @@ GOOD_FOR = {
 
 
 @pytest.mark.parametrize("state", ["queued", "running"])
-def test_every_call_with_a_runners_token(tmp_path: Path, state: str) -> None:
-    async def story() -> None:
-        async with handing_in(tmp_path, max_practice=99, max_open=99) as http:
-            found, tokens = await targets(http)
-            listed = [
-                f"{method.upper()} {path}"
-                for path, methods in document(http.app)["paths"].items()  # type: ignore[attr-defined]
-                for method in methods
-            ]
-            # What ends an episode comes last.
-            listed.sort(key=lambda name: name.startswith("DELETE /v1/episodes"))
-            assert set(listed) >= PUBLIC | GOOD_FOR[state].keys() | BODIES.keys()
-            for name in listed:
-                for whose in ("other", "queued", "running"):
-                    method, _, path = name.partition(" ")
-                    for parameter, value in found[whose].items():
-                        path = path.replace(f"{{{parameter}}}", value)
-                    headers = {**bearer(tokens[state]), "Idempotency-Key": f"{name} {whose}"}
-                    given: dict[str, Any] = {"json": BODIES[name]} if name in BODIES else {}
-                    if name == "POST /v1/submissions":
-                        given = {"content": model(name="by a runner")}
-                        headers["Content-Type"] = TYPE
-                    if path.endswith("/compare"):
-                        path += "?a=x&b=y"
-                    reply = await http.request(method, path, headers=headers, **given)
-                    if name == "GET /metrics":
-                        problem(reply, 401, "unauthenticated")
-                    elif name in PUBLIC:
-                        assert reply.status_code in {200, 404}, (name, reply.text)
-                    elif name in GOOD_FOR[state] and (whose == state or "{" not in name):
-                        assert reply.status_code in GOOD_FOR[state][name], (name, whose, reply.text)
-                    else:
-                        told = problem(reply, 403, "forbidden")
-                        assert told["detail"], name
-            row = await service_of(http).submissions.rows.get(found["running"]["submission"])
-            assert row is not None
-            assert row.state == "running"
-
-    play(story)
+@story(max_practice=99, max_open=99)
+async def test_every_call_with_a_runners_token(http: httpx.AsyncClient, state: str) -> None:
+    found, tokens = await targets(http)
+    listed = [
+        f"{method.upper()} {path}"
+        for path, methods in document(http.app)["paths"].items()  # type: ignore[attr-defined]
+        for method in methods
+    ]
+    # What ends an episode comes last.
+    listed.sort(key=lambda name: name.startswith("DELETE /v1/episodes"))
+    assert set(listed) >= PUBLIC | GOOD_FOR[state].keys() | BODIES.keys()
+    for name in listed:
+        for whose in ("other", "queued", "running"):
+            method, _, path = name.partition(" ")
+            for parameter, value in found[whose].items():
+                path = path.replace(f"{{{parameter}}}", value)
+            headers = {**bearer(tokens[state]), "Idempotency-Key": f"{name} {whose}"}
+            given: dict[str, Any] = {"json": BODIES[name]} if name in BODIES else {}
+            if name == "POST /v1/submissions":
+                given = {"content": model(name="by a runner")}
+                headers["Content-Type"] = TYPE
+            if path.endswith("/compare"):
+                path += "?a=x&b=y"
+            reply = await http.request(method, path, headers=headers, **given)
+            if name == "GET /metrics":
+                problem(reply, 401, "unauthenticated")
+            elif name in PUBLIC:
+                assert reply.status_code in {200, 404}, (name, reply.text)
+            elif name in GOOD_FOR[state] and (whose == state or "{" not in name):
+                assert reply.status_code in GOOD_FOR[state][name], (name, whose, reply.text)
+            else:
+                told = problem(reply, 403, "forbidden")
+                assert told["detail"], name
+    row = await service_of(http).submissions.rows.get(found["running"]["submission"])
+    assert row is not None
+    assert row.state == "running"
 
 
-def test_the_agents_own_token_drives_nothing_that_was_handed_in(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with handing_in(tmp_path) as http:
-            mine = bearer((await agent(http, "mine"))["token"])
-            submission = expect(await hand_in(http, NAMELESS, **mine), 202)["id"]
-            await checked(http, submission)
-            evaluation, token = await running(http, submission)
-            episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=bearer(token)), 201)[
-                "id"
-            ]
-            expect(await http.get(f"/v1/evaluations/{evaluation}", headers=mine), 200)
-            expect(await http.get(f"/v1/episodes/{episode}", headers=mine), 200)
-            for method, path, body in (
-                ("POST", f"/v1/evaluations/{evaluation}/episodes", None),
-                ("PUT", f"/v1/evaluations/{evaluation}/results", RECORD),
-                ("DELETE", f"/v1/evaluations/{evaluation}", None),
-                ("POST", f"/v1/episodes/{episode}/step", STEP),
-                ("DELETE", f"/v1/episodes/{episode}", None),
-            ):
-                problem(await http.request(method, path, json=body, headers=mine), 403, "forbidden")
-            told = problem(
-                await http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=mine), 409, "evaluation-open"
-            )
-            assert "cancel its submission" in told["detail"]
-            # It may practise meanwhile, and the runner has nothing to do with that.
-            practice = expect(await http.post("/v1/episodes", json=PRACTICE, headers=mine), 201)["id"]
-            for method, path in (("POST", "/step"), ("DELETE", ""), ("GET", "")):
-                body = STEP if path else None
-                refused = await http.request(method, f"/v1/episodes/{practice}{path}", json=body, headers=bearer(token))
-                problem(refused, 403, "forbidden")
-            # With the submission its evaluation is the agent's again.
-            expect(await http.delete(f"/v1/submissions/{submission}"), 200)
-            expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=mine), 201)
-
-    play(story)
+@story()
+async def test_the_agents_own_token_drives_nothing_that_was_handed_in(http: httpx.AsyncClient) -> None:
+    mine = bearer((await agent(http, "mine"))["token"])
+    submission = expect(await hand_in(http, NAMELESS, **mine), 202)["id"]
+    await checked(http, submission)
+    evaluation, token = await running(http, submission)
+    episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=bearer(token)), 201)["id"]
+    expect(await http.get(f"/v1/evaluations/{evaluation}", headers=mine), 200)
+    expect(await http.get(f"/v1/episodes/{episode}", headers=mine), 200)
+    for method, path, body in (
+        ("POST", f"/v1/evaluations/{evaluation}/episodes", None),
+        ("PUT", f"/v1/evaluations/{evaluation}/results", RECORD),
+        ("DELETE", f"/v1/evaluations/{evaluation}", None),
+        ("POST", f"/v1/episodes/{episode}/step", STEP),
+        ("DELETE", f"/v1/episodes/{episode}", None),
+    ):
+        problem(await http.request(method, path, json=body, headers=mine), 403, "forbidden")
+    told = problem(await http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=mine), 409, "evaluation-open")
+    assert "cancel its submission" in told["detail"]
+    # It may practise meanwhile, and the runner has nothing to do with that.
+    practice = expect(await http.post("/v1/episodes", json=PRACTICE, headers=mine), 201)["id"]
+    for method, path in (("POST", "/step"), ("DELETE", ""), ("GET", "")):
+        body = STEP if path else None
+        refused = await http.request(method, f"/v1/episodes/{practice}{path}", json=body, headers=bearer(token))
+        problem(refused, 403, "forbidden")
+    # With the submission its evaluation is the agent's again.
+    expect(await http.delete(f"/v1/submissions/{submission}"), 200)
+    expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=mine), 201)
 
 
-def test_it_ends_with_the_state(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with handing_in(tmp_path) as http:
-            submission = expect(await hand_in(http), 202)["id"]
-            rows = service_of(http).submissions.rows
-            first = await checked(http, submission)
+@story()
+async def test_it_ends_with_the_state(http: httpx.AsyncClient) -> None:
+    submission = expect(await hand_in(http), 202)["id"]
+    rows = service_of(http).submissions.rows
+    first = await checked(http, submission)
 
-            async def good(token: str, status: int = 201) -> None:
-                assert (await http.post("/v1/episodes", json=PRACTICE, headers=bearer(token))).status_code == status
+    async def good(token: str, status: int = 201) -> None:
+        assert (await http.post("/v1/episodes", json=PRACTICE, headers=bearer(token))).status_code == status
 
-            await good(first)
-            second = await service_of(http).submissions.give_token(submission)
-            assert second is not None
-            await good(first, 401)
-            await good(second)
-            assert await rows.set_state(submission, SubmissionState.CHECKED)
-            await good(second, 401)
-            evaluation, third = await running(http, submission)
-            await good(third, 403)
-            path = f"/v1/evaluations/{evaluation}/episodes"
-            expect(await http.post(path, headers=bearer(third)), 201)
-            await service_of(http).submissions.end(submission, SubmissionState.FAILED, "as the test wants")
-            problem(await http.post(path, headers=bearer(third)), 401, "unauthenticated")
-            assert await service_of(http).submissions.give_token(submission) is None
-
-    play(story)
+    await good(first)
+    second = await service_of(http).submissions.give_token(submission)
+    assert second is not None
+    await good(first, 401)
+    await good(second)
+    assert await rows.set_state(submission, SubmissionState.CHECKED)
+    await good(second, 401)
+    evaluation, third = await running(http, submission)
+    await good(third, 403)
+    path = f"/v1/evaluations/{evaluation}/episodes"
+    expect(await http.post(path, headers=bearer(third)), 201)
+    await service_of(http).submissions.end(submission, SubmissionState.FAILED, "as the test wants")
+    problem(await http.post(path, headers=bearer(third)), 401, "unauthenticated")
+    assert await service_of(http).submissions.give_token(submission) is None
 
 
 @pytest.fixture(scope="module")

@@ -10,12 +10,14 @@ from unittest.mock import patch
 import pytest
 import structlog
 
+import wrongturn_sandbox
 from wrongturn_protocol import ProblemType
+from wrongturn_sandbox import SandboxUnavailableError
 from wrongturn_service.cli import checks
 from wrongturn_service.errors import UnavailableError
 from wrongturn_service.settings import Settings
 from wrongturn_service.submissions import availability as module
-from wrongturn_service.submissions.availability import Availability, NoSandboxError
+from wrongturn_service.submissions.availability import Availability
 
 MISSING = "there is no bubblewrap; install it: apt-get install bubblewrap"
 
@@ -30,7 +32,7 @@ class Machine:
     def __call__(self) -> str:
         self.looks += 1
         if self.found is None:
-            raise NoSandboxError(MISSING)
+            raise SandboxUnavailableError(MISSING)
         return self.found
 
 
@@ -162,7 +164,7 @@ def test_the_doctor_names_the_sandbox_or_what_is_missing(monkeypatch: pytest.Mon
     assert not ok
     assert str(tmp_path / "no.socket") in finding
     assert "WRONGTURN_SUBMISSIONS=0" in remedy
-    monkeypatch.setattr(module, "look_for", lambda socket: "bubblewrap 0.8.0")
+    monkeypatch.setattr(wrongturn_sandbox, "probe", lambda path: "bubblewrap 0.8.0")
     assert check_of_submissions() == ("submissions", True, "on: bubblewrap 0.8.0", "")
     monkeypatch.setenv("WRONGTURN_SUBMISSIONS", "0")
     assert check_of_submissions()[1]

@@ -16,8 +16,8 @@ from clocked_service import ClockedService
 from service_harness import expect, metrics, problem
 from submission_owner import Owner, until
 
+from wrongturn_sandbox import SandboxUnavailableError
 from wrongturn_service.submissions import availability, jobs, runners
-from wrongturn_service.submissions.availability import NoSandboxError
 
 RUNNER = (sys.executable, str(Path(__file__).with_name("stand_in_runner.py")))
 EPISODES = 12
@@ -34,7 +34,7 @@ class Stage:
 
     def look(self, _socket: Path | None) -> str:
         if self.sandboxes is None:
-            raise NoSandboxError("there is no stand-in; bring one")
+            raise SandboxUnavailableError("there is no stand-in; bring one")
         return self.sandboxes
 
     def serve(self, **settings: Any) -> ClockedService:
@@ -68,7 +68,7 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     # However slow the machine is, a runner's last word is told from its death.
     monkeypatch.setattr(runners, "_GRACE_S", 60.0)
     stage = Stage(tmp_path)
-    with patch.object(availability, "look_for", stage.look):
+    with patch.object(availability, "probe", stage.look):
         try:
             yield stage
         finally:
@@ -261,52 +261,6 @@ def test_a_submission_is_cancelled_at_once_in_each_state(stage: Stage, state: st
         owner.until(owner.hand_in(stage.model(), "cancelled"), "running", "finished")  # the name is free
     again = owner.cancel(submission)
     assert again == found
-
-
-@pytest.mark.soak
-def test_two_owners_with_ten_each_are_served_in_turns(stage: Stage) -> None:
-    service = stage.serve(submissions=1, submissions_per_owner=10)
-    ann, ben = stage.owner(service, "ann"), stage.owner(service, "ben")
-    blocker = stage.owner(service, "first")
-    blocking = stage.model(drive=[{"after": 0, "then": "hang"}])
-    blocked = blocker.hand_in(blocking)
-    until(lambda: bool(stage.starts(blocking, "drive")))
-    one_notes = json.loads(stage.model())["notes"]
-    handed = []
-    for owner in (ann, ben):
-        for number in range(10):
-            model = json.dumps({**json.loads(stage.model(f"{owner.name} {number}")), "notes": one_notes}).encode()
-            handed.append((owner, owner.hand_in(model)))
-    for owner, submission in handed:
-        owner.until(submission, "checked")
-    positions = [owner.get(submission)["position"] for owner, submission in handed]
-    assert positions == [2 * place for place in range(10)] + [2 * place + 1 for place in range(10)]
-    problem(ann.post(stage.model(), "one more"), 429, "rate-limited")
-    blocker.cancel(blocked)
-    for owner, submission in handed:
-        owner.until(submission, "finished")
-    served = [line.split(" ", 1)[1] for line in (Path(one_notes) / "drive").read_text().splitlines()]
-    assert served == [f"{owner} {number}" for number in range(10) for owner in ("ann", "ben")]
-
-
-@pytest.mark.soak  # tests/service/test_submissions_order.py tells the order in CI
-def test_one_who_comes_late_does_not_wait_for_all_others(stage: Stage) -> None:
-    service = stage.serve(submissions=1)
-    ann, ben = stage.owner(service), stage.owner(service)
-    models = [stage.model(drive=[{"after": 0, "then": "hang"}]) for _ in range(3)]
-    first = ann.hand_in(models[0])
-    ann.until(first, "running")  # models are checked side by side, and the next is the one that is checked first
-    others = [ann.hand_in(model) for model in models[1:]]
-    for other in others:
-        ann.until(other, "checked")
-    late = ben.hand_in(stage.model())
-    ben.until(late, "checked")
-    assert ben.get(late)["position"] == 0
-    assert [ann.get(other)["position"] for other in others] == [1, 2]
-    ann.cancel(first)
-    ben.until(late, "finished")
-    for other in others:
-        ann.cancel(other)
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,12 @@ import asyncio
 import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Final
 
 import structlog
 
 from wrongturn_protocol import ProblemType
+from wrongturn_sandbox import SandboxUnavailableError, probe
 from wrongturn_service.errors import UnavailableError
 from wrongturn_service.settings import Settings
 
@@ -22,32 +22,14 @@ _PATIENCE_S: Final = 15.0
 TURNED_OFF: Final = "WRONGTURN_SUBMISSIONS is 0"
 
 
-class NoSandboxError(Exception):
-    """There are no sandboxes. The message says why and what to do."""
-
-
-def look_for(socket: Path | None) -> str:
-    """Return what the sandboxes are, such as ``bubblewrap 0.8.0``. Raises NoSandboxError.
-
-    Args:
-        socket: Unix socket of a runner container, None for bubblewrap on this machine.
-    """
-    from wrongturn_sandbox import SandboxUnavailableError, probe  # noqa: PLC0415 - only where it is needed
-
-    try:
-        return probe(socket)
-    except SandboxUnavailableError as error:
-        raise NoSandboxError(str(error)) from error
-
-
 class Availability:
     """Knows whether there are sandboxes, and looks again when that may have changed."""
 
     def __init__(self, settings: Settings, look: Callable[[], str] | None = None) -> None:
-        """Know nothing yet. ``look`` takes the place of :func:`look_for`."""
+        """Know nothing yet. ``look`` takes the place of :func:`wrongturn_sandbox.probe`."""
         self._off = settings.submissions == 0
         self._comes_and_goes = settings.runner_socket is not None
-        self._look = look or partial(look_for, settings.runner_socket)
+        self._look = look or partial(probe, settings.runner_socket)
         self._under_way: asyncio.Task[str] | None = None
         self._looked: float | None = None
         self._found: str | None = None
@@ -75,7 +57,7 @@ class Availability:
                 self._under_way = asyncio.create_task(asyncio.to_thread(self._look))
                 self._under_way.add_done_callback(self._looked_once)
             self._found = await asyncio.wait_for(asyncio.shield(self._under_way), _PATIENCE_S)
-        except NoSandboxError as error:
+        except SandboxUnavailableError as error:
             self._found, self._reason = None, str(error)
         except TimeoutError:
             self._found, self._reason = None, f"the sandboxes did not answer within {_PATIENCE_S:g} s"
