@@ -1,13 +1,11 @@
 """A guest that waits for its model has given up its rights, as the kernel sees it from outside."""
 
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from guest_processes import children, wait_until
+from guest_processes import ListenerProcess, children
 from upload_models import model
 
 from wrongturn_sandbox import Limits, open_sandbox
@@ -19,22 +17,15 @@ MEMORY = 1 << 30
 def guest(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[int]:
     """The process id of a guest that has loaded a model."""
     process = None
-    path = None
     if request.param == "bubblewrap":
         request.getfixturevalue("bubblewrap")
     else:
-        path = tmp_path / "runner.sock"
-        line = [sys.executable, "-m", "wrongturn_sandbox", "--listen", str(path)]
-        process = subprocess.Popen(line, stderr=subprocess.DEVNULL)
-        wait_until(path.exists)
-    with open_sandbox(path, Limits(MEMORY, 60, 60)) as sandbox:
+        process = ListenerProcess(tmp_path)
+    with open_sandbox(None if process is None else process.path, Limits(MEMORY, 60, 60)) as sandbox:
         sandbox.load(model())
-        pid = process.pid if process is not None else sandbox.pid
-        assert pid is not None
-        yield children(pid)[-1]
+        yield (children(sandbox.pid or 0) if process is None else process.guests())[-1]
     if process is not None:
-        process.terminate()
-        process.wait()
+        process.end()
 
 
 def status(pid: int) -> dict[str, str]:

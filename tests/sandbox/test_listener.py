@@ -5,15 +5,14 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgpack
 import numpy as np
 import pytest
 from corpus import CORPUS
-from guest_processes import children, gone, wait_until
+from guest_processes import ListenerProcess, gone, wait_until
 from upload_models import model
 
 from wrongturn_sandbox import (
@@ -33,27 +32,9 @@ SLOW = next(case for case in CORPUS if case.name == "time-at-a-step")
 StartListener = Callable[..., Path]
 
 
-class Own:
-    """A listener that a test may kill."""
-
-    def __init__(self, folder: Path, most: int = 4) -> None:
-        self.path = folder / "runner.sock"
-        line = [sys.executable, "-m", "wrongturn_sandbox", "--listen", str(self.path), "--most", str(most)]
-        self.process = subprocess.Popen(line, stderr=subprocess.DEVNULL)
-        self.wait_until(self.path.exists)
-
-    def wait_until(self, true: Callable[[], bool]) -> None:
-        while not true():
-            assert self.process.poll() is None
-            time.sleep(0.01)
-
-    def guests(self) -> list[int]:
-        return children(self.process.pid)
-
-
 @pytest.fixture
-def own(tmp_path: Path) -> object:
-    made = Own(tmp_path)
+def own(tmp_path: Path) -> Iterator[ListenerProcess]:
+    made = ListenerProcess(tmp_path, 4)
     yield made
     made.process.kill()
     made.process.wait()
@@ -71,7 +52,7 @@ def test_one_host_too_many_is_told(start_listener: StartListener) -> None:
         open_sandbox(path, LIMITS)
 
 
-def test_a_guest_ends_with_its_connection(own: Own) -> None:
+def test_a_guest_ends_with_its_connection(own: ListenerProcess) -> None:
     sandbox = open_sandbox(own.path, LIMITS)
     sandbox.load(SLOW.make())
     assert len(own.guests()) == 1
@@ -83,7 +64,7 @@ def test_a_guest_ends_with_its_connection(own: Own) -> None:
         assert another.load(model()).nodes == 2
 
 
-def test_a_killed_guest_is_lost_and_the_others_go_on(own: Own) -> None:
+def test_a_killed_guest_is_lost_and_the_others_go_on(own: ListenerProcess) -> None:
     with open_sandbox(own.path, LIMITS) as first:
         first.load(model())
         (pid,) = own.guests()
@@ -95,7 +76,7 @@ def test_a_killed_guest_is_lost_and_the_others_go_on(own: Own) -> None:
             assert second.run(SPEED)["steer"].tolist() == [[0]]
 
 
-def test_a_crash_is_the_models_fault(own: Own) -> None:
+def test_a_crash_is_the_models_fault(own: ListenerProcess) -> None:
     with open_sandbox(own.path, LIMITS) as sandbox:
         sandbox.load(model())
         os.kill(own.guests()[0], signal.SIGSEGV)
@@ -104,7 +85,7 @@ def test_a_crash_is_the_models_fault(own: Own) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_guests_end_with_the_listener(own: Own, number: signal.Signals) -> None:
+def test_guests_end_with_the_listener(own: ListenerProcess, number: signal.Signals) -> None:
     with open_sandbox(own.path, LIMITS) as sandbox:
         sandbox.load(model())
         (pid,) = own.guests()
@@ -116,7 +97,7 @@ def test_guests_end_with_the_listener(own: Own, number: signal.Signals) -> None:
     assert own.path.exists() == (number == signal.SIGKILL)
 
 
-def test_a_stale_socket_is_replaced_and_a_used_one_is_not(own: Own, tmp_path: Path) -> None:
+def test_a_stale_socket_is_replaced_and_a_used_one_is_not(own: ListenerProcess, tmp_path: Path) -> None:
     line = [sys.executable, "-m", "wrongturn_sandbox", "--listen", str(own.path)]
     second = subprocess.run(line, capture_output=True, text=True, timeout=60, check=False)
     assert second.returncode == 1
@@ -165,7 +146,7 @@ def test_a_host_gets_the_place_of_one_that_left(start_listener: StartListener) -
 
 
 @pytest.mark.parametrize("garbage", [b"", b"\xff" * 100, b"\0\0\0\x05hello", b"GET / HTTP/1.1\r\n\r\n"])
-def test_garbage_from_a_host_harms_no_other(own: Own, garbage: bytes) -> None:
+def test_garbage_from_a_host_harms_no_other(own: ListenerProcess, garbage: bytes) -> None:
     for _ in range(3):
         with socket.socket(socket.AF_UNIX) as connection:
             connection.connect(str(own.path))
