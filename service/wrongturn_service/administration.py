@@ -9,6 +9,7 @@ from wrongturn_protocol import ProblemType
 from wrongturn_protocol.administration import Contents, Deletion
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.accounts import Accounts
+from wrongturn_service.cache import Cache
 from wrongturn_service.episodes.manager import EpisodeManager
 from wrongturn_service.errors import ForbiddenError, InvalidRequestError, NotFoundError
 from wrongturn_service.evaluation.leaderboards import Leaderboards
@@ -18,7 +19,6 @@ from wrongturn_service.storage.administration import AdministrationStore, Found,
 from wrongturn_service.storage.audit import Act
 from wrongturn_service.storage.models import EvaluationRow, OwnerRow
 from wrongturn_service.submissions.operations import Submissions
-from wrongturn_service.web.kept import Kept
 
 _UNKNOWN: Final = {
     Collection.OWNERS: ProblemType.UNKNOWN_OWNER,
@@ -43,7 +43,7 @@ class Administration:
         episodes: EpisodeManager,
         leaderboards: Leaderboards,
         replays: Replays,
-        kept: Kept,
+        cache: Cache,
     ) -> None:
         self.rows = rows
         self._accounts = accounts
@@ -51,7 +51,7 @@ class Administration:
         self._episodes = episodes
         self._leaderboards = leaderboards
         self._replays = replays
-        self._kept = kept
+        self._cache = cache
         self._deleting = asyncio.Lock()
         self._log = structlog.get_logger("administration")
 
@@ -168,7 +168,7 @@ class Administration:
 
     def _forget(self) -> None:
         self._leaderboards.forget_all()
-        self._kept.clear()
+        self._cache.clear()
         self._replays.clear()
 
 

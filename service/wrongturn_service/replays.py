@@ -10,9 +10,9 @@ from wrongturn_judge import Row, Trajectory, TrajectoryError
 from wrongturn_networks import UnknownTownError, draw_trial, load_town
 from wrongturn_protocol import Command, FaultKind, Outcome, ProblemType
 from wrongturn_protocol.pixmap import to_pixmap
+from wrongturn_service.cache import Cache
 from wrongturn_service.errors import ConflictError, NotFoundError
 from wrongturn_service.storage.store import Store
-from wrongturn_service.web.kept import Kept
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera.renderer import Image
@@ -47,9 +47,9 @@ class Replays:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._read = Kept(_TRAJECTORIES, size=lambda read: read.size)
-        self._made = Kept(_PICTURES, size=len)
-        self._warm = Kept(1)
+        self._read = Cache(_TRAJECTORIES, size=lambda read: read.size)
+        self._made = Cache(_PICTURES, size=len)
+        self._warm = Cache(1)
 
     async def warm_up(self) -> None:
         """Draw a little, once, so that no reader waits for what is compiled or loaded late.

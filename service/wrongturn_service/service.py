@@ -14,6 +14,7 @@ from prometheus_client import Gauge
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.administration import Administration
+from wrongturn_service.cache import Cache
 from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.evaluations import RunningEvaluations
 from wrongturn_service.episodes.lease import Terms
@@ -46,15 +47,15 @@ from wrongturn_service.submissions.operations import Submissions
 from wrongturn_service.submissions.runners import COMMAND
 from wrongturn_service.submissions.upload import Uploads
 from wrongturn_service.telemetry import Telemetry
-from wrongturn_service.web.kept import Kept
-from wrongturn_service.web.rendered import RenderedPages
 
 _PURGE_S = 3600.0
 _RETRY_S = 30.0
 _HOUR_S = 3600.0
 _DAY_S = 86400.0
 _DOCUMENTS = 32 << 20
-"""Bytes of the documents that are kept."""
+"""Bytes of the documents that are cached."""
+_PAGES = 64
+"""Rendered pages that are cached. The page of a hundred agents has about 200 kB."""
 _WARM_UP_AFTER_S = 10.0
 """Seconds after the start, in which the first agents come."""
 
@@ -74,9 +75,11 @@ class Service:
     registrations: Registrations
     idempotency: Idempotency
     leaderboards: Leaderboards
-    pages: RenderedPages
-    kept: Kept
-    documents: Kept
+    pages: Cache
+    """Rendered pages of the leaderboards, by generation of these."""
+    cache: Cache
+    """What pages make of finished evaluations."""
+    documents: Cache
     """JSON that never changes, by what it shows: suites, towns and the OpenAPI document."""
     submissions: Submissions
     uploads: Uploads
@@ -180,7 +183,7 @@ async def run_service(
         for work in (episodes.watch_leases(), chores, _warm_up(replays)):
             task = asyncio.create_task(work)
             stack.push_async_callback(_cancel, task)
-        kept = Kept()
+        cache = Cache()
         administration = Administration(
             AdministrationStore(database),
             accounts,
@@ -188,7 +191,7 @@ async def run_service(
             episodes,
             leaderboards,
             replays,
-            kept,
+            cache,
         )
         log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
         yield Service(
@@ -203,9 +206,9 @@ async def run_service(
             registrations,
             Idempotency(store),
             leaderboards,
-            RenderedPages(),
-            kept,
-            Kept(_DOCUMENTS, size=len),
+            Cache(_PAGES, at_once=1),
+            cache,
+            Cache(_DOCUMENTS, size=len),
             submissions,
             uploads,
             availability,

@@ -19,9 +19,9 @@ from wrongturn_protocol import Track
 from wrongturn_protocol.observations import decode
 from wrongturn_service import replays as replays_module
 from wrongturn_service import service as service_module
+from wrongturn_service.cache import Cache
 from wrongturn_service.replays import PICTURE, SHEET, Replays
 from wrongturn_service.web.drives import ROWS
-from wrongturn_service.web.kept import Kept
 from wrongturn_sim.ego import SUB_STEPS
 
 FOLDER = Path(__file__).parent
@@ -115,7 +115,7 @@ def test_what_is_kept_has_a_size() -> None:
     made: list[str] = []
 
     async def story() -> None:
-        kept = Kept(10, size=len)
+        kept = Cache(10, size=len)
 
         async def get(name: str) -> None:
             async def make() -> str:

@@ -34,7 +34,7 @@ async def leaderboard(service: ServiceDep, request: Request, suite: str) -> Resp
     if wants_csv(request.headers.get("accept", "")):
         key = ("csv", service.leaderboards.generation, suite)
         board = await service.leaderboards.board(suite)
-        rows = await service.kept.get(key, lambda: asyncio.to_thread(leaderboard_csv, board))
+        rows = await service.cache.get(key, lambda: asyncio.to_thread(leaderboard_csv, board))
         return Response(rows, media_type=CSV, headers=varies)
     return Response(await service.leaderboards.body(suite), media_type=Encoding.JSON, headers=varies)
 
@@ -48,4 +48,4 @@ async def compare(
 ) -> Response:
     """Compare two agents in the strict column, by an exact test within junction types and faults."""
     key = ("comparison", service.leaderboards.generation, suite, a, b)
-    return reply(await service.kept.get(key, lambda: service.leaderboards.compare(suite, a, b)))
+    return reply(await service.cache.get(key, lambda: service.leaderboards.compare(suite, a, b)))

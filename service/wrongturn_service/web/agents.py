@@ -1,7 +1,7 @@
 """The agents' pages: who they are, what they did, and where they fail."""
 
 import asyncio
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
 
@@ -12,6 +12,7 @@ from wrongturn_service import catalogue
 from wrongturn_service.accounts import detail
 from wrongturn_service.api.dependencies import ServiceDep
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
+from wrongturn_service.storage.finished import FinishedEpisode
 from wrongturn_service.storage.models import EvaluationRow
 from wrongturn_service.web import junction_map, words
 from wrongturn_service.web.driven import Pair, driven_evaluation
@@ -68,15 +69,8 @@ async def agent(
 ) -> Response:
     """Show an agent, and what it did on one suite.
 
-    Args:
-        request: The request.
-        service: The service.
-        agent: Id of the agent.
-        suite: The suite. Left out: the paper's, or the one that was driven last.
-        evaluation: Shows another evaluation than the one that counts.
-        verdict: Lists only trials with this verdict, or ``unsafe`` ones.
-        fault: Lists only trials with this fault.
-        junction: Lists only trials at junctions of this type.
+    Without a suite it is the paper's, or the one that was driven last; without an evaluation, the one that counts. Only
+    trials with the verdict (or all ``unsafe`` ones), the fault and the junction type are listed.
     """
     who = detail(await service.accounts.shown_agent(agent))
     rows = await service.finished.of_agent(agent)
@@ -111,7 +105,7 @@ async def agent(
         verdicts=[verdict for verdict in Verdict if any(counts.get(verdict) for counts in metrics.verdicts.values())],
         filters=filters,
         choices=_choices(driven.pairs),
-        pairs=[pair for pair in driven.pairs if _passes(pair, **filters)],
+        pairs=[pair for pair in driven.pairs if _passes(pair, filters)],
         map=junction_map,
         **values,
     )
@@ -136,12 +130,7 @@ def _suites(rows: Iterable[EvaluationRow]) -> list[str]:
 
 
 def _listed(rows: Sequence[EvaluationRow], counting: Collection[str]) -> list[dict[str, Any]]:
-    """Return the evaluations, the newest first.
-
-    Args:
-        rows: The evaluations.
-        counting: Ids of those that count.
-    """
+    """Return the evaluations, the newest first. ``counting`` has the ids of those that count."""
     return [
         {
             "id": row.id,
@@ -181,21 +170,19 @@ def _choice(field: str, value: str, allowed: Iterable[str]) -> str:
 def _choices(pairs: Iterable[Pair]) -> dict[str, list[str]]:
     """Return what the trials can be filtered by."""
     trials = [pair.trial for pair in pairs]
-    verdicts = {trial.outcome.verdict for trial in trials}
-    faults = {trial.trial.fault.kind for trial in trials}
-    types = {trial.trial.junction_type for trial in trials}
-    return {
-        "verdict": [verdict for verdict in Verdict if verdict in verdicts],
-        "fault": [fault for fault in FaultKind if fault in faults],
-        "junction": [kind for kind in JunctionType if kind in types],
-    }
+    present = {word for one in trials for word in _words_of(one).values()}
+    vocabulary: dict[str, Iterable[str]] = {"verdict": Verdict, "fault": FaultKind, "junction": JunctionType}
+    return {field: [word for word in known if word in present] for field, known in vocabulary.items()}
 
 
-def _passes(pair: Pair, verdict: str, fault: str, junction: str) -> bool:
-    trial, outcome = pair.trial.trial, pair.trial.outcome
-    unsafe = verdict == _UNSAFE and words.side(outcome) is Safety.UNSAFE
-    return (
-        (not verdict or unsafe or outcome.verdict == verdict)
-        and (not fault or trial.fault.kind == fault)
-        and (not junction or trial.junction_type == junction)
+def _words_of(episode: FinishedEpisode) -> dict[str, str]:
+    trial = episode.trial
+    return {"verdict": episode.outcome.verdict, "fault": trial.fault.kind, "junction": trial.junction_type}
+
+
+def _passes(pair: Pair, filters: Mapping[str, str]) -> bool:
+    unsafe = words.side(pair.trial.outcome) is Safety.UNSAFE
+    found = _words_of(pair.trial)
+    return all(
+        not wanted or wanted == found[field] or (wanted == _UNSAFE and unsafe) for field, wanted in filters.items()
     )

@@ -37,13 +37,8 @@ async def compare(
 ) -> Response:
     """Compare two agents on a suite.
 
-    Args:
-        request: The request.
-        service: The service.
-        suite: Id of the suite.
-        a: Id or name of an agent. Without it the page asks.
-        b: Id or name of another agent. Without it the page asks.
-        only: ``different`` lists only trials that were unsafe for one of them alone.
+    Each is named by its id or name; without both the page asks. ``only=different`` lists only trials that were unsafe
+    for one of them alone.
     """
     if only not in {"", _DIFFERENT}:
         raise InvalidRequestError("only", f"is neither left out nor {_DIFFERENT!r}")
@@ -56,7 +51,7 @@ async def compare(
     ids = {entry.agent.name.lower(): entry.agent.id for entry in entries} | {e.agent.id: e.agent.id for e in entries}
     first, second = (ids.get(asked) or ids.get(asked.lower(), asked) for asked in (a, b))
     key = ("comparison", service.leaderboards.generation, suite, first, second)
-    comparison = await service.kept.get(key, lambda: service.leaderboards.compare(suite, first, second))
+    comparison = await service.cache.get(key, lambda: service.leaderboards.compare(suite, first, second))
     evaluations = {entry.agent.id: entry.evaluation for entry in entries}
     sides = [await driven_evaluation(service, str(evaluations[agent.id])) for agent in (comparison.a, comparison.b)]
     rows = beside(*(_trials(side) for side in sides))

@@ -50,7 +50,7 @@ class DrivenEvaluation:
 
 async def driven_evaluation(service: Service, evaluation_id: str) -> DrivenEvaluation:
     """Return what was driven in a finished evaluation. It is kept, because it does not change."""
-    return await service.kept.get(("driven", evaluation_id), lambda: _load(service, evaluation_id))
+    return await service.cache.get(("driven", evaluation_id), lambda: _load(service, evaluation_id))
 
 
 async def _load(service: Service, evaluation_id: str) -> DrivenEvaluation:

@@ -66,13 +66,7 @@ def _after(trajectory: Trajectory) -> list[Row]:
 
 
 def moments(trajectory: Trajectory, outcome: Outcome, town: Town) -> list[Moment]:
-    """Return what happened during a drive, in the order of time; the last one is the verdict.
-
-    Args:
-        trajectory: The drive.
-        outcome: Its outcome.
-        town: The town in which it was driven.
-    """
+    """Return what happened during a drive, in the order of time; the last one is the verdict."""
     rows = shown_rows(trajectory)
     found = [*_commands(trajectory), *_junctions(rows, town), *_stands(rows, outcome)]
     found.sort(key=lambda moment: moment.decision)

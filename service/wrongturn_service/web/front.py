@@ -62,7 +62,7 @@ async def _leaderboard(
         others = await service.leaderboards.summaries()
         return await asyncio.to_thread(_render, request.url.path, suite, board, entries, track, kind, number, others)
 
-    return sent(request, await service.pages.get(generation, (request.url.path, suite_id, track, kind, number), render))
+    return sent(request, await service.pages.get((generation, request.url.path, suite_id, track, kind, number), render))
 
 
 def _render(

@@ -33,16 +33,7 @@ def templates() -> Environment:
 
 
 def page(request: Request, template: str, *, status: int = 200, **values: Any) -> Response:
-    """Return a page.
-
-    A browser that has the same page already gets 304.
-
-    Args:
-        request: The request.
-        template: File name of the template.
-        status: Status of the response.
-        values: The template's variables, see :func:`rendered`.
-    """
+    """Return a page, see :func:`rendered`. A browser that has the same page already gets 304."""
     raw: bytes = request.scope.get("raw_path") or request.url.path.encode()
     values.setdefault("root", root_of(raw.decode("ascii", "replace")))
     return sent(request, rendered(template, request.url.path, **values), status)
@@ -51,10 +42,7 @@ def page(request: Request, template: str, *, status: int = 200, **values: Any) -
 def rendered(template: str, path: str, **values: Any) -> bytes:
     """Return a page's HTML.
 
-    Args:
-        template: File name of the template.
-        path: Path of the page, such as ``/suites/smoke@2``.
-        values: The template's variables. It also gets ``path``, and ``root``, with which all its links begin.
+    The template gets the values, ``path`` (such as ``/suites/smoke@2``), and ``root``, with which all its links begin.
     """
     return templates().get_template(template).render({"path": path, "root": root_of(path), **values}).encode()
 
@@ -74,12 +62,7 @@ def root_of(path: str) -> str:
 
 
 def numbered_page(number: str, count: int) -> int:
-    """Return the page of a list that an address names. Raises InvalidRequestError.
-
-    Args:
-        number: What the address says.
-        count: Number of pages.
-    """
+    """Return the page of a list that an address names. Raises InvalidRequestError."""
     if number.isascii() and number.isdigit() and 1 <= int(number) <= count:
         return int(number)
     raise InvalidRequestError("query.page", f"is {number!r}; give a number from 1 to {count}")

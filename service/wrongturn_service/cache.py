@@ -1,4 +1,4 @@
-"""Things that pages make of finished evaluations, kept because such evaluations do not change."""
+"""Cache of costly work whose results do not change, such as what pages make of finished evaluations."""
 
 import asyncio
 from collections import OrderedDict
@@ -10,11 +10,11 @@ _CAPACITY: Final = 32
 _AT_ONCE: Final = 2
 
 
-class Kept:
-    """The results of costly work that were asked for last. Few are made at once, and none twice at once.
+class Cache:
+    """The results that were asked for last. Few are made at once, and none twice at once.
 
     Args:
-        capacity: Number of results that are kept, or sum of their sizes. A larger result is not kept.
+        capacity: Number of results, or sum of their sizes. A larger result is not cached.
         at_once: Number of results that are made at once. Other calls wait.
         size: Returns a result's size.
     """
@@ -51,16 +51,16 @@ class Kept:
         made: _T = await asyncio.shield(task)
         return made
 
-    def _over(self, key: Hashable, task: "asyncio.Task[Any]") -> None:
-        if self._making.get(key) is task:
-            del self._making[key]
-
     def clear(self) -> None:
-        """Drop all results. What is being made now is not kept either."""
+        """Drop all results. What is being made now is not cached either."""
         self._cleared += 1
         self._found.clear()
         self._making.clear()
         self._filled = 0
+
+    def _over(self, key: Hashable, task: "asyncio.Task[Any]") -> None:
+        if self._making.get(key) is task:
+            del self._making[key]
 
     async def _make(self, key: Hashable, make: Callable[[], Awaitable[_T]], cleared: int) -> _T:
         async with self._turn:
