@@ -6,10 +6,11 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import typer
 
+from wrongturn_service.cli import read_settings
 from wrongturn_service.extra import require_server
 
 _STREAM: Final = Path("-")
@@ -40,9 +41,9 @@ def backup(
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
     from wrongturn_service.storage.backup import back_up  # noqa: PLC0415 - imports SQLAlchemy
 
-    settings = _settings(database)
+    settings = read_settings(database=database)
     if file == _STREAM and sys.stdout.isatty():
-        raise typer.BadParameter("a backup is no text: name a file, or send stdout into one", param_hint="FILE")
+        raise typer.BadParameter("a backup is binary: name a file, or redirect stdout to one", param_hint="FILE")
     try:
         with _staged(file, settings.home) as written:
             back_up(settings.database_url, written)
@@ -74,7 +75,7 @@ def restore(
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
     from wrongturn_service.storage import backup as backups  # noqa: PLC0415 - imports SQLAlchemy
 
-    settings = _settings(database)
+    settings = read_settings(database=database)
     if file == _STREAM and not yes:
         raise typer.BadParameter("stdin is the backup, so it cannot answer the question: give --yes", param_hint="FILE")
     if not yes:
@@ -108,16 +109,3 @@ def _staged(file: Path, home: Path) -> Iterator[Path]:
         ) from error
     with folder as name:
         yield Path(name) / "backup"
-
-
-def _settings(database: str | None) -> Any:
-    from pydantic import ValidationError  # noqa: PLC0415
-
-    from wrongturn_service.settings import PREFIX, Settings  # noqa: PLC0415
-
-    try:
-        return Settings() if database is None else Settings(database=database)
-    except ValidationError as error:
-        for item in error.errors(include_url=False, include_input=False):
-            typer.echo(f"{PREFIX}{'.'.join(map(str, item['loc'])).upper()}: {item['msg']}", err=True)
-        raise typer.Exit(2) from None

@@ -53,30 +53,16 @@ def serve(
     """
     require_server("serve")
     _stop_with_parent()
-    from pydantic import ValidationError  # noqa: PLC0415
-
     from wrongturn_service.address import AddressError, bind  # noqa: PLC0415
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
-    from wrongturn_service.settings import PREFIX, Settings  # noqa: PLC0415
 
-    given: dict[str, Any] = {"host": host, "port": port, "database": database}
-    try:
-        settings = Settings(**{name: value for name, value in given.items() if value is not None})
-    except ValidationError as error:
-        for item in error.errors(include_url=False, include_input=False):
-            name = ".".join(str(part) for part in item["loc"])
-            typer.echo(f"{PREFIX}{name.upper()}: {item['msg']}", err=True)
-        raise typer.Exit(_USAGE) from None
+    settings = read_settings(host=host, port=port, database=database)
     from wrongturn_service.storage.location import DatabaseUrlError, parse  # noqa: PLC0415 - imports SQLAlchemy
 
     try:
         parse(settings.database_url)
-    except DatabaseUrlError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(_USAGE) from None
-    try:
         bound = bind(settings.host, settings.port, settings.slow_client_s)
-    except AddressError as error:
+    except (DatabaseUrlError, AddressError) as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(_USAGE) from None
     gc.disable()  # hardly anything that is imported is garbage
@@ -90,6 +76,23 @@ def serve(
     except StartupError as error:
         typer.echo(f"Wrongturn cannot start: {error}", err=True)
         raise typer.Exit(1) from None
+
+
+def read_settings(**given: Any) -> "Settings":
+    """Return the settings with what was given on the command line. None was not given.
+
+    A wrong value is named, and ends the command with status 2.
+    """
+    from pydantic import ValidationError  # noqa: PLC0415
+
+    from wrongturn_service.settings import PREFIX, Settings  # noqa: PLC0415
+
+    try:
+        return Settings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        for item in error.errors(include_url=False, include_input=False):
+            typer.echo(f"{PREFIX}{'.'.join(map(str, item['loc'])).upper()}: {item['msg']}", err=True)
+        raise typer.Exit(_USAGE) from None
 
 
 def _stop_with_parent() -> None:

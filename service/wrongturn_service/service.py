@@ -111,7 +111,7 @@ async def run_service(
     log = structlog.get_logger("service")
     async with contextlib.AsyncExitStack() as stack:
         await stack.enter_async_context(metrics_port(settings, telemetry))
-        database = await Database.open(settings.database_url, home=settings.home, watcher=telemetry)
+        database = await Database.open(settings.database_url, home=settings.home, telemetry=telemetry)
         stack.push_async_callback(database.close)
         quota = Quota(
             settings.bytes_per_owner,

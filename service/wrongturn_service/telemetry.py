@@ -1,7 +1,7 @@
 """Metrics for Prometheus. Each service has its own registry."""
 
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextvars import ContextVar
 from importlib.metadata import version
 from typing import Final, Literal, get_args
@@ -28,6 +28,8 @@ CLOSED: Final = (
 """Reasons for which the service closes a connection because of its client."""
 Call = Literal["reset", "step", "view", "replay", "abort"]
 """Kinds of calls to a simulator."""
+Voided = Literal["simulators-failed", "service-ended", "runner-ended", "cancelled"]
+"""Reasons for which an episode ends without a verdict that counts."""
 _simulated: ContextVar[tuple[str, float] | None] = ContextVar("simulated", default=None)
 """Kind of the current request's last call to a simulator, and the seconds of all its calls."""
 
@@ -37,84 +39,45 @@ class Telemetry:
 
     def __init__(self) -> None:
         self._registry = registry = CollectorRegistry()
-        self._requests = Histogram(
-            "wrongturn_request_seconds",
-            "Time to answer a request, by route",
-            ("method", "route", "status"),
-            buckets=_BUCKETS,
-            registry=registry,
+
+        def timed(name: str, documentation: str, *labels: str, buckets: Sequence[float] = _BUCKETS) -> Histogram:
+            return Histogram(f"wrongturn_{name}", documentation, labels, buckets=buckets, registry=registry)
+
+        def counted(name: str, documentation: str, *labels: str, values: Iterable[str] = ()) -> Counter:
+            counter = Counter(f"wrongturn_{name}", documentation, labels, registry=registry)
+            for value in values:
+                counter.labels(value)
+            return counter
+
+        self._requests = timed("request_seconds", "Time to answer a request, by route", "method", "route", "status")
+        simulation = timed("simulation_seconds", "Time that a simulator took to answer, by kind of call", "call")
+        overhead = timed("overhead_seconds", "Time to answer a reset or step, less the simulator's time", "call")
+        self._by_call = {call: (simulation.labels(call), overhead.labels(call)) for call in get_args(Call)}
+        self._database = timed("database_seconds", "Time of a transaction, by operation", "operation")
+        self._storage_errors = counted(
+            "storage_errors", "Transactions that failed, by kind", "kind", values=[kind.value for kind in FailureKind]
         )
-        self._simulation = Histogram(
-            "wrongturn_simulation_seconds",
-            "Time that a simulator took to answer, by kind of call",
-            ("call",),
-            buckets=_BUCKETS,
-            registry=registry,
-        )
-        self._overhead = Histogram(
-            "wrongturn_overhead_seconds",
-            "Time to answer a reset or step, less the simulator's time",
-            ("call",),
-            buckets=_BUCKETS,
-            registry=registry,
-        )
-        self._by_call = {call: (self._simulation.labels(call), self._overhead.labels(call)) for call in get_args(Call)}
-        self._database = Histogram(
-            "wrongturn_database_seconds",
-            "Time of a transaction, by operation",
-            ("operation",),
-            buckets=_BUCKETS,
-            registry=registry,
-        )
-        self._storage_errors = Counter(
-            "wrongturn_storage_errors", "Transactions that failed, by kind", ("kind",), registry=registry
-        )
-        for kind in FailureKind:
-            self._storage_errors.labels(kind.value)
-        self.steps = Counter("wrongturn_steps", "Decisions that were simulated", registry=registry)
-        self._ended = Counter(
-            "wrongturn_episodes_ended", "Episodes with a verdict", ("scored", "verdict"), registry=registry
-        )
-        self._voided = Counter(
-            "wrongturn_episodes_voided",
+        self.steps = counted("steps", "Decisions that were simulated")
+        self._ended = counted("episodes_ended", "Episodes with a verdict", "scored", "verdict")
+        self._voided = counted(
+            "episodes_voided",
             "Episodes that ended without a verdict that counts, by reason",
-            ("reason",),
-            registry=registry,
+            "reason",
+            values=get_args(Voided),
         )
-        for reason in ("simulators-failed", "service-ended", "runner-ended", "cancelled"):
-            self._voided.labels(reason)
-        self._closed = Counter(
-            "wrongturn_connections_closed", "Connections that the service closed", ("reason",), registry=registry
-        )
-        for reason in CLOSED:
-            self._closed.labels(reason)
-        self._submissions = Gauge(
-            "wrongturn_submissions", "Submissions that wait or run, by state", ("state",), registry=registry
-        )
-        self._submissions_over = Counter(
-            "wrongturn_submissions_ended", "Submissions that are over, by state", ("state",), registry=registry
-        )
+        self._closed = counted("connections_closed", "Connections that the service closed", "reason", values=CLOSED)
+        self._submissions = self.gauge("wrongturn_submissions", "Submissions that wait or run, by state", "state")
+        self._submissions_over = counted("submissions_ended", "Submissions that are over, by state", "state")
         for state in SubmissionState:
             (self._submissions_over if state.over else self._submissions).labels(state.value)
-        self.checks = Histogram(
-            "wrongturn_submission_check_seconds",
-            "Time to check a model, from the start of its runner",
-            buckets=_CHECK_BUCKETS,
-            registry=registry,
+        self.checks = timed(
+            "submission_check_seconds", "Time to check a model, from the start of its runner", buckets=_CHECK_BUCKETS
         )
-        self.runners_lost = Counter(
-            "wrongturn_runners_lost", "Runners that ended before they were done", registry=registry
-        )
-        self.expired = Counter(
-            "wrongturn_leases_expired", "Episodes that were aborted because their agent was silent", registry=registry
-        )
-        self.deaths = Counter("wrongturn_simulator_deaths", "Simulators that died", registry=registry)
-        self.replays = Counter(
-            "wrongturn_replays", "Episodes that were replayed in another simulator", registry=registry
-        )
-        build = Gauge(
-            "wrongturn_build_info", "1; the labels say what runs", ("version", "python", "sumo"), registry=registry
-        )
+        self.runners_lost = counted("runners_lost", "Runners that ended before they were done")
+        self.expired = counted("leases_expired", "Episodes that were aborted because their agent was silent")
+        self.deaths = counted("simulator_deaths", "Simulators that died")
+        self.replays = counted("replays", "Episodes that were replayed in another simulator")
+        build = self.gauge("wrongturn_build_info", "1; the labels say what runs", "version", "python", "sumo")
         build.labels(version("wrongturn-service"), platform.python_version(), version("libsumo")).set(1)
         # Memory, processor time, descriptors and start of the service's own process, without its simulators.
         ProcessCollector(registry=registry)
@@ -123,9 +86,9 @@ class Telemetry:
         """Add a gauge that reads its value when metrics are collected."""
         Gauge(name, documentation, registry=self._registry).set_function(read)
 
-    def gauge(self, name: str, documentation: str) -> Gauge:
+    def gauge(self, name: str, documentation: str, *labels: str) -> Gauge:
         """Add a gauge that is set."""
-        return Gauge(name, documentation, registry=self._registry)
+        return Gauge(name, documentation, labels, registry=self._registry)
 
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count an answered request."""
@@ -157,9 +120,7 @@ class Telemetry:
         """Count an episode whose verdict is stored."""
         self._ended.labels(str(scored).lower(), verdict).inc()
 
-    def voided(
-        self, reason: Literal["simulators-failed", "service-ended", "runner-ended", "cancelled"], count: int = 1
-    ) -> None:
+    def voided(self, reason: Voided, count: int = 1) -> None:
         """Count episodes that ended without a verdict that counts."""
         self._voided.labels(reason).inc(count)
 

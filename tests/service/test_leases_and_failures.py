@@ -254,18 +254,6 @@ def test_an_evaluation_in_parallel_never_drives_a_trial_beside_its_twin(tmp_path
     play(story)
 
 
-def test_registration_by_the_operator_alone(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(), registration="operator", operator_token="secret") as http:
-            body = {"name": "one", "track": "camera"}
-            problem(await http.post("/v1/agents", json=body), 403, "registration-closed")
-            problem(await http.post("/v1/owners", json={"name": "one"}), 403, "registration-closed")
-            headers = {"Authorization": "Bearer secret"}
-            expect(await http.post("/v1/agents", json=body, headers=headers), 201)
-
-    play(story)
-
-
 def test_so_many_registrations_from_one_address(tmp_path: Path) -> None:
     async def story() -> None:
         async with application(tmp_path, FakePool(), registration_limit=2, operator_token="secret") as http:

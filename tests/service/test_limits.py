@@ -1,4 +1,4 @@
-"""So much and no more: what an agent may have, and what it is told where it has it all."""
+"""Limits per agent, and the error at each limit."""
 
 import asyncio
 from pathlib import Path
@@ -45,24 +45,6 @@ def test_each_has_a_place_in_the_line_and_comes_to_its_turn(tmp_path: Path) -> N
             first = expect(await ask(0), 201)["id"]
             assert expect(await ask(0), 201)["id"] == first  # its key's reply
             assert _told(await ask(1), 503, "simulators-busy")["position"] == 1
-
-    play(story)
-
-
-def test_an_agent_with_many_requests_does_not_keep_out_another(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(slots=2)) as http:
-            held = [expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"] for _ in range(2)]
-            for number in range(9):
-                headers = {"Idempotency-Key": f"key {number}"}
-                _told(await http.post("/v1/episodes", json=PRACTICE, headers=headers), 503, "simulators-busy")
-            other = await _agent(http, "other")
-            assert (
-                _told(await http.post("/v1/episodes", json=PRACTICE, headers=other), 503, "simulators-busy")["position"]
-                == 1
-            )
-            await http.delete(f"/v1/episodes/{held[0]}")
-            expect(await http.post("/v1/episodes", json=PRACTICE, headers=other), 201)
 
     play(story)
 
@@ -181,31 +163,5 @@ def test_a_refused_reset_takes_nothing_of_the_limit(tmp_path: Path) -> None:
                 problem(await http.post("/v1/episodes", json=PRACTICE), 422, "fault-not-applicable")
             pool.refuse = False
             expect(await http.post("/v1/episodes", json=PRACTICE), 201)
-
-    play(story)
-
-
-def test_a_database_whose_file_is_gone_is_not_written_to(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            expect(await http.get("/health/ready"), 200)
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            reset = f"/v1/evaluations/{evaluation}/episodes"
-            episode = expect(await http.post(reset), 201)["id"]
-            file = tmp_path / "a.db"
-            file.rename(tmp_path / "elsewhere.db")
-            for call in (http.get("/health/ready"), http.post(reset), http.delete(f"/v1/episodes/{episode}")):
-                response = await call
-                problem(response, 503, "storage-failed")
-                assert int(response.headers["retry-after"]) >= 1
-            file.write_bytes(b"")  # another of the name is none either
-            problem(await http.get("/health/ready"), 503, "storage-failed")
-            file.unlink()
-            (tmp_path / "elsewhere.db").rename(file)
-            # Until the service's next try to write.
-            while (await http.get("/health/ready")).status_code != 200:  # noqa: ASYNC110 - another's state is no event
-                await asyncio.sleep(0.05)
-            expect(await http.post(reset), 201)
-            assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
 
     play(story)

@@ -163,6 +163,9 @@ def test_a_file_that_is_moved_away(tmp_path: Path) -> None:
             for _ in range(2):
                 told = problem(await http.get("/health/ready"), 503, "storage-failed")
                 assert told["detail"] == "the database fails: its file was deleted, moved or replaced"
+                problem(await register(http, name="late", track="camera"), 503, "storage-failed")
+                (tmp_path / "a.db").write_bytes(b"")  # another of the name is none either
+            (tmp_path / "a.db").unlink()
             with pytest.raises(StartupError, match=r"a\.db was deleted or moved, but .*a\.db-wal is there: a service"):
                 await Database.open(f"sqlite+aiosqlite:///{tmp_path / 'a.db'}")
             file.rename(tmp_path / "a.db")

@@ -14,7 +14,6 @@ from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.storage import audit, held
 from wrongturn_service.storage.accounts import end_tokens
 from wrongturn_service.storage.audit import Act
-from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import (
     AgentRow,
     AuditRow,
@@ -26,6 +25,7 @@ from wrongturn_service.storage.models import (
     SubmissionRow,
     UnusedSecretRow,
 )
+from wrongturn_service.storage.queries import Queries
 from wrongturn_service.storage.submissions import OPEN
 from wrongturn_service.storage.usage import KINDS, stored
 
@@ -101,11 +101,8 @@ class PendingDeletion:
     cancelled: Sequence[str]
 
 
-class AdministrationStore:
+class AdministrationStore(Queries):
     """Reads and deletes for the operator. Each method is one transaction."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     async def page(self, collection: Collection, filters: Filters, after: After | None, limit: int) -> Sequence[Found]:
         """Return some items, newest first.

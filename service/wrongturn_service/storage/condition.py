@@ -2,38 +2,36 @@
 
 import sqlite3
 import time
+from collections.abc import Callable
 from enum import StrEnum
-from typing import Final, Protocol
+from typing import Final
 
 import structlog
 from sqlalchemy.exc import DBAPIError, IntegrityError, SQLAlchemyError
 
 
 class FailureKind(StrEnum):
-    """Why a transaction failed."""
+    """Why a transaction failed, with what the service says of it in public. The log has the database's own words."""
 
-    FULL = "full"
-    IO = "io"
-    READ_ONLY = "read-only"
-    BUSY = "busy"
-    DAMAGED = "damaged"
-    GONE = "gone"
-    TAKEN = "taken"
-    UNREACHABLE = "unreachable"
+    sentence: str
+
+    def __new__(cls, value: str, sentence: str = "") -> "FailureKind":
+        """Make a member from its value and its sentence."""
+        kind = str.__new__(cls, value)
+        kind._value_, kind.sentence = value, sentence
+        return kind
+
+    FULL = "full", "its disk is full"
+    IO = "io", "its disk or file system fails"
+    READ_ONLY = "read-only", "it is read-only"
+    BUSY = "busy", "another program has locked it"
+    DAMAGED = "damaged", "it is damaged"
+    GONE = "gone", "its file was deleted, moved or replaced"
+    TAKEN = "taken", "another service has taken it"
+    UNREACHABLE = "unreachable", "its server does not answer"
     OTHER = "other"
 
 
-SENTENCES: Final = {
-    FailureKind.FULL: "its disk is full",
-    FailureKind.IO: "its disk or file system fails",
-    FailureKind.READ_ONLY: "it is read-only",
-    FailureKind.BUSY: "another program has locked it",
-    FailureKind.DAMAGED: "it is damaged",
-    FailureKind.GONE: "its file was deleted, moved or replaced",
-    FailureKind.TAKEN: "another service has taken it",
-    FailureKind.UNREACHABLE: "its server does not answer",
-}
-"""What the service says in public. The log has the database's own words."""
 STUCK_S: Final = 10.0
 """Seconds after which a write that goes on counts as a failure. It takes milliseconds otherwise."""
 _BY_SQLITE_CODE: Final = {
@@ -46,19 +44,15 @@ _BY_SQLITE_CODE: Final = {
     sqlite3.SQLITE_CORRUPT: FailureKind.DAMAGED,
     sqlite3.SQLITE_NOTADB: FailureKind.DAMAGED,
 }
-_BY_SQLSTATE: Final = (
-    ("53100", FailureKind.FULL),
-    ("25006", FailureKind.READ_ONLY),
-    ("57014", FailureKind.BUSY),
-    ("55P03", FailureKind.BUSY),
-    ("XX001", FailureKind.DAMAGED),
-    ("XX002", FailureKind.DAMAGED),
-    ("58", FailureKind.IO),
-    ("53", FailureKind.UNREACHABLE),
-    ("57", FailureKind.UNREACHABLE),
-    ("08", FailureKind.UNREACHABLE),
-)
-"""PostgreSQL's codes, by their beginning. The first that fits counts."""
+_BY_SQLSTATE: Final = {
+    ("53100",): FailureKind.FULL,
+    ("25006",): FailureKind.READ_ONLY,
+    ("57014", "55P03"): FailureKind.BUSY,
+    ("XX001", "XX002"): FailureKind.DAMAGED,
+    ("58",): FailureKind.IO,
+    ("53", "57", "08"): FailureKind.UNREACHABLE,
+}
+"""PostgreSQL's codes, by their beginnings. The first that fits counts."""
 
 
 class StorageError(SQLAlchemyError):
@@ -67,21 +61,15 @@ class StorageError(SQLAlchemyError):
     kind: FailureKind
 
 
-class Watcher(Protocol):
-    """Is told of transactions."""
-
-    def transacted(self, operation: str, seconds: float) -> None:
-        """Note how long a ``read`` or ``write`` took."""
-
-    def storage_failed(self, kind: str) -> None:
-        """Count a failed transaction."""
-
-
 class Condition:
-    """Follows the transactions of a database."""
+    """Follows the transactions of a database.
 
-    def __init__(self, watcher: Watcher | None = None) -> None:
-        self._watcher = watcher
+    Args:
+        failed: Is called with the kind of each failed transaction.
+    """
+
+    def __init__(self, failed: Callable[[str], None] = lambda _: None) -> None:
+        self._count = failed
         self._failure: FailureKind | None = None
         self._writing_since: float | None = None
         self._log = structlog.get_logger("storage")
@@ -90,27 +78,19 @@ class Condition:
     def trouble(self) -> str | None:
         """Why the database cannot be used now, as a sentence; None if nothing is known against it."""
         if self._failure is not None:
-            return SENTENCES[self._failure]
+            return self._failure.sentence
         since = self._writing_since
-        if since is not None and time.monotonic() - since >= STUCK_S:
-            return f"a write has not ended within {STUCK_S:g} s"
-        return None
+        stuck = since is not None and time.monotonic() - since >= STUCK_S
+        return f"a write has not ended within {STUCK_S:g} s" if stuck else None
 
     @property
     def failing(self) -> bool:
         """Whether a transaction failed, and no write has succeeded since."""
         return self._failure is not None
 
-    def writing(self) -> None:
-        """Note that a write begins."""
-        self._writing_since = time.monotonic()
-
-    def ended(self, operation: str, seconds: float) -> None:
-        """Note that a transaction has ended, whatever came of it."""
-        if operation == "write":
-            self._writing_since = None
-        if self._watcher is not None:
-            self._watcher.transacted(operation, seconds)
+    def writing(self, *, begins: bool) -> None:
+        """Note that a write begins, or has ended, whatever came of it."""
+        self._writing_since = time.monotonic() if begins else None
 
     def wrote(self) -> None:
         """Note that a write is on disk."""
@@ -123,8 +103,7 @@ class Condition:
         kind = kind_of(error)
         if kind is None:
             return
-        if self._watcher is not None:
-            self._watcher.storage_failed(kind)
+        self._count(kind)
         # A damaged row is one row. What is not known may be the caller's fault.
         if kind is FailureKind.OTHER or (isinstance(error, StorageError) and kind is FailureKind.DAMAGED):
             return
@@ -141,12 +120,11 @@ def kind_of(error: SQLAlchemyError) -> FailureKind | None:
         return None
     if isinstance(error.orig, sqlite3.Error):
         # An extended code has the primary one in its lowest byte.
-        code = getattr(error.orig, "sqlite_errorcode", 0) & 0xFF
-        return _BY_SQLITE_CODE.get(code, FailureKind.OTHER)
+        return _BY_SQLITE_CODE.get(getattr(error.orig, "sqlite_errorcode", 0) & 0xFF, FailureKind.OTHER)
     unknown = FailureKind.UNREACHABLE if error.connection_invalidated else FailureKind.OTHER
     return kind_of_state(getattr(error.orig, "sqlstate", None)) or unknown
 
 
 def kind_of_state(state: str | None) -> FailureKind | None:
     """Return what a code of PostgreSQL means, None if it says nothing about the database."""
-    return next((kind for beginning, kind in _BY_SQLSTATE if (state or "").startswith(beginning)), None)
+    return next((kind for beginnings, kind in _BY_SQLSTATE.items() if (state or "").startswith(beginnings)), None)

@@ -19,8 +19,9 @@ from sqlalchemy.ext.asyncio import AsyncEngine, AsyncSession, create_async_engin
 
 from wrongturn_service.errors import StartupError
 from wrongturn_service.storage import location, postgres
-from wrongturn_service.storage.condition import Condition, FailureKind, StorageError, Watcher
+from wrongturn_service.storage.condition import Condition, FailureKind, StorageError
 from wrongturn_service.storage.models import ProbeRow
+from wrongturn_service.telemetry import Telemetry
 
 _READ = "wrongturn_read"
 _BUSY_MS = 30_000
@@ -44,9 +45,10 @@ class Database:
         lock: int | None,
         ownership: postgres.Ownership | None = None,
         file: Path | None = None,
-        watcher: Watcher | None = None,
+        telemetry: Telemetry | None = None,
     ) -> None:
-        self.condition = Condition(watcher)
+        self.condition = Condition() if telemetry is None else Condition(telemetry.storage_failed)
+        self._telemetry = telemetry
         self._probing: asyncio.Task[None] | None = None
         self._writing = engine
         self._file = file
@@ -62,13 +64,13 @@ class Database:
         self._writer = asyncio.Lock()
 
     @classmethod
-    async def open(cls, url: str, *, home: Path | None = None, watcher: Watcher | None = None) -> Self:
+    async def open(cls, url: str, *, home: Path | None = None, telemetry: Telemetry | None = None) -> Self:
         """Connect, lock the file or the server's database, and migrate the tables.
 
         Args:
             url: SQLAlchemy URL.
             home: A missing folder of the file is made only if it is this one.
-            watcher: Is told of transactions.
+            telemetry: Counts transactions.
 
         Raises:
             StartupError: The URL is wrong, its folder is missing, the file cannot be written, the server does not
@@ -112,7 +114,7 @@ class Database:
                 f"the database {shown} was made by another version of Wrongturn ({error}); "
                 f"upgrade Wrongturn, or name another database by {location.NAMED_BY}",
             ) from error
-        return cls(engine, lock, ownership, file, watcher)
+        return cls(engine, lock, ownership, file, telemetry)
 
     def check(self) -> None:
         """Check that the database is still there and ours, without a query.
@@ -139,7 +141,7 @@ class Database:
         async with self._writer:
             with self._observed("write"), postgres.one_error():
                 self.check()
-                self.condition.writing()
+                self.condition.writing(begins=True)
                 async with AsyncSession(self._writing, expire_on_commit=False) as session, session.begin():
                     if self._ownership is not None:
                         await self._ownership.check(session)
@@ -158,7 +160,10 @@ class Database:
                 self._probing = asyncio.create_task(self._probe())
             raise
         finally:
-            self.condition.ended(operation, time.perf_counter() - began)
+            if operation == "write":
+                self.condition.writing(begins=False)
+            if self._telemetry is not None:
+                self._telemetry.transacted(operation, time.perf_counter() - began)
 
     async def _probe(self) -> None:
         while self.condition.failing:

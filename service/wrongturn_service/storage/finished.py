@@ -11,8 +11,8 @@ from typing import NamedTuple
 from sqlalchemy import Select, func, select
 
 from wrongturn_protocol import EpisodeState, EvaluationState, FaultKind, Outcome, Trial
-from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, TrajectoryRow
+from wrongturn_service.storage.queries import Queries
 from wrongturn_service.storage.visible import counting_suites, has_evaluation, seen_agents, seen_evaluations
 
 
@@ -25,11 +25,8 @@ class FinishedEpisode(NamedTuple):
     outcome: Outcome
 
 
-class FinishedStore:
+class FinishedStore(Queries):
     """Reads finished evaluations. Each method is one transaction."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     async def agent_counts(self) -> tuple[int, int]:
         """Return the number of agents that have begun an evaluation, and of all."""

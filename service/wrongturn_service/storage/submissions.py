@@ -10,7 +10,6 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from wrongturn_protocol import EpisodeState, EvaluationState, SubmissionState, Verdict
 from wrongturn_service.storage import held
 from wrongturn_service.storage.accounts import AgentNameTakenError, agent_name_taken, check_there
-from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.evaluations import prepare_evaluation
 from wrongturn_service.storage.models import (
     AgentRow,
@@ -21,7 +20,8 @@ from wrongturn_service.storage.models import (
     SubmissionLogRow,
     SubmissionRow,
 )
-from wrongturn_service.storage.usage import ROW, SUBMISSION, Quota, Usage, size_of
+from wrongturn_service.storage.queries import Queries
+from wrongturn_service.storage.usage import ROW, SUBMISSION, size_of
 
 OPEN: Final = tuple(state for state in SubmissionState if not state.over)
 """States of submissions that wait or run."""
@@ -46,23 +46,14 @@ async def _nobody(submission_id: str) -> None:
     """Tell nobody."""
 
 
-class SubmissionStore:
+class SubmissionStore(Queries):
     """Reads and writes submissions. Each method is one transaction.
 
     A runner's token ends whenever its submission changes its state. :attr:`token_ended` is awaited then.
     """
 
-    def __init__(self, database: Database, quota: Quota | None = None) -> None:
-        """Use a database.
-
-        Args:
-            database: The database.
-            quota: What owners and addresses may have. None for no limits.
-        """
-        self._database = database
-        self._usage = Usage(quota)
-        self.token_ended: Callable[[str], Awaitable[None]] = _nobody
-        """Awaited with the submission's id after its token has ended, or its agent's id after that was deleted."""
+    token_ended: Callable[[str], Awaitable[None]] = staticmethod(_nobody)
+    """Awaited with the submission's id after its token has ended, or its agent's id after that was deleted."""
 
     async def add(self, submission: SubmissionRow, reply: IdempotencyRow | None, *, most: int) -> None:
         """Store a new submission as the last in line. Sets its ``seq``.
