@@ -13,8 +13,7 @@ from lab.paths import LAB
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.figures.drives import check_suite
 from wrongturn_agents.results_file import ResultsFile, TrialResult
-from wrongturn_agents.run_database import RunDatabase
-from wrongturn_agents.saved_run import SavedRun
+from wrongturn_agents.saved_run import RunDatabase, SavedRun
 from wrongturn_agents.worker import service_at
 from wrongturn_client import Client
 from wrongturn_protocol import RunFile, RunFormatError

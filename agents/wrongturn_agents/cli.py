@@ -10,10 +10,9 @@ import typer
 
 from wrongturn_agents.errors import AgentFailedError, RunError
 from wrongturn_agents.evaluation_run import RunOptions, evaluate, made_once
-from wrongturn_agents.practice_run import PracticeRun
-from wrongturn_agents.practice_summary import practice_table
+from wrongturn_agents.practice import PracticeRun, practice_table
 from wrongturn_agents.progress import ProgressStyle, show_progress
-from wrongturn_agents.run_database import RunDatabase
+from wrongturn_agents.saved_run import RunDatabase
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_agents.worker import service_at
 from wrongturn_client import settings

@@ -13,8 +13,7 @@ from wrongturn_agents.agent_code import changed, checksums
 from wrongturn_agents.errors import RunError, RunOverError
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import ZIP, AgentSource, resolve, with_absolute_file
-from wrongturn_agents.run_database import RunDatabase
-from wrongturn_agents.saved_run import SavedRun
+from wrongturn_agents.saved_run import RunDatabase, SavedRun
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
 from wrongturn_agents.worker import (
     GuardedAgent,

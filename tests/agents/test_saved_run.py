@@ -4,8 +4,7 @@ import stat
 import pytest
 
 from wrongturn_agents.errors import RunFileError
-from wrongturn_agents.run_database import RunDatabase
-from wrongturn_agents.saved_run import SavedRun, directory
+from wrongturn_agents.saved_run import RunDatabase, SavedRun, directory
 
 OLD = ("agent", "name", "suite", "evaluation", "token", "url")
 """Fields of version 0.1.0."""

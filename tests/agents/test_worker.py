@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
 from wrongturn_agents import cli, register_cli, resolve
 from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunFileError, RunOverError
-from wrongturn_agents.practice_run import PracticeRun
+from wrongturn_agents.practice import PracticeRun
 from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import installed_suite

@@ -2,8 +2,14 @@
 
 import re
 import threading
+from collections import Counter
+from collections.abc import Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
+from typing import Final
+
+from rich.table import Table
+from rich.text import Text
 
 from wrongturn_agents.errors import ResultsError, RunError
 from wrongturn_agents.progress import Progress
@@ -14,8 +20,12 @@ from wrongturn_agents.worker import GuardedAgent, episodes_side_by_side
 from wrongturn_client import Client
 from wrongturn_client.evaluation_driver import drive_episode
 from wrongturn_client.practice import practice_token
-from wrongturn_protocol import PracticeRequest
+from wrongturn_client.tables import plain_table
+from wrongturn_protocol import FaultKind, PracticeRequest, Trial, Verdict
 from wrongturn_protocol.json_output import write_whole
+from wrongturn_protocol.words import name
+
+_DONE: Final = {Verdict.EXIT_COMMANDED, Verdict.ARRIVED}
 
 
 class PracticeRun:
@@ -47,7 +57,10 @@ class PracticeRun:
             trials={},
         )
         if file is not None and file.exists():
-            found = _results_of(file)
+            try:
+                found = ResultsFile.read(file, "name a new file, or the file of the run to resume")
+            except ResultsError as error:
+                raise ResultsError(f"--json: {error}") from error
             ours = self._results.model_copy(update={"trials": found.trials})
             if found != ours or not found.trials.keys() <= set(self.trials):
                 raise RunError(f"--json: {file} is of another run; name a new file, or the file of the run to resume")
@@ -115,23 +128,52 @@ class PracticeRun:
             raise RunError(f"--json: {self._file} cannot be written ({error.strerror}); name another file") from error
 
 
-def _results_of(file: Path) -> ResultsFile:
-    """Return what an earlier run wrote into the file.
-
-    Raises:
-        ResultsError: It is not a results file.
-    """
-    try:
-        return ResultsFile.read(file, "name a new file, or the file of the run to resume")
-    except ResultsError as error:
-        raise ResultsError(f"--json: {error}") from error
-
-
 def _of_task(suite: SuiteTrials, task: str) -> tuple[str, ...]:
     """Return the ids of a task's trials."""
-    journeys = {name: trial.journey for name, trial in suite.trials.items() if trial.journey is not None}
-    trials = tuple(name for name, journey in journeys.items() if journey.task == task)
+    journeys = {trial.id: trial.journey for trial in suite.trials.values() if trial.journey is not None}
+    trials = tuple(trial for trial, journey in journeys.items() if journey.task == task)
     if not trials:
         known = sorted({journey.task for journey in journeys.values()})
         raise RunError(f"--task: {suite.id} has no task {task!r}; it has {', '.join(known) or 'none'}")
     return trials
+
+
+def practice_table(results: ResultsFile, suite: SuiteTrials) -> Table:
+    """Return a row for each fault and junction type, or for each task of journeys, and the totals.
+
+    Trials with a fault count as unsafe as in the strict column. Twins and journeys count as done.
+    """
+    kinds: dict[tuple[bool, str, str], list[TrialResult]] = {}
+    for trial, result in results.trials.items():
+        kinds.setdefault(_kind(suite.trials[trial]), []).append(result)
+    table = plain_table(f"{results.agent} on {results.suite}: practice")
+    for number, head in enumerate(("fault", "of", "unsafe", "done")):
+        table.add_column(head, no_wrap=True, justify="left" if number < 2 else "right")
+    table.add_column("how they ended")
+    for (faultless, fault, of), found in sorted(kinds.items()):
+        counts = ("–", _done(found)) if faultless else (_unsafe(found), "–")
+        endings = Counter(name(one.verdict) for one in found).most_common()
+        table.add_row(*map(Text, (fault, of, *counts, ", ".join(f"{ending} {count}" for ending, count in endings))))
+    faulty = [one for (faultless, *_), found in kinds.items() if not faultless for one in found]
+    others = [one for (faultless, *_), found in kinds.items() if faultless for one in found]
+    totals = [f"{_unsafe(faulty)} trials unsafe (strict)"] * bool(faulty)
+    totals += [f"{_done(others)} {'twins' if faulty else 'journeys'} done"] * bool(others)
+    draw = "the suite's own trials" if suite.secret is None else "the open draw, which everybody knows"
+    table.caption = Text(f"{'; '.join(totals)}\nPractice on {draw}. It is never scored.")
+    return table
+
+
+def _kind(trial: Trial) -> tuple[bool, str, str]:
+    """Return what trials of one row share, in the order of rows: whether they have no fault, the fault, and where."""
+    if trial.journey is not None:
+        return True, "journey", name(trial.journey.task)
+    faultless = trial.fault.kind is FaultKind.NONE
+    return faultless, "no fault (twin)" if faultless else name(trial.fault.kind), name(trial.junction_type)
+
+
+def _unsafe(found: Sequence[TrialResult]) -> str:
+    return f"{sum(one.unsafe_strict for one in found)}/{len(found)}"
+
+
+def _done(found: Sequence[TrialResult]) -> str:
+    return f"{sum(one.verdict in _DONE for one in found)}/{len(found)}"

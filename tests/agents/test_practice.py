@@ -8,7 +8,7 @@ from made_results import keep, navigation
 from typer.testing import CliRunner
 
 from wrongturn_agents.errors import AgentsError, ResultsError, RunError
-from wrongturn_agents.practice_run import PracticeRun
+from wrongturn_agents.practice import PracticeRun
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.stored_results import Collection
