@@ -28,19 +28,19 @@ import torch
 
 from wrongturn_agents.models import build
 from wrongturn_agents.training.budget import Budget
-from wrongturn_agents.training.config import config_of
-from wrongturn_agents.training.environments import environments
-from wrongturn_agents.training.ppo import WrongturnPPO
-from wrongturn_agents.training.snapshot import Snapshot
+from wrongturn_agents.training.method import find_method
+from wrongturn_agents.training.methods.ppo.method import cars_seen_by
+from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
+from wrongturn_agents.training.methods.ppo.snapshot import Snapshot
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 
 def made(algorithm: str, device: torch.device, threads: int, options: list[str]) -> WrongturnPPO:
     """An untrained agent and its environments, as a run begins with them."""
-    config = config_of(algorithm).with_options(options)
+    config = find_method(algorithm).settings().with_options(options)
     watch = Stopwatch(device)
     agent = build(algorithm, seed=1).to(device)
-    envs = environments(config, agent, watch, threads=threads)
+    envs = cars_seen_by(agent, config, watch, threads=threads)
     return WrongturnPPO(
         config, envs, model=lambda: agent, budget=Budget(10**9, None), stopwatch=watch, seed=1, device=device
     )

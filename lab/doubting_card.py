@@ -15,7 +15,7 @@ from lab.wrong_command import count_unsafe
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS, ShippedDoubtingAgent
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import WEIGHTS
-from wrongturn_agents.training.doubting.config import driver_of
+from wrongturn_agents.training.methods.doubting.config import driver_of
 
 _TOLD: Final = {
     "exits": "exits right, 5 to 16 m before the stop line",

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from lab.paths import LAB
 from wrongturn_agents.suites import WRONG_COMMAND
-from wrongturn_agents.training.doubting.config import POLICIES
+from wrongturn_agents.training.methods.doubting.config import POLICIES
 
 FIGURES: Final = LAB / "studies" / "doubting.json"
 """Figures that ``doubting.study --json`` keeps."""

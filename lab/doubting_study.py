@@ -25,6 +25,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from lab.doubting_drives import Arrays, Driven, Policy, counts, drive, is_unsafe
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import AgentsError
 from wrongturn_agents.models.gate import Gate, GateConfig
@@ -34,12 +35,11 @@ from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.checkpoint import is_path
 from wrongturn_agents.training.devices import check_threads
-from wrongturn_agents.training.doubting.config import POLICIES, DoubtingConfig, driver_of
-from wrongturn_agents.training.doubting.drives import Arrays, Driven, Policy, counts, drive, is_unsafe
-from wrongturn_agents.training.doubting.run import load_doubt
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import sha256
 from wrongturn_agents.training.in_process import DrivenEpisode, drive_in_process
+from wrongturn_agents.training.method import find_method, load
+from wrongturn_agents.training.methods.doubting.config import POLICIES, driver_of
 from wrongturn_networks import NetworkError, load_suite, load_town
 from wrongturn_networks.draws import Draw, draw_cells
 from wrongturn_protocol import Trial, Verdict, Weather
@@ -83,7 +83,7 @@ def shipped(name: str, threads: int) -> Questioned:
     told = {
         "algorithm": name,
         "seed": int(said["seed"]),
-        "variant": DoubtingConfig(**json.loads(said["config"])).variant,
+        "variant": find_method(name).settings.of(json.loads(said["config"])).variant,
         "pictures": int(said["steps"]),
         "driver": driver_of(name),
         "doubt": sha256(agent.file),
@@ -97,13 +97,15 @@ def trained(checkpoint: str, gate: GateConfig, threads: int) -> Questioned:
     Raises:
         TrainingError: the file is no checkpoint of a doubting agent.
     """
-    doubt, said = load_doubt(checkpoint)
+    loaded = load(checkpoint)
+    doubt: Any = loaded.model
+    said = loaded.told
     policy = policy_of(said["algorithm"])
     told = {
         "algorithm": said["algorithm"],
         "seed": said["seed"],
-        "variant": DoubtingConfig(**said["config"]).variant,
-        "pictures": said["pictures"],
+        "variant": loaded.settings.variant,
+        "pictures": said["steps"],
         "driver": driver_of(said["algorithm"]),
         "doubt": sha256(Path(checkpoint)),
     }

@@ -17,6 +17,7 @@ from wrongturn_agents.models import build  # noqa: E402
 from wrongturn_agents.training.errors import TrainingError  # noqa: E402
 from wrongturn_agents.training.export.export import agreement, export, sha256  # noqa: E402
 from wrongturn_agents.training.export.writing import OPSET, export_graph  # noqa: E402
+from wrongturn_agents.training.method import load  # noqa: E402
 from wrongturn_agents.training.recording import record_observations  # noqa: E402
 from wrongturn_protocol import Track  # noqa: E402
 
@@ -90,7 +91,7 @@ def exported(checkpoint, tmp_path_factory):
 )
 def test_its_actions_are_the_checkpoints(checkpoint, exported, observations, algorithm, precision, mean, greatest):
     compared = {key: array[:50] for key, array in observations.items()}
-    found = agreement(checkpoint(algorithm), exported(algorithm, precision), compared)
+    found = agreement(load(checkpoint(algorithm)), exported(algorithm, precision), compared)
     print(algorithm, precision, found)
     assert found.observations == 50
     assert max(found.mean) <= mean

@@ -5,7 +5,7 @@ From Carton et al., "Evaluating Robustness over High Level Driving Instruction f
 """
 
 from wrongturn_agents.models.actor_critic import ActorCritic
-from wrongturn_agents.models.build import ALGORITHMS, build
+from wrongturn_agents.models.by_name import ALGORITHMS, build
 from wrongturn_agents.models.homoscedastic import Homoscedastic
 
 __all__ = ["ALGORITHMS", "ActorCritic", "Homoscedastic", "build"]

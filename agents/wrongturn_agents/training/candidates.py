@@ -2,10 +2,8 @@
 
 import copy
 from dataclasses import dataclass
+from typing import Any
 
-import torch
-
-from wrongturn_agents.models import ActorCritic
 from wrongturn_agents.training.held_out import Evaluation
 
 
@@ -13,7 +11,7 @@ from wrongturn_agents.training.held_out import Evaluation
 class Candidate:
     """An agent as it was at some time, on the device."""
 
-    model: ActorCritic
+    model: Any
     steps: int
     """Environment steps that it had learned from."""
     reward: float = float("-inf")
@@ -28,9 +26,8 @@ class Candidates:
         model: the agent that learns.
     """
 
-    def __init__(self, model: ActorCritic) -> None:
+    def __init__(self, model: Any) -> None:
         self._model = model
-        self._spare: list[ActorCritic] = []
         self.promising: Candidate | None = None
         """Best agent in training since the last evaluation, as it was before the update that followed."""
         self.best: Candidate | None = None
@@ -41,9 +38,9 @@ class Candidates:
         Call it before an update: the agent after the update has not driven yet.
         """
         if self.promising is None:
-            self.promising = Candidate(self._copy(), steps, reward)
+            self.promising = Candidate(_copy(self._model), steps, reward)
         elif reward > self.promising.reward:
-            _overwrite(self.promising.model, self._model)
+            self.promising.model.load_state_dict(self._model.state_dict())  # in the memory that it has
             self.promising.steps, self.promising.reward = steps, reward
 
     def to_judge(self, steps: int, *, again: bool) -> list[Candidate]:
@@ -56,28 +53,13 @@ class Candidates:
 
     def judged(self, candidate: Candidate, evaluation: Evaluation) -> None:
         """Keep the best agent of an evaluation as the run's best."""
-        kept = Candidate(self._copy(candidate.model), candidate.steps, candidate.reward, evaluation)
-        if self.best is not None:
-            self._spare.append(self.best.model)
-        self.best = kept
+        model = _copy(candidate.model) if candidate.model is self._model else candidate.model
+        self.best = Candidate(model, candidate.steps, candidate.reward, evaluation)
 
     def begin_anew(self) -> None:
         """Forget the promising agent after its evaluation."""
-        if self.promising is not None:
-            self._spare.append(self.promising.model)
         self.promising = None
 
-    def _copy(self, model: ActorCritic | None = None) -> ActorCritic:
-        model = model or self._model
-        if not self._spare:
-            made = copy.deepcopy(model).eval()
-            return made.requires_grad_(False)
-        made = self._spare.pop()
-        _overwrite(made, model)
-        return made
 
-
-@torch.no_grad()
-def _overwrite(target: ActorCritic, source: ActorCritic) -> None:
-    for kept, live in zip(target.state_dict().values(), source.state_dict().values(), strict=True):
-        kept.copy_(live)
+def _copy(model: Any) -> Any:
+    return copy.deepcopy(model).eval().requires_grad_(False)

@@ -13,10 +13,8 @@ import torch
 from torch import nn
 
 from wrongturn_agents.errors import why_no_file
-from wrongturn_agents.models import ActorCritic, build
-from wrongturn_agents.training.config import config_of
-from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.settings import Settings
 
 FIELDS: Final[dict[str, type]] = {
     "algorithm": str,
@@ -29,22 +27,30 @@ FIELDS: Final[dict[str, type]] = {
 }
 """What a checkpoint holds, and of which type."""
 
-UNDRIVEN: Final = ("encoder.decoder.", "encoder.segmenting.")
-"""First parts of the names of weights that only learning needs. A checkpoint may lack these weights."""
-
 
 def save_checkpoint(
-    path: Path, model: nn.Module, config: DrivesConfig, *, seed: int, steps: int, evaluation: dict[str, float]
+    path: Path,
+    model: nn.Module,
+    settings: Settings,
+    *,
+    seed: int,
+    steps: int,
+    evaluation: dict[str, Any],
+    algorithm: str | None = None,
+    halved: bool = False,
 ) -> None:
-    """Write an agent: its weights, its configuration and its held-out evaluation."""
+    """Write an agent: its weights, its settings and how it drives on held-out journeys."""
+    weights = {name: tensor.detach().cpu().contiguous() for name, tensor in model.state_dict().items()}
+    if halved:
+        weights = {name: one.half() if one.is_floating_point() else one for name, one in weights.items()}
     write(
         path,
         {
-            "algorithm": config.algorithm,
+            "algorithm": algorithm or settings.algorithm,
             "seed": seed,
-            "config": config.as_dict(),
+            "config": settings.as_dict(),
             "steps": steps,
-            "state_dict": {name: tensor.detach().cpu() for name, tensor in model.state_dict().items()},
+            "state_dict": weights,
             "evaluation": evaluation,
             "versions": versions(),
         },
@@ -63,28 +69,14 @@ def load_checkpoint(path: Path | str) -> dict[str, Any]:
         TrainingError: the file is missing, or is no checkpoint of this version.
     """
     found = read(Path(path), "checkpoint", "a run's best.pt or last.pt")
+    if isinstance(found, dict) and "told" in found:  # of a doubting agent, before all methods had the same fields
+        found = {**found, "steps": found.get("pictures"), "evaluation": found["told"]}
     if not isinstance(found, dict) or not found.keys() >= FIELDS.keys():
         raise TrainingError(f"checkpoint {path}: holds no agent; name a run's best.pt or last.pt")
     wrong = [name for name, kind in FIELDS.items() if not isinstance(found[name], kind)]
     if wrong:
         raise TrainingError(f"checkpoint {path}: its {wrong[0]} is damaged; name a run's best.pt or last.pt")
-    try:
-        config_of(found["algorithm"], found["config"])
-    except TrainingError as error:
-        raise TrainingError(f"checkpoint {path}: {error}") from error
     return found
-
-
-def model_of(checkpoint: dict[str, Any], device: torch.device | str = "cpu") -> ActorCritic:
-    """Build the agent of a checkpoint, ready to drive.
-
-    Raises:
-        TrainingError: its weights do not fit this version's networks, or are not finite.
-    """
-    # The first checkpoints do not name their activation: it was ReLU.
-    model = build(checkpoint["algorithm"], activation=checkpoint["config"].get("activation", "relu"))
-    load_weights(model, checkpoint["state_dict"], lambda name: name.startswith(UNDRIVEN))
-    return model.to(device).eval()
 
 
 def load_weights(model: nn.Module, weights: dict[str, torch.Tensor], spare: Callable[[str], bool]) -> None:
@@ -161,3 +153,35 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[name] = "unknown"
     return found
+
+
+def read_encoder(path: Path, parts: tuple[str, ...]) -> dict[str, torch.Tensor]:
+    """Return the weights in a run's ``encoder.pt``.
+
+    Args:
+        path: the file.
+        parts: first parts of the names that its weights may have.
+
+    Raises:
+        TrainingError: the file is missing, damaged or of another method.
+    """
+    found = read(path, "option encoder:", "a run's encoder.pt")
+    weights = found.get("state_dict") if isinstance(found, dict) else None
+    if not isinstance(weights, dict) or not all(str(name).startswith(parts) for name in weights):
+        raise TrainingError(f"option encoder: {path} is no encoder of this method; name a run's encoder.pt")
+    return weights
+
+
+def take_encoder(module: nn.Module, weights: dict[str, torch.Tensor], parts: tuple[str, ...]) -> None:
+    """Load an encoder's weights into a module.
+
+    Raises:
+        TrainingError: they do not fit.
+    """
+    try:
+        missing, unexpected = module.load_state_dict(weights, strict=False)
+    except (RuntimeError, TypeError, AttributeError) as error:
+        raise TrainingError("option encoder: it does not fit this version's network; name another") from error
+    lacking = [name for name in missing if name.startswith(parts)]
+    if lacking or unexpected:
+        raise TrainingError(f"option encoder: its {(lacking + unexpected)[0]} does not fit; name another")

@@ -1,7 +1,7 @@
 """``wrongturn train`` and ``wrongturn score``. Nothing heavy is imported before one of them runs."""
 
-import os
 import time
+from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
@@ -15,10 +15,7 @@ from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give
 _Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads of simulation and torch; all cores by default. Example: --threads 2")
 ]
-_ALGORITHM = (
-    "Algorithm: ppo-segmentation, ppo-image, ppo-auxiliary, lbc, marln, doubting or doubting-segmentation. "
-    "Example: ppo-image"
-)
+_ALGORITHM = f"Algorithm: {', '.join(sorted(entry_points(group='wrongturn.methods').names))}. Example: ppo-image"
 _Device = Annotated[str, typer.Option(help="Device: cpu, cuda or auto. Example: --device cpu")]
 
 
@@ -58,34 +55,26 @@ def train(
         list[str] | None, typer.Option(help="A setting of the algorithm. Example: --option gamma=0.98")
     ] = None,
 ) -> None:
-    """Train one of the shipped agents: overnight on a laptop, in minutes on a GPU.
+    """Train an agent by a shipped or installed method: overnight on a laptop, in minutes on a GPU.
 
     Example: wrongturn train doubting-segmentation --minutes 10
     """
     _require_extra()
-    from wrongturn_agents.training.config import ALGORITHMS  # noqa: PLC0415
     from wrongturn_agents.training.display import Display  # noqa: PLC0415
-    from wrongturn_agents.training.doubting.config import ALGORITHMS as DOUBTING  # noqa: PLC0415
-    from wrongturn_agents.training.lbc.config import ALGORITHM as LBC  # noqa: PLC0415
-    from wrongturn_agents.training.train import train as run  # noqa: PLC0415
+    from wrongturn_agents.training.method import find_method  # noqa: PLC0415
+    from wrongturn_agents.training.run import train as run  # noqa: PLC0415
 
-    known = (*ALGORITHMS, LBC, *DOUBTING)
-    if algorithm not in known:
-        raise TrainingError(f"ALGORITHM: there is no {algorithm!r}; choose one of {', '.join(known)}")
-    options = [*(option or []), *([] if num_envs is None else [f"num_envs={num_envs}"])]
-    folder = directory or Path("runs") / f"{algorithm}-{1 if seed is None else seed}"
-    if algorithm == LBC:
-        _train_lbc(folder, seed, steps, minutes, device, threads, resume, teacher, options)
-        return
-    _refuse(algorithm, teacher=teacher)
-    if algorithm in DOUBTING:
-        _refuse(algorithm, resume=resume, num_envs=num_envs)
-        _train_doubting(algorithm, folder, seed, steps, minutes, device, threads, option or [])
-        return
+    settings = find_method(algorithm).settings()
+    options = list(option or [])
+    for field, given in (("num_envs", num_envs), ("teacher", teacher)):
+        if given is not None and not hasattr(settings, field):
+            raise TrainingError(f"--{field.replace('_', '-')}: {algorithm} has no use for it; leave it out")
+        if given is not None:
+            options.append(f"{field}={given}")
     with Display(algorithm) as display:
         best = run(
             algorithm,
-            directory=folder,
+            directory=directory or Path("runs") / f"{algorithm}-{1 if seed is None else seed}",
             seed=seed,
             steps=steps,
             minutes=minutes,
@@ -94,78 +83,9 @@ def train(
             threads=threads,
             options=options,
             on_row=display.row,
-            on_pretraining=display.pretraining,
+            on_note=display.note,
         )
     typer.echo(f"The best is {best}.")
-
-
-def _refuse(algorithm: str, **options: object) -> None:
-    """Refuse options that an algorithm has no use for.
-
-    Raises:
-        TrainingError: one is given.
-    """
-    for name, given in options.items():
-        if given:
-            raise TrainingError(f"--{name.replace('_', '-')}: {algorithm} has no use for it; leave it out")
-
-
-def _train_doubting(
-    algorithm: str,
-    folder: Path,
-    seed: int | None,
-    pictures: int | None,
-    minutes: float | None,
-    device: str,
-    threads: int | None,
-    options: list[str],
-) -> None:
-    from wrongturn_agents.training.display import Display  # noqa: PLC0415
-    from wrongturn_agents.training.doubting.run import train as run  # noqa: PLC0415
-
-    with Display(algorithm) as display:
-        best = run(
-            algorithm,
-            directory=folder,
-            seed=seed,
-            pictures=pictures,
-            minutes=minutes,
-            device=device,
-            threads=threads or len(os.sched_getaffinity(0)),
-            options=options,
-            on_progress=display.pictures,
-        )
-    typer.echo(f"The best is {best}.")
-
-
-def _train_lbc(
-    folder: Path,
-    seed: int | None,
-    samples: int | None,
-    minutes: float | None,
-    device: str,
-    threads: int | None,
-    resume: bool,
-    teacher: Path | None,
-    options: list[str],
-) -> None:
-    from wrongturn_agents.training.display import Display  # noqa: PLC0415
-    from wrongturn_agents.training.lbc.run import train as run  # noqa: PLC0415
-
-    with Display("lbc") as display:
-        best = run(
-            directory=folder,
-            seed=seed,
-            samples=samples,
-            minutes=minutes,
-            device=device,
-            threads=threads,
-            resume=resume,
-            teacher=teacher,
-            options=options,
-            on_row=display.samples,
-        )
-    typer.echo(f"The agent is {best}; the privileged one lies beside it.")
 
 
 def score(

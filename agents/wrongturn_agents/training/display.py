@@ -5,6 +5,8 @@ import time
 from types import TracebackType
 from typing import Any, Self
 
+from wrongturn_agents.training.progress_file import Row
+
 _EVERY = 10.0
 """Seconds between two lines outside a terminal."""
 
@@ -39,37 +41,24 @@ class Display:
         if self._bar is not None:
             self._bar.stop()
 
-    def row(self, row: dict[str, Any]) -> None:
-        """Show a row of ``progress.csv`` and its ``done``, the share of the run that is over."""
-        reward = row["reward_mean"]
-        text = (
-            f"{row['minutes']:.1f} min, {row['step']:,} steps, {row['steps_per_second']:,.0f}/s, reward of an episode "
-            + ("-" if reward is None else f"{reward:,.0f}")
-        )
+    def row(self, row: Row) -> None:
+        """Show a row of progress; ``done`` is the share of the run that is over, ``unit`` what its steps are."""
+        text = f"{row['minutes']:.1f} min, {row['step']:,} {row['unit']}, {row['steps_per_second']:,.0f}/s"
+        if (reward := row.get("reward_mean")) is not None:
+            text += f", reward of an episode {reward:,.0f}"
+        elif (loss := row.get("loss")) is not None:
+            text += f", loss {loss:.3f}"
         held_out = row.get("success_heldout")
         if held_out is not None:
             text += f", held-out journeys {held_out:.0%}"
-            if (beside := row.get("traffic_success_heldout")) is not None:
-                text += f", with traffic {beside:.0%}"
-        self._tell(text, row.get("done"), keep=held_out is not None)
-
-    def pretraining(self, frames: int, loss: float) -> None:
-        """Show how far the encoder's pretraining is."""
-        self._tell(f"pretraining, {frames:,} frames, loss {loss:.3f}", None, keep=False)
-
-    def pictures(self, number: int, exits: float, distance: float) -> None:
-        """Show how far a training of ``doubting`` is, with its losses."""
-        self._tell(f"{number:,} pictures, losses {exits:.3f} (exits) and {distance:.3f} (distance)", None, keep=False)
-
-    def samples(self, half: str, row: dict[str, Any]) -> None:
-        """Show a row of a training of ``lbc``, whose halves are ``lbc-privileged`` and ``lbc``."""
-        text = f"{half}: {row['minutes']:.1f} min, {row['step']:,} samples, {row['steps_per_second']:,.0f}/s"
-        text += f", loss {row['loss']:.3f}"
-        if (held_out := row.get("success_heldout")) is not None:
-            text += f", held-out journeys {held_out:.0%}"
         if (beside := row.get("traffic_success_heldout")) is not None:
             text += f", with traffic {beside:.0%}"
-        self._tell(text, row["done"], keep=held_out is not None)
+        part = row.get("part")
+        self._tell(f"{part}: {text}" if part else text, row["done"], keep=held_out is not None)
+
+    def note(self, text: str) -> None:
+        """Show what happens between rows, such as how far a pretraining is."""
+        self._tell(text, None, keep=False)
 
     def _tell(self, text: str, done: float | None, *, keep: bool) -> None:
         if self._bar is not None:

@@ -42,6 +42,11 @@ class RememberingModel(Protocol):
 AnyModel = DrivingModel | RememberingModel
 
 
+def is_driver(model: object) -> bool:
+    """Return whether a network drives by itself."""
+    return isinstance(model, RememberingModel) or hasattr(model, "drive")
+
+
 class DrivenTrial(NamedTuple):
     """A trial and how it ended."""
 

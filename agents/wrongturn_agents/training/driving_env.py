@@ -1,4 +1,4 @@
-"""Many cars for PPO: two actions, tensors on the device, a divided reward and penalties for failures."""
+"""Many cars to learn from: two actions, tensors on the device, a divided reward and penalties for failures."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -11,7 +11,6 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor
 
 from wrongturn_agents.training.action import ACTION_SPACE, controls
-from wrongturn_agents.training.rollout import Observations
 from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_agents.training.vec_env import WrongturnVecEnv
 from wrongturn_sim import WrongturnVectorEnv
@@ -28,16 +27,18 @@ SLOW: Final = 0.3
 """A slower car counts as standing, m/s."""
 _NOTHING: Final[dict[str, Any]] = {}
 
+Observations = dict[str, Tensor]
+
 
 class DrivingVecEnv(WrongturnVecEnv):
-    """The cars of a town as PPO drives them.
+    """The cars of a town as a learner drives them.
 
     For a car whose drive ended, ``infos[i]`` has ``episode`` (``r``: sum of the paper's reward, not divided; ``l``:
     number of decisions), ``verdict``, ``TimeLimit.truncated`` and, only if time ran out, ``terminal_observation``.
 
     Args:
         num_envs: number of cars.
-        keys: keys of the observation to return, in this order.
+        keys: keys of the observation to return, in this order; all by default.
         device: device of the tensors.
         reward_divisor: divisor of the reward.
         failure_penalty: taken off the divided reward when a drive fails.
@@ -54,7 +55,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         self,
         num_envs: int,
         *,
-        keys: Sequence[str],
+        keys: Sequence[str] | None = None,
         device: torch.device | str = "cpu",
         reward_divisor: float = 1.0,
         failure_penalty: float = 0.0,
@@ -65,11 +66,11 @@ class DrivingVecEnv(WrongturnVecEnv):
         **options: Any,
     ) -> None:
         super().__init__(num_envs, copy=False, **options)
-        self.keys = tuple(keys)
         self.device = torch.device(device)
         self.stopwatch = stopwatch or Stopwatch(self.device)
         whole: Any = self.envs.single_observation_space
-        self.observation_space = spaces.Dict({key: whole[key] for key in keys})
+        self.keys = tuple(whole if keys is None else keys)
+        self.observation_space = spaces.Dict({key: whole[key] for key in self.keys})
         self.action_space = ACTION_SPACE
         self._divisor = reward_divisor
         self._penalties = dict.fromkeys(FAILURES, failure_penalty) | {STANDING: standing_penalty}

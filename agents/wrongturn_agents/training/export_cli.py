@@ -78,32 +78,20 @@ def export_checkpoint(
     from wrongturn_agents.training.errors import TrainingError  # noqa: PLC0415 - keeps the program's start quick
 
     try:
-        from wrongturn_agents.training.doubting.exporting import export_doubting  # noqa: PLC0415
-        from wrongturn_agents.training.doubting.run import is_doubting  # noqa: PLC0415
-        from wrongturn_agents.training.export import export as exporting  # noqa: PLC0415
-        from wrongturn_agents.training.lbc.checkpoints import is_lbc  # noqa: PLC0415
-        from wrongturn_agents.training.lbc.exporting import export_lbc  # noqa: PLC0415
-        from wrongturn_agents.training.loading import load  # noqa: PLC0415
-        from wrongturn_agents.training.marln.config import MarlnConfig  # noqa: PLC0415
-        from wrongturn_agents.training.marln.exporting import export_marln  # noqa: PLC0415
+        from wrongturn_agents.training.drive import is_driver  # noqa: PLC0415
+        from wrongturn_agents.training.export.export import export as write  # noqa: PLC0415
+        from wrongturn_agents.training.export.export import sha256  # noqa: PLC0415
+        from wrongturn_agents.training.method import load  # noqa: PLC0415
         from wrongturn_agents.training.recording import record_observations  # noqa: PLC0415
     except ImportError as error:
         raise TrainingError(_missing(error)) from error
     if not checkpoint.exists() and str(checkpoint) in SHIPPED_AGENTS:
         raise TrainingError(f"checkpoint: {checkpoint} is a shipped agent, an ONNX file already; name a run's best.pt")
-    if is_doubting(checkpoint):
-        export_doubting(checkpoint, file, precision, name=name)
-        typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")
-        return
     loaded = load(checkpoint)  # reports a damaged checkpoint before minutes go into observations
-    compared = record_observations(loaded.track, _COMPARED, seed=1) if compare else None
-    write = exporting.export
-    if is_lbc(checkpoint):
-        write = export_lbc
-    elif loaded.algorithm == MarlnConfig.algorithm:
-        write = export_marln
+    compare = compare and is_driver(loaded.model)
+    compared = record_observations(loaded.agent.track, _COMPARED, seed=1) if compare else None
     found = write(checkpoint, file, precision, name=name, compared=compared)
-    typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {exporting.sha256(file)}")
+    typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB, sha256 {sha256(file)}")
     if found is not None:
         for control, mean, greatest in zip(("steer", "throttle", "brake"), found.mean, found.greatest, strict=True):
             typer.echo(f"{control}: differs from the checkpoint's by {mean:.2g} on average, {greatest:.2g} at most")

@@ -44,9 +44,11 @@ COLUMNS: Final = (
     "std_steer",
     "std_accelerate",
 )
-"""Rewards are the paper's, for an episode or a decision. Verdicts are shares of the episodes that ended. Seconds are
-those of the row.
+"""Columns of the methods that learn by driving. Rewards are the paper's, for an episode or a decision. Verdicts are
+shares of the episodes that ended. Seconds are those of the row.
 """
+Row = dict[str, Any]
+"""Figures of a row by column."""
 
 
 class ProgressFile:
@@ -54,7 +56,7 @@ class ProgressFile:
 
     Args:
         path: the file.
-        columns: names of the columns; those of the paper's agents and of MaRLn by default.
+        columns: names of the columns.
         resumed_at: steps at which an interrupted run continues; later rows are dropped. None starts a new file.
 
     Raises:

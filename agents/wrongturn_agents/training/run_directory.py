@@ -4,43 +4,34 @@ import fcntl
 import json
 import os
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Sequence, Set
+from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final
 
 import torch
 
 from wrongturn_agents.training.checkpoint import read, versions
-from wrongturn_agents.training.config import ALGORITHMS, config_of
-from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.method import Method
+from wrongturn_agents.training.settings import Settings
 
-CONFIG = "config.json"
-STATE = "state.pt"
-_WEIGHTS = ("best.pt", "last.pt")
-ENCODER = "encoder.pt"
+CONFIG: Final = "config.json"
+STATE: Final = "state.pt"
+BEST: Final = "best.pt"
+LAST: Final = "last.pt"
+ENCODER: Final = "encoder.pt"
+_WEIGHTS: Final = (BEST, LAST)
 _OWN = "the directory of another run, or begin anew in another directory"
 """What to do when a file from which a run continues is damaged."""
-T = TypeVar("T")
-
-
-class OtherRunError(TrainingError):
-    """A directory holds a run of another algorithm."""
-
-    def __init__(self, folder: Path, algorithm: str) -> None:
-        super().__init__(
-            f"directory {folder}: holds a run of {algorithm}; resume it with 'wrongturn train {algorithm}', or name "
-            "another directory"
-        )
 
 
 @dataclass(frozen=True)
 class Begun:
-    """Configuration, seed and limits of a run."""
+    """Settings, seed and limits of a run."""
 
-    config: DrivesConfig
+    settings: Settings
     seed: int
     steps: int | None
     minutes: float | None
@@ -52,12 +43,12 @@ class Begun:
             TrainingError: the file cannot be written.
         """
         content = {
-            "algorithm": self.config.algorithm,
-            "variant": self.config.variant,
+            "algorithm": self.settings.algorithm,
+            "variant": self.settings.variant,
             "seed": self.seed,
             "steps": self.steps,
             "minutes": self.minutes,
-            "config": self.config.as_dict(),
+            "config": self.settings.as_dict(),
             "device": torch.cuda.get_device_name() if device.type == "cuda" else "cpu",
             "versions": versions(),
         }
@@ -67,58 +58,33 @@ class Begun:
             raise _unwritable(folder, error) from error
 
     @classmethod
-    def read(cls, folder: Path) -> "Begun":
-        """Read ``config.json``.
+    def read(cls, folder: Path, method: Method) -> "Begun":
+        """Read ``config.json`` of a method's run.
 
         Raises:
-            OtherRunError: the run is of an algorithm that has no such configuration.
-            TrainingError: the folder holds no run, or the file is damaged.
+            TrainingError: the folder holds no run or one of another method, or the file is damaged.
         """
-        return read_config(
-            folder,
-            ALGORITHMS,
-            lambda content: cls(
-                config_of(content["algorithm"], content["config"]),
-                content["seed"],
-                content["steps"],
-                content["minutes"],
-            ),
-        )
-
-
-def read_config(folder: Path, algorithms: Collection[str], build: Callable[[dict[str, Any]], T]) -> T:
-    """Read the ``config.json`` of a run, and return what is built of it.
-
-    Args:
-        folder: the run's directory.
-        algorithms: the algorithms whose runs are read.
-        build: makes the result of the file's content.
-
-    Raises:
-        OtherRunError: the run is of another algorithm.
-        TrainingError: the folder holds no run, or the file is damaged.
-    """
-    path = folder / CONFIG
-    if not path.is_file():
-        raise TrainingError(f"directory {folder}: holds no run to resume; name the directory of one")
-    try:
-        content: Any = json.loads(path.read_text("utf-8"))
-        if isinstance(content["algorithm"], str) and content["algorithm"] not in algorithms:
-            raise OtherRunError(folder, content["algorithm"])
-        built = build(content)
-        right = isinstance(content["seed"], int) and all(
-            value is None or (isinstance(value, int | float) and value > 0)
-            for value in (content["steps"], content["minutes"])
-        )
-    except OtherRunError:
-        raise
-    except TrainingError as error:
-        raise TrainingError(f"directory {folder}: {CONFIG}: {error}") from error
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        right = False
-    if not right:
-        raise TrainingError(f"directory {folder}: its {CONFIG} is damaged; put it back, or train in another")
-    return built
+        path = folder / CONFIG
+        if not path.is_file():
+            raise TrainingError(f"directory {folder}: holds no run to resume; name the directory of one")
+        damaged = f"directory {folder}: its {CONFIG} is damaged; put it back, or train in another"
+        try:
+            content: Any = json.loads(path.read_text("utf-8"))
+            algorithm, fields, *rest = (content[name] for name in ("algorithm", "config", "seed", "steps", "minutes"))
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            raise TrainingError(damaged) from error
+        limits = all(value is None or (isinstance(value, int | float) and value > 0) for value in rest[1:])
+        if not (isinstance(algorithm, str) and isinstance(fields, dict) and isinstance(rest[0], int) and limits):
+            raise TrainingError(damaged)
+        if algorithm != method.name:
+            raise TrainingError(
+                f"directory {folder}: holds a run of {algorithm}; resume it with 'wrongturn train {algorithm}', or "
+                "name another directory"
+            )
+        try:
+            return cls(method.settings.of(fields), *rest)
+        except TrainingError as error:
+            raise TrainingError(f"directory {folder}: {CONFIG}: {error}") from error
 
 
 @contextmanager
@@ -190,12 +156,8 @@ def pretraining_seconds(folder: Path) -> float | None:
     return seconds if isinstance(seconds, float) else 0.0  # older files do not tell them
 
 
-def read_state(folder: Path, keys: Set[str]) -> dict[str, Any]:
+def read_state(folder: Path) -> dict[str, Any]:
     """Return the state from which a run continues.
-
-    Args:
-        folder: the run's directory.
-        keys: what the state has to have.
 
     Raises:
         TrainingError: there is none, or it is damaged.
@@ -204,7 +166,7 @@ def read_state(folder: Path, keys: Set[str]) -> dict[str, Any]:
     if not path.is_file():
         raise TrainingError(f"resume: the run in {folder} has saved nothing to go on from; begin it without --resume")
     found = read(path, "resume:", _OWN)
-    if not isinstance(found, dict) or not found.keys() >= keys:
+    if not isinstance(found, dict) or not found.keys() >= {"seconds", "begun"}:
         raise TrainingError(f"resume: {path} is damaged; begin anew in another directory")
     return found
 

@@ -12,10 +12,10 @@ from wrongturn_agents.registry import resolve
 from wrongturn_agents.results_file import ResultsFile, TrialResult
 from wrongturn_agents.stored_results import STORED, Collection
 from wrongturn_agents.training.devices import device_of
-from wrongturn_agents.training.drive import drive_trials
+from wrongturn_agents.training.drive import drive_trials, is_driver
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.in_process import drive_in_process
-from wrongturn_agents.training.loading import load
+from wrongturn_agents.training.method import load
 from wrongturn_networks import Suite, load_suite
 from wrongturn_protocol import Traffic, Trial
 
@@ -57,6 +57,10 @@ def score(
             raise TrainingError(f"{name}: is {value}; give 1 or more")
     place = device_of(device)
     loaded = load(checkpoint, place)
+    if not is_driver(loaded.model):
+        raise TrainingError(
+            f"checkpoint {checkpoint}: {loaded.agent.name} does not drive by itself; export it, and name the .onnx file"
+        )
     chosen = load_suite(suite)
     trials = _trials_of(chosen, traffic=traffic)
     # Everything in float32, as in the exported file.
@@ -64,20 +68,20 @@ def score(
         (driven,) = drive_trials(
             [loaded.model],
             trials,
-            track=loaded.track,
+            track=loaded.agent.track,
             device=place,
             threads=threads or len(os.sched_getaffinity(0)),
             batch=batch,
         )
     return ResultsFile(
-        agent=loaded.algorithm,
-        seed=loaded.seed,
+        agent=loaded.agent.name,
+        seed=loaded.told["seed"],
         variant=loaded.variant,
         suite=chosen.id,
         suite_sha256=chosen.sha256,
         secret=chosen.open_draw.secret,
         driven="in process",
-        steps=loaded.steps,
+        steps=loaded.told["steps"],
         device=torch.cuda.get_device_name() if place.type == "cuda" else "cpu",
         trials={one.trial.id: TrialResult.of(one.outcome) for one in driven if one.outcome is not None},
     ).model_dump(mode="json")

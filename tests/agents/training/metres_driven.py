@@ -3,8 +3,8 @@
 import numpy as np
 import torch
 
-from wrongturn_agents.training.lbc.cars import Cars
-from wrongturn_agents.training.lbc.config import LBCConfig
+from wrongturn_agents.training.methods.lbc.cars import Cars
+from wrongturn_agents.training.methods.lbc.config import LBCConfig
 
 CARS = 32
 _HELD_OUT = 10**6

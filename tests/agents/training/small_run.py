@@ -1,13 +1,11 @@
-"""PPO on two cars and a handful of decisions."""
-
-import torch
+"""Trainings of seconds: PPO on two cars and a handful of decisions, and settings for small networks."""
 
 from wrongturn_agents.models import build
 from wrongturn_agents.training.budget import Budget
-from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.driving_env import DrivingVecEnv
-from wrongturn_agents.training.ppo import WrongturnPPO
-from wrongturn_agents.training.seen_env import SeenVecEnv
+from wrongturn_agents.training.method import find_method
+from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
+from wrongturn_agents.training.methods.ppo.seen_env import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 SMALL = (
@@ -22,10 +20,14 @@ SMALL = (
 )
 
 
+def settings_of(algorithm, *options):
+    """A method's settings, with some options changed."""
+    return find_method(algorithm).settings().with_options(options)
+
+
 def small_ppo(algorithm, *options, steps=1000, **more):
     """An untrained agent and its environments."""
-    config = config_of(algorithm).with_options([*SMALL, *options])
-    watch = Stopwatch(torch.device("cpu"))
+    config = settings_of(algorithm, *SMALL, *options)
     agent = build(algorithm, seed=1, **more)
     driving = DrivingVecEnv(
         config.num_envs,
@@ -43,6 +45,7 @@ def small_ppo(algorithm, *options, steps=1000, **more):
         encode=agent.encode if config.frozen else None,
         width=agent.encoder.width,
     )
+    watch = Stopwatch(driving.device)
     return WrongturnPPO(
         config, envs, model=lambda: agent, budget=Budget(steps, None), stopwatch=watch, seed=1, device="cpu"
     )

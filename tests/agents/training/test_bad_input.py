@@ -1,16 +1,16 @@
 """What a user can get wrong at the command line: one line that names it and the remedy, status 1, and nothing lost."""
 
+import itertools
 import json
 
 import pytest
 import torch
-from small_run import SMALL
+from small_run import SMALL, settings_of
 from typer.testing import CliRunner
 
 from wrongturn_agents.errors import AgentsError
 from wrongturn_agents.models import build
 from wrongturn_agents.training.checkpoint import save_checkpoint
-from wrongturn_agents.training.config import config_of
 from wrongturn_client.cli import app
 from wrongturn_protocol.json_output import JsonFileError
 
@@ -32,7 +32,7 @@ def refused(*arguments):
 
 def saved(path, **changes):
     """A checkpoint of an untrained agent, with some of it changed."""
-    config = config_of(SEGMENTATION)
+    config = settings_of(SEGMENTATION)
     save_checkpoint(path, build(SEGMENTATION, seed=1), config, seed=1, steps=5, evaluation={})
     if changes:
         torch.save(torch.load(path, weights_only=True) | changes, path)
@@ -49,7 +49,7 @@ def run(tmp_path):
     """A directory as a run of seed 3 leaves it, but for its weights."""
     folder = tmp_path / "run"
     folder.mkdir()
-    config = config_of(SEGMENTATION).with_options(SMALL)
+    config = settings_of(SEGMENTATION, *SMALL)
     content = {"algorithm": SEGMENTATION, "seed": 3, "steps": 24, "minutes": None, "config": config.as_dict()}
     (folder / "config.json").write_text(json.dumps(content))
     torch.save({"steps": 12}, folder / "state.pt")
@@ -94,18 +94,14 @@ def test_settings_that_cannot_be_make_no_directory(tmp_path, arguments, named):
 def test_an_encoder_that_is_none_makes_no_directory(tmp_path):
     (tmp_path / "text.pt").write_text("no encoder")
     torch.save({"a": 1}, tmp_path / "other.pt")
-    for name, why in (("missing.pt", "no such file"), ("text.pt", "damaged"), ("other.pt", "no encoder")):
-        command = ["train", "ppo-image", "--directory", tmp_path / "run", "--option", f"encoder={tmp_path / name}"]
+    torch.save({"state_dict": {"mask": torch.ones(1)}}, tmp_path / "agent.pt")
+    wrong = {"missing.pt": "no such file", "text.pt": "damaged", "other.pt": "no encoder", "agent.pt": "no encoder"}
+    for (name, why), method in itertools.product(wrong.items(), ("ppo-image", "marln")):
+        command = ["train", method, "--directory", tmp_path / "run", "--option", f"encoder={tmp_path / name}"]
         said = refused(*command)
         assert "option encoder" in said
         assert why in said
         assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.slow
-def test_an_encoder_of_other_networks_is_named(tmp_path, checkpoint):
-    foreign = ["train", "ppo-image", "--directory", tmp_path / "run", "--option", f"encoder={checkpoint}"]
-    assert "ResNet-34" in refused(*foreign, "--num-envs", 2, "--option", "n_steps=4")
 
 
 def test_a_directory_that_cannot_be_is_named(tmp_path):

@@ -2,13 +2,13 @@ import sys
 
 from wrongturn_agents.training.display import Display
 
-ROW = {"minutes": 1.25, "step": 16384, "steps_per_second": 2048.4, "reward_mean": None, "done": 0.5}
+ROW = {"minutes": 1.25, "step": 16384, "steps_per_second": 2048.4, "done": 0.5, "unit": "steps"}
 
 
 def test_evaluations_are_told_at_once_and_rows_now_and_then(capsys, monkeypatch):
     monkeypatch.setattr("wrongturn_agents.training.display.time.monotonic", lambda: 100.0)
     with Display("ppo-image") as display:
-        display.pretraining(4096, 0.5)
+        display.note("pretraining, 4,096 frames, loss 0.500")
         display.row(ROW)  # too soon after it
         display.row({**ROW, "reward_mean": 1234.5, "success_heldout": 0.96})
     assert capsys.readouterr().out.splitlines() == [

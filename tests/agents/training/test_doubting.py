@@ -15,31 +15,28 @@ pytest.importorskip("sumo", reason="generated towns need netconvert")
 
 from wrongturn_agents import resolve
 from wrongturn_agents.models.gate import MEMORY, Gate
-from wrongturn_agents.training.doubting import run
-from wrongturn_agents.training.doubting.config import POLICIES, DoubtingConfig
-from wrongturn_agents.training.doubting.exporting import GatedDoubt, export_doubting
-from wrongturn_agents.training.doubting.run import BEST, is_doubting, load_doubt, train
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import export
+from wrongturn_agents.training.method import load
+from wrongturn_agents.training.methods.doubting import method
+from wrongturn_agents.training.methods.doubting.config import POLICIES
+from wrongturn_agents.training.methods.doubting.exporting import GatedDoubt, write_doubting
+from wrongturn_agents.training.progress_file import read_rows
+from wrongturn_agents.training.run import train
+from wrongturn_agents.training.score import score
 from wrongturn_sim import WrongturnVectorEnv
 
 PICTURES, EXAMINED = 256, 128
 ENOUGH_PICTURES, ENOUGH_EXAMINED = 5_120, 1_024
 OPTIONS = ("batch_size=64", "learning_rate=2e-3", "warm_up=10", "average=0.95", "generated=1", "augment=false")
+NAME = "doubting-segmentation"
 
 
 def trained(folder: Path, pictures: int, examined: int) -> Path:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "examine", partial(run.examine, pictures=examined))
-        return train(
-            "doubting-segmentation",
-            directory=folder / "run",
-            towns=folder / "towns",
-            seed=1,
-            pictures=pictures,
-            device="cpu",
-            options=OPTIONS,
-        )
+        patch.setattr(method, "examine", partial(method.examine, pictures=examined))
+        patch.setattr(method, "HELD_OUT", method.HELD_OUT[:1])
+        return train(NAME, directory=folder / "run", seed=1, steps=pictures, device="cpu", threads=1, options=OPTIONS)
 
 
 @pytest.fixture(scope="module")
@@ -51,19 +48,19 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def whole(checkpoint: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """All its parts in one file, of half precision."""
     file = tmp_path_factory.mktemp("whole") / "whole.onnx"
-    export_doubting(checkpoint, file, "fp16")
+    export(checkpoint, file, "fp16")
     return file
 
 
 @pytest.mark.soak
 def test_a_short_training_beats_chance_in_towns_never_seen(tmp_path: Path) -> None:
-    _, found = load_doubt(trained(tmp_path, ENOUGH_PICTURES, ENOUGH_EXAMINED))
-    told = found["told"]["towns never seen"]
+    found = load(trained(tmp_path, ENOUGH_PICTURES, ENOUGH_EXAMINED)).told
+    told = found["evaluation"]["towns never seen"]
     # Always telling the most frequent exits is right for about two exits in three, and for one place in three.
     assert told["exits"] > 0.8
     assert told["approaches"] > 0.5
     assert told["distance"] < 6.0
-    assert found["pictures"] == ENOUGH_PICTURES
+    assert found["steps"] == ENOUGH_PICTURES
 
 
 @pytest.mark.slow
@@ -73,9 +70,9 @@ def test_the_file_drives_as_the_parts_do(checkpoint: Path, whole: Path, precisio
     file = whole
     if precision != "fp16":
         file = tmp_path / "doubting.onnx"
-        export_doubting(checkpoint, file, precision)
+        export(checkpoint, file, precision)
     agent = resolve(str(file)).make()
-    doubt, _ = load_doubt(checkpoint)
+    doubt = load(checkpoint).model
     parts, driving = GatedDoubt(doubt, Gate()).eval(), resolve(POLICIES["doubting-segmentation"]).make()
     memory, commands = torch.zeros(1, MEMORY), set()
     for seed in (1, 3):
@@ -107,7 +104,7 @@ def test_the_file_drives_as_the_parts_do(checkpoint: Path, whole: Path, precisio
 def test_the_parts_that_are_shipped_drive_as_the_whole_file(
     checkpoint: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    export_doubting(checkpoint, tmp_path / "doubting-segmentation.gate.onnx", "fp16", whole=False)
+    write_doubting(load(checkpoint), tmp_path / "doubting-segmentation.gate.onnx", "fp16", whole=False)
     monkeypatch.setattr("wrongturn_agents.doubting_agent.WEIGHTS", tmp_path)
     source, in_one = resolve("doubting-segmentation"), resolve(str(whole))
     assert source.trained_on_faults
@@ -132,39 +129,25 @@ def test_the_parts_that_are_shipped_drive_as_the_whole_file(
 
 
 @pytest.mark.slow
-def test_a_checkpoint_is_known_as_what_it_is(checkpoint: Path, tmp_path: Path) -> None:
-    assert is_doubting(checkpoint)
-    assert not is_doubting(tmp_path / "nothing.pt")
-    with pytest.raises(TrainingError, match="has a run already"):
-        train("doubting-segmentation", directory=checkpoint.parent, pictures=1)
-    with pytest.raises(TrainingError, match="checkpoint"):
-        export(checkpoint, tmp_path / "agent.onnx")
+def test_a_run_goes_on_and_its_checkpoint_is_known_as_what_it_is(checkpoint: Path, tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match="holds a run already; resume it"):
+        train(NAME, directory=checkpoint.parent, steps=1)
+    with pytest.raises(TrainingError, match="doubting-segmentation does not drive by itself; export it"):
+        score(checkpoint, "smoke@2", device="cpu")
     with pytest.raises(TrainingError, match="--precision: int8"):
-        export_doubting(checkpoint, tmp_path / "agent.onnx", "int8")
+        export(checkpoint, tmp_path / "agent.onnx", "int8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(method, "examine", partial(method.examine, pictures=64))
+        patch.setattr(method, "HELD_OUT", method.HELD_OUT[:1])
+        train(NAME, directory=checkpoint.parent, steps=PICTURES + 128, device="cpu", threads=1, resume=True)
+    assert load(checkpoint).told["steps"] == PICTURES + 128
+    assert [int(row["step"]) for row in read_rows(checkpoint.parent / "progress.csv")] == [PICTURES, PICTURES + 128]
 
 
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [
-        ("towns=3", "give name=value with one of"),
-        ("generated", "give name=value with one of"),
-        ("generated=many", "give a whole number"),
-        ("augment=yes", "give true or false"),
-        ("first_share=2", "give a number from 0 to 1"),
-        ("batch_size=0", "option batch_size: is 0"),
-    ],
-)
-def test_a_wrong_option_is_named(option: str, message: str) -> None:
-    with pytest.raises(TrainingError, match=message):
-        DoubtingConfig().with_options([option])
-
-
-def test_a_wrong_argument_makes_no_directory(tmp_path: Path) -> None:
-    with pytest.raises(TrainingError, match="algorithm"):
-        train("doubt", directory=tmp_path / "run")
-    with pytest.raises(TrainingError, match="device"):
-        train("doubting", directory=tmp_path / "run", device="tpu")
-    with pytest.raises(TrainingError, match="option"):
-        train("doubting", directory=tmp_path / "run", options=["x=1"])
-    assert not (tmp_path / "run").exists()
-    assert not (tmp_path / BEST).exists()
+def test_checkpoints_of_before_are_read(checkpoint: Path, tmp_path: Path) -> None:
+    found = torch.load(checkpoint, weights_only=True)
+    before = {name: value for name, value in found.items() if name not in {"steps", "evaluation"}}
+    before["config"].pop("save_every")
+    torch.save({**before, "pictures": 5, "told": {"training town": {}}}, tmp_path / "best.pt")
+    told = load(tmp_path / "best.pt").told
+    assert (told["steps"], told["evaluation"]) == (5, {"training town": {}})

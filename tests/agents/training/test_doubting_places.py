@@ -7,7 +7,7 @@ import pytest
 from shapely import Point
 
 from wrongturn_agents.models.doubt import FARTHEST
-from wrongturn_agents.training.doubting.places import NEAR, Places, draw_places, truth_of
+from wrongturn_agents.training.methods.places import NEAR, Places, draw_places, truth_of
 from wrongturn_networks import Town, draw_cruise, load_town
 from wrongturn_protocol import DIRECTIONS, Track
 from wrongturn_sim.fleet.fleet import Fleet

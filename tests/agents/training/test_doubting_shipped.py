@@ -10,8 +10,8 @@ pytest.importorskip("onnxruntime")
 from wrongturn_agents import resolve
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import ModelFileError
-from wrongturn_agents.training.doubting.config import driver_of
 from wrongturn_agents.training.in_process import drive_in_process
+from wrongturn_agents.training.methods.doubting.config import driver_of
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Reaction, Track, Verdict
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 from small_run import rolled, small_ppo
 
-from wrongturn_agents.training.seen_env import FEATURES
+from wrongturn_agents.training.methods.ppo.seen_env import FEATURES
 
 
 def weights(ppo):

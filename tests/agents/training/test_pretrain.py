@@ -2,12 +2,11 @@
 
 import pytest
 import torch
-from small_networks import small_networks  # noqa: F401 - a fixture
 
 from wrongturn_agents.models import build
 from wrongturn_agents.training.budget import Budget
-from wrongturn_agents.training.config import ImageConfig
-from wrongturn_agents.training.pretrain import pretrain
+from wrongturn_agents.training.methods.ppo.config import ImageConfig
+from wrongturn_agents.training.methods.ppo.pretrain import pretrain
 from wrongturn_protocol import SegmentationClass
 
 ROAD_USERS = {SegmentationClass.VEHICLE, SegmentationClass.PEDESTRIAN}

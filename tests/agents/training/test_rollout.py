@@ -5,7 +5,7 @@ from gymnasium import spaces
 from stable_baselines3.common.buffers import DictRolloutBuffer
 
 from wrongturn_agents.training.action import ACTION_SPACE
-from wrongturn_agents.training.rollout import DeviceRolloutBuffer
+from wrongturn_agents.training.methods.ppo.rollout import DeviceRolloutBuffer
 
 SPACE = spaces.Dict(
     {

@@ -1,11 +1,10 @@
 import pytest
-from small_run import SMALL
+from small_run import SMALL, settings_of
 from typer.testing import CliRunner
 
 from wrongturn_agents.models import build
 from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.training.checkpoint import save_checkpoint
-from wrongturn_agents.training.config import config_of
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.score import score, score_agent, summary
 from wrongturn_client.cli import app
@@ -16,7 +15,7 @@ from wrongturn_protocol import Verdict
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory):
     path = tmp_path_factory.mktemp("run") / "best.pt"
-    config = config_of("ppo-segmentation").with_options([*SMALL, "masked_classes=0.3"])
+    config = settings_of("ppo-segmentation", *SMALL, "masked_classes=0.3")
     save_checkpoint(path, build("ppo-segmentation", seed=5), config, seed=5, steps=24, evaluation={"success": 0.0})
     return path
 

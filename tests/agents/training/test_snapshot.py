@@ -1,7 +1,7 @@
 import torch
 from torch import nn
 
-from wrongturn_agents.training.snapshot import Snapshot
+from wrongturn_agents.training.methods.ppo.snapshot import Snapshot
 
 
 def step(module, optimizer, which=0):

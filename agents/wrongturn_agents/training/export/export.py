@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from wrongturn_agents.onnx_agent import open_session
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
-from wrongturn_agents.training.checkpoint import load_checkpoint, model_of
+from wrongturn_agents.training.drive import RememberingModel
 from wrongturn_agents.training.export.quantisation import halve, quantise
-from wrongturn_agents.training.export.writing import check_target, export_graph, facts_of, write_graph
-from wrongturn_agents.training.recording import record_observations
-from wrongturn_protocol import Track
-from wrongturn_protocol.model_contract import ACTION
+from wrongturn_agents.training.export.writing import check_target, export_graph, write_graph
+from wrongturn_agents.training.method import Loaded, load
+from wrongturn_agents.training.recording import EGOS, record_observations
+from wrongturn_protocol.model_contract import ACTION, STATE_IN, STATE_OUT
+from wrongturn_protocol.observations import FIELDS
 
 CALIBRATION: Final = 200
 """Number of observations that determine int8's ranges."""
 CALIBRATION_SEED: Final = 20_001
-_BATCH: Final = 50
-_MEASURED: Final = ("speed", "steering", "command")
+LICENCE: Final = "Apache-2.0"
+"""Licence of the weights."""
 
 Observations = Mapping[str, NDArray[Any]]
 
@@ -54,18 +54,6 @@ class Agreement:
     observations: int
 
 
-class _ExportedAgent(nn.Module):
-    """The agent as the graph holds it, from an observation to steer, throttle and brake."""
-
-    def __init__(self, model: nn.Module) -> None:
-        super().__init__()
-        self.model = model
-
-    def forward(self, observation: dict[str, Tensor]) -> Tensor:
-        action: Tensor = self.model.drive(observation)  # type: ignore[operator]
-        return action
-
-
 def export(
     checkpoint: Path | str,
     file: Path | str,
@@ -78,13 +66,13 @@ def export(
     """Write a checkpoint as an ONNX file.
 
     Args:
-        checkpoint: a run's ``best.pt`` or ``last.pt``.
+        checkpoint: a run's ``best.pt``, ``last.pt`` or ``privileged.pt``.
         file: the file to write.
         precision: precision of the weights.
         name: the agent's name on the leaderboard; the algorithm by default.
         observations: (n, ...) for each input, to calibrate int8 with; recorded by default.
-        compared: observations on which to compare the file's actions with the checkpoint's. The file's metadata keeps
-            the result.
+        compared: recorded observations on which to compare the file's actions with the checkpoint's. The file's
+            metadata keeps the result.
 
     Returns:
         The comparison, if there was one.
@@ -94,55 +82,89 @@ def export(
     """
     file = Path(file)
     check_target(file, name)
-    told = load_checkpoint(Path(checkpoint))
-    algorithm, precision = told["algorithm"], Precision(precision)
-    keys = inputs_of(algorithm)
-    graph = _graph(model_of(told), keys)
-    if precision is Precision.INT8:
-        recorded = observations or record_observations(
-            SHIPPED_AGENTS[algorithm].track, CALIBRATION, seed=CALIBRATION_SEED
-        )
-        graph = quantise(graph, {key: np.asarray(recorded[key]) for key in keys})
-    if precision is not Precision.FP32:
+    loaded = load(checkpoint)
+    found: Agreement | None = loaded.method.export(
+        loaded, file, Precision(precision), name=name, observations=observations, compared=compared
+    )
+    return found
+
+
+def write_agent(
+    loaded: Loaded,
+    file: Path,
+    precision: str = Precision.FP32,
+    *,
+    name: str | None = None,
+    observations: Observations | None = None,
+    compared: Observations | None = None,
+) -> Agreement | None:
+    """Write an agent that drives by itself as an ONNX file; see :func:`export`."""
+    keys, memory = loaded.agent.keys, _memory(loaded.model)
+    graph = _graph(loaded, memory)
+    if precision == Precision.INT8:
+        seen = observations or record_observations(loaded.agent.track, CALIBRATION, seed=CALIBRATION_SEED)
+        feed = {key: np.asarray(seen[key]) for key in keys}
+        if memory:
+            # Memories of 0 are those of first decisions, whose ranges are those of any other.
+            feed[STATE_IN] = np.zeros((len(feed[keys[0]]), memory), np.float32)
+        graph = quantise(graph, feed)
+    if precision != Precision.FP32:
         halve(graph)
-    shipped = SHIPPED_AGENTS[algorithm]
-    facts = facts_of(told, name=name, track=shipped.track, description=shipped.description, precision=precision)
     onnx.checker.check_model(graph, full_check=True)
+    facts = facts_of(loaded, name=name, precision=precision)
     write_graph(file, graph, facts)
     if compared is None:
         return None
-    found = agreement(checkpoint, file, compared)
+    found = agreement(loaded, file, compared)
     write_graph(file, graph, facts | {"agreement": json.dumps(asdict(found), sort_keys=True)})
     return found
 
 
-def inputs_of(algorithm: str) -> tuple[str, ...]:
-    """Return the observation keys that an algorithm's agent needs."""
-    seen = "segmentation" if SHIPPED_AGENTS[algorithm].track is Track.SEGMENTATION else "rgb"
-    return (*_MEASURED, seen)
-
-
-def agreement(checkpoint: Path | str, file: Path | str, observations: Observations) -> Agreement:
-    """Compare a file's actions with its checkpoint's.
+def facts_of(loaded: Loaded, *, name: str | None, precision: str) -> dict[str, str]:
+    """Return a file's metadata.
 
     Args:
-        checkpoint: checkpoint of which the file was made.
-        file: the ONNX file.
-        observations: (n, ...) for each input.
+        loaded: the agent.
+        name: its name on the leaderboard; None for the algorithm's.
+        precision: precision of the weights.
     """
-    told = load_checkpoint(Path(checkpoint))
-    keys = inputs_of(told["algorithm"])
-    model, session = model_of(told), open_session(Path(file))
-    inputs = {key: np.asarray(observations[key]) for key in keys}
-    number = len(inputs[keys[0]])
-    differences = []
-    for first in range(0, number, _BATCH):
-        batch = {key: array[first : first + _BATCH] for key, array in inputs.items()}
+    told, agent = loaded.told, loaded.agent
+    return {
+        "name": name or agent.name,
+        "track": str(agent.track),
+        "description": agent.description,
+        "algorithm": agent.name,
+        "seed": str(told["seed"]),
+        "steps": str(told["steps"]),
+        "precision": str(precision),
+        "licence": LICENCE,
+        **{field: json.dumps(told[field], sort_keys=True) for field in ("config", "evaluation", "versions")},
+    }
+
+
+def agreement(loaded: Loaded, file: Path | str, observations: Observations) -> Agreement:
+    """Compare a file's actions with its agent's, along recorded drives and with the agent's memory.
+
+    Args:
+        loaded: the agent, on the CPU.
+        file: the ONNX file.
+        observations: (n, ...) for each input, as ``record_observations`` returns them.
+    """
+    model, session = loaded.model, open_session(Path(file))
+    inputs = {key: np.asarray(observations[key]) for key in loaded.agent.keys}
+    number = len(inputs[loaded.agent.keys[0]])
+    memory = model.begin(min(EGOS, number)).numpy() if isinstance(model, RememberingModel) else None
+    differences: list[NDArray[np.float32]] = []
+    for first in range(0, number, EGOS):
+        batch: dict[str, NDArray[Any]] = {key: array[first : first + EGOS] for key, array in inputs.items()}
+        if memory is not None:  # the last cars' drives may be a row longer
+            batch[STATE_IN] = memory[: number - first]
         with torch.inference_mode():
-            wanted = model.drive({key: torch.from_numpy(array) for key, array in batch.items()}).numpy()
-        for i, action in enumerate(wanted):  # one at a time, as an agent drives
+            wanted, kept = _driven(model, {key: torch.from_numpy(array) for key, array in batch.items()})
+        for i, action in enumerate(wanted.numpy()):  # one at a time, as an agent drives
             one = {key: array[i : i + 1] for key, array in batch.items()}
             differences.append(np.abs(session.run([ACTION], one)[0][0] - action))
+        memory = kept.numpy() if kept is not None else None
     mean, greatest = np.mean(differences, 0).tolist(), np.max(differences, 0).tolist()
     return Agreement(tuple(mean), tuple(greatest), len(differences))
 
@@ -152,17 +174,51 @@ def sha256(file: Path | str) -> str:
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
-def _graph(model: nn.Module, keys: tuple[str, ...]) -> onnx.ModelProto:
+def _memory(model: Any) -> int:
+    """Return how many numbers an agent remembers."""
+    return model.begin(1).shape[1] if isinstance(model, RememberingModel) else 0
+
+
+def _driven(model: Any, inputs: Mapping[str, Tensor]) -> tuple[Tensor, Tensor | None]:
+    """Return the actions for a batch and, of an agent that remembers, the next memories."""
+    observation = dict(inputs)
+    memory = observation.pop(STATE_IN, None)
+    if memory is None:
+        return model.drive(observation), None
+    action, kept = model.drive_on(observation, memory)
+    return action, kept
+
+
+class _ExportedAgent(nn.Module):
+    """The agent as the graph holds it: from an observation, and its memory if it has one."""
+
+    def __init__(self, model: nn.Module) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, observation: dict[str, Tensor], state: Tensor | None = None) -> Any:
+        if state is None:
+            return self.model.drive(observation)  # type: ignore[operator]
+        return self.model.drive_on(observation, state)  # type: ignore[operator]
+
+
+def _graph(loaded: Loaded, memory: int) -> onnx.ModelProto:
     """Return the agent's graph in single precision, with a free batch axis."""
-    shapes = {"speed": (1,), "steering": (1,), "command": (1,), "rgb": (64, 192, 3), "segmentation": (64, 192)}
-    dtypes = {"speed": torch.float32, "steering": torch.float32, "command": torch.int64}
+    fields = {field.name: field for field in FIELDS[loaded.agent.track]}
     # A batch of two, because the exporter takes an axis of length one as fixed.
-    example = {key: torch.ones((2, *shapes[key]), dtype=dtypes.get(key, torch.uint8)) for key in keys}
+    example = {
+        key: torch.from_numpy(np.ones((2, *fields[key].shape), fields[key].numpy_dtype)) for key in loaded.agent.keys
+    }
     batch = torch.export.Dim("batch", min=1, max=4096)
+    arguments: dict[str, Any] = {"observation": example}
+    shapes: dict[str, Any] = {"observation": {key: {0: batch} for key in example}}
+    if memory:
+        arguments["state"], shapes["state"] = torch.zeros(2, memory), {0: batch}
+    model: Any = loaded.model
     return export_graph(
-        _ExportedAgent(model.to(memory_format=torch.contiguous_format)).eval(),  # type: ignore[call-overload]
-        {"observation": example},
-        keys,
-        (ACTION,),
-        {"observation": {key: {0: batch} for key in keys}},
+        _ExportedAgent(model.to(memory_format=torch.contiguous_format)).eval(),
+        arguments,
+        [*example, *([STATE_IN] if memory else [])],
+        [ACTION, *([STATE_OUT] if memory else [])],
+        shapes,
     )

@@ -1,6 +1,5 @@
 """What every export shares: torch's exporter without its noise, and a file that is written all at once."""
 
-import json
 import logging
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,20 +7,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import onnx
 import torch
 from onnx import inliner
-from torch import Tensor, nn
+from torch import nn
 
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_client.submitter import NAME_RULE, is_name
-from wrongturn_protocol import Track
-from wrongturn_protocol.model_contract import ACTION, STATE_IN, STATE_OUT
-from wrongturn_protocol.observations import FIELDS
 
-LICENCE: Final = "Apache-2.0"
-"""Licence of the weights."""
 OPSET: Final = 18
 """Opset of the files. Torch writes it without a conversion, and every onnxruntime since 1.14 reads it."""
 
@@ -78,65 +71,6 @@ def export_graph(
         proto = inliner.inline_local_functions(proto)
     _strip(proto)
     return proto
-
-
-def facts_of(
-    told: Mapping[str, Any], *, name: str | None, track: Track, description: str, precision: str
-) -> dict[str, str]:
-    """Return a file's metadata.
-
-    Args:
-        told: the checkpoint.
-        name: the agent's name on the leaderboard; None for the algorithm's.
-        track: track of the agent.
-        description: the agent in a sentence.
-        precision: precision of the weights.
-    """
-    return {
-        "name": name or told["algorithm"],
-        "track": str(track),
-        "description": description,
-        "algorithm": told["algorithm"],
-        "seed": str(told["seed"]),
-        "steps": str(told["steps"]),
-        "precision": str(precision),
-        "licence": LICENCE,
-        **{field: json.dumps(told[field], sort_keys=True) for field in ("config", "evaluation", "versions")},
-    }
-
-
-class _Remembering(nn.Module):
-    """An agent with a memory, as the graph holds it."""
-
-    def __init__(self, agent: nn.Module) -> None:
-        super().__init__()
-        self.agent = agent
-
-    def forward(self, observation: dict[str, Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
-        driven: tuple[Tensor, Tensor] = self.agent.drive_on(observation, state)  # type: ignore[operator]
-        return driven
-
-
-def export_remembering(agent: nn.Module, keys: Sequence[str], track: Track, memory: int) -> onnx.ModelProto:
-    """Return the graph of an agent that remembers, in single precision, with a free batch axis.
-
-    Args:
-        agent: has ``drive_on(observation, state)``, which returns an action (b, 3) and the next state (b, memory).
-        keys: keys of the observation that it looks at.
-        track: its track.
-        memory: numbers in its state.
-    """
-    fields = {field.name: field for field in FIELDS[track]}
-    # A batch of two, because the exporter takes an axis of length one as fixed.
-    example = {key: torch.from_numpy(np.ones((2, *fields[key].shape), fields[key].numpy_dtype)) for key in keys}
-    batch = torch.export.Dim("batch", min=1, max=4096)
-    return export_graph(
-        _Remembering(agent.to(memory_format=torch.contiguous_format)).eval(),  # type: ignore[call-overload]
-        {"observation": example, "state": torch.zeros(2, memory)},
-        [*keys, STATE_IN],
-        [ACTION, STATE_OUT],
-        {"observation": {key: {0: batch} for key in keys}, "state": {0: batch}},
-    )
 
 
 def write_graph(file: Path, graph: onnx.ModelProto, facts: Mapping[str, str]) -> None:

@@ -1,0 +1,1 @@
+"""The shipped training methods, one a folder. Each is registered as an entry point of ``wrongturn.methods``."""

@@ -1,0 +1,71 @@
+"""Settings of the training of ``doubting`` and ``doubting-segmentation``."""
+
+import hashlib
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.training.settings import SHARE, Settings
+
+POLICIES: Final = {name: agent.drives for name, agent in DOUBTING_AGENTS.items()}
+"""The shipped agent that drives for each of them."""
+
+
+def driver_of(algorithm: str) -> str:
+    """Return the SHA-256 of the shipped file that drives behind a doubting agent's gate, in hexadecimal digits.
+
+    Figures keep it, so that a test tells when they belong to a driver that is no longer shipped.
+    """
+    return hashlib.sha256(SHIPPED_AGENTS[POLICIES[algorithm]].file.read_bytes()).hexdigest()
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoubtingConfig(Settings):
+    """Settings of a training; the defaults are those of the shipped agents."""
+
+    algorithm: ClassVar[str] = "doubting"
+    RANGES: ClassVar = {"average": SHARE, "first_share": SHARE, "generated": (0, 1e12)}
+    POSITIVE: ClassVar[tuple[str, ...]] = ("learning_rate", "marks_weight")
+
+    pictures: int = 2_000_000
+    """Pictures to learn from. The learning rate falls over them."""
+    batch_size: int = 256
+    """Pictures in a minibatch, in chunks of 64 of one town."""
+    learning_rate: float = 1e-3
+    """AdamW's greatest learning rate."""
+    warm_up: int = 100
+    """Updates over which the learning rate rises."""
+    weight_decay: float = 0.01
+    """AdamW's weight decay."""
+    average: float = 0.998
+    """Weight of the past in the average of the weights, which is what is kept."""
+    marks_weight: float = 3.0
+    """Weight of the loss about the distance."""
+    augment: bool = True
+    """Change RGB pictures at random."""
+    bf16: bool = True
+    """Compute in bfloat16 on CUDA."""
+    generated: int = 40
+    """*Ablation.* Number of generated towns beside Town01."""
+    first_share: float = 0.3
+    """Share of the pictures that show Town01."""
+    save_every: float = 10.0
+    """Minutes between two saves of ``state.pt``."""
+
+    @property
+    def length(self) -> int:
+        """Pictures to learn from."""
+        return self.pictures
+
+    @property
+    def variant(self) -> str | None:
+        """Name of the ablation; None for the standard training."""
+        return "without-generated-towns" if self.generated == 0 else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoubtingSegmentationConfig(DoubtingConfig):
+    """Settings of the agent that sees segmentation."""
+
+    algorithm: ClassVar[str] = "doubting-segmentation"

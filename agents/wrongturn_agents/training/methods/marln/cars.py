@@ -1,0 +1,89 @@
+"""The cars of a training: what each sees, encoded, and the noise that it explores with."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from wrongturn_agents.models.marln import ACTIONS, Marln
+from wrongturn_agents.training.driving_env import DrivingVecEnv, Observations
+from wrongturn_agents.training.methods.marln.config import MarlnConfig
+from wrongturn_agents.training.methods.marln.frames import FrameStack
+from wrongturn_agents.training.methods.marln.replay import Decisions
+from wrongturn_agents.training.stopwatch import Stopwatch
+
+
+class _Seen(NamedTuple):
+    features: Tensor
+    measured: Tensor
+    command: Tensor
+
+
+class Cars:
+    """Drives all cars by a network's best actions, with noise.
+
+    Args:
+        envs: the cars.
+        model: the network; its encoder is frozen.
+        config: settings.
+        stopwatch: counts the encoder and the choice of actions.
+        generator: random generator on the device.
+    """
+
+    def __init__(
+        self, envs: DrivingVecEnv, model: Marln, config: MarlnConfig, stopwatch: Stopwatch, generator: torch.Generator
+    ) -> None:
+        self.envs, self._model, self._config = envs, model, config
+        self._stopwatch, self._generator = stopwatch, generator
+        self._device = generator.device
+        self._stack = FrameStack()
+        self._table = np.array(ACTIONS, np.float32)
+        self._noise = model.values.draw_noise(envs.num_envs, generator)
+        self._draws = model.augmentation.draw(envs.num_envs, self._device, generator)
+        self._steps = 0
+        begun = torch.ones(envs.num_envs, dtype=torch.bool, device=self._device)
+        self._seen = self._look(envs.reset(), begun)
+
+    @torch.no_grad()
+    def drive(self) -> tuple[Decisions, list[dict[str, Any]]]:
+        """Drive on for 0.1 s; return what was seen, done and earned, and the infos of the drives that ended."""
+        seen = self._seen
+        with self._stopwatch.part("policy"):
+            self._renew()
+            action = self._model.values.choose(*seen, self._noise)
+            chosen = self._table[action.cpu().numpy()]
+        observation, reward, done, infos = self.envs.step(chosen)
+        cut = np.array([bool(info.get("TimeLimit.truncated")) for info in infos])
+        over = torch.as_tensor(done, device=self._device)
+        decisions = Decisions(
+            *seen,
+            action=action,
+            reward=torch.as_tensor(reward, device=self._device),
+            ended=torch.as_tensor(done & ~cut, device=self._device),
+            cut=torch.as_tensor(cut, device=self._device),
+        )
+        self._seen = self._look(observation, over)
+        return decisions, [infos[i] for i in np.flatnonzero(done).tolist()]
+
+    def _renew(self) -> None:
+        """Draw noise, and the change of pictures, for the cars whose turn it is."""
+        every = self._config.noise_decisions
+        turn = slice(self._steps % every, None, every)
+        rows = len(self._noise[turn])
+        self._noise[turn] = self._model.values.draw_noise(rows, self._generator)
+        self._draws[turn] = self._model.augmentation.draw(rows, self._device, self._generator)
+        self._steps += 1
+
+    @torch.no_grad()
+    def _look(self, observation: Observations, begun: Tensor) -> _Seen:
+        config = self._config
+        with self._stopwatch.part("encode"):
+            rgb = observation["rgb"]
+            if config.augment:
+                rgb = self._model.augmentation.changed(rgb, self._draws)
+            frames = self._stack.push(rgb, begun)
+            with torch.autocast(self._device.type, torch.bfloat16, enabled=config.bf16 and self._device.type == "cuda"):
+                features = self._model.encode(frames).to(torch.bfloat16)
+        measured = torch.cat([observation["speed"], observation["steering"]], 1)
+        return _Seen(features, measured, observation["command"][:, 0])

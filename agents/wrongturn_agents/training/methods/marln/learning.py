@@ -1,0 +1,104 @@
+"""Rainbow-IQN: double Q-learning of quantiles, from replayed returns of n steps."""
+
+import copy
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from wrongturn_agents.models.marln import ValueNetwork
+from wrongturn_agents.models.quantiles import quantile_huber
+from wrongturn_agents.training.methods.marln.config import MarlnConfig
+from wrongturn_agents.training.methods.marln.replay import Replay, Sample
+
+
+class Learned(NamedTuple):
+    """Figures of an update."""
+
+    loss: Tensor
+    value: Tensor
+    """Mean value of the decisions' actions."""
+
+
+class Learner:
+    """Trains the layers behind the frozen encoder.
+
+    Args:
+        values: what learns, on its device.
+        config: settings.
+        generator: random generator on the device, for shares and noise.
+    """
+
+    def __init__(self, values: ValueNetwork, config: MarlnConfig, generator: torch.Generator) -> None:
+        self.values, self.config, self._generator = values, config, generator
+        self.target = copy.deepcopy(values).requires_grad_(False)
+        self._trained = list(values.parameters())
+        projection = list(values.projection.parameters())
+        others = [one for name, one in values.named_parameters() if not name.startswith("projection.")]
+        self.optimizer = torch.optim.Adam(
+            [{"params": others, "share": 1.0}, {"params": projection, "share": config.projection_learning_rate}],
+            lr=config.learning_rate,
+            eps=config.adam_epsilon,
+            fused=generator.device.type == "cuda",  # one kernel for all weights
+        )
+        self.updates = 0
+
+    def update(self, replay: Replay, fraction: float) -> Learned:
+        """Learn from one minibatch.
+
+        Args:
+            replay: what was driven.
+            fraction: how much of the run is over, from 0 to 1.
+        """
+        config = self.config
+        weight = config.priority_weight + (1.0 - config.priority_weight) * fraction
+        sample = replay.sample(config.batch_size, weight, self._generator)
+        left = config.final_learning_rate
+        for group in self.optimizer.param_groups:
+            group["lr"] = group["share"] * config.learning_rate * (left + (1.0 - left) * (1.0 - fraction))
+        losses, value = self.losses(sample)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss = (sample.weight * losses).mean()
+        torch.autograd.backward(loss)
+        torch.nn.utils.clip_grad_norm_(self._trained, config.max_grad_norm)
+        self.optimizer.step()
+        replay.update(sample.places, losses)
+        self.updates += 1
+        if self.updates % config.target_every == 0:
+            self.update_target()
+        return Learned(loss.detach(), value.detach())
+
+    def losses(self, sample: Sample) -> tuple[Tensor, Tensor]:
+        """Return each decision's loss (b,), not weighted, and the mean value of its action."""
+        rows, values = len(sample.action), self.values
+        wanted = self.wanted(sample)
+        shares = self._shares(rows, self.config.quantiles)
+        noise = values.draw_noise(rows, self._generator)
+        quantiles = values(sample.features, sample.measured, sample.command, shares, noise)
+        found = _of_action(quantiles, sample.action)
+        return quantile_huber(found, wanted, shares, self.config.kappa), found.mean()
+
+    @torch.no_grad()
+    def wanted(self, sample: Sample) -> Tensor:
+        """Return samples of the target (b, N'): the network chooses what follows, the target network values it."""
+        rows, count = len(sample.action), self.config.target_quantiles
+        quantiles = []
+        for network in (self.values, self.target):
+            noise = network.draw_noise(rows, self._generator)
+            shares = self._shares(rows, count)
+            quantiles.append(network(sample.next_features, sample.next_measured, sample.next_command, shares, noise))
+        following = _of_action(quantiles[1], quantiles[0].mean(1).argmax(1))
+        return sample.returns.unsqueeze(1) + sample.following.unsqueeze(1) * following
+
+    @torch.no_grad()
+    def update_target(self) -> None:
+        """Copy the network to the target network."""
+        self.target.load_state_dict(self.values.state_dict())
+
+    def _shares(self, rows: int, count: int) -> Tensor:
+        return torch.rand(rows, count, device=self._generator.device, generator=self._generator)
+
+
+def _of_action(quantiles: Tensor, action: Tensor) -> Tensor:
+    """Return the quantiles (b, N) of each row's action, of those of all actions (b, N, actions)."""
+    return quantiles.gather(2, action.view(-1, 1, 1).expand(-1, quantiles.shape[1], 1)).squeeze(2)

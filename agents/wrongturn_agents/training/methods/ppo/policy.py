@@ -1,0 +1,131 @@
+"""The policy that Stable-Baselines3 trains: one of our networks as an ``ActorCriticPolicy``."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import Tensor
+
+from wrongturn_agents.models import ActorCritic, Homoscedastic
+from wrongturn_agents.training.driving_env import Observations
+from wrongturn_agents.training.methods.ppo.seen_env import FEATURES
+from wrongturn_agents.training.stopwatch import Stopwatch
+
+_LOG_ROOT = 0.5 * math.log(2.0 * math.pi)
+
+
+class _NoExtractor(BaseFeaturesExtractor):
+    """Stands in for Stable-Baselines3's feature extractor, which is not needed."""
+
+    def __init__(self, observation_space: spaces.Space[Any]) -> None:
+        super().__init__(observation_space, features_dim=1)
+
+
+class WrongturnPolicy(ActorCriticPolicy):
+    """An actor-critic of ``wrongturn_agents.models`` with a Gaussian over steer and accelerate.
+
+    Args:
+        observation_space: space of the environments' observations.
+        action_space: (2,).
+        lr_schedule: learning rate by the remaining share of the run.
+        model: function that makes the actor-critic.
+        bf16: compute the encoder in bfloat16 on CUDA. Everything after it always computes in float32.
+        compiled: compile the encoder.
+        joined: join another loss to PPO's, with learned weights.
+        encoder_share: share of the learning rate for the encoder's convolutions; see ``PPOConfig``.
+        projection_share: the same for the layer between a ResNet and the heads.
+        stopwatch: counts forward passes while driving as ``policy``.
+    """
+
+    model: ActorCritic
+    homoscedastic: Homoscedastic
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        action_space: spaces.Box,
+        lr_schedule: Callable[[float], float],
+        *,
+        model: Callable[[], ActorCritic],
+        bf16: bool = True,
+        compiled: bool = False,
+        joined: bool = False,
+        encoder_share: float = 1.0,
+        projection_share: float = 1.0,
+        stopwatch: Stopwatch | None = None,
+        **_: Any,
+    ) -> None:
+        self._make = model
+        self._bf16 = bf16
+        self._compiled = compiled
+        self._joined = joined
+        self._shares = {"model.encoder.network.": encoder_share, "model.encoder.projection.": projection_share}
+        self._stopwatch = stopwatch or Stopwatch(torch.device("cpu"))
+        super().__init__(
+            observation_space, action_space, lr_schedule, net_arch={}, features_extractor_class=_NoExtractor
+        )
+
+    def _build(self, lr_schedule: Callable[[float], float]) -> None:
+        self.model = self._make()
+        if self._joined:
+            self.homoscedastic = Homoscedastic()
+        groups: dict[float, list[torch.nn.Parameter]] = {1.0: []}
+        for name, parameter in self.named_parameters():
+            if parameter.requires_grad:
+                share = next((share for part, share in self._shares.items() if name.startswith(part)), 1.0)
+                groups.setdefault(share, []).append(parameter)
+        rate = lr_schedule(1)
+        self.optimizer = torch.optim.Adam(
+            [{"params": group, "share": share, "lr": rate * share} for share, group in groups.items()], eps=1e-5
+        )
+        self._encode: Callable[[Observations], Tensor] = self.model.encode
+        if self._compiled:
+            self._encode = torch.compile(self.model.encode)
+
+    def features(self, observation: Observations) -> Tensor:
+        """Return features (b, F) float32 of pictures, or of a frozen encoder's output."""
+        return self.model.join(self.encode(observation), observation)
+
+    def encode(self, observation: Observations) -> Tensor:
+        """Encode pictures as (b, width). Observations that are already encoded pass through."""
+        if FEATURES in observation:
+            return observation[FEATURES]
+        with self.precision(observation):
+            return self._encode(observation)
+
+    def precision(self, observation: Observations) -> torch.autocast:
+        """Return the context with the precision in which the encoder computes."""
+        kind = observation["speed"].device.type
+        return torch.autocast(kind, torch.bfloat16, enabled=self._bf16 and kind == "cuda")
+
+    def forward(self, obs: Observations, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
+        """Return actions (b, 2), values (b,) and log-probabilities (b,)."""
+        with self._stopwatch.part("policy"):
+            mean, values = self.model(self.features(obs), obs["command"])
+            actions = mean if deterministic else mean + torch.exp(self.model.log_std) * torch.randn_like(mean)
+            return actions, values, self._log_prob(mean, actions)
+
+    def evaluate_actions(self, obs: Observations, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return values (b,), log-probabilities (b,) of these actions, and the entropy ()."""
+        mean, values = self.model(self.features(obs), obs["command"])
+        entropy = (self.model.log_std + 0.5 + _LOG_ROOT).sum()
+        return values, self._log_prob(mean, actions), entropy
+
+    def predict_values(self, obs: Observations) -> Tensor:
+        """Return values (b,)."""
+        value: Tensor = self.model.value(self.features(obs), obs["command"])
+        return value
+
+    def obs_to_tensor(self, observation: dict[str, Any]) -> tuple[Observations, bool]:
+        """Return a single observation as a batch of one."""
+        device = self.model.log_std.device
+        return {name: torch.as_tensor(value, device=device)[None] for name, value in observation.items()}, False
+
+    def _log_prob(self, mean: Tensor, actions: Tensor) -> Tensor:
+        # Not with torch.distributions: it checks its arguments, which waits for the device.
+        log_std = self.model.log_std
+        return (-0.5 * ((actions - mean) * torch.exp(-log_std)) ** 2 - log_std - _LOG_ROOT).sum(-1)

@@ -1,0 +1,401 @@
+"""A training run: its budget, what it continues from, its held-out journeys, and everything that it leaves.
+
+``train("ppo-segmentation", directory=...)`` begins one, as ``wrongturn train`` does. A method gets a :class:`Run`.
+"""
+
+import copy
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from torch import nn
+
+from wrongturn_agents.training.budget import Budget
+from wrongturn_agents.training.candidates import Candidate, Candidates
+from wrongturn_agents.training.checkpoint import load_checkpoint, save_checkpoint, write
+from wrongturn_agents.training.devices import check_threads, device_of, prepare
+from wrongturn_agents.training.drive import AnyModel
+from wrongturn_agents.training.driving_env import VERDICTS
+from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, longest, shortest, with_traffic
+from wrongturn_agents.training.memory import memory_named
+from wrongturn_agents.training.method import Method, find_method
+from wrongturn_agents.training.progress_file import ProgressFile, Row
+from wrongturn_agents.training.run_directory import (
+    BEST,
+    LAST,
+    STATE,
+    Begun,
+    check_resumed,
+    held,
+    pretraining_seconds,
+    read_state,
+)
+from wrongturn_agents.training.stopwatch import Stopwatch
+
+_SEEDS: Final = 2**32
+_EPISODES: Final = 100
+"""Drives over which the training reward is averaged."""
+_LATE: Final = 0.93
+"""Share of a run after which only the last evaluation is left."""
+_FIGURES: Final = ("success", "clean", "reward", "traffic_success")
+"""Figures of an evaluation that a row holds."""
+
+
+def train(
+    algorithm: str,
+    *,
+    directory: Path | str,
+    seed: int | None = None,
+    steps: int | None = None,
+    minutes: float | None = None,
+    device: str = "auto",
+    resume: bool = False,
+    threads: int | None = None,
+    options: Iterable[str] = (),
+    on_row: Callable[[Row], None] = lambda _: None,
+    on_note: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Train an agent, and return the path of the best checkpoint.
+
+    The directory then holds ``best.pt``, ``state.pt`` (to resume from), ``progress.csv``, ``config.json``,
+    ``tensorboard/`` and what else the method leaves. A resumed run continues with its weights, optimiser, random state,
+    schedule and steps. Its cars start new drives, with seeds drawn from the run's seed and steps.
+
+    Args:
+        algorithm: name of a method.
+        directory: directory of the run; made if it is missing.
+        seed: seed of weights, drives and actions; 1 by default. A resumed run keeps its own.
+        steps: length in what the method counts; the settings' if neither steps nor minutes are given.
+        minutes: wall clock for everything. The learning rate falls with steps or minutes, whichever is further on.
+        device: ``cpu``, ``cuda`` or ``auto``.
+        resume: continue the run in the directory.
+        threads: threads of the simulation, and of torch on the CPU; all cores by default.
+        options: ``name=value`` of the settings' fields.
+        on_row: called with each row of ``progress.csv``, and its ``done``, ``unit`` and ``part``.
+        on_note: called with what happens between rows.
+
+    Raises:
+        TrainingError: an argument is invalid, a file of the run is damaged or cannot be written, or memory is short.
+    """
+    method, folder, options = find_method(algorithm), Path(directory), tuple(options)
+    settings = method.settings().with_options(options)
+    if resume:
+        begun = Begun.read(folder, method)
+        check_resumed(options, seed, begun.seed)
+        if steps is not None or minutes is not None:  # to train for longer
+            begun = replace(begun, steps=steps, minutes=minutes)
+    else:
+        limit = settings.length if steps is None and minutes is None else steps
+        begun = Begun(settings, 1 if seed is None else seed, limit, minutes)
+    if not 0 <= begun.seed < _SEEDS:
+        raise TrainingError(f"seed: is {seed}; give a whole number from 0 to {_SEEDS - 1}")
+    check_threads(threads)
+    Budget(begun.steps, begun.minutes)  # reports invalid limits before a directory is made
+    place = device_of(device)
+    given = None if resume else method.prepare(begun.settings)
+    with memory_named(begun.settings, place), held(folder, resume=resume):
+        used = pretraining_seconds(folder) if resume else None
+        state = read_state(folder) if resume and used is None else None
+        begun.write(folder, place)
+        used = state["seconds"] if state else used or 0.0
+        run = Run(method, begun, folder, place, prepare(place, threads), Budget(begun.steps, begun.minutes, used=used))
+        run.given, run.state, run.on_row, run.on_note = given, state, on_row, on_note
+        run.only_pretrained = resume and state is None
+        method.learn(run)
+    return folder / BEST
+
+
+class Run:
+    """What a method learns with: settings, device and budget, and all that it reports and saves.
+
+    A method that learns by driving calls :meth:`begin`, then for each step of its cars :meth:`drove`, now and then
+    :meth:`tick`, until :meth:`over`, and at last :meth:`finish`. The other methods call the same parts one by one.
+
+    Attributes:
+        settings: the method's settings.
+        seed: the run's seed; :meth:`stream` makes others of it.
+        folder: the run's directory.
+        device: device to learn on.
+        threads: threads of the simulation.
+        budget: steps and minutes.
+        stopwatch: counts the parts of the work, for the columns ``seconds_...``.
+        given: what the method's ``prepare`` returned; None for a resumed run.
+        state: what an interrupted run kept by :meth:`save_state`; None for a run that begins.
+        only_pretrained: whether the interrupted run kept its ``encoder.pt`` and nothing else.
+    """
+
+    def __init__(
+        self, method: Method, begun: Begun, folder: Path, device: torch.device, threads: int, budget: Budget
+    ) -> None:
+        self.method, self.begun, self.folder, self.device, self.threads = method, begun, folder, device, threads
+        self.settings: Any = begun.settings
+        self.seed, self.budget = begun.seed, budget
+        self.stopwatch = Stopwatch(device)
+        self.given: Any = None
+        self.state: dict[str, Any] | None = None
+        self.only_pretrained = False
+        self.on_row: Callable[[Row], None] = lambda _: None
+        self.on_note: Callable[[str], None] = lambda _: None
+        self.last: Evaluation | None = None
+        self.logger = Logger(str(folder), [TensorBoardOutputFormat(str(folder / "tensorboard"))])
+        self._verdicts: Counter[str] = Counter()
+        self._recent: deque[tuple[float, int]] = deque(maxlen=_EPISODES)
+        self._row_at = self._evaluated_at = 0
+        self._saved_at = budget.used
+
+    # ---- any method
+
+    def stream(self, *numbers: int) -> int:
+        """Return a seed of the run for some purpose, far from those of other runs and purposes."""
+        return int(np.random.SeedSequence([self.seed, *numbers]).generate_state(1)[0]) >> 1
+
+    def over(self, steps: int) -> bool:
+        """Return whether learning must end now."""
+        return self.budget.over(steps)
+
+    def open(self, steps: int = 0, *, file: str = "progress.csv", part: str | None = None) -> None:
+        """Begin to learn: the schedule begins now, and rows go to a file.
+
+        Args:
+            steps: steps before, of an interrupted run.
+            file: name of the file.
+            part: name of this part of the run, for the screen.
+        """
+        self._part = part
+        self.budget.begun = self.state["begun"] if self.state else self.budget.used
+        self._rows = ProgressFile(self.folder / file, self.method.columns, resumed_at=steps if self.state else None)
+        self._row_at, self._saved_at = steps, self.budget.used
+        self.stopwatch.lap()
+
+    def row(self, steps: int, evaluation: Evaluation | None = None, **figures: Any) -> None:
+        """Write a row of progress: to the file, to TensorBoard and to the screen.
+
+        Args:
+            steps: steps of the run so far.
+            evaluation: of the agent as it is now.
+            figures: figures of the method, by column.
+        """
+        seconds = self.stopwatch.lap()
+        whole = seconds.pop("whole")
+        ended = self._verdicts.total()
+        found: Row = {
+            "step": steps,
+            "done": self.budget.fraction(steps),
+            "minutes": self.budget.used / 60.0,
+            **self._drives(),
+            **{name: self._verdicts[name] / ended if ended else None for name in VERDICTS},
+            "steps_per_second": (steps - self._row_at) / max(whole - seconds.get("evaluate", 0.0), 1e-9),
+            **{f"seconds_{part}": value for part, value in seconds.items()},
+        }
+        if evaluation is not None:
+            found |= {f"{name}_heldout": getattr(evaluation, name) for name in _FIGURES}
+        self._row_at = steps
+        self._verdicts.clear()
+        self._rows.add({**found, **figures})
+        for kind, values in (("run", found), ("train", figures)):
+            for name, value in values.items():
+                if isinstance(value, int | float):
+                    self.logger.record(f"{kind}/{name}", value)
+        self.logger.dump(steps)
+        self.on_row({**found, **figures, "unit": self.method.unit, "part": self._part})
+
+    def evaluate(
+        self,
+        agents: Sequence[AnyModel],
+        *,
+        last: bool = False,
+        track: str | None = None,
+        stop: Callable[[], bool] | None = None,
+    ) -> list[Evaluation] | None:
+        """Drive held-out journeys with several agents at once.
+
+        Args:
+            agents: the agents.
+            last: drive all journeys, instead of the shortest ones.
+            track: track of their observations; the settings' by default.
+            stop: returns whether to give up; by default when the minutes are used.
+
+        Returns:
+            One for each agent; None if too few journeys were over in time.
+        """
+        settings, begin = self.settings, time.monotonic()
+        trials = self._journeys if last else self.brief
+        with self.stopwatch.part("evaluate"):
+            found = Evaluation.each(
+                agents,
+                [*trials, *with_traffic(trials)] if settings.traffic else trials,
+                track=track or settings.track,
+                device=self.device,
+                threads=self.threads,
+                patience=settings.patience,
+                strict=settings.strict_evaluation,
+                stop=stop or self.budget.out_of_time,
+                least=settings.brief_journeys,
+            )
+        if self.budget.seconds is not None and not last:
+            # Keep time for the last evaluation, which comes after learning.
+            needed = 1.3 * longest(self._journeys) / longest(self.brief) * (time.monotonic() - begin)
+            self.budget.reserve = min(needed, 0.3 * self.budget.seconds)
+        return found
+
+    def save(
+        self, file: str, agent: nn.Module, steps: int, evaluation: Any = None, *, algorithm: str | None = None,
+        halved: bool = False,
+    ) -> None:  # fmt: skip
+        """Write a checkpoint.
+
+        Args:
+            file: name of the file: ``best.pt`` is what the run returns.
+            agent: the agent.
+            steps: steps that it learned from.
+            evaluation: an :class:`Evaluation`, or a dict of figures.
+            algorithm: which of the method's agents it is; the first by default.
+            halved: store the weights in half precision.
+        """
+        said = asdict(evaluation) if isinstance(evaluation, Evaluation) else evaluation or {}
+        name = algorithm or self.method.name
+        save_checkpoint(
+            self.folder / file, agent, self.settings, algorithm=name, seed=self.seed, steps=steps, evaluation=said,
+            halved=halved,
+        )  # fmt: skip
+
+    def save_state(self, **state: Any) -> None:
+        """Write what :attr:`state` is when the run is resumed."""
+        self._saved_at = self.budget.used
+        write(self.folder / STATE, {**state, "seconds": self.budget.used, "begun": self.budget.begun})
+
+    @property
+    def save_due(self) -> bool:
+        """Whether it is time to save."""
+        return self.budget.used - self._saved_at > 60.0 * float(self.settings.save_every)
+
+    @contextmanager
+    def restoring(self) -> Iterator[dict[str, Any]]:
+        """Give the state to continue from, and report one that does not fit.
+
+        Raises:
+            TrainingError: the block failed on it.
+        """
+        try:
+            yield self.state or {}
+        except (RuntimeError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise TrainingError(
+                f"resume: {STATE} is of other networks than this version's; begin anew in another directory"
+            ) from error
+
+    # ---- methods that learn by driving
+
+    @property
+    def steps(self) -> int:
+        """Steps of the interrupted run; 0 for one that begins."""
+        return int(self.state["steps"]) if self.state else 0
+
+    def begin(self, agent: nn.Module, state: Callable[[], dict[str, Any]] = dict) -> None:
+        """Begin to learn.
+
+        Args:
+            agent: the agent that learns, on the device.
+            state: returns what the run needs to continue, beside its steps.
+        """
+        self._agent, self._state = agent, state
+        self._candidates = Candidates(agent)
+        if self.state is not None:
+            self._evaluated_at = self.state["evaluated_at"]
+            if (self.folder / BEST).is_file():
+                told = load_checkpoint(self.folder / BEST)
+                kept = copy.deepcopy(agent).eval().requires_grad_(False)
+                kept.load_state_dict(told["state_dict"])
+                evaluation = Evaluation(**told["evaluation"]) if told["evaluation"] else None
+                self._candidates.best = Candidate(kept, told["steps"], evaluation=evaluation)
+        self.open(self.steps)
+
+    def drove(self, infos: Iterable[Mapping[str, Any]]) -> None:
+        """Count the drives that ended in a step, by the infos of ``training_cars``."""
+        for info in infos:
+            if info:
+                self._verdicts[info["verdict"]] += 1
+                if "episode" in info:
+                    self._recent.append((info["episode"]["r"], info["episode"]["l"]))
+
+    def consider(self, steps: int) -> None:
+        """Remember the agent as it is, if it drove better than any since the last held-out journeys.
+
+        Call it before an update, so that an update that spoils the agent loses nothing.
+        """
+        if len(self._recent) == _EPISODES:
+            self._candidates.drove(self._drives()["reward_mean"], steps)
+
+    def tick(self, steps: int, **figures: Any) -> None:
+        """Write a row. Drive held-out journeys and save, if it is time for that.
+
+        Args:
+            steps: steps of the run so far.
+            figures: figures of the method, by column.
+        """
+        due = steps - self._evaluated_at >= self.settings.evaluate_every
+        late = self.budget.fraction(steps) >= _LATE
+        self.row(steps, self._judge(steps) if due and not late else None, **figures)
+        if self.save_due:
+            self._save_last(steps, self.last)
+
+    def finish(self, steps: int, **figures: Any) -> None:
+        """Drive the last held-out journeys, choose the best agent, and save."""
+        self.row(steps, self._judge(steps, last=True), **figures)
+
+    def _judge(self, steps: int, *, last: bool = False) -> Evaluation | None:
+        """Evaluate the agent and its candidates, and save them. Return the current agent's evaluation."""
+        candidates, learning = self._candidates, self._agent.training
+        known = candidates.best.evaluation if candidates.best else None
+        again = last or (known is not None and known.journeys != len(self.brief))
+        chosen = candidates.to_judge(steps, again=again)
+        self._agent.eval()
+        found = self.evaluate([one.model for one in chosen], last=last)
+        self._agent.train(learning)
+        self._evaluated_at = steps
+        if found is not None:
+            best = max(range(len(chosen)), key=lambda i: found[i].rank)
+            if again or known is None or found[best].rank > known.rank:
+                candidates.judged(chosen[best], found[best])
+                self.save(BEST, chosen[best].model, chosen[best].steps, found[best])
+            candidates.begin_anew()
+            self.last = found[0]
+        elif candidates.best is None:
+            one = candidates.promising or chosen[0]
+            self.save(BEST, one.model, one.steps)
+        now = found[0] if found else None
+        self._save_last(steps, now)
+        return now
+
+    def _save_last(self, steps: int, evaluation: Evaluation | None) -> None:
+        """Save the agent, and what the run continues from: everything except the drives in progress."""
+        self.save(LAST, self._agent, steps, evaluation)
+        self.save_state(**self._state(), steps=steps, evaluated_at=self._evaluated_at)
+
+    def _drives(self) -> dict[str, float]:
+        """Return means over the newest drives; nothing if there were none."""
+        if not self._recent:
+            return {}
+        rewards, lengths = zip(*self._recent, strict=True)
+        return {
+            "reward_mean": float(np.mean(rewards)),
+            "episode_length": float(np.mean(lengths)),
+            "reward_per_decision": sum(rewards) / sum(lengths),
+        }
+
+    @cached_property
+    def _journeys(self) -> list[Any]:
+        return held_out_journeys(self.settings.journeys)
+
+    @cached_property
+    def brief(self) -> list[Any]:
+        """The shortest held-out journeys, which the earlier evaluations drive."""
+        return shortest(self._journeys, self.settings.brief_journeys)

@@ -1,0 +1,139 @@
+import json
+
+import numpy as np
+import pytest
+import torch
+from small_run import SMALL
+
+from wrongturn_agents.training.checkpoint import load_checkpoint, read
+from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.method import load
+from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
+from wrongturn_agents.training.progress_file import read_rows
+from wrongturn_agents.training.run import train
+
+FAST = [*SMALL, "evaluate_every=12"]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run of two updates, and the same one that was interrupted after one and goes on."""
+    whole, halved = (tmp_path_factory.mktemp(name) for name in ("whole", "halved"))
+    for directory, steps in ((whole, 24), (halved, 12)):
+        train("ppo-segmentation", directory=directory, seed=3, steps=steps, device="cpu", threads=1, options=FAST)
+    before = read(halved / "state.pt")
+    train("ppo-segmentation", directory=halved, steps=24, device="cpu", threads=1, resume=True)
+    return whole, halved, before
+
+
+def test_a_run_leaves_its_files(run):
+    whole = run[0]
+    names = {path.name for path in whole.iterdir()}
+    assert names == {"best.pt", "last.pt", "state.pt", "progress.csv", "config.json", "tensorboard"}
+    content = json.loads((whole / "config.json").read_text())
+    assert (content["algorithm"], content["seed"], content["config"]["num_envs"]) == ("ppo-segmentation", 3, 2)
+    rows = read_rows(whole / "progress.csv")
+    assert [int(row["step"]) for row in rows] == [12, 24]
+    assert all(float(row["seconds_env"]) > 0 for row in rows)
+    assert rows[0]["success_heldout"] == rows[0]["traffic_success_heldout"] == "0"
+
+
+def test_a_checkpoint_drives(run):
+    found = load_checkpoint(run[0] / "last.pt")
+    assert (found["algorithm"], found["seed"], found["steps"]) == ("ppo-segmentation", 3, 24)
+    assert found["evaluation"]["journeys"] == 2
+    assert found["versions"]["torch"] == torch.__version__
+    model = load(run[0] / "last.pt").model
+    observation = {
+        "speed": torch.zeros(1, 1),
+        "steering": torch.zeros(1, 1),
+        "command": torch.full((1, 1), 4),
+        "segmentation": torch.zeros((1, 64, 192), dtype=torch.uint8),
+    }
+    assert model.drive(observation).shape == (1, 3)
+
+
+def test_a_resumed_run_goes_on(run):
+    whole, halved, before = run
+    after = read(halved / "state.pt")
+    rows = read_rows(halved / "progress.csv")
+    assert [int(row["step"]) for row in rows] == [12, 24]
+    assert (before["steps"], after["steps"]) == (12, 24)
+    # The optimiser's steps are counted on, so its moments were kept.
+    counts = [max(entry["step"].item() for entry in state["optimizer"]["state"].values()) for state in (before, after)]
+    assert counts[1] > counts[0] > 0
+    assert after["updates"] > before["updates"]
+    assert after["seconds"] > before["seconds"]
+    # The weights are where the first part left them, but for an update's small steps.
+    moved = [
+        (after["policy"][name] - tensor).abs().max().item()
+        for name, tensor in before["policy"].items()
+        if tensor.is_floating_point()
+    ]
+    assert 0 < max(moved) < 0.05
+    # And the schedule is the whole run's.
+    rates = [float(read_rows(directory / "progress.csv")[1]["learning_rate"]) for directory in (whole, halved)]
+    assert rates[0] == pytest.approx(rates[1])
+
+
+def test_it_begins_where_it_was_interrupted(run, tmp_path, monkeypatch):
+    """Nothing is learnt where nothing is left: the weights come back as they were."""
+    halved = run[1]
+    state = read(halved / "state.pt")
+    seen = {}
+
+    def learn(self, *arguments, **options):
+        seen["policy"] = {name: tensor.clone() for name, tensor in self.policy.state_dict().items()}
+        seen["steps"], seen["remaining"] = self.num_timesteps, self._current_progress_remaining
+        seen["random"] = torch.get_rng_state()
+
+    monkeypatch.setattr(WrongturnPPO, "learn", learn)
+    train("ppo-segmentation", directory=halved, steps=48, device="cpu", threads=1, resume=True)
+    assert all(torch.equal(tensor, state["policy"][name]) for name, tensor in seen["policy"].items())
+    assert torch.equal(seen["random"], state["torch"])
+    assert (seen["steps"], seen["remaining"]) == (24, 0.5)
+
+
+def test_what_cannot_be_is_refused(run, tmp_path):
+    with pytest.raises(TrainingError, match="resume it"):
+        train("ppo-segmentation", directory=run[0], steps=1)
+    with pytest.raises(TrainingError, match="no run to resume"):
+        train("ppo-segmentation", directory=tmp_path, resume=True)
+    with pytest.raises(TrainingError, match="device"):
+        train("ppo-segmentation", directory=tmp_path / "a", steps=1, device="tpu")
+    with pytest.raises(TrainingError, match="no such file"):
+        load_checkpoint(tmp_path / "best.pt")
+    torch.save({"a": 1}, tmp_path / "other.pt")
+    with pytest.raises(TrainingError, match=r"best\.pt"):
+        load_checkpoint(tmp_path / "other.pt")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("small_networks")
+def test_an_encoder_is_pretrained_once_and_taken_by_others(tmp_path):
+    options = [*FAST, "pretraining_frames=16", "pretraining_batch=4", "pretraining_passes=1"]
+    first, second = tmp_path / "first", tmp_path / "second"
+    train("ppo-image", directory=first, steps=12, device="cpu", threads=1, options=options)
+    train(
+        "ppo-image",
+        directory=second,
+        seed=2,
+        steps=12,
+        device="cpu",
+        threads=1,
+        options=[*options, f"encoder={first / 'encoder.pt'}"],
+    )
+    ours, theirs = (load_checkpoint(directory / "last.pt")["state_dict"] for directory in (first, second))
+    alike = {name for name in ours if torch.equal(ours[name], theirs[name])}
+    assert {name for name in ours if name.startswith("encoder.network.")} <= alike
+    assert "encoder.projection.1.weight" not in alike
+    told = json.loads((first / "pretraining.json").read_text())
+    assert (told["frames"], told["minibatches"]) == (16, 4)
+    assert np.isfinite(told["loss"])
+
+
+def test_without_traffic_no_journey_has_any(tmp_path):
+    train("ppo-segmentation", directory=tmp_path, steps=12, device="cpu", threads=1, options=[*FAST, "traffic=0"])
+    (row,) = read_rows(tmp_path / "progress.csv")[-1:]
+    assert (row["success_heldout"], row["traffic_success_heldout"]) == ("0", "")
+    assert load_checkpoint(tmp_path / "best.pt")["evaluation"]["traffic_success"] is None
