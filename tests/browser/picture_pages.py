@@ -55,8 +55,9 @@ def main() -> None:
         sync_playwright() as playwright,
     ):
         browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(OPTIONS))
-        for name, path in page_paths(site, options.suite).items():
-            picture(browser, site.url, path, FOLDER / f"{name}.webp")
+        paths = page_paths(site, options.suite)
+        for name in ("leaderboard", "agent", "episode"):
+            picture(browser, site.url, paths[name], FOLDER / f"{name}.webp")
         browser.close()
 
 
