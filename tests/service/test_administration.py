@@ -238,6 +238,8 @@ def test_an_owner_is_deleted_with_its_agents_and_submissions(database_url: str, 
                 "models": 1,
             }
             assert service.submissions.files.path(waiting).is_file()
+            (used,) = [one for one in expect(await admin(http, "GET", "usage"), 200)["owners"] if one["id"] == ada]
+            assert used["contents"] == detail["contents"]
             gone = expect(await admin(http, "DELETE", f"owners/{ada}"), 200)
             assert gone["deleted"] == detail["contents"]
             assert not service.submissions.files.path(waiting).exists()

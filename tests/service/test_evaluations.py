@@ -4,7 +4,6 @@ import hashlib
 import json
 import struct
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
@@ -145,6 +144,8 @@ def test_nothing_is_told_before_the_end(service: RunningService, agent: Agent, o
     assert [shown[name] for name in ("trial", "outcome", "trajectory_sha256", "actions_sha256")] == [None] * 4
     problem(agent.http.get(f"/v1/episodes/{reset['id']}/trajectory"), 409, "episode-not-shown")
     problem(other.http.get(f"/v1/episodes/{reset['id']}"), 403, "forbidden")
+    for path in ("", "/episodes"):
+        problem(other.http.get(f"/v1/evaluations/{evaluation}{path}"), 403, "forbidden")
     listed = expect(agent.http.get(f"/v1/evaluations/{evaluation}/episodes"), 200)["episodes"]
     assert listed[0]["trial"] is None
     assert expect(agent.http.get(f"/v1/evaluations/{evaluation}"), 200)["metrics"] is None
@@ -159,16 +160,6 @@ def test_the_way_back_after_a_crash(agent: Agent) -> None:
     assert expect(agent.step(reset["id"], 2, COAST), 200)["seq"] == 2
     expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)
     problem(agent.http.get(f"/v1/evaluations/{evaluation}/episodes?state=nope"), 422, "validation", "query.state")
-
-
-def test_a_deleted_evaluation(agent: Agent) -> None:
-    evaluation = agent.evaluate()["id"]
-    episode = expect(agent.reset(evaluation), 201)["id"]
-    assert expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)["state"] == "cancelled"
-    problem(agent.http.delete(f"/v1/evaluations/{evaluation}"), 404, "unknown-evaluation")
-    problem(agent.step(episode, 1), 404, "unknown-episode")
-    problem(agent.reset(evaluation), 404, "unknown-evaluation")
-    problem(agent.http.delete(f"/v1/episodes/{episode}"), 404, "unknown-episode")
 
 
 def test_a_closed_evaluation_shows_what_was_driven(agent: Agent) -> None:
@@ -189,32 +180,3 @@ def test_closing_a_finished_evaluation_changes_nothing(finished: dict[str, Any])
     url = f"/v1/evaluations/{finished['evaluation']['id']}"
     before = expect(agent.http.get(url), 200)
     assert expect(agent.http.delete(url), 200) == before
-
-
-@pytest.mark.soak  # starts six simulators; test_leases_and_failures.py has the same without any
-def test_so_many_at_a_time_and_never_a_trial_with_its_twin(agent: Agent) -> None:
-    evaluation = agent.evaluate()["id"]
-    with ThreadPoolExecutor(8) as threads:
-        responses = list(threads.map(lambda _: agent.reset(evaluation), range(8)))
-    opened = [response.json()["id"] for response in responses if response.status_code == 201]
-    refused = [response for response in responses if response.status_code != 201]
-    assert len(opened) <= 6
-    for response in refused:
-        problem(
-            response, 409 if response.status_code == 409 else 503, response.json()["type"].removeprefix("/problems/")
-        )
-        assert response.json()["type"] in {"/problems/no-trial-available", "/problems/simulators-busy"}
-        assert int(response.headers["retry-after"]) >= 1
-    assert len(set(opened)) == len(opened)
-    expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)
-
-
-def test_a_reset_again_by_its_key(agent: Agent) -> None:
-    evaluation = agent.evaluate()["id"]
-    key = {"Idempotency-Key": "one-and-only"}
-    first = agent.reset(evaluation, **key)
-    again = agent.reset(evaluation, **key)
-    assert (first.status_code, again.status_code) == (201, 201)
-    assert first.content == again.content
-    assert len(expect(agent.http.get(f"/v1/evaluations/{evaluation}/episodes"), 200)["episodes"]) == 1
-    expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)

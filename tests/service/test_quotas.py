@@ -189,9 +189,10 @@ def test_an_evaluation_counts_what_it_can_come_to_until_it_is_finished(tmp_path:
     play(story)
 
 
-def test_practice_makes_room_for_itself(tmp_path: Path) -> None:
+def test_practice_makes_room_for_itself(tmp_path: Path, database_url: str) -> None:
     async def story() -> None:
-        async with application(tmp_path, FakePool(slots=4), bytes_per_owner=MIB, bytes_per_address=2 * MIB) as http:
+        limits = {"bytes_per_owner": MIB, "bytes_per_address": 2 * MIB, "database": database_url}
+        async with application(tmp_path, FakePool(slots=4), **limits) as http:
             first = await practise(http)
             for number in range(2):
                 filler = await practise(http, **{"Idempotency-Key": f"k{number}"})

@@ -68,8 +68,6 @@ def test_a_database_that_is_there_stays_as_it_is(tmp_path: Path) -> None:
     [
         ("foo", "'foo' is not a database URL"),
         ("sqlite+aiosqlite:///{folder}/none/a.db", "there is no folder"),
-        ("sqlite+aiosqlite:///{folder}", "Is a directory"),
-        ("sqlite+aiosqlite:////proc/a.db", "cannot be written"),
         ("sqlite+aiosqlite:///{folder}/text.db", "file is not a database"),
         ("sqlite+aiosqlite:///{folder}/newer.db", "another version"),
     ],
