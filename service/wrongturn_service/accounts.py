@@ -146,11 +146,7 @@ class Accounts:
     ) -> None:
         """Create the accounts.
 
-        Args:
-            store: Holds the agents.
-            submissions: Holds the tokens of runners. From now on the accounts learn when one of them ends.
-            settings: Settings of the service.
-            changed: Awaited after a token became invalid.
+        From now on the accounts learn when a runner's token ends. ``changed`` is awaited after a token became invalid.
         """
         self._changed = changed
         self._store = store

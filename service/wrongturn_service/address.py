@@ -20,10 +20,7 @@ class AddressError(Exception):
 def bind(host: str, port: int, patience_s: float = 30.0) -> socket.socket:
     """Bind an address and listen on it.
 
-    Args:
-        host: Name or number.
-        port: Port, 0 for a free one.
-        patience_s: Seconds after which the kernel drops a peer that reads nothing.
+    ``patience_s`` is when the kernel drops a peer that reads nothing.
 
     Raises:
         AddressError: The address is in use, reserved, or belongs to another machine.

@@ -43,12 +43,8 @@ Errors are `application/problem+json`; their types are explained at `/problems/{
 def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner: Sequence[str] = COMMAND) -> FastAPI:
     """Create the application. Its lifespan starts and stops the service.
 
-    If the start fails, ``app.state.startup_error`` says why.
-
-    Args:
-        settings: Settings of the service.
-        pool: The simulators. None runs them as processes of this machine.
-        runner: Program that checks and drives submissions.
+    If the start fails, ``app.state.startup_error`` says why. ``runner`` is the program that checks and drives
+    submissions. Without a pool, simulators are processes of this machine.
     """
     telemetry = Telemetry()
 

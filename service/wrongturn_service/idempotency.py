@@ -42,10 +42,7 @@ class IdempotentRequest:
     ) -> Callable[[bytes], IdempotencyRow] | None:
         """Return a function that makes the row to store from a reply's body. None without a key.
 
-        Args:
-            status: Status of the reply.
-            content_type: Content type of the reply.
-            with_token: Whether the reply also has a token. The body is stored without it.
+        ``with_token``: the reply also has a token, without which the body is stored.
         """
         key = self.key
         if key is None:

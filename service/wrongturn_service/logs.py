@@ -19,9 +19,6 @@ _LONGEST: Final = 64
 def begin_request(path: str = "") -> str:
     """Add a new request id, and the episode, evaluation or submission of its path, to all log lines that follow.
 
-    Args:
-        path: Path of the request, such as ``/v1/episodes/{id}/step``.
-
     Returns:
         The request's id: a random prefix of this start, and a number.
     """
@@ -62,11 +59,7 @@ _LEVELS = {"debug": logging.DEBUG, "info": logging.INFO, "warning": logging.WARN
 
 
 def configure(level: str) -> None:
-    """Configure structlog, and send the standard library's logs to the same stream.
-
-    Args:
-        level: Lowest level to log: ``debug``, ``info``, ``warning`` or ``error``.
-    """
+    """Configure structlog, and send the standard library's logs to the same stream."""
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
         structlog.processors.add_log_level,

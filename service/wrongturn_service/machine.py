@@ -24,12 +24,7 @@ class Machine:
     """This machine, as far as this process may use it."""
 
     def __init__(self, proc: Path = _PROC, cgroups: Path = _CGROUPS) -> None:
-        """Create it.
-
-        Args:
-            proc: where the kernel tells about processes.
-            cgroups: where the kernel tells about cgroups.
-        """
+        """Create it."""
         self._proc = proc
         self._cgroups = cgroups
 

@@ -8,13 +8,7 @@ from wrongturn_service.storage.store import Store
 
 
 def why_not_ready(openings: Openings, pool: SimulatorPool, store: Store) -> UnavailableError | None:
-    """Return the error of a service that is not ready, None if nothing is known against it.
-
-    Args:
-        openings: Begins episodes.
-        pool: The simulators.
-        store: The database.
-    """
+    """Return the error of a service that is not ready, None if nothing is known against it."""
     if openings.stopping:
         return UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping")
     if pool.failure is not None and not pool.running:

@@ -98,10 +98,7 @@ class Registrations:
     async def registrant(self, authorization: str | None, address: str, advice: str) -> Registrant:
         """Return who registers.
 
-        Args:
-            authorization: The ``Authorization`` header.
-            address: The address that the request comes from.
-            advice: What to do instead of sending an agent's token.
+        ``advice`` says what to do instead of sending an agent's token.
 
         Raises:
             UnauthenticatedError: Nobody has this token.

@@ -106,12 +106,7 @@ def own_url(listening: socket.socket) -> str:
 
 
 def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
-    """Return uvicorn's configuration.
-
-    Args:
-        app: The application.
-        settings: Settings of the service.
-    """
+    """Return uvicorn's configuration."""
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     guard = Guard(
         settings.max_connections,
@@ -165,9 +160,7 @@ def warn_if_few(limit: int, simulators: int, connections: int) -> None:
 def run(settings: Settings, bound: socket.socket) -> None:
     """Serve until SIGTERM or SIGINT.
 
-    Args:
-        settings: Settings of the service.
-        bound: Socket to listen on. It is closed at the end.
+    The socket is closed at the end.
 
     Raises:
         StartupError: The service cannot start.

@@ -99,11 +99,8 @@ async def run_service(
 ) -> AsyncIterator[Service]:
     """Run a service until the block ends.
 
-    Args:
-        settings: Settings of the service.
-        telemetry: Metrics.
-        pool: The simulators. None runs them as processes of this machine.
-        runner: Program that checks and drives submissions.
+    ``runner`` is the program that checks and drives submissions. Without a pool, simulators are processes of this
+    machine.
 
     Raises:
         StartupError: The database or the simulators cannot be used.

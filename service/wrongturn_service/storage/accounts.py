@@ -53,9 +53,7 @@ class AccountStore(Queries):
     async def owners(self, *, after: str | None = None, limit: int | None = None) -> Sequence[OwnerRow]:
         """Return owners by name, without hidden ones.
 
-        Args:
-            after: Name in lower case after which to begin.
-            limit: Most owners. None for all.
+        ``after`` is a name in lower case.
         """
         query = select(OwnerRow).where(seen_owners()).order_by(OwnerRow.name_key).limit(limit)
         if after is not None:
@@ -118,10 +116,8 @@ class AccountStore(Queries):
     ) -> Sequence[AgentRow]:
         """Return agents by name, without hidden ones.
 
-        Args:
-            evaluated: Leaves out those without an evaluation, which at most have practised.
-            after: Name in lower case after which to begin.
-            limit: Most agents. None for all.
+        ``evaluated`` leaves out those without an evaluation, which at most have practised. ``after`` is a name in lower
+        case.
         """
         query = select(AgentRow).where(seen_agents()).order_by(AgentRow.name_key).limit(limit)
         if evaluated:

@@ -107,11 +107,7 @@ class AdministrationStore(Queries):
     async def page(self, collection: Collection, filters: Filters, after: After | None, limit: int) -> Sequence[Found]:
         """Return some items, newest first.
 
-        Args:
-            collection: What is listed.
-            filters: What the list is narrowed to.
-            after: Where the page begins. None for the first page.
-            limit: Most items.
+        ``after`` is where the page begins.
         """
         row = ROWS[collection]
         query = _found(collection).where(*_conditions(collection, filters))
@@ -207,10 +203,7 @@ class AdministrationStore(Queries):
     ) -> tuple[Contents, tuple[str, ...]]:
         """Delete what is left of an item.
 
-        Args:
-            pending: What :meth:`begin_deletion` returned.
-            item_id: Id of the target, under which what stays taken is noted.
-            free: Free names and places too.
+        What stays taken, unless it is freed, is noted under the id of the target.
 
         Returns:
             All that was deleted, and what stays taken.
@@ -237,11 +230,7 @@ class AdministrationStore(Queries):
     ) -> tuple[str, tuple[str, ...]] | None:
         """Return the name of an item that was deleted earlier, and what stays taken; None if it never was there.
 
-        Args:
-            collection: Kind of the target.
-            item_id: Id of the target.
-            act: Who asks.
-            free: Free now what the deletion kept taken.
+        ``free`` frees now what the deletion kept taken.
         """
         async with self._database.write() as session:
             known = select(AuditRow).where(
@@ -257,9 +246,7 @@ class AdministrationStore(Queries):
     async def usage(self, begin: int, limit: int) -> tuple[list[tuple[str, str, Contents]], Contents]:
         """Return some owners with what they have stored, those with the most bytes first, and the sum over all owners.
 
-        Args:
-            begin: Owners to leave out at the beginning.
-            limit: Most owners.
+        The page leaves out the owners before ``begin``.
         """
         size = stored().label("size")
         page = select(OwnerRow.id, OwnerRow.name, size).order_by(size.desc(), OwnerRow.id).offset(begin).limit(limit)

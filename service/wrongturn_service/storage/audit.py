@@ -67,13 +67,8 @@ async def entries(
 ) -> Sequence[AuditRow]:
     """Return entries, newest first.
 
-    Args:
-        session: The session.
-        before: Only entries with a lower number. None for all.
-        limit: Most entries.
-        target: Only entries about this id.
-        named: Only entries about a target of this kind that has, or had, this name in upper or lower case.
-        action: Only entries of this kind.
+    ``before`` is a number, ``target`` an id, and ``named`` the kind of a target and a name that it has, or had, in
+    upper or lower case.
     """
     query = select(AuditRow).order_by(AuditRow.seq.desc()).limit(limit)
     if before is not None:

@@ -24,10 +24,6 @@ class BackupError(StartupError):
 def back_up(url: str, file: Path) -> None:
     """Write a backup, completely or not at all. A service may run meanwhile.
 
-    Args:
-        url: SQLAlchemy URL.
-        file: New file.
-
     Raises:
         StartupError: The database or the file cannot be used.
     """
@@ -56,10 +52,7 @@ def back_up(url: str, file: Path) -> None:
 def restore(url: str, file: Path, home: Path) -> None:
     """Replace the database by a backup.
 
-    Args:
-        url: SQLAlchemy URL.
-        file: The backup.
-        home: The only folder that may be created.
+    Only the ``home`` may be created.
 
     Raises:
         StartupError: A service uses the database, or the backup or the database cannot be used.

@@ -22,9 +22,7 @@ from wrongturn_service.storage.database import migrations
 def examine(url: str, home: Path) -> str:
     """Return a sentence about a database that a service can use.
 
-    Args:
-        url: SQLAlchemy URL.
-        home: The only folder that may be created.
+    Only the ``home`` may be created.
 
     Raises:
         StartupError: A service could not use the database. The message says why.

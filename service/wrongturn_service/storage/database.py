@@ -67,10 +67,7 @@ class Database:
     async def open(cls, url: str, *, home: Path | None = None, telemetry: Telemetry | None = None) -> Self:
         """Connect, lock the file or the server's database, and migrate the tables.
 
-        Args:
-            url: SQLAlchemy URL.
-            home: A missing folder of the file is made only if it is this one.
-            telemetry: Counts transactions.
+        A missing folder of the file is made only if it is the ``home``.
 
         Raises:
             StartupError: The URL is wrong, its folder is missing, the file cannot be written, the server does not

@@ -76,11 +76,7 @@ class EpisodeStore(Queries):
     ) -> Sequence[EpisodeRow]:
         """Return an evaluation's episodes in the order of their resets.
 
-        Args:
-            evaluation_id: Id of the evaluation.
-            state: State of the episodes. None for all.
-            after: Their ``seq`` after which to begin.
-            limit: Most episodes. None for all.
+        ``after`` is the ``seq`` after which to begin.
         """
         query = select(EpisodeRow).where(EpisodeRow.evaluation_id == evaluation_id).order_by(EpisodeRow.seq)
         if state is not None:
@@ -103,11 +99,7 @@ class EpisodeStore(Queries):
     async def finish_episode(self, episode_id: str, values: dict[str, Any], trajectory: bytes, sha256: str) -> bool:
         """Store an episode's end. Safe to call again with the same end.
 
-        Args:
-            episode_id: Id of the episode.
-            values: Columns of the episode's row.
-            trajectory: Canonical JSON, empty if there is none.
-            sha256: SHA-256 of the trajectory.
+        The trajectory is canonical JSON, empty if there is none.
 
         Returns:
             False if the episode was given up or has another end.

@@ -34,10 +34,7 @@ class EvaluationStore(Queries):
         """Store a new evaluation, unless one of the agent on the suite is running.
 
         It takes the secret of the agent's last evaluation on the suite if that one was deleted before its first step.
-
-        Args:
-            evaluation: The new evaluation.
-            remember: Makes the reply for the idempotency key.
+        ``remember`` makes the reply for the idempotency key.
 
         Returns:
             The running evaluation: the new one, or the one that was there before.
@@ -140,9 +137,7 @@ class EvaluationStore(Queries):
     async def abort_rest(self, evaluation_id: str, aborted: Sequence[EpisodeRow]) -> None:
         """Give an ``aborted`` episode to every trial of a running evaluation that has no verdict.
 
-        Args:
-            evaluation_id: Id of the evaluation.
-            aborted: A finished episode of each trial and twin.
+        ``aborted`` has a finished episode of each trial and twin.
         """
         async with self._database.write() as session:
             row = await session.get(EvaluationRow, evaluation_id)

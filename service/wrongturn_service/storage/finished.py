@@ -38,10 +38,7 @@ class FinishedStore(Queries):
     async def agents(self, *, everybody: bool, offset: int, limit: int) -> list[tuple[AgentRow, list[str]]]:
         """Return some agents by name, each with the suites on which it has finished an evaluation.
 
-        Args:
-            everybody: Whether to return agents without an evaluation too.
-            offset: Number of agents to leave out at the beginning.
-            limit: Most agents.
+        ``everybody`` means those without an evaluation too.
         """
         some = select(AgentRow).where(seen_agents()).order_by(AgentRow.name_key).offset(offset).limit(limit)
         if not everybody:
@@ -125,9 +122,7 @@ class FinishedStore(Queries):
     async def trajectories(self, evaluation_id: str, episodes: Collection[str] | None = None) -> dict[str, bytes]:
         """Return the canonical JSON of an evaluation's trajectories, by episode.
 
-        Args:
-            evaluation_id: Id of the evaluation.
-            episodes: Ids of its episodes, at most a few hundred. None for all.
+        ``episodes`` are ids of at most a few hundred, None for all.
         """
         query = (
             select(TrajectoryRow.episode_id, TrajectoryRow.data)

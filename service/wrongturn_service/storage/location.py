@@ -98,9 +98,6 @@ def lock(file: Path) -> int:
     The lock is on the file itself, so it holds under each of the file's names, whatever is deleted beside it. Close the
     descriptor after the last connection: closing any descriptor of a file drops SQLite's own locks on it.
 
-    Args:
-        file: An existing file.
-
     Raises:
         StartupError: Another service has the lock, or the file cannot be written.
     """

@@ -58,10 +58,7 @@ class SubmissionStore(Queries):
     async def add(self, submission: SubmissionRow, reply: IdempotencyRow | None, *, most: int) -> None:
         """Store a new submission as the last in line. Sets its ``seq``.
 
-        Args:
-            submission: The row, in the state ``queued``.
-            reply: The reply for the idempotency key.
-            most: Open submissions that an owner may have.
+        The row is in the state ``queued``. An owner may have ``most`` open ones.
 
         Raises:
             AgentNameTakenError: An agent or an open submission has the name of the agent that is to be made.
@@ -115,11 +112,7 @@ class SubmissionStore(Queries):
     ) -> Sequence[SubmissionRow]:
         """Return submissions, newest first.
 
-        Args:
-            owner: Id of their owner. None for all.
-            agent: Id of their agent. None for all.
-            before: Their ``seq`` before which to begin.
-            limit: Most submissions. None for all.
+        ``before`` is the ``seq`` before which to begin.
         """
         query = select(SubmissionRow).order_by(SubmissionRow.seq.desc()).limit(limit)
         if owner is not None:
@@ -190,12 +183,6 @@ class SubmissionStore(Queries):
         """Move a submission into a state, and end its runner's token unless a new one is among the columns.
 
         A submission that is over stays as it is. ``started`` is set when it first runs, ``ended`` when it is over.
-
-        Args:
-            submission_id: Id of the submission.
-            state: The new state.
-            reason: Why it failed or was cancelled.
-            **columns: Other columns, by name.
 
         Returns:
             Whether it has changed.
