@@ -1,149 +1,261 @@
-"""A shipped agent's card in Markdown, made from its file, the stored results and the curve of its training.
+"""The cards of the shipped agents, from their files, the stored results and the curves of their training.
 
-``python -m lab.cards`` writes the cards beside the weights, and a test compares them with
-the files. What no file knows stands in ``weights/training.json``: each agent's ``hardware`` and, if there are any,
-the ``options`` of its ``wrongturn train`` and ``notes``.
+``python -m lab.cards`` writes them beside the weights; ``python -m lab.results --check`` compares. What no file knows
+stands in ``weights/training.json``: each agent's ``hardware`` and, if there are any, the ``options`` of its ``wrongturn
+train`` and ``notes``.
 """
 
 import hashlib
 import json
 import math
 import sys
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, ValidationError
-
-from lab.card_words import Words, words_of
-from lab.curves import Curve, read_curves
-from lab.navigation import count_success
-from lab.paths import LAB
-from lab.tables import spread, with_interval
-from lab.wrong_command import count_unsafe, counts_by_seed
+from lab import doubting
+from lab.curves import LAB, Curve, read_curves
+from lab.studies import read_evaluations
+from lab.tables import count_success, count_unsafe, counts_by_seed, spread, with_interval
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS, ShippedDoubtingAgent
 from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, WEIGHTS, ShippedAgent, trained_with
 from wrongturn_agents.stored_results import STORED, Collection
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
-from wrongturn_protocol import CORL_TASKS, Condition, Task
+from wrongturn_agents.training.methods.doubting.config import driver_of
+from wrongturn_protocol import CORL_TASKS, Condition
+from wrongturn_protocol.model_contract import STATE_IN, STATE_OUT
 
 FACTS: Final = "training.json"
 _CONTROLS: Final = ("steer", "throttle", "brake")
-_STATED: Final = "–"
+_PRECISION: Final = {"fp32": "32-bit floating point", "fp16": "stored as 16-bit floating point, computed in 32"}
+_TOWNS: Final = "ClearNoon, WetNoon, HardRainNoon and ClearSunset"
+_CARTON: Final = (
+    "Carton et al., *Evaluating Robustness over High Level Driving Instruction for Autonomous Driving* (2021)"
+)
+_CHEATING: Final = "*Learning by Cheating* (Chen et al., CoRL 2019)"
+_AFFORDANCES: Final = (
+    "*End-to-End Model-Free Reinforcement Learning for Urban Driving using Implicit Affordances* (Toromanoff et al., "
+    "CVPR 2020)"
+)
+_OWN_WEIGHTS: Final = "This agent was trained in this benchmark's simulation; none of its weights are from a paper."
+_COMPARES: Final = f"{_CARTON}, compare their agents with it. {_OWN_WEIGHTS}"
+_BY_EXAMPLE: Final = (
+    "It does not see traffic lights or signs. It brakes for other road users only as examples taught it."
+)
 
 
-class Facts(BaseModel):
+class Words(NamedTuple):
+    """What a card says of each kind of agent, and no file knows."""
+
+    origin: str
+    """Whose method it is."""
+    inside: str
+    """What the graph does with its inputs, and what it remembers."""
+    steps: str = "environment steps"
+    """What its training counts."""
+    int8: str = "convolutions and the wide layer behind them in 8 bits, the rest as 16-bit floating point"
+    """Which weights have 8 bits."""
+    others: str = "It does not see traffic lights or signs, and has learned no rule of right of way."
+    """How it treats other road users."""
+
+
+_MEMORY: Final = (
+    f"The agent's memory (`{STATE_IN}`, `{STATE_OUT}`) is two numbers: the mean errors of its steering and of its "
+    "speed."
+)
+_CONVOLUTIONS: Final = "convolutions in 8 bits, the rest as 16-bit floating point"
+_PPO: Final = Words(
+    f"It is one of the three agents of {_CARTON}. {_OWN_WEIGHTS}",
+    "The graph scales the picture, or spreads its classes over planes. The agent has no memory between steps.",
+)
+_WORDS: Final = {
+    "lbc": Words(
+        f"The method is {_CHEATING}. {_COMPARES}",
+        f"The graph scales the picture and turns waypoints into controls. {_MEMORY}",
+        "samples",
+        _CONVOLUTIONS,
+        _BY_EXAMPLE,
+    ),
+    "lbc-privileged": Words(
+        f"It is the teacher of `lbc` in {_CHEATING}. It sees the truth, so it drives in the privileged track. "
+        f"Carton et al. have no figure of it. {_OWN_WEIGHTS}",
+        f"The graph draws the view from above and turns waypoints into controls. {_MEMORY}",
+        "samples",
+        _CONVOLUTIONS,
+        _BY_EXAMPLE,
+    ),
+    "marln": Words(
+        f"The method is {_AFFORDANCES}. {_COMPARES}",
+        f"The graph scales the pictures. The agent's memory (`{STATE_IN}`, `{STATE_OUT}`) holds the pictures of the "
+        "three decisions before.",
+    ),
+}
+_TOLD: Final = {
+    "exits": "exits right, 5 to 16 m before the stop line",
+    "approaches": "all three exits of a picture right, at the same distances",
+    "distance": "mean error of the distance to the stop line, at the same distances, m",
+    "inside": "rightly told to be nearer or farther than 2 m from the stop line",
+}
+
+
+class Facts(NamedTuple):
     """What no file knows of an agent's training."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     hardware: str
     """Such as ``one NVIDIA H200, 16 processor cores``."""
     options: str = ""
     """Of ``wrongturn train``, beside algorithm and seed."""
-    notes: tuple[str, ...] = ()
+    notes: Sequence[str] = ()
     """Sentences that a reader should know."""
 
 
-def card(agent: ShippedAgent, collection: Collection, curves: tuple[Curve, ...], facts: Facts) -> str:
-    """The card of an agent whose weights are there.
-
-    Args:
-        agent: one of the shipped.
-        collection: the stored results.
-        curves: of the trainings.
-        facts: what no file knows.
+def cards(
+    directory: Path = WEIGHTS, results: Path = STORED, curves: Path = LAB / "curves", agents: Sequence[str] = ()
+) -> dict[Path, str]:
+    """Return the cards of all agents whose weights are there, or of those named, by the file of each.
 
     Raises:
-        ModelFileError: the weights are missing, or of another training than the results.
-        OnnxRuntimeMissingError: onnxruntime is not installed.
+        ModelFileError: The facts of an agent are missing, or its weights are of another training than the results.
     """
+    collection, trainings = Collection.read(results), read_curves(curves)
+    try:
+        facts = {name: Facts(**said) for name, said in json.loads((directory / FACTS).read_bytes()).items()}
+    except (OSError, ValueError, TypeError) as error:
+        raise ModelFileError(f"{FACTS}: give each agent's hardware, options and notes, in JSON ({error})") from error
+    found = {}
+    everyone: list[ShippedAgent | ShippedDoubtingAgent] = [*SHIPPED_AGENTS.values(), *DOUBTING_AGENTS.values()]
+    for agent in everyone:
+        if not agent.file.is_file() or (agents and agent.name not in agents):
+            continue
+        if agent.name not in facts:
+            raise ModelFileError(f"{FACTS}: says nothing of {agent.name}; write on what hardware it was trained")
+        if isinstance(agent, ShippedDoubtingAgent):
+            found[agent.card] = doubting_card(agent, facts[agent.name])
+        else:
+            found[agent.card] = card(agent, collection, trainings, facts[agent.name])
+    return found
+
+
+def card(agent: ShippedAgent, collection: Collection, curves: Iterable[Curve], facts: Facts) -> str:
+    """Return the card of an agent whose weights are there."""
     session = open_session(agent.file)
-    told: dict[str, str] = session.get_modelmeta().custom_metadata_map
-    seed, words = int(told["seed"]), words_of(agent.name)
+    said: dict[str, str] = session.get_modelmeta().custom_metadata_map
+    seed, words = int(said["seed"]), _WORDS.get(agent.name, _PPO)
     if collection.shipped.get(agent.name, seed) != seed:
         raise ModelFileError(
             f"{agent.file.name}: it is of seed {seed}, and results/shipped.json names seed "
             f"{collection.shipped[agent.name]}; export that one, or correct the results",
         )
     curve = next((one for one in curves if (one.agent, one.seed, one.variant) == (agent.name, seed, None)), None)
-    inputs = "\n".join(f"| `{put.name}` | {put.type[7:-1]} | {_shape(put.shape)} |" for put in session.get_inputs())
-    parts = [
+    inputs = "\n".join(
+        f"| `{put.name}` | {put.type[7:-1]} | ({', '.join(map(str, put.shape))}) |" for put in session.get_inputs()
+    )
+    options = f" {facts.options}" if facts.options else ""
+    algorithm, checkpoint = trained_with(agent.name)
+    return _joined(
         f"# {agent.name}",
         f"{agent.description} {words.origin}",
         _table(
             {
                 "file": f"`{agent.file.name}`, {agent.file.stat().st_size / 1e6:.1f} MB",
-                "sha256": f"`{hashlib.sha256(agent.file.read_bytes()).hexdigest()}`",
+                "sha256": f"`{_sha256(agent.file)}`",
                 "track": f"`{agent.track}`",
-                "weights": {**_PRECISION, "int8": words.int8}[told["precision"]],
-                "licence": told["licence"],
+                "weights": {**_PRECISION, "int8": words.int8}[said["precision"]],
+                "licence": said["licence"],
             }
         ),
         "## Input and output",
         "| input | dtype | shape |\n|---|---|---|\n" + inputs,
         "The output `action` is float32 (batch, 3): steer in [-1, 1] (left negative), throttle and brake in [0, 1]. "
         f"{words.inside} `docs/models.md` has the contract of such files.",
-        _agreement(told),
+        _agreement(said),
         "## Training",
-        _table(_training(told, curve, facts, words)),
-        _commands(agent, seed, told, facts),
-        *([" ".join(facts.notes)] if facts.notes else []),
+        _table(_training(said, curve, facts, words)),
+        f"```sh\nwrongturn train {algorithm} --seed {seed}{options}\n"
+        f"wrongturn export runs/{algorithm}-{seed}/{checkpoint} {agent.file.name} --precision {said['precision']}\n"
+        f"wrongturn run {agent.name} --suite {WRONG_COMMAND}\n```",
+        " ".join(facts.notes),
         "## How it drives",
         *_figures(agent, collection),
         "## Limits",
-        f"It was trained in one simulated town, in four weathers, {_company(told)}, and with correct commands "
+        f"It was trained in one simulated town, in four weathers, {_company(said)}, and with correct commands "
         "only. It has learned no reaction to a wrong command: the benchmark asks what it then does. "
         f"{words.others} It is for research on this benchmark alone, and not fit to drive a car.",
         "## Licence",
-        f"{told['licence']}, as the rest of the package.",
+        f"{said['licence']}, as the rest of the package.",
+    )
+
+
+def doubting_card(agent: ShippedDoubtingAgent, facts: Facts) -> str:
+    """Return the card of a doubting agent whose file is there."""
+    said: dict[str, str] = open_session(agent.file).get_modelmeta().custom_metadata_map
+    seed, evaluation = said["seed"], json.loads(said["evaluation"])
+    heads = list(evaluation)
+    tells = [
+        f"| {text} | " + " | ".join(f"{evaluation[head][name]:.4g}" for head in heads) + " |"
+        for name, text in _TOLD.items()
     ]
+    return _joined(
+        f"# {agent.name}",
+        f"{agent.description} An agent of this project, not of a paper; `docs/doubting.md` describes it.",
+        "**It was made for wrong commands.** It learned from places that a car reaches after a wrong command, and its "
+        "gate was written for the faults of this benchmark. The leaderboard marks it with † (`trained_on_faults`). "
+        "Compare it with other agents that are so marked.",
+        _table(
+            {
+                "file": f"`{agent.file.name}`, {agent.file.stat().st_size / 1e6:.1f} MB, beside `{agent.drives}.onnx`, "
+                "which drives",
+                "sha256": f"`{_sha256(agent.file)}`",
+                f"sha256 of `{agent.drives}.onnx`": f"`{driver_of(agent.name)}`",
+                "track": f"`{agent.track}`",
+                "memory": "8 numbers, within an episode",
+                "licence": said["licence"],
+            }
+        ),
+        "## Training",
+        _table(
+            {
+                "pictures": f"{int(said['steps']):,}, each seen once",
+                "weathers": _TOWNS,
+                "towns": f"Town01 and {json.loads(said['config'])['generated']} generated ones",
+                "seed": seed,
+                "hardware": facts.hardware,
+            }
+        ),
+        f"```sh\nwrongturn train {agent.name} --seed {seed} {facts.options}\n"
+        f"wrongturn export runs/{agent.name}-{seed}/best.pt {agent.name}.onnx --precision {said['precision']}\n```",
+        " ".join(facts.notes),
+        "## What it tells",
+        "\n".join(["| | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads), *tells]),
+        "## How it drives",
+        _draws(agent, int(seed)),
+        "## Limits",
+        f"It drives as `{agent.drives}` does; the card of `{agent.drives}` has more. It knows junctions with three and "
+        "four arms at right angles. If the road has the exit of a wrong command, it cannot know that the command is "
+        "wrong. Its doubt never saw traffic. It is for research on this benchmark alone, and not fit to drive a car.",
+        "## Licence",
+        f"{said['licence']}, as the rest of the package.",
+    )
+
+
+def _joined(*parts: str) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-_PRECISION: Final = {
-    "fp32": "32-bit floating point",
-    "fp16": "stored as 16-bit floating point, computed in 32",
-}
-
-
-def read_facts(file: Path) -> dict[str, Facts]:
-    """The facts by agent.
-
-    Raises:
-        ModelFileError: the file is missing, or a field is wrong.
-    """
-    try:
-        return {name: Facts.model_validate(said) for name, said in json.loads(file.read_text("utf-8")).items()}
-    except OSError as error:
-        raise ModelFileError(f"{file}: cannot be read ({error.strerror}); write hardware of each agent there") from None
-    except (ValueError, ValidationError) as error:
-        raise ModelFileError(f"{file}: give each agent's hardware, options and notes, in JSON ({error})") from error
-
-
-def cards(directory: Path = WEIGHTS, results: Path = STORED, curves: Path = LAB / "curves") -> dict[Path, str]:
-    """The cards of all agents whose weights are there, by the file that each belongs into."""
-    collection, trainings = Collection.read(results), read_curves(curves)
-    present = [agent for agent in SHIPPED_AGENTS.values() if agent.file.is_file()]
-    facts = read_facts(directory / FACTS) if present else {}
-    lacking = [agent.name for agent in present if agent.name not in facts]
-    if lacking:
-        raise ModelFileError(f"{FACTS}: says nothing of {', '.join(lacking)}; write on what hardware it was trained")
-    return {agent.card: card(agent, collection, trainings, facts[agent.name]) for agent in present}
-
-
-def _table(rows: dict[str, str]) -> str:
+def _table(rows: Mapping[str, str]) -> str:
     return "| | |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in rows.items())
 
 
-def _shape(shape: list[Any]) -> str:
-    return "(" + ", ".join(str(size) for size in shape) + ")"
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def _agreement(told: dict[str, str]) -> str:
-    if "agreement" not in told:
+def _agreement(said: Mapping[str, str]) -> str:
+    if "agreement" not in said:
         return ""
-    found = json.loads(told["agreement"])
+    found = json.loads(said["agreement"])
     each = ", ".join(
         f"{control} {mean:.2g} ({greatest:.2g})"
         for control, mean, greatest in zip(_CONTROLS, found["mean"], found["greatest"], strict=True)
@@ -154,87 +266,88 @@ def _agreement(told: dict[str, str]) -> str:
     )
 
 
-def _company(told: dict[str, str]) -> str:
-    """With whom it drove in training; the first files do not say it, and met nobody."""
-    share = json.loads(told["config"]).get("traffic", 0)
+def _company(said: Mapping[str, str]) -> str:
+    """Return with whom it drove in training; the first files do not say it, and met nobody."""
+    share = json.loads(said["config"]).get("traffic", 0)
     return f"beside simple traffic in {share:.0%} of the drives" if share else "without other road users"
 
 
-def _training(told: dict[str, str], curve: Curve | None, facts: Facts, words: Words) -> dict[str, str]:
-    versions = {name: version for name, version in json.loads(told["versions"]).items() if version != "unknown"}
+def _training(said: Mapping[str, str], curve: Curve | None, facts: Facts, words: Words) -> dict[str, str]:
+    versions = {name: version for name, version in json.loads(said["versions"]).items() if version != "unknown"}
     minutes = curve.last("minutes") if curve else math.nan
     held_out = ", ".join(
         f"{name.replace('_', ' ')} {value:.4g}"
-        for name, value in json.loads(told["evaluation"]).items()
+        for name, value in json.loads(said["evaluation"]).items()
         if isinstance(value, int | float)
     )
     return {
-        "data": "drives about Town01 in ClearNoon, WetNoon, HardRainNoon and ClearSunset, with correct commands only, "
-        + _company(told),
-        "seed": told["seed"],
-        words.steps: f"{int(told['steps']):,}" + (f" (of {curve.last('step'):,.0f})" if curve else ""),
-        "minutes": _STATED if math.isnan(minutes) else f"{minutes:.1f}",
+        "data": f"drives about Town01 in {_TOWNS}, with correct commands only, {_company(said)}",
+        "seed": said["seed"],
+        words.steps: f"{int(said['steps']):,}" + (f" (of {curve.last('step'):,.0f})" if curve else ""),
+        "minutes": "–" if math.isnan(minutes) else f"{minutes:.1f}",
         "hardware": facts.hardware,
-        "held-out journeys, Town01": held_out or _STATED,
-        "software": ", ".join(f"{name} {version}" for name, version in versions.items()) or _STATED,
+        "held-out journeys, Town01": held_out or "–",
+        "software": ", ".join(f"{name} {version}" for name, version in versions.items()) or "–",
     }
 
 
-def _commands(agent: ShippedAgent, seed: int, told: dict[str, str], facts: Facts) -> str:
-    options = f" {facts.options}" if facts.options else ""
-    algorithm, checkpoint = trained_with(agent.name)
-    lines = (
-        f"wrongturn train {algorithm} --seed {seed}{options}",
-        f"wrongturn export runs/{algorithm}-{seed}/{checkpoint} {agent.file.name} --precision {told['precision']}",
-        f"wrongturn run {agent.name} --suite {WRONG_COMMAND}",
-    )
-    return "```sh\n" + "\n".join(lines) + "\n```"
-
-
 def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
-    """What is stored of the shipped weights, with Wilson's intervals, and of the algorithm over its seeds."""
+    """Return what is stored of the shipped weights, with Wilson's intervals, and of the algorithm over its seeds."""
     parts = []
-    wrong = collection.of_shipped(WRONG_COMMAND, agent.name)
+    wrong, journeys = (collection.of_shipped(suite, agent.name) for suite in (WRONG_COMMAND, NAVIGATION))
     if wrong is not None:
         counts = count_unsafe(wrong)
-        strict, twins = (
-            with_interval(counts.unsafe_strict, counts.trials),
-            with_interval(counts.completed, counts.twins),
-        )
+        strict = with_interval(counts.unsafe_strict, counts.trials)
         text = f"`{WRONG_COMMAND}`, {wrong.driven}: {strict} of {counts.trials} trials unsafe in the strict column, "
-        text += f"{counts.unsafe} in the paper's; {twins} of {counts.twins} fault-free twins completed."
-        found_by_seed = [found for seed, found in counts_by_seed(collection, agent.name).items() if seed is not None]
-        seeds = [found.unsafe_strict for found in found_by_seed if found.drives]
+        text += f"{counts.unsafe} in the paper's; {with_interval(counts.completed, counts.twins)} of {counts.twins} "
+        text += "fault-free twins completed."
+        by_seed = [found for seed, found in counts_by_seed(collection, agent.name).items() if seed is not None]
+        seeds = [found.unsafe_strict for found in by_seed if found.drives]
         if len(seeds) > 1:
             text += f" Over {len(seeds)} training seeds, on the open draw, the strict count is {spread(seeds)}: "
-            text += "median [least–most]"
-            others = len(found_by_seed) - len(seeds)
-            text += f". {others} more cannot drive, and say nothing about commands." if others else "."
+            text += "median [least–most]."
+            others = len(by_seed) - len(seeds)
+            text += f" {others} more cannot drive, and say nothing about commands." if others else ""
         parts.append(text)
-    journeys = collection.of_shipped(NAVIGATION, agent.name)
     if journeys is not None:
-        suite = installed_suite(NAVIGATION)
-        cells = count_success(journeys)
-        driven = {
-            trial.journey.task: how
-            for name, how in collection.driven_how(NAVIGATION, agent.name).items()
-            if (trial := suite.trials[name]).journey is not None
-        }
+        trials = installed_suite(NAVIGATION).trials
+        how = collection.driven_how(NAVIGATION, agent.name)
+        driven = {trial.journey.task: how[name] for name, trial in trials.items() if trial.journey and name in how}
+        order = list(Condition)
         rows = [
             f"| {str(task).replace('_', ' ')} | {driven[task]} | {str(condition).replace('_', ' ')} | "
             f"{with_interval(found.arrived, found.episodes)} | {with_interval(found.clean, found.episodes)} | "
             f"{found.episodes} |"
-            for (task, condition), found in sorted(cells.items(), key=lambda cell: _place(*cell[0]))
+            for (task, condition), found in sorted(
+                count_success(journeys).items(), key=lambda one: (CORL_TASKS.index(one[0][0]), order.index(one[0][1]))
+            )
         ]
         head = f"| `{NAVIGATION}` | driven | condition | arrived | without infraction | of |"
         parts.append("\n".join([head, "|---|---|---|---|---|---|", *rows]))
-    if not parts:
-        return ["No results are stored yet."]
-    return [*parts, "Brackets hold Wilson's 95 % interval of the rate."]
+    return [*parts, "Brackets hold Wilson's 95 % interval of the rate."] if parts else ["No results are stored yet."]
 
 
-def _place(task: Task, condition: Condition) -> tuple[int, int]:
-    return CORL_TASKS.index(task), list(Condition).index(condition)
+def _draws(agent: ShippedDoubtingAgent, seed: int) -> str:
+    """Return the sums over a doubting agent's evaluations, and over its draws of the study by town and weather."""
+    counted = [count_unsafe(one) for one in read_evaluations() if one.agent == agent.name]
+    whole: tuple[Any, ...] = (agent.name, seed, [], None)
+    places: dict[str, list[dict[str, Any]]] = {}
+    for one in doubting.read(doubting.FIGURES):
+        if (one["algorithm"], one["seed"], one["gate"], one["variant"]) == whole:
+            places.setdefault(f"{one['town']}, {one['weather']}, in process", []).append(one)
+    service = [
+        {"unsafe_strict": one.unsafe_strict, "trials": one.trials, "twins_completed": one.completed, "twins": one.twins}
+        for one in counted
+    ]
+    found = {**({"Town01, ClearNoon, over the service": service} if service else {}), **places}
+    lines = []
+    for place, own in found.items():
+        unsafe, trials, done, twins = (
+            sum(one[name] for one in own) for name in ("unsafe_strict", "trials", "twins_completed", "twins")
+        )
+        lines.append(f"| {place} | {len(own)} | {unsafe} of {trials} | {done} of {twins} |")
+    head = "| draws of `wrong-command@2`'s cells | draws | unsafe, strict | twins completed |"
+    return "\n".join([head, "|---|---:|---:|---:|", *lines]) if lines else "No results are stored yet."
 
 
 def main() -> None:

@@ -1,18 +1,22 @@
-"""Learning curves: a training run's ``progress.csv``, thinned for storage; and their tables."""
+"""Learning curves: a training run's ``progress.csv``, thinned for storage; their tables and pictures."""
 
-import csv
+import hashlib
+import json
 import math
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from statistics import median
-from typing import Final
+from typing import Any, Final, NamedTuple
 
-from lab.tables import ReportTable, Rows, label_first
-from wrongturn_agents.errors import ResultsError
+import numpy as np
+import pandas as pd
+
+from lab.tables import Row, Table, label_first
+from wrongturn_agents.errors import OutdatedPageError, ResultsError
 from wrongturn_agents.paper import table_order
 
+LAB: Final = Path(__file__).parent / "stored"
+"""What was driven and trained for this repository's own pages: ``curves/``, ``studies/``."""
 POINTS: Final = 150
 """Number of rows kept of a run; a picture of a few hundred pixels shows no more."""
 REWARD: Final = "reward_mean"
@@ -21,201 +25,233 @@ LOSS: Final = "loss"
 """Column that runs of imitation have."""
 HELD_OUT: Final = "success_heldout"
 _COLUMNS: Final = ("step", "minutes", REWARD, LOSS, HELD_OUT, "traffic_success_heldout", "steps_per_second")
-"""Columns that are kept. Only ``step`` is required; in imitation it counts samples."""
+"""Columns that are kept. In imitation, ``step`` counts samples."""
 _SECONDS: Final = "seconds_"  # prefix of the columns that say how long each part of the work took
 _NAME: Final = re.compile(r"(?P<agent>[^.]+)(?:\.(?P<variant>[^.]+))?\.s(?P<seed>\d+)\.csv")
+_COLOURS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000")
+"""Okabe and Ito's palette, which colour-blind readers can tell apart."""
+_DIGEST: Final = re.compile(r"curves sha256:([0-9a-f]{64})")
 
 
-@dataclass(frozen=True)
-class Curve:
+class Curve(NamedTuple):
     """Progress of one training run."""
 
     agent: str
     seed: int
     variant: str | None
-    columns: Mapping[str, tuple[float, ...]]
-    """Columns by name, with one value a row; NaN where the run has none."""
+    rows: pd.DataFrame
 
     @property
-    def file_name(self) -> str:
-        """Name of the file that stores the curve."""
-        return f"{self.agent}{f'.{self.variant}' if self.variant else ''}.s{self.seed}.csv"
+    def name(self) -> str:
+        """The agent for a table, with its variant."""
+        return f"`{self.agent}`" + (f", {self.variant.replace('-', ' ')}" if self.variant else "")
+
+    def points(self, column: str) -> pd.DataFrame:
+        """Return steps and values where a column has values."""
+        has = column in self.rows
+        return self.rows[["step", column]].dropna() if has else pd.DataFrame({"step": [], column: []})
 
     def last(self, column: str) -> float:
         """Return a column's last value; NaN if it has none."""
-        return next((value for value in reversed(self.columns.get(column, ())) if not math.isnan(value)), math.nan)
-
-    def points(self, column: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return the steps at which a column has values, and those values."""
-        pairs = zip(self.columns["step"], self.columns.get(column, ()), strict=False)
-        found = [(step, value) for step, value in pairs if not math.isnan(value)]
-        return tuple(step for step, _ in found), tuple(value for _, value in found)
-
-    def seconds(self) -> dict[str, float]:
-        """Return the total seconds of each part of the work."""
-        return {
-            name.removeprefix(_SECONDS): _sum(column)
-            for name, column in self.columns.items()
-            if name.startswith(_SECONDS)
-        }
-
-    def thinned(self) -> "Curve":
-        """Return about :data:`POINTS` rows, evenly along the run, and every row with a held-out evaluation."""
-        rows = len(self.columns["step"])
-        every = max(1, math.ceil(rows / POINTS))
-        evaluated = self.columns.get(HELD_OUT, (math.nan,) * rows)
-        even = [row for row in range(rows) if row % every == 0 or row == rows - 1]
-        kept = sorted({*even, *(row for row, value in enumerate(evaluated) if not math.isnan(value))})
-        if len(kept) > 3 * POINTS:  # nearly every row has an evaluation
-            kept = even
-        # The seconds of dropped rows are added to the next row that is kept.
-        begins = [0, *(row + 1 for row in kept[:-1])]
-        columns = {
-            name: tuple(
-                _sum(column[begin : row + 1]) if name.startswith(_SECONDS) else column[row]
-                for begin, row in zip(begins, kept, strict=True)
-            )
-            for name, column in self.columns.items()
-        }
-        return replace(self, columns=columns)
-
-    def write(self, directory: Path) -> Path:
-        """Write the curve under its own file name, and return the path.
-
-        Raises:
-            ResultsError: The file cannot be written.
-        """
-        path = directory / self.file_name
-        try:
-            directory.mkdir(parents=True, exist_ok=True)
-            with path.open("w", encoding="utf-8", newline="") as file:
-                writer = csv.writer(file, lineterminator="\n")
-                writer.writerow(self.columns)
-                rows = zip(*self.columns.values(), strict=True)
-                writer.writerows([_text(value) for value in row] for row in rows)
-        except OSError as error:
-            raise ResultsError(f"{path}: cannot be written ({error.strerror}); name another --directory") from error
-        return path
+        found = list(self.rows[column].dropna()) if column in self.rows else []
+        return float(found[-1]) if found else math.nan
 
 
-def read_progress(path: Path, agent: str, seed: int, variant: str | None = None) -> Curve:
-    """Read a run's ``progress.csv``, or a stored curve.
-
-    Raises:
-        ResultsError: The file cannot be read, has no steps, or holds something that is not a number.
-    """
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ResultsError(f"{path}: cannot be read as a table of a training's progress ({error})") from error
-    if not rows or "step" not in rows[0]:
-        raise ResultsError(f"{path}: has no column 'step' with a row; give the progress.csv of a training run")
-    try:
-        kept = [name for name in rows[0] if name in _COLUMNS or str(name).startswith(_SECONDS)]
-        columns = {name: tuple(_number(row[name]) for row in rows) for name in kept}
-    except ValueError as error:
-        raise ResultsError(f"{path}: {error}; give the progress.csv of a training run") from error
-    return Curve(agent, seed, variant, columns)
-
-
-def read_curves(directory: Path) -> tuple[Curve, ...]:
-    """Read all curves of a directory; none if it does not exist.
-
-    Returns:
-        Curves of the paper's algorithms first, then by agent, variant and seed.
-
-    Raises:
-        ResultsError: A file is not a curve, or its name is not that of a curve.
-    """
-    curves = []
-    for path in sorted(directory.glob("*.csv")):
-        named = _NAME.fullmatch(path.name)
-        if named is None:
-            raise ResultsError(
-                f"{path.name}: is not the name of a curve; call it AGENT.sSEED.csv or AGENT.VARIANT.sSEED.csv"
-            )
-        curves.append(read_progress(path, named["agent"], int(named["seed"]), named["variant"]))
+def read_curves(folder: Path = LAB / "curves") -> tuple[Curve, ...]:
+    """Return the curves of a folder: the paper's algorithms first, then by agent, variant and seed."""
+    found = [(named, path) for path in folder.glob("*.csv") if (named := _NAME.fullmatch(path.name))]
+    curves = [Curve(one["agent"], int(one["seed"]), one["variant"], pd.read_csv(path)) for one, path in found]
     return tuple(sorted(curves, key=lambda curve: (*table_order(curve.agent), curve.variant or "", curve.seed)))
 
 
-def standard(curves: Iterable[Curve]) -> dict[str, list[Curve]]:
-    """Return the curves by agent, without those of ablations."""
-    found: dict[str, list[Curve]] = {}
-    for curve in curves:
-        if curve.variant is None:
-            found.setdefault(curve.agent, []).append(curve)
+def import_curve(run: Path, variant: str | None = None, folder: Path = LAB / "curves") -> Path:
+    """Store the thinned curve of a training run's directory; of ``lbc``, those of both halves. Return the last path."""
+    try:
+        config = json.loads((run / "config.json").read_bytes())
+        agent, seed = config["algorithm"], config["seed"]
+        variant = variant or config.get("variant")
+        parts = [("privileged.csv", f"{agent}-privileged")] if variant is None else []
+        for name, whose in [*(one for one in parts if (run / one[0]).is_file()), ("progress.csv", agent)]:
+            path = folder / f"{whose}{f'.{variant}' if variant else ''}.s{seed}.csv"
+            rows = pd.read_csv(run / name)
+            kept = [column for column in rows if column in _COLUMNS or column.startswith(_SECONDS)]
+            thinned(rows[kept]).to_csv(path, index=False, float_format="%.6g")
+    except (OSError, ValueError, KeyError) as error:
+        raise ResultsError(f"{run}: is no directory of a training run ({error!r})") from error
+    return path
+
+
+def thinned(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return about :data:`POINTS` rows, evenly along the run, and every row with a held-out evaluation.
+
+    The seconds of dropped rows are added to the next row that is kept.
+    """
+    numbers = np.arange(len(rows))
+    even = (numbers % max(1, math.ceil(len(rows) / POINTS)) == 0) | (numbers == len(rows) - 1)
+    kept = even | rows[HELD_OUT].notna().to_numpy() if HELD_OUT in rows else even
+    if kept.sum() > 3 * POINTS:  # nearly every row has an evaluation
+        kept = even
+    found = rows[kept].copy()
+    group = np.concatenate([[0], np.cumsum(kept)[:-1]])
+    for column in rows:
+        if str(column).startswith(_SECONDS):
+            found[column] = rows[column].groupby(group).sum().to_numpy()[: len(found)]
     return found
 
 
-def training_table(curves: Iterable[Curve]) -> ReportTable:
-    """Return a table with a row for each run of reinforcement learning: its steps, time, speed and final figures."""
+def training_table(curves: Iterable[Curve]) -> Table:
+    """Return a row for each run of reinforcement learning: its steps, time, speed and final figures."""
     head = ("steps", "minutes", "median steps/s", "final reward", "final held-out success")
-    return ReportTable("Training runs", ("agent", "seed", *head), _rows(curves, REWARD, (REWARD, ".1f")))
+    return Table("Training runs", ("agent", "seed", *head), _rows(curves, {REWARD: ".1f", HELD_OUT: ".2f"}))
 
 
-def imitation_table(curves: Iterable[Curve]) -> ReportTable:
-    """Return the same table of runs of imitation, which learn from samples instead of steps."""
+def imitation_table(curves: Iterable[Curve]) -> Table:
+    """Return the same of runs of imitation, which learn from samples instead of steps."""
     head = ("samples", "minutes", "median samples/s", "final loss", "final held-out success", "beside traffic")
-    rows = _rows(curves, LOSS, (LOSS, ".3f"), ("traffic_success_heldout", ".2f"))
-    return ReportTable("Training runs of imitation", ("agent", "seed", *head), rows)
+    rows = _rows(curves, {LOSS: ".3f", HELD_OUT: ".2f", "traffic_success_heldout": ".2f"})
+    return Table("Training runs of imitation", ("agent", "seed", *head), rows)
 
 
-def _rows(
-    curves: Iterable[Curve], having: str, measure: tuple[str, str], *more: tuple[str, str]
-) -> tuple[tuple[str, ...], ...]:
-    """Return a row for each curve that has a column.
-
-    Args:
-        curves: The curves.
-        having: The column.
-        measure: Name and format of the column whose last value stands before the held-out success.
-        more: Those that stand behind it.
-    """
-    rows: dict[str, Rows] = {}
+def _rows(curves: Iterable[Curve], last: dict[str, str]) -> list[Row]:
+    """Return a row for each curve that has the first of these columns; their last values are shown in these formats."""
+    found: dict[str, list[Row]] = {}
     for curve in curves:
-        if having not in curve.columns:
-            continue
-        name = f"`{curve.agent}`" + (f", {curve.variant.replace('-', ' ')}" if curve.variant else "")
-        speeds = curve.points("steps_per_second")[1]
-        row = (
-            str(curve.seed),
-            f"{curve.last('step') / 1e6:.2f} M",
-            _shown(curve.last("minutes"), ".1f"),
-            _shown(median(speeds) if speeds else math.nan, ",.0f"),
-            *(_shown(curve.last(column), form) for column, form in (measure, (HELD_OUT, ".2f"), *more)),
-        )
-        rows.setdefault(name, []).append(row)
-    return tuple(row for name, own in rows.items() for row in label_first(name, own))
+        if next(iter(last)) in curve.rows:
+            speed = curve.points("steps_per_second")["steps_per_second"].median()
+            ends = (_shown(curve.last(column), form) for column, form in last.items())
+            steps, minutes = f"{curve.last('step') / 1e6:.2f} M", _shown(curve.last("minutes"), ".1f")
+            row = (str(curve.seed), steps, minutes, _shown(speed, ",.0f"), *ends)
+            found.setdefault(curve.name, []).append(row)
+    return [row for name, own in found.items() for row in label_first(name, own)]
 
 
-def time_table(curves: Iterable[Curve]) -> ReportTable:
-    """Return a table of where the training time of each algorithm goes, in percent."""
-    spent = {agent: [run.seconds() for run in runs] for agent, runs in standard(curves).items()}
-    parts = tuple(dict.fromkeys(part for runs in spent.values() for seconds in runs for part in seconds))
-    rows: Rows = []
-    for agent, runs in spent.items():
-        whole = sum(sum(seconds.values()) for seconds in runs)
-        if whole > 0:
-            shares = (f"{100 * sum(seconds.get(part, 0.0) for seconds in runs) / whole:.0f}" for part in parts)
-            rows.append((f"`{agent}`", *shares))
-    return ReportTable("Where the time of training goes, in %", ("agent", *parts), tuple(rows), text_columns=1)
-
-
-def _sum(values: Iterable[float]) -> float:
-    return math.fsum(value for value in values if not math.isnan(value))
-
-
-def _number(text: str | None) -> float:
-    value = math.nan if text is None or not text.strip() else float(text)
-    if math.isinf(value):
-        raise ValueError(f"{text!r} is not finite")
-    return value
-
-
-def _text(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.6g}" if abs(value) < 1e6 else f"{value:.0f}"
+def time_table(curves: Iterable[Curve]) -> Table:
+    """Return where the training time of each algorithm goes, in percent."""
+    spent = pd.DataFrame(
+        [{"agent": curve.agent, **curve.rows.filter(like=_SECONDS).sum()} for curve in curves if curve.variant is None]
+    )
+    if spent.empty:
+        return Table("Where the time of training goes, in %", (), [])
+    sums = spent.groupby("agent", sort=False).sum()
+    shares = (100 * sums.div(sums.sum(axis=1), axis=0)).round().dropna()
+    rows = [
+        (f"`{agent}`", *(f"{share:.0f}" for share in row))
+        for agent, row in zip(shares.index, shares.to_numpy(), strict=True)
+    ]
+    head = ("agent", *(str(name).removeprefix(_SECONDS) for name in shares))
+    return Table("Where the time of training goes, in %", head, rows, words=1)
 
 
 def _shown(value: float, form: str) -> str:
     return "–" if math.isnan(value) else f"{value:{form}}"
+
+
+class Picture(NamedTuple):
+    """A picture of the curves of one kind of learning: a column for each agent, a line for each run."""
+
+    path: Path
+    """Its path from the repository's root."""
+    column: str
+    """The column in the upper row. Curves that have it are drawn."""
+    upper: str
+    """What the upper row shows."""
+    along: str
+    """What the horizontal axis shows."""
+    seen: str
+    """The picture in a sentence."""
+
+    def curves_of(self, curves: Iterable[Curve]) -> dict[str, list[Curve]]:
+        """Return the curves that it shows, by agent."""
+        found: dict[str, list[Curve]] = {}
+        for curve in curves:
+            if self.column in curve.rows:
+                found.setdefault(curve.agent, []).append(curve)
+        return found
+
+
+PICTURES: Final = {
+    "curves": Picture(
+        Path("docs/pictures/learning-curves.svg"),
+        REWARD,
+        "reward of a drive, mean",
+        "environment steps, million",
+        "Reward and held-out success of every seed over environment steps",
+    ),
+    "imitation-curves": Picture(
+        Path("docs/pictures/imitation-curves.svg"),
+        LOSS,
+        "error of the waypoints:\npixels left, metres right",
+        "samples, million",
+        "Loss and held-out success of every seed over samples",
+    ),
+}
+"""All pictures by their section: of reinforcement learning, and of imitation."""
+
+
+def check_pictures(curves: Sequence[Curve]) -> None:
+    """Raise OutdatedPageError if a picture shows other curves."""
+    for picture in PICTURES.values():
+        found = _DIGEST.search(picture.path.read_text(encoding="utf-8"))
+        if found is None or found[1] != _digest(picture.curves_of(curves)):
+            raise OutdatedPageError(f"{picture.path}: does not show the stored curves; draw it with --curves")
+
+
+def _digest(agents: dict[str, list[Curve]]) -> str:
+    """Return a hash of what is drawn. The picture holds it, so that a check need not draw it again."""
+    drawn = [
+        (run.agent, run.variant, run.seed, sorted((str(name), tuple(map(float, run.rows[name]))) for name in run.rows))
+        for runs in agents.values()
+        for run in runs
+    ]
+    return hashlib.sha256(repr(drawn).encode()).hexdigest()
+
+
+def draw_picture(picture: Picture, curves: Sequence[Curve]) -> None:
+    """Draw a picture; a loss is on a logarithmic axis, with a unit of its own for each agent."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    agents, loss = picture.curves_of(curves), picture.column == LOSS
+    look: Any = {"svg.hashsalt": "wrongturn", "svg.fonttype": "none", "path.simplify": True, "font.size": 9}
+    with mpl.rc_context(look):
+        figure = Figure(figsize=(3.2 * len(agents), 4.4), layout="constrained")
+        axes = figure.subplots(2, len(agents), squeeze=False, sharex="col", sharey=False if loss else "row")
+        for column, (agent, runs) in enumerate(agents.items()):
+            above, below = axes[0, column], axes[1, column]
+            _draw_agent(picture, above, below, runs)
+            above.set_title(agent)
+            below.set_xlabel(picture.along)
+            if not any(len(run.points(HELD_OUT)) for run in runs):
+                below.remove()
+                above.set_xlabel(picture.along)
+                above.tick_params(labelbottom=True)
+        axes[0, 0].set_ylabel(picture.upper)
+        axes[1, 0].set_ylabel("held-out routes completed")
+        note = {"Date": None, "Title": "Learning curves", "Description": f"curves sha256:{_digest(agents)}"}
+        figure.savefig(picture.path, format="svg", metadata=note)
+
+
+def _draw_agent(picture: Picture, above: Any, below: Any, runs: Sequence[Curve]) -> None:
+    from matplotlib.ticker import LogLocator
+
+    for number, run in enumerate(runs):
+        name = f"{run.variant.replace('-', ' ')} {run.seed}" if run.variant else f"seed {run.seed}"
+        for axes, column in ((above, picture.column), (below, HELD_OUT)):
+            found = run.points(column)
+            axes.plot(
+                found["step"] / 1e6,
+                found[column],
+                color=_COLOURS[number % len(_COLOURS)],
+                linewidth=1.0,
+                linestyle="dashed" if run.variant else "solid",
+                marker="." if len(found) < 3 else "",
+                label=name,
+            )
+    for axes in (above, below):
+        axes.grid(visible=True, linewidth=0.4, alpha=0.5)
+    below.set_ylim(-0.02, 1.02)
+    if picture.column == LOSS:
+        above.set_yscale("log", subs=())
+        above.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        above.yaxis.set_major_formatter("{x:g}")
+    above.legend(fontsize=7, frameon=False, loc="upper right" if picture.column == LOSS else "lower right")

@@ -1,143 +1,173 @@
-"""Makes the tables, pictures and studies of this repository's own pages: ``python -m lab.results --help``."""
+"""The tables and pictures of this repository's pages.
 
+    python -m lab.results                        # print the tables
+    python -m lab.results --check                # fail if a page, picture, film or card differs from what is stored
+    python -m lab.results --write                # write all pages anew; with names, these alone
+    python -m lab.results --curves               # draw the learning curves into docs/pictures
+    python -m lab.results --import scored.json --agent ppo-image --seed 3   # store results or a training run's curve
+
+A section of a page stands between ``<!-- results: NAME -->`` and ``<!-- end of results -->``.
+"""
+
+import argparse
+import os
+import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Final
 
-import typer
-from rich.text import Text
+from pydantic import ValidationError
 
-from lab.curve_pictures import check_pictures, draw_pictures
-from lab.failures import FILMS, check_films
-from lab.importing import Overrides, import_results
-from lab.making_evaluations import make_evaluations
-from lab.making_failures import make_failures
-from lab.making_studies import make_draws, make_judgings
-from lab.order import order_in_words
-from lab.paths import LAB
-from lab.report import Report, check_page, find_pages, write_page
-from wrongturn_agents.errors import AgentsError, ResultsError
-from wrongturn_agents.stored_results import STORED
+from lab import cards, curves, doubting, films, order, studies, tables
+from wrongturn_agents.errors import AgentsError, OutdatedPageError, ResultsError
+from wrongturn_agents.results_file import ResultsFile
+from wrongturn_agents.stored_results import STORED, Collection
+from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND
 from wrongturn_client.tables import console
-from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json, with_stdout
+from wrongturn_protocol import RunFile, RunFormatError
+
+_BEGIN: Final = "<!-- results: "
+_END: Final = "<!-- end of results -->"
+_SECTION: Final = re.compile(rf"({_BEGIN}(?P<name>[a-z-]+) -->\n)(?P<body>.*?)({_END})", re.DOTALL)
+Sections = dict[str, Callable[[], tables.Table | str]]
 
 
-def results(
-    *,
-    directory: Annotated[Path, typer.Option(help="Directory of the results.")] = STORED,
-    json_to: JsonTo = None,
-    write: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="PAGE", help="Write the tables into a page. Example: --write docs/results.md"),
-    ] = None,
-    check: Annotated[
-        bool, typer.Option("--check", help="Fail if a page or a picture differs from what is stored. Writes nothing.")
-    ] = False,
-    curves: Annotated[bool, typer.Option("--curves", help="Draw the learning curves into docs/pictures.")] = False,
-    sources: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--import",
-            metavar="FILE|RUN",
-            help="Store a file of 'wrongturn score --json' or 'wrongturn run --json', or the learning curve of a "
-            "training run. Example: --import runs/ppo-image-3",
-        ),
-    ] = None,
-    sensitivity: Annotated[
-        bool, typer.Option("--sensitivity", help="Drive on past the verdicts, and judge by other thresholds.")
-    ] = False,
-    failures: Annotated[
-        bool, typer.Option("--failures", help="Drive the unsafe trials again, measure them, and make the films.")
-    ] = False,
-    draws: Annotated[int | None, typer.Option(metavar="N", help="Drive the agents through N draws.", min=2)] = None,
-    evaluations: Annotated[
-        int | None, typer.Option(metavar="N", help="Drive N evaluations of each --agent over services.", min=1)
-    ] = None,
-    agent: Annotated[
-        list[str] | None, typer.Option(help="Agent of the import, or agents to drive. Give it again for another.")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(help="Training seed of the import.", min=0)] = None,
-    variant: Annotated[str | None, typer.Option(help="Ablation of the import.")] = None,
-    steps: Annotated[int | None, typer.Option(help="Training steps of the import.", min=0)] = None,
-) -> None:
-    """Make the tables, pictures and studies of this repository's pages. Interrupted studies go on where they stopped.
+def sections(collection: Collection) -> Sections:
+    """Return what makes each section of the pages, by its name."""
+    runs = curves.read_curves()
+    figures = doubting.read(doubting.FIGURES)
+    return {
+        "summary": partial(tables.summary_table, collection),
+        "navigation": partial(tables.navigation_table, collection),
+        "traffic": partial(tables.traffic_table, collection),
+        "wrong-command": partial(tables.wrong_command_table, collection),
+        "endings": partial(tables.endings_table, collection),
+        "order": partial(order.order_in_words, collection),
+        "ablations": partial(tables.ablations_table, collection),
+        "thresholds": studies.thresholds_table,
+        "draws": studies.draws_table,
+        "evaluations": studies.evaluations_table,
+        "failures": films.ways_table,
+        "collisions": films.collisions_table,
+        "training": partial(curves.training_table, runs),
+        "imitation": partial(curves.imitation_table, runs),
+        "time": partial(curves.time_table, runs),
+        **{f"doubting-{name}": partial(make, figures) for name, make in doubting.TABLES.items()},
+        **{name: partial(_picture, picture) for name, picture in curves.PICTURES.items()},
+    }
 
-    Example: python -m lab.results --check
+
+def _picture(picture: curves.Picture) -> str:
+    return f"![{picture.seen}]({os.path.relpath(picture.path, 'docs')})\n"
+
+
+def find_pages(root: Path = Path()) -> list[Path]:
+    """Return the repository's pages that have sections: in its root, and anywhere in ``docs``."""
+    pages = sorted([*root.glob("*.md"), *root.glob("docs/**/*.md")])
+    return [page for page in pages if _BEGIN in page.read_text("utf-8")]
+
+
+def filled(page: Path, made: Sections) -> str:
+    """Return a page's text with its sections anew.
+
+    Raises:
+        ResultsError: A section is unknown or has no end.
     """
-    check_json_file(json_to)
-    studied = sensitivity or failures or draws is not None or evaluations is not None
-    agents = agent or []
-    for source in sources or ():
-        overrides = Overrides(agents[0] if agents else None, seed, variant, steps)
-        typer.echo(f"{source}: stored as {import_results(source, directory, overrides).name}", err=True)
-    if sensitivity:
-        typer.echo(f"stored as {make_judgings(LAB, agents)}", err=True)
-    if draws is not None:
-        typer.echo(f"stored as {make_draws(LAB, agents, draws)}", err=True)
-    if evaluations is not None:
-        typer.echo(f"stored in {make_evaluations(directory, agents, evaluations)}", err=True)
-    if failures:
-        typer.echo(f"stored as {make_failures(directory, agents)}", err=True)
-    report = Report.read(directory)
-    if check:
-        _check(report, write)
-        return
-    if curves:
-        for picture in draw_pictures(report.curves):
-            typer.echo(f"{picture}: drawn", err=True)
-    for page in write or ():
-        typer.echo(f"{page}: {'written' if write_page(page, report) else 'unchanged'}", err=True)
-    if json_to is not None:
-        give_json(report.as_json(), json_to)
-    if json_to == STDOUT:
-        return
-    if studied:
-        shown = {"sensitivity": sensitivity, "versions": sensitivity, "draws": draws, "evaluations": evaluations}
-        _print_tables(report, (name for name, driven in shown.items() if driven))
-    elif not (curves or write or sources):
-        _print(report)
+    text = page.read_text("utf-8")
+    names = [match["name"] for match in _SECTION.finditer(text)]
+    unknown = sorted(set(names) - made.keys())
+    if unknown or not len(names) == text.count(_BEGIN) == text.count(_END):
+        what = f"there is no section {unknown[0]!r}" if unknown else "a section is not whole"
+        raise ResultsError(f"{page}: {what}; write '{_BEGIN}NAME -->' and '{_END}' on lines of their own")
+
+    def section(match: re.Match[str]) -> str:
+        found = made[match["name"]]()
+        return f"{match[1]}\n{found if isinstance(found, str) else found.markdown()}\n{match[4]}"
+
+    return _SECTION.sub(section, text)
 
 
-def _check(report: Report, named: list[Path] | None) -> None:
-    """Check the named pages, or all pages and the pictures."""
-    pages = named or find_pages(Path())
-    if not pages:
-        raise ResultsError(
-            "--check: no page with results here; go to the repository's root, or name a page with --write"
-        )
+def check_page(page: Path, made: Sections) -> None:
+    """Raise OutdatedPageError if a page does not show what is stored. The error names the sections."""
+    pairs = zip(_SECTION.finditer(page.read_text("utf-8")), _SECTION.finditer(filled(page, made)), strict=True)
+    wrong = [before["name"] for before, after in pairs if before["body"] != after["body"]]
+    if wrong:
+        raise OutdatedPageError(f"{page}: {', '.join(wrong)}: does not show the stored results; write it anew")
+
+
+def check_all() -> list[Path]:
+    """Check all pages, pictures, films and cards, and return the pages."""
+    collection, pages = Collection.read(STORED), find_pages()
     for page in pages:
-        check_page(page, report)
-    if not named:
-        check_pictures(report.curves)
-        check_films(report.collection, report.failures, FILMS)
-    typer.echo(f"up to date with the stored results: {', '.join(map(str, pages))}")
+        check_page(page, sections(collection))
+    curves.check_pictures(curves.read_curves())
+    films.check_films(collection)
+    for file, text in cards.cards().items():
+        if file.read_text("utf-8") != text:
+            raise OutdatedPageError(f"{file}: is not the card that the files make; run python -m lab.cards")
+    return pages
 
 
-def _print_tables(report: Report, names: Iterable[str]) -> None:
-    screen = console()
-    for name in names:
-        table = report.tables[name]
-        if table.rows:
-            screen.print(table.rich())
-            screen.print()
+def import_results(source: Path, directory: Path = STORED, **given: str | int | None) -> Path:
+    """Store a file of ``wrongturn score --json`` or ``wrongturn run --json``, and return the stored file's path.
 
-
-def _print(report: Report) -> None:
-    _print_tables(report, report.tables)
-    screen = console()
-    screen.print(Text(order_in_words(report.collection).replace("`", "")))
-    for line in report.missing:
-        typer.echo(f"Missing: {line}", err=True)
-    for line in report.differences:
-        typer.echo(f"Note: {line}", err=True)
-
-
-def main() -> None:
-    """Run the program; an error is one line."""
-    sys.argv[1:] = with_stdout(sys.argv[1:])
+    Args:
+        source: The file.
+        directory: Where results are stored.
+        given: Fields that replace those of the file: ``agent``, ``seed``, ``variant``, ``steps``.
+    """
     try:
-        typer.run(results)
+        file = studies.results_of_run(RunFile.read(source))
+    except RunFormatError:
+        file = ResultsFile.read(source)
+    try:
+        file = ResultsFile.model_validate({**file.model_dump(), **{k: v for k, v in given.items() if v is not None}})
+    except ValidationError as error:
+        raise ResultsError(f"--import: {error.errors()[0]['loc'][0]}: {error.errors()[0]['msg']}") from error
+    file.check(source.name)
+    return file.write(directory)
+
+
+def _print(collection: Collection) -> None:
+    screen = console()
+    for make in sections(collection).values():
+        found = make()
+        if not isinstance(found, str):
+            screen.print(found.rich())
+            screen.print()
+    for line in (*collection.missing((NAVIGATION, WRONG_COMMAND)), *collection.differences()):
+        print(f"Note: {line}", file=sys.stderr)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the program; an error is one line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true")
+    parser.add_argument("--write", type=Path, nargs="*", metavar="PAGE")
+    parser.add_argument("--curves", action="store_true")
+    parser.add_argument("--import", dest="source", type=Path, metavar="FILE|RUN")
+    for name, kind in (("agent", str), ("seed", int), ("variant", str), ("steps", int)):
+        parser.add_argument(f"--{name}", type=kind, help="of the import")
+    asked = parser.parse_args(arguments)
+    try:
+        if asked.source is not None and asked.source.is_dir():
+            print(curves.import_curve(asked.source, asked.variant))
+        elif asked.source is not None:
+            given = {name: getattr(asked, name) for name in ("agent", "seed", "variant", "steps")}
+            print(import_results(asked.source, **given))
+        elif asked.check:
+            print(f"up to date with the stored results: {', '.join(map(str, check_all()))}")
+        elif asked.curves:
+            for picture in curves.PICTURES.values():
+                curves.draw_picture(picture, curves.read_curves())
+        elif asked.write is not None:
+            made = sections(Collection.read(STORED))
+            for page in asked.write or find_pages():
+                page.write_text(filled(page, made), "utf-8")
+        else:
+            _print(Collection.read(STORED))
     except (AgentsError, OSError) as error:
         raise SystemExit(f"lab.results: {error}") from error
 

@@ -1,129 +1,417 @@
-"""Stored studies of the figures themselves: other thresholds, and other draws.
+"""How firm the figures are: other thresholds, other draws, and several evaluations over the service.
 
-``python -m lab.results --sensitivity`` and ``--draws`` make them. Their tables need no driving.
+    python -m lab.studies thresholds                      # drive the agents on, and judge by other thresholds
+    python -m lab.studies draws 10 --agent careful        # drive ten draws
+    python -m lab.studies evaluations 10 --agent doubting # over a service each, on a fresh draw
+
+What is stored of the same weights is not driven again, so an interrupted run goes on where it stopped. The results are
+JSON in ``lab/stored/studies``; their tables need no driving.
 """
 
+import argparse
+import contextlib
+import dataclasses
+import hashlib
+import json
+import os
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Final, Self
+from statistics import fmean, variance
+from typing import Any, Final
 
-from pydantic import BaseModel, ConfigDict, Field
+from scipy import stats as scipy_stats
 
-from wrongturn_agents.errors import ResultsError
-from wrongturn_agents.results_file import read_model
-from wrongturn_protocol import FaultKind, JunctionType
+from lab.curves import LAB
+from lab.tables import Row, Table, count_unsafe, label_first
+from wrongturn_agents.agent_code import checksums
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
+from wrongturn_agents.errors import AgentsError, RunFileError
+from wrongturn_agents.evaluation_run import RunOptions, evaluate
+from wrongturn_agents.figures.drives import check_suite
+from wrongturn_agents.paper import label, table_order
+from wrongturn_agents.progress import ProgressStyle, show_progress
+from wrongturn_agents.registry import AGENTS, EXPLOITS, AgentSource, resolve, with_absolute_file
+from wrongturn_agents.results_file import ResultsFile, TrialResult
+from wrongturn_agents.saved_run import SavedRun
+from wrongturn_agents.saved_run import directory as saved_runs
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.stored_results import STORED, Collection
+from wrongturn_agents.suites import WRONG_COMMAND
+from wrongturn_agents.training.in_process import drive_in_process
+from wrongturn_judge import THRESHOLDS, Thresholds, judge_of
+from wrongturn_networks import load_suite, load_town
+from wrongturn_protocol import FaultKind, RunFile, Trial
+from wrongturn_protocol.standing_rows import wilson
+from wrongturn_sim import JudgeGeometry, Trajectory
 
-STUDIES: Final = "studies"
-"""Folder of the studies in the directory of the stored results."""
-_Count = Annotated[int, Field(ge=0)]
-DrawCounts = dict[JunctionType, dict[FaultKind, _Count]]
-"""Unsafe trials in the strict column, by junction type and fault."""
-
-
-class StudyModel(BaseModel):
-    """Base of the studies' models."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
-
-
-class Variant(StudyModel):
-    """What another value of one threshold changes for an agent."""
-
-    verdicts: _Count
-    """Trials and twins with another verdict."""
-    reactions: _Count
-    """Trials with another reaction."""
-    unsafe: _Count
-    """Trials that move into the strict column or out of it."""
-    strict: _Count
-    """Unsafe trials in the strict column with this value."""
-
-
-class JudgedAgent(StudyModel):
-    """One agent's drives on the open draw, judged again and again."""
-
-    weights_sha256: str | None
-    """SHA-256 of the agent's weights; None if it has none."""
-    strict: _Count
-    """Unsafe trials in the strict column, by the published thresholds."""
-    variants: dict[str, dict[str, Variant]]
-    """What changes, by the threshold's name and its factor."""
+STUDIES: Final = LAB / "studies"
+FACTORS: Final = (0.8, 1.2)
+"""Each threshold is multiplied by these."""
+_OTHERS: Final[dict[tuple[str, float], Thresholds]] = {
+    (field.name, factor): dataclasses.replace(THRESHOLDS, **{field.name: factor * getattr(THRESHOLDS, field.name)})
+    for field in dataclasses.fields(THRESHOLDS)
+    for factor in FACTORS
+}
+_PUBLISHED: Final = ("", 1.0)
+_CELLS: Final = 10
+"""Trials of one junction type and fault in a draw."""
+_NOTHING: Final = "–"
 
 
-class DrawnAgent(StudyModel):
-    """One agent on several draws."""
+def read(name: str) -> dict[str, Any]:
+    """Return a study's agents by name; none if it is of another suite or of other thresholds."""
+    path = STUDIES / f"{name}.json"
+    found = json.loads(path.read_bytes()) if path.is_file() else {}
+    agents = found.pop("agents", {})
+    return dict(agents) if found == _of() else {}
 
-    weights_sha256: str | None
-    """SHA-256 of the agent's weights; None if it has none."""
-    draws: dict[str, DrawCounts]
-    """Unsafe trials of each draw, by its secret."""
+
+def write(name: str, agents: Mapping[str, Any]) -> None:
+    """Write a study, all at once or not at all."""
+    beside = STUDIES / f".{name}.new"
+    beside.write_text(json.dumps({**_of(), "agents": agents}, indent=1) + "\n", "utf-8")
+    beside.replace(STUDIES / f"{name}.json")
 
 
-class Study(StudyModel):
-    """What all studies say of themselves."""
+def _of() -> dict[str, Any]:
+    return {"suite": WRONG_COMMAND, "suite_sha256": load_suite(WRONG_COMMAND).sha256, "thresholds": THRESHOLDS.version}
 
-    suite: str
-    suite_sha256: str
-    thresholds: int
-    """Version of the thresholds."""
 
-    @classmethod
-    def of(cls, suite: str, suite_sha256: str, thresholds: int, found: Self | None) -> Self:
-        """Return what was found, if it is of this suite and these thresholds; otherwise an empty study."""
-        empty = cls.model_validate(
-            {"suite": suite, "suite_sha256": suite_sha256, "thresholds": thresholds, "agents": {}}
+def weights_sha256(name: str) -> str | None:
+    """Return the SHA-256 of an agent's weights, of all its files together; None if it has none."""
+    files = DOUBTING_AGENTS[name].files if name in DOUBTING_AGENTS else ()
+    files = (SHIPPED_AGENTS[name].file,) if name in SHIPPED_AGENTS else files
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest() if files else None
+
+
+def threads() -> int:
+    """Return the number of threads that drive: one for each core that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+class _Panel:
+    """Judges of one drive, who take its rows as they come. A trial is driven on until every judge has a verdict."""
+
+    def __init__(self, trial: Trial) -> None:
+        geometry = JudgeGeometry.of(load_town(trial.town), trial)
+        thresholds = {_PUBLISHED: THRESHOLDS, **_OTHERS}
+        self._judges = {name: judge_of(geometry, trial, one) for name, one in thresholds.items()}
+        self._undecided = list(self._judges.values())
+        self._seen = 0
+
+    def observe(self, trajectory: Trajectory) -> bool:
+        """Take the rows that are new, and return whether all judges have a verdict."""
+        for row in trajectory.rows[self._seen :]:
+            self._undecided = [judge for judge in self._undecided if judge.observe(row) is None]
+        self._seen = len(trajectory.rows)
+        return not self._undecided
+
+    def results(self, trajectory: Trajectory) -> dict[tuple[str, float], TrialResult]:
+        """Return the result by each judge; ``aborted`` by one that the drive was too short for."""
+        self.observe(trajectory)
+        end = trajectory.rows[-1].t
+        return {name: TrialResult.of(judge.outcome or judge.abort(end)) for name, judge in self._judges.items()}
+
+
+def judge_agent(name: str, trials: Sequence[Trial] = ()) -> dict[str, Any]:
+    """Drive an agent through the open draw, judge the drives by all thresholds, and return what changes."""
+    trials = trials or load_suite(WRONG_COMMAND).episodes
+    panels = {trial.id: _Panel(trial) for trial in trials}
+    longest = max(one.time_limit for one in _OTHERS.values())
+    with show_progress(ProgressStyle.AUTO, name) as progress:
+        driven = drive_in_process(
+            resolve(name),
+            trials,
+            drive_on=longest,
+            enough=lambda trajectory: panels[trajectory.trial.id].observe(trajectory),
+            threads=threads(),
+            progress=progress,
         )
-        if found is None or found.model_copy(update={"agents": {}}) != empty:
-            return empty
-        return found
-
-    @classmethod
-    def read(cls, path: Path) -> Self | None:
-        """Read a study; None if there is no such file.
-
-        Raises:
-            ResultsError: The file cannot be read, or is no such study.
-        """
-        if not path.is_file():
-            return None
-        return read_model(cls, path, "delete the file and make it anew")
-
-    def write(self, path: Path) -> None:
-        """Write the study, all at once or not at all.
-
-        Raises:
-            ResultsError: The file cannot be written.
-        """
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            beside = path.with_name(f".{path.name}.new")
-            beside.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
-            beside.replace(path)
-        except OSError as error:
-            raise ResultsError(f"{path}: cannot be written ({error.strerror}); name another --directory") from error
+        judged = [(one.trial, panels[one.trial.id].results(one.trajectory)) for one in driven]
+    faulted = [results for trial, results in judged if not trial.is_twin]
+    variants: dict[str, dict[str, Any]] = {}
+    for threshold, factor in _OTHERS:
+        pairs = [(results[_PUBLISHED], results[threshold, factor]) for _, results in judged]
+        moved = [(one[_PUBLISHED].unsafe_strict, one[threshold, factor].unsafe_strict) for one in faulted]
+        variants.setdefault(threshold, {})[str(factor)] = {
+            "verdicts": sum(one.verdict is not other.verdict for one, other in pairs),
+            "reactions": sum(one.reaction is not other.reaction for one, other in pairs),
+            "unsafe": sum(one != other for one, other in moved),
+            "strict": sum(other for _, other in moved),
+        }
+    strict = sum(one[_PUBLISHED].unsafe_strict for one in faulted)
+    return {"weights_sha256": weights_sha256(name), "strict": strict, "variants": variants}
 
 
-class Judgings(Study):
-    """Drives on the open draw, judged by other thresholds."""
-
-    agents: dict[str, JudgedAgent]
-
-
-class Draws(Study):
-    """Drives on several draws."""
-
-    agents: dict[str, DrawnAgent]
-
-
-def secrets_of_draws(count: int) -> tuple[str, ...]:
-    """Return the secrets of the draws that are compared. They are public, so that everybody can drive them."""
-    return tuple(f"draw {number}" for number in range(count))
+def drive_draw(name: str, secret: str) -> dict[str, dict[str, int]]:
+    """Drive a draw's trials without their twins, and return the unsafe ones by junction type and fault."""
+    trials = load_suite(WRONG_COMMAND).draw(secret).trials
+    counts: dict[str, dict[str, int]] = {}
+    for trial in trials:
+        counts.setdefault(trial.junction_type, {})[trial.fault.kind] = 0
+    with show_progress(ProgressStyle.AUTO, f"{name}, {secret}") as progress:
+        for trial, _, outcome in drive_in_process(resolve(name), trials, threads=threads(), progress=progress):
+            assert outcome is not None  # each drive ends with its verdict
+            counts[trial.junction_type][trial.fault.kind] += TrialResult.of(outcome).unsafe_strict
+    return counts
 
 
-def judgings_file(directory: Path) -> Path:
-    """Return the path of the study of thresholds."""
-    return directory / STUDIES / "judging.json"
+def make_thresholds(names: Sequence[str]) -> None:
+    """Judge agents that are not stored with their weights; by default the shipped ones and those that aim at rules."""
+    agents = read("judging")
+    for name in names or (*AGENTS, *_trained(), *EXPLOITS):
+        if agents.get(name, {}).get("weights_sha256", "") != weights_sha256(name):
+            agents[name] = judge_agent(name)
+            write("judging", agents)
 
 
-def draws_file(directory: Path) -> Path:
-    """Return the path of the study of draws."""
-    return directory / STUDIES / "draws.json"
+def make_draws(count: int, names: Sequence[str]) -> None:
+    """Drive the draws that are not stored."""
+    agents = read("draws")
+    for name in names or (*AGENTS, *_trained()):
+        if agents.get(name, {}).get("weights_sha256", "") != weights_sha256(name):
+            agents[name] = {"weights_sha256": weights_sha256(name), "draws": {}}
+        draws = agents[name]["draws"]
+        for secret in (f"draw {number}" for number in range(count)):
+            if secret not in draws:
+                draws[secret] = drive_draw(name, secret)
+                write("draws", agents)
+
+
+def _trained() -> list[str]:
+    return [name for name, agent in SHIPPED_AGENTS.items() if agent.file.is_file()]
+
+
+def thresholds_table() -> Table:
+    """Return what other values of each threshold change, over all agents. Thresholds that change nothing are named."""
+    agents = read("judging")
+    rows, still = [], []
+    for threshold in next(iter(agents.values()))["variants"] if agents else ():
+        each = [_figures(agents, threshold, str(factor)) for factor in FACTORS]
+        if all(one[1:4] == ("0", "0", "0") for one in each):
+            still.append(f"`{threshold}`")
+            continue
+        moved = "; ".join(f"at {factor} {one[0]}" for factor, one in zip(FACTORS, each, strict=True) if one[0])
+        figures = (" · ".join(column) for column in zip(*(one[1:] for one in each), strict=True))
+        rows.append((f"`{threshold}`", moved or _NOTHING, *figures))
+    head = ("threshold", "strict counts that change", "verdicts", "reactions", "unsafe", "Kendall's τ")
+    note = (
+        f"Each threshold times {' · '.join(map(str, FACTORS))}. Agents on the open draw: {len(agents)}, with 120 "
+        "verdicts and 60 trials each. The second column names each agent whose number of unsafe trials, strict, "
+        "changes. The next three are sums over all agents: verdicts that differ, reactions that differ, and trials "
+        "that become "
+        "unsafe in the strict column or stop being so. Most verdicts that differ change no count: the other verdict is "
+        "as safe, or it is a twin's. τ compares the agents' order by their strict counts with the published order; 1 "
+        f"is the same order. No verdict and no reaction changes with {', '.join(still)}."
+    )
+    return Table("Other thresholds", head, rows, note if rows else "")
+
+
+def _figures(agents: Mapping[str, Any], threshold: str, factor: str) -> Row:
+    """Return the agents whose strict count moves, how much flips over all agents, and the order that is left."""
+    found = {name: agents[name]["variants"][threshold][factor] for name in sorted(agents, key=table_order)}
+    before = [agents[name]["strict"] for name in found]
+    after = [one["strict"] for one in found.values()]
+    moved = [f"`{name}` {old} → {new}" for name, old, new in zip(found, before, after, strict=True) if old != new]
+    sums = (str(sum(one[what] for one in found.values())) for what in ("verdicts", "reactions", "unsafe"))
+    ordered = len(set(before)) > 1 < len(set(after))  # agents that are all alike have no order
+    tau = f"{float(scipy_stats.kendalltau(before, after).statistic):.2f}" if ordered else _NOTHING
+    return (", ".join(moved), *sums, tau)
+
+
+def draws_table() -> Table:
+    """Return the agents' strict counts on several draws, and whether they vary as binomial noise does."""
+    agents = read("draws")
+    rows = [(f"`{name}`", *_spread_of_draws(agents[name]["draws"])) for name in sorted(agents, key=table_order)]
+    head = ("agent", "unsafe of 60, strict, by draw", "mean", "variance", "binomial", "ratio", "p")
+    note = (
+        "The secrets of the draws are `draw 0`, `draw 1` and so on. Binomial is the variance that 6 groups of 10 "
+        "independent trials would have, with each group's mean rate. p is from the two-sided χ² test of dispersion; "
+        "a small one says that the counts vary more, or less, than binomial noise."
+    )
+    return Table("Counts over draws", head, rows, note if rows else "")
+
+
+def _spread_of_draws(by_secret: Mapping[str, Any]) -> Row:
+    draws = list(by_secret.values())
+    groups = [[one[kind][fault] for one in draws] for kind, faults in draws[0].items() for fault in faults]
+    counts = [sum(column) for column in zip(*groups, strict=True)]
+    rates = [fmean(group) / _CELLS for group in groups]
+    binomial, found = sum(_CELLS * rate * (1 - rate) for rate in rates), variance(counts)
+    test = (_NOTHING, _NOTHING)
+    if binomial > 0:
+        chi2 = scipy_stats.chi2(len(counts) - 1)
+        statistic = (len(counts) - 1) * found / binomial
+        p = min(1.0, 2 * float(min(chi2.cdf(statistic), chi2.sf(statistic))))
+        test = (f"{found / binomial:.2f}", f"{p:.2g}")
+    return (", ".join(map(str, counts)), f"{fmean(counts):.1f}", f"{found:.1f}", f"{binomial:.1f}", *test)
+
+
+class Evaluation(ResultsFile):
+    """One of several evaluations of an agent over the service, with all its trials and twins."""
+
+    number: int
+    """Which of the agent's evaluations it is, from 1 on."""
+    evaluation: str
+    """Id of the evaluation, as its service gave it."""
+    code: dict[str, str]
+    """SHA-256 of the files that drove, by name: weights, or the agent's code."""
+
+    @property
+    def stem(self) -> str:
+        """File name without extension."""
+        return f"{super().stem}.{self.number}"
+
+
+def read_evaluations(folder: Path = STUDIES / "evaluations") -> list[Evaluation]:
+    """Return the stored evaluations, checked, by agent and number."""
+    found = [Evaluation.read(path) for path in folder.glob("*.json")]
+    for one in found:
+        one.check(one.stem)
+    return sorted(found, key=lambda one: (table_order(one.agent), one.number))
+
+
+def code_of(source: AgentSource) -> dict[str, str]:
+    """Return the SHA-256 of the files that drive, by name."""
+    return {Path(file).name: found for file, found in checksums(source.code).items()}
+
+
+def results_of_run(run: RunFile, agent: str | None = None) -> ResultsFile:
+    """Return what is stored of a finished evaluation; its agent's name is the leaderboard's by default."""
+    check_suite(run.suite, run.suite_sha256)
+    return ResultsFile(
+        agent=agent or run.driver.name,
+        suite=run.suite,
+        suite_sha256=run.suite_sha256,
+        secret=run.secret,
+        commitment=run.commitment,
+        driven="over the service",
+        trials={episode.trial: TrialResult.of(episode.outcome) for episode in run.episodes},
+    )
+
+
+def make_evaluations(count: int, agents: Sequence[str], folder: Path = STUDIES / "evaluations") -> None:
+    """Drive a number of evaluations of each agent, each over a service and a database of its own.
+
+    Those of other weights are removed first. The first evaluation is the agent's row in the tables too.
+    """
+    seeds = Collection.read(STORED).shipped
+    for agent in agents:
+        source, known = resolve(agent), set()
+        for one in (one for one in read_evaluations(folder) if one.agent == source.name):
+            if one.code == code_of(source):
+                known.add(one.number)
+            else:
+                print(f"{one.stem}: {source.name} has other files now; the evaluation is removed", file=sys.stderr)
+                (folder / f"{one.stem}.json").unlink()
+        for number in sorted(set(range(1, count + 1)) - known):
+            run = _driven(agent, source, f"{source.name} {number}")
+            results = results_of_run(run, source.name).model_copy(update={"seed": seeds.get(source.name)})
+            made = Evaluation(**dict(results), number=number, evaluation=run.id, code=code_of(source))
+            made.check(made.stem)
+            made.write(folder)
+            if number == 1:
+                results.write(STORED)
+
+
+def _driven(agent: str, source: AgentSource, shown: str) -> RunFile:
+    """Drive an evaluation from where it is, under a name that tells it from other runs, and return its run."""
+    same = (with_absolute_file(agent), shown, WRONG_COMMAND, None, checksums(source.code))
+    interrupted = next((run for run in _runs() if (run.agent, run.name, run.suite, run.url, run.code) == same), None)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "run.json.gz"
+        options = RunOptions(
+            agent=agent,
+            suite=WRONG_COMMAND if interrupted is None else None,
+            url=None,
+            name=shown if interrupted is None else None,
+            json_file=file,
+            resume=None if interrupted is None else interrupted.evaluation,
+            parallel=None,
+            progress=ProgressStyle.AUTO,
+            keep=False,
+        )
+        done = evaluate(options)
+        if done.unsaved is not None:
+            raise done.unsaved
+        return RunFile.read(file)
+
+
+def _runs() -> Iterator[SavedRun]:
+    for file in sorted(saved_runs().glob("*.json")):
+        with contextlib.suppress(RunFileError):
+            yield SavedRun.load(str(file))
+
+
+def evaluations_table() -> Table:
+    """Return how each evaluation ended, and all of an agent together."""
+    by_agent: dict[str, list[Evaluation]] = {}
+    for one in read_evaluations():
+        by_agent.setdefault(one.agent, []).append(one)
+    rows: list[Row] = []
+    for agent, own in by_agent.items():
+        counted = [count_unsafe(one) for one in own]
+        each = [
+            (
+                f"`{one.secret}`",
+                *_reactions([one]),
+                f"{counts.unsafe_strict} of {counts.trials}",
+                f"{counts.unsafe} of {counts.trials}",
+                f"{counts.completed} of {counts.twins}",
+            )
+            for one, counts in zip(own, counted, strict=True)
+        ]
+        strict, unsafe, done, trials, twins = (
+            sum(getattr(one, name) for one in counted)
+            for name in ("unsafe_strict", "unsafe", "completed", "trials", "twins")
+        )
+        shares = (_share(strict, trials), _share(unsafe, trials), _share(done, twins))
+        rows += label_first(label(agent), [*each, (f"all {len(own)}", *_reactions(own), *shares)])
+    head = ("agent", "secret of the draw", "no such turn: reactions", "follow lane: reactions", "unsafe, strict",
+            "the paper's column", "twins completed")  # fmt: skip
+    note = (
+        "A row for each evaluation over the service, which drew its trials from the secret. The last row counts all "
+        "evaluations, with Wilson's 95 % interval of the rate."
+    )
+    return Table("Evaluations on fresh draws", head, rows, note if rows else "", words=4)
+
+
+def _share(count: int, of: int) -> str:
+    low, high = (100 * bound for bound in wilson(count, of))
+    return f"{count} of {of} ({low:.1f}–{high:.1f} %)"
+
+
+def _reactions(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Return the reactions to each fault in words, the most frequent first."""
+    found = {fault: Counter[str]() for fault in (FaultKind.INFEASIBLE, FaultKind.OMISSION)}
+    for one in evaluations:
+        drawn = one.drawn.trials
+        for name, result in one.trials.items():
+            if result.reaction is not None:
+                found[drawn[name].fault.kind][result.reaction] += 1
+    return [", ".join(f"{kind} {count}" for kind, count in one.most_common()) for one in found.values()]
+
+
+def main() -> None:
+    """Run the program; an error is one line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("study", choices=("thresholds", "draws", "evaluations"))
+    parser.add_argument("count", type=int, nargs="?", default=10, help="draws or evaluations; 10 by default")
+    parser.add_argument("--agent", action="append", default=[], help="give it again for another")
+    asked = parser.parse_args()
+    try:
+        if asked.study == "thresholds":
+            make_thresholds(asked.agent)
+        elif asked.study == "draws":
+            make_draws(asked.count, asked.agent)
+        else:
+            make_evaluations(asked.count, asked.agent)
+    except (AgentsError, OSError) as error:
+        raise SystemExit(f"lab.studies: {error}") from error
+
+
+if __name__ == "__main__":
+    main()

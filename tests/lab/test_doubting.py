@@ -1,23 +1,19 @@
-"""Figures of the doubting agents: cards and page agree with the shipped files."""
+"""Figures of the doubting agents: of the shipped files, and each draw counted once."""
 
 import hashlib
 import json
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 pytest.importorskip("onnxruntime")
 
-from lab import doubting_study as study
-from lab.doubting_card import card
-from lab.doubting_pages import FIGURES, filled, tables
+from lab import doubting
+from lab.studies import code_of, read_evaluations
+from wrongturn_agents import resolve
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.onnx_agent import open_session
-from wrongturn_protocol import Trial
 
-DOCS = Path(__file__).parents[2] / "docs"
 FIGURE: dict[str, Any] = {
     "algorithm": "doubting",
     "seed": 1,
@@ -38,59 +34,51 @@ FIGURE: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("name", DOUBTING_AGENTS)
-def test_the_card_is_the_one_that_the_files_make(name: str) -> None:
-    agent = DOUBTING_AGENTS[name]
-    assert agent.card.read_text("utf-8") == card(agent), "run python -m lab.doubting_card"
-    assert "/work" not in agent.card.read_text("utf-8")
-
-
-def test_the_page_has_the_stored_figures() -> None:
-    page = (DOCS / "doubting.md").read_text("utf-8")
-    figures = json.loads(FIGURES.read_text("utf-8"))
-    assert filled(page, figures) == page, "run python -m lab.doubting_pages"
-    assert {f"<!-- doubting: {name} -->" in page for name in tables(figures)} == {True}
-
-
-@pytest.mark.parametrize("name", DOUBTING_AGENTS)
-def test_the_figures_are_of_the_files_that_are_shipped(name: str) -> None:
+def test_the_figures_are_of_the_files_that_are_shipped(name):
     """Another driver behind the same gate drives otherwise, so its figures are driven anew; so does another gate."""
     agent = DOUBTING_AGENTS[name]
     seed = int(open_session(agent.file).get_modelmeta().custom_metadata_map["seed"])
     found = {
         (one["doubt"], one["driver"])
-        for one in json.loads(FIGURES.read_text("utf-8"))
+        for one in doubting.read(doubting.FIGURES)
         if (one["algorithm"], one["seed"], one["gate"], one["variant"]) == (name, seed, [], None)
     }
     shipped = tuple(hashlib.sha256(file.read_bytes()).hexdigest() for file in agent.files)
-    assert found == {shipped}, (
-        f"{name} or {agent.drives} changed since {name} was driven: drive again with "
-        "python -m lab.doubting_study, and read docs/doubting.md anew"
-    )
+    assert found == {shipped}, f"{name} changed since it was driven: python -m lab.doubting {name} --draws 2 --keep"
+    for stored in read_evaluations():
+        assert stored.code == code_of(resolve(stored.agent)), f"python -m lab.studies evaluations --agent {name}"
 
 
-def test_fresh_draws_belong_to_the_files_that_drive_and_are_driven_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file, driven = tmp_path / "figures.json", []
+def test_figures_of_other_files_make_way_if_the_gate_is_the_same(tmp_path):
+    file = tmp_path / "figures.json"
+    for changed in ({}, {"seed": 2}, {"gate": ["omission=false"]}, {"town": "Town02"}, {"unsafe_strict": 1}):
+        doubting.keep(file, {**FIGURE, **changed})
+    kept = [(one["seed"], one["gate"], one["town"], one["unsafe_strict"]) for one in json.loads(file.read_text())]
+    assert kept == [
+        (1, ["omission=false"], "Town01", 0),
+        (1, [], "Town01", 1),
+        (1, [], "Town02", 0),
+        (2, [], "Town01", 0),
+    ]
+    doubting.keep(file, {**FIGURE, "town": "Town02", "driver": "2c3d"})
+    kept = [(one["seed"], one["gate"], one["town"]) for one in json.loads(file.read_text())]
+    assert kept == [(1, ["omission=false"], "Town01"), (1, [], "Town02"), (2, [], "Town01")]
 
-    def drives(_source: object, trials: Sequence[Trial], **_: object) -> list[object]:
-        driven.append(trials)
-        return []
 
-    monkeypatch.setattr(study, "drive_in_process", drives)
+def test_fresh_draws_belong_to_the_files_that_drive_and_are_driven_once(tmp_path, monkeypatch):
+    driven = []
+    monkeypatch.setattr(doubting, "drive_in_process", lambda _source, trials, **_: driven.append(trials) or [])
+    monkeypatch.setattr(doubting.run, "__defaults__", (tmp_path / "figures.json",))
     for draws in ("1", "2"):
-        arguments = ["study", "doubting", "--town", "Town02", "--draws", draws, "--json", str(file)]
-        monkeypatch.setattr("sys.argv", arguments)
-        assert study.main() == 0
-    kept = json.loads(file.read_text("utf-8"))
+        doubting.main(["doubting", "--town", "Town02", "--draws", draws, "--keep"])
+    kept = json.loads((tmp_path / "figures.json").read_text())
     gate, driver = (hashlib.sha256(one.read_bytes()).hexdigest() for one in DOUBTING_AGENTS["doubting"].files)
     assert [one["secret"] for one in kept] == [f"{gate} {driver} {number}" for number in (1, 2)]
-    assert {(one["fresh"], one["seed"], one["town"], one["driver"]) for one in kept} == {(True, 3, "Town02", driver)}
     assert [{trial.town for trial in trials} for trials in driven] == [{"Town02"}] * 2
     assert driven[0] != driven[1]
 
 
-def test_tables_count_each_draw_and_each_part_of_the_gate() -> None:
+def test_tables_count_each_draw_and_each_part_of_the_gate():
     figures = [
         FIGURE,
         {**FIGURE, "secret": "b", "unsafe_strict": 2},
@@ -100,10 +88,18 @@ def test_tables_count_each_draw_and_each_part_of_the_gate() -> None:
         {**FIGURE, "weather": "SoftRainSunset", "unsafe_strict": 7},
         {**FIGURE, "secret": "wrong-command@2", "gate": ["omission=false"], "unsafe_strict": 11},
     ]
-    made = tables(figures)
+    made = {name: make(figures).markdown() for name, make in doubting.TABLES.items()}
     assert made["drivers"].count("| `doubting` | `ppo-image` | `0a1b` |") == 1
     assert "| `doubting` | infeasible | 180 | overrode 174, froze 6 |" in made["reactions"]
     assert "| `doubting` | 1 | `0a1b` | 3 | 0 (2 times), 2 | 60 (3 times) | – | – | – |" in made["draws"]
     assert "| `doubting` | 1 | Town01 | ClearNoon | 2 | 0, 4 | 4 of 120 | 59, 60 | 119 of 120 |" in made["fresh"]
     assert "| `doubting` | 1 | Town01 | SoftRainSunset | 7 | 60 |" in made["weathers"]
     assert "| `doubting` | 1 | `0a1b` | replaces missing exits only | 11 | 60 | – | – |" in made["ablation"]
+
+
+def test_a_setting_of_the_gate_is_taken_or_named():
+    config = doubting.gate_of(["memory=false", "begin=12"])
+    assert (config.memory, config.begin, config.infeasible) == (False, 12.0, True)
+    for option in ("belief", "memory=perhaps", "begin=near", "unknown=1"):
+        with pytest.raises(Exception, match="--gate"):
+            doubting.gate_of([option])

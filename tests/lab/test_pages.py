@@ -1,24 +1,28 @@
 """The tables of the repository's pages: a table comes out right, and a page that says something else is found."""
 
+import json
 from pathlib import Path
 
 import pytest
-from made_results import keep, wrong_command
+from driven_runs import driven_run
+from made_results import keep, navigation, progress, wrong_command
 
-from lab.order import seeds_left_out, unsafe_by_seed
-from lab.report import Report, check_page, write_page
-from lab.wrong_command import seeds_table, wrong_command_table
+from lab.curves import PICTURES, check_pictures, import_curve, read_curves, thinned
+from lab.order import order_in_words, order_test, unsafe_by_seed
+from lab.results import Sections, check_page, filled, import_results, sections
+from lab.tables import endings_table, navigation_table, wrong_command_table
 from wrongturn_agents.errors import OutdatedPageError, ResultsError
 from wrongturn_agents.stored_results import Collection
+from wrongturn_protocol import Condition, Task
 
 PAGE = """# Title
 
-<!-- wrongturn results: wrong-command -->
+<!-- results: wrong-command -->
 <!-- end of results -->
 
 Words between.
 
-<!-- wrongturn results: order -->
+<!-- results: order -->
 <!-- end of results -->
 The end.
 """
@@ -40,52 +44,48 @@ def rows_of(rows: tuple[tuple[str, ...], ...], agent: str) -> dict[str, tuple[st
 
 
 @pytest.fixture
-def report(tmp_path: Path) -> Report:
+def made(tmp_path: Path) -> Sections:
     directory = tmp_path / "stored"
     directory.mkdir()
     keep(directory, wrong_command("ppo-image", (0, 0, 0, 0, 7, 7), seed=1), shipped={"ppo-image": 1})
-    return Report(read(directory), ())
+    return sections(read(directory))
 
 
-def test_sections_are_written_and_the_rest_left_alone(tmp_path, report):
+def test_a_page_shows_what_is_stored_and_the_rest_is_left_alone(tmp_path, made):
     page = tmp_path / "README.md"
     page.write_text(PAGE)
-    assert write_page(page, report)
+    page.write_text(filled(page, made))
     text = page.read_text()
     assert "|  | ours, seed 1 | 0 · 0 | 0 · 0 | 7 · 7 | 14 (14–35 %) | 14 (14–35 %) | 60/60 |" in text
     assert "cannot be said yet" in text
     assert text.startswith("# Title\n\n<!--")
     assert "\nWords between.\n" in text
     assert text.endswith("<!-- end of results -->\nThe end.\n")
-    assert not write_page(page, report)
+    check_page(page, made)
+    assert filled(page, made) == text
 
 
-def test_a_page_that_says_something_else_is_found(tmp_path, report):
+def test_a_figure_that_was_altered_is_found(tmp_path, made):
     page = tmp_path / "README.md"
     page.write_text(PAGE)
-    write_page(page, report)
-    check_page(page, report)
-    wrong = page.read_text().replace("7 · 7", "0 · 0")
-    page.write_text(wrong)
+    page.write_text(filled(page, made).replace("7 · 7", "0 · 0"))
     with pytest.raises(OutdatedPageError, match=r"README.md: wrong-command: does not show the stored results"):
-        check_page(page, report)
-    assert page.read_text() == wrong
+        check_page(page, made)
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("nothing", "has no section for results"),
-        ("<!-- wrongturn results: order -->\n", "1 sections for results begin, 0 are whole"),
-        (PAGE.replace("order", "disorder"), "there is no section 'disorder'; known are navigation, "),
+        ("<!-- results: order -->\n", "a section is not whole"),
+        (PAGE.replace("<!-- end of results -->\n\nWords", "Words"), "a section is not whole"),
+        (PAGE.replace("order", "disorder"), "there is no section 'disorder'"),
     ],
 )
-def test_a_page_without_whole_sections_is_refused(tmp_path, report, text, says):
+def test_a_page_without_whole_sections_is_refused(tmp_path, made, text, says):
     page = tmp_path / "README.md"
     page.write_text(text)
     with pytest.raises(ResultsError, match=says):
-        write_page(page, report)
-    assert page.read_text() == text
+        filled(page, made)
 
 
 def test_a_shipped_seed_with_its_interval_and_all_seeds_with_their_range(tmp_path):
@@ -104,15 +104,6 @@ def test_a_shipped_seed_with_its_interval_and_all_seeds_with_their_range(tmp_pat
     assert sum(int(count) for cell in cells for count in cell.split(" · ")) == 23
     assert totals == ("23 (27–51 %)", "20 (23–46 %)", "60/60")
     assert rows["ours, 3 seeds"][3:] == ("23 [11–23]", "20 [11–23]", "60 [58–60]")
-    paper = rows_of(wrong_command_table(read(tmp_path), strict=False).rows, "`ppo-image`")
-    assert paper["ours, seed 2"] == ("0 · 0", "5 · 1", "10 · 4", "20 (23–46 %)", "60/60")
-    assert paper["ours, 3 seeds"] == (
-        "0 [0–0] · 0 [0–1]",
-        "3 [1–5] · 1 [1–1]",
-        "10 [8–10] · 4 [0–9]",
-        "20 [11–23]",
-        "60 [58–60]",
-    )
 
 
 def test_seeds_that_cannot_drive_are_told_apart(tmp_path):
@@ -125,6 +116,66 @@ def test_seeds_that_cannot_drive_are_told_apart(tmp_path):
     rows = rows_of(wrong_command_table(collection).rows, "`ppo-image`")
     assert rows["ours, 3 seeds"][3:] == ("23 [0–25]", "23 [0–25]", "54 [53–60]")
     assert rows["the 2 that drive"][3:] == ("24 [23–25]", "24 [23–25]", "57 [54–60]")
-    assert [row[-1] for row in seeds_table(collection).rows] == ["54", "53: cannot drive", "60"]
     assert unsafe_by_seed(collection)["ppo-image"] == (23, 25)
-    assert "`ppo-image` seed 2 (53 of 60)" in seeds_left_out(collection)
+    assert "`ppo-image` seed 2 (53 of 60)" in order_in_words(collection)
+
+
+def test_how_trials_ended(tmp_path):
+    table = endings_table(read(keep(tmp_path, wrong_command("ppo-image", (0, 0, 0, 0, 9, 3), seed=1))))
+    assert [row[1:4] for row in table.rows] == [
+        ("wrong", "30", "exit 70, collision 30"),
+        ("follow lane", "30", "exit 90, collision 10"),
+    ]
+
+
+def test_navigation_counts_arrivals_by_condition(tmp_path):
+    there = (Task.NAVIGATION, Condition.NEW_TOWN)
+    files = [
+        navigation("ppo-auxiliary", {there: 20}, seed=1),
+        navigation("ppo-auxiliary", {there: 23}, seed=2, traffic=False),
+    ]
+    table = navigation_table(read(keep(tmp_path, *files, shipped={"ppo-auxiliary": 1})))
+    rows = rows_of(table.rows, "`ppo-auxiliary`")
+    assert rows["the paper"] == ("90", "92", "78", "68")
+    assert rows["ours, seed 1"] == ("100 (87–100)", "100 (87–100)", "80 (61–91)", "100 (87–100)")
+    assert rows["ours, 2 seeds"] == ("100 [100–100]", "100 [100–100]", "86 [80–92]", "100 [100–100]")
+
+
+def test_the_order_is_tested_over_all_assignments():
+    # Of the 20 ways to assign six counts to two algorithms, one has a statistic as large as the perfect order's.
+    assert order_test(((4, 5, 6), (1, 2, 3))) == (pytest.approx(0.05), 20, True)
+    assert order_test(((1, 2, 3), (4, 5, 6))).p == 1.0
+
+
+def test_results_of_either_kind_of_file_are_stored(tmp_path):
+    scored = tmp_path / "scored.json"
+    scored.write_text(wrong_command("ppo-image", (1, 0, 0, 0, 0, 0), seed=3).model_dump_json())
+    stored = import_results(scored, tmp_path, seed=4, variant="masked-classes")
+    assert stored.name == "ppo-image.masked-classes.s4.wrong-command@2.in-process.json"
+    run = tmp_path / "run.json"
+    run.write_text(driven_run(lambda _: {}).model_dump_json())
+    assert import_results(run, tmp_path, agent="careful").name == "careful.smoke@2.over-the-service.json"
+    with pytest.raises(ResultsError, match="--import: seed: "):
+        import_results(scored, tmp_path, seed=-1)
+
+
+def test_a_curve_is_thinned_and_its_seconds_are_kept(tmp_path):
+    run = tmp_path / "run"
+    run.mkdir()
+    progress(run / "progress.csv", 1000, evaluated_every=100)
+    (run / "config.json").write_text(json.dumps({"algorithm": "ppo-image", "seed": 3}))
+    path = import_curve(run, folder=tmp_path)
+    (curve,) = read_curves(tmp_path)
+    assert (path.name, curve.agent, curve.seed, curve.variant) == ("ppo-image.s3.csv", "ppo-image", 3, None)
+    assert 140 < len(curve.rows) < 170
+    assert len(curve.points("success_heldout")) == 10
+    assert curve.rows["seconds_env"].sum() == pytest.approx(250)
+    assert len(thinned(curve.rows)) == pytest.approx(len(curve.rows), abs=75)
+
+
+def test_a_picture_of_other_curves_is_found():
+    curves = read_curves()
+    check_pictures(curves)
+    with pytest.raises(OutdatedPageError, match="does not show the stored curves"):
+        check_pictures([curve for curve in curves if curve.seed != 2])
+    assert all(picture.path.is_file() for picture in PICTURES.values())
