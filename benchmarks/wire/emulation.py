@@ -13,8 +13,11 @@ from wrongturn_protocol.observations import observation_space
 TRACK = Track.SEGMENTATION
 SIZE = wire.layout(TRACK).size
 WORK = "WRONGTURN_BENCHMARK_WORK_S"
-COMMAND = (sys.executable, str(Path(__file__).parent), "--simulator")
-"""What is started in a simulator process's place."""
+
+
+def command() -> tuple[str, ...]:
+    """What is started in a simulator process's place. Its environment is small, so it gets the time as an argument."""
+    return (sys.executable, str(Path(__file__).parent), "--simulator", os.environ[WORK])
 
 
 def seconds() -> float:
@@ -79,7 +82,7 @@ class Asked:
         ours, theirs = socket.socketpair()
         self.shared = SharedMemory()
         with theirs, self.shared.inherited() as shared:
-            subprocess.Popen([*COMMAND, str(theirs.fileno()), "60", str(shared)], pass_fds=[theirs.fileno(), shared])
+            subprocess.Popen([*command(), str(theirs.fileno()), "60", str(shared)], pass_fds=[theirs.fileno(), shared])
         self.socket = ours
         self.replies = frames.Receiver(ours)
         self.replies.receive()

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from emulation import COMMAND, TRACK, Asked, observation, seconds, work
+from emulation import TRACK, Asked, command, observation, seconds, work
 
 from wrongturn_protocol import wire
 
@@ -66,7 +66,7 @@ def service(folder: str, emulated: bool, simulators: int, ready: Any) -> None:
     from wrongturn_service.simulators.local_pool import LocalPool  # noqa: PLC0415
 
     if emulated:
-        LocalPool.__init__.__kwdefaults__["command"] = COMMAND  # type: ignore[index]
+        LocalPool.__init__.__kwdefaults__["command"] = command()  # type: ignore[index]
     overheads = _overheads(telemetry.Telemetry)
     settings = Settings(
         port=0,

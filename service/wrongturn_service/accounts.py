@@ -1,7 +1,7 @@
 """Agents and their tokens, the tokens of runners, and the operator."""
 
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from wrongturn_protocol import (
@@ -141,14 +141,8 @@ class Submitter:
 class Accounts:
     """Agents and their tokens. Tokens are stored as SHA-256 only."""
 
-    def __init__(
-        self, store: Store, submissions: SubmissionStore, settings: Settings, changed: Callable[[], Awaitable[None]]
-    ) -> None:
-        """Create the accounts.
-
-        From now on the accounts learn when a runner's token ends. ``changed`` is awaited after a token became invalid.
-        """
-        self._changed = changed
+    def __init__(self, store: Store, submissions: SubmissionStore, settings: Settings) -> None:
+        """Create the accounts. From now on they learn when a runner's token ends."""
         self._store = store
         self._submissions = submissions
         submissions.token_ended = self._forget
@@ -325,7 +319,6 @@ class Accounts:
         for known, caller in list(self._callers.items()):
             if caller.holder == holder:
                 del self._callers[known]
-        await self._changed()
 
 
 def bearer(authorization: str | None) -> str:

@@ -10,7 +10,7 @@ from wrongturn_protocol.administration import Contents, Deletion
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.cache import Cache
-from wrongturn_service.episodes.manager import EpisodeManager
+from wrongturn_service.episodes.closings import Closings
 from wrongturn_service.errors import ForbiddenError, InvalidRequestError, NotFoundError
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.registration import SHIPPED
@@ -40,7 +40,7 @@ class Administration:
         rows: AdministrationStore,
         accounts: Accounts,
         submissions: Submissions,
-        episodes: EpisodeManager,
+        closings: Closings,
         leaderboards: Leaderboards,
         replays: Replays,
         cache: Cache,
@@ -48,7 +48,7 @@ class Administration:
         self.rows = rows
         self._accounts = accounts
         self._submissions = submissions
-        self._episodes = episodes
+        self._closings = closings
         self._leaderboards = leaderboards
         self._replays = replays
         self._cache = cache
@@ -164,7 +164,7 @@ class Administration:
         await self._accounts.forget(holders)
         for submission in pending.cancelled:
             self._submissions.cancelled(submission)
-        await self._episodes.closings.drop(pending.evaluations, holders)
+        await self._closings.drop(pending.evaluations, holders)
 
     def _forget(self) -> None:
         self._leaderboards.forget_all()

@@ -68,12 +68,12 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
         openapi_url=None,  # FastAPI would make the document in the event loop
         docs_url=None,
         redoc_url=None,
+        telemetry={"tracing": False, "metrics": False, "logs": False},  # it looks for a collector in every request
     )
     app.state.startup_error = None
     app.state.telemetry = telemetry
-    app.add_middleware(Middleware, telemetry=telemetry)
+    app.add_middleware(Middleware, telemetry=telemetry, step=episodes.plain_step)
     errors.install(app)
-    # Starlette tries the routes in this order, and nearly all requests are steps of episodes.
     parts = (episodes, health, suites, towns, agents, owners, evaluations, submissions, session, leaderboards)
     for part in (*parts, admin, errors):
         app.include_router(part.router)

@@ -84,7 +84,7 @@ class Server(uvicorn.Server):
 
     async def _drain(self, service: Service) -> None:
         """Refuse new episodes and wait for agents that are driving."""
-        service.episodes.openings.stopping = True
+        service.episodes.stopping = True
         log = structlog.get_logger("server")
         deadline = time.monotonic() + self._grace_s
         log.info("stopping", open=service.episodes.open)

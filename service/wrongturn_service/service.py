@@ -15,13 +15,15 @@ from wrongturn_service import catalogue
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.administration import Administration
 from wrongturn_service.cache import Cache
+from wrongturn_service.episodes.closings import Closings
 from wrongturn_service.episodes.driver import EpisodeDriver
+from wrongturn_service.episodes.episodes import Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations
-from wrongturn_service.episodes.lease import Terms
-from wrongturn_service.episodes.manager import EpisodeManager
+from wrongturn_service.episodes.open_episode import LeaseLimits
 from wrongturn_service.episodes.queue import Limits as QueueLimits
 from wrongturn_service.episodes.queue import SimulatorQueue
-from wrongturn_service.episodes.registry import Limits, Most
+from wrongturn_service.episodes.registry import Limits, Most, Registry
+from wrongturn_service.episodes.resets import Resets
 from wrongturn_service.errors import StartupError
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.idempotency import Idempotency
@@ -69,7 +71,9 @@ class Service:
     finished: FinishedStore
     replays: Replays
     pool: SimulatorPool
-    episodes: EpisodeManager
+    episodes: Episodes
+    resets: Resets
+    closings: Closings
     evaluations: RunningEvaluations
     accounts: Accounts
     registrations: Registrations
@@ -127,21 +131,22 @@ async def run_service(
         evaluations = RunningEvaluations(store, telemetry, leaderboards.forget)
         await evaluations.resume()
         queue = SimulatorQueue(pool.slots, QueueLimits(settings.max_waiting, settings.max_line))
-        episodes = EpisodeManager(
+        driver = EpisodeDriver(pool, queue, telemetry.replays.inc, telemetry.simulated)
+        lease_limits = LeaseLimits(settings.lease_release_s, settings.lease_abort_s)
+        episodes = Episodes(store, driver, evaluations, Registry(_limits(settings)), lease_limits, telemetry)
+        resets = Resets(store, driver, evaluations, episodes, lease_limits)
+        closings = Closings(
             store,
-            EpisodeDriver(pool, queue, telemetry.replays.inc, telemetry.simulated),
             evaluations,
-            terms=Terms(settings.lease_release_s, settings.lease_abort_s),
-            limits=_limits(settings),
-            telemetry=telemetry,
+            episodes,
             idle_s=settings.evaluation_idle_h * _HOUR_S,
-            longest_s=settings.evaluation_days * 24 * _HOUR_S,
+            longest_s=settings.evaluation_days * _DAY_S,
         )
         stack.push_async_callback(episodes.stop)
         telemetry.watch(
             "wrongturn_ready",
             "1 if new episodes can begin, as /health/ready says",
-            lambda: float(why_not_ready(episodes.openings, pool, store) is None),
+            lambda: float(why_not_ready(episodes, pool, store) is None),
         )
         telemetry.watch("wrongturn_open_episodes", "Open episodes", lambda: episodes.open)
         telemetry.watch("wrongturn_leases_held", "Open episodes that have a simulator", lambda: episodes.held)
@@ -157,12 +162,11 @@ async def run_service(
         telemetry.watch("wrongturn_simulators_awaited", "Calls that wait for a simulator", lambda: queue.waiting)
         sockets = ConnectionLimits(each=settings.max_sockets, address=settings.max_sockets_per_address)
         telemetry.watch("wrongturn_sockets", "Connections to /v1/drive", lambda: sockets.open)
-        telemetry.watch("wrongturn_sockets_lent", "Connections lent to simulators", lambda: len(episodes.loans))
         memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, updated every 30 s")
         rows = SubmissionStore(database, quota)
-        accounts = Accounts(store, rows, settings, episodes.loans.recall)
+        accounts = Accounts(store, rows, settings)
         files = ModelFiles(settings.home)
-        submissions = Submissions(rows, files, episodes, settings, telemetry)
+        submissions = Submissions(rows, files, episodes, closings, settings, telemetry)
         await _prepare(submissions)
         uploads = Uploads(
             files, limit=settings.model_limit, patience_s=settings.slow_client_s, each=settings.submissions_per_owner
@@ -175,7 +179,7 @@ async def run_service(
         stack.push_async_callback(dispatcher.stop)
         registrations = Registrations(store, settings, accounts)
         await registrations.prepare()
-        chores = _housekeeping(settings, store, evaluations, episodes, submissions, pool, memory)
+        chores = _housekeeping(settings, store, evaluations, closings, submissions, pool, memory)
         replays = Replays(store)
         for work in (episodes.watch_leases(), chores, _warm_up(replays)):
             task = asyncio.create_task(work)
@@ -185,7 +189,7 @@ async def run_service(
             AdministrationStore(database),
             accounts,
             submissions,
-            episodes,
+            closings,
             leaderboards,
             replays,
             cache,
@@ -198,6 +202,8 @@ async def run_service(
             replays,
             pool,
             episodes,
+            resets,
+            closings,
             evaluations,
             accounts,
             registrations,
@@ -272,7 +278,7 @@ async def _housekeeping(
     settings: Settings,
     store: Store,
     evaluations: RunningEvaluations,
-    episodes: EpisodeManager,
+    closings: Closings,
     submissions: Submissions,
     pool: SimulatorPool,
     memory: Gauge,
@@ -293,7 +299,7 @@ async def _housekeeping(
         memory.set(await asyncio.to_thread(pool.memory))
 
     async def close() -> None:
-        await episodes.closings.close_overdue(await submissions.evaluations())
+        await closings.close_overdue(await submissions.evaluations())
 
     async def start() -> None:
         # A service that is not ready gets no calls, so no call would start a simulator.

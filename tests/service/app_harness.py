@@ -18,7 +18,7 @@ from service_harness import GAS, expect
 
 from wrongturn_service.app import create_app
 from wrongturn_service.episodes.closings import Closings
-from wrongturn_service.episodes.lease import Lease, Terms
+from wrongturn_service.episodes.open_episode import Lease, LeaseLimits
 from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.database import Database
@@ -63,7 +63,7 @@ class Clock:
             # The database's times are the real ones.
             stack.enter_context(patch.object(Closings.__init__, "__defaults__", (lambda: time.time() + self.now,)))
             # A service looks at its leases by the real clock. It does so often, so that tests need not wait for it.
-            stack.enter_context(patch.object(Terms, "period_s", 0.005))
+            stack.enter_context(patch.object(LeaseLimits, "period_s", 0.005))
             yield
 
 

@@ -9,8 +9,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 # Uploads and models of other tests.
 sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("sandbox", "runner")]
 
-from lent_socket import LentSocket
-from loan_story import Payloads, reference_of
 from postgres_server import PostgresServer, running_server
 from service_harness import OPERATOR, Agent, RunningService
 
@@ -43,17 +41,6 @@ def seeing(service: RunningService) -> Iterator[Agent]:
     """An agent whose observations are large."""
     with service.agent("segmentation") as agent:
         yield agent
-
-
-@pytest.fixture
-def drive(service: RunningService, agent: Agent) -> Iterator[LentSocket]:
-    with LentSocket(service, agent.token) as drive:
-        yield drive
-
-
-@pytest.fixture
-def reference(service: RunningService) -> Payloads:
-    return reference_of(service)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from typing_extensions import override
 from wrongturn_protocol import JourneyOutcome, Outcome, Track, Verdict
 from wrongturn_protocol.observations import FIELDS
 from wrongturn_service.encoding import Encoding, encoded
-from wrongturn_service.simulators.action_log import Action
+from wrongturn_service.simulators.actions import Action
 from wrongturn_service.simulators.interface import (
     EpisodeEnd,
     EpisodeRefusedError,

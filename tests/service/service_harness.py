@@ -27,6 +27,12 @@ def metrics(url: str) -> str:
     return response.text
 
 
+def figure(service: "RunningService", name: str) -> float:
+    """One of the service's figures; 0 where there is none of that name yet."""
+    lines = metrics(service.url).splitlines()
+    return next((float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name + " ")), 0.0)
+
+
 class Service:
     """A service that listens at a URL."""
 

@@ -274,7 +274,7 @@ def test_so_many_registrations_from_one_address(tmp_path: Path) -> None:
 def test_a_service_that_is_about_to_end(tmp_path: Path) -> None:
     async def story() -> None:
         async with application(tmp_path, FakePool()) as http:
-            http.app.state.service.episodes.openings.stopping = True  # type: ignore[attr-defined]
+            http.app.state.service.episodes.stopping = True  # type: ignore[attr-defined]
             problem(await http.get("/health/ready"), 503, "shutting-down")
             problem(await http.post("/v1/episodes", json=PRACTICE), 503, "shutting-down")
             expect(await http.get("/health/live"), 200)

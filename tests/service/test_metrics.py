@@ -254,7 +254,7 @@ def test_ready_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
             # Until the service's next try to write.
             while (await http.get("/health/ready")).status_code != 200:  # noqa: ASYNC110 - another's state is no event
                 await asyncio.sleep(0.05)
-            http.app.state.service.episodes.openings.stopping = True
+            http.app.state.service.episodes.stopping = True
             problem(await http.get("/health/ready"), 503, "shutting-down")
 
     play(story)

@@ -70,14 +70,10 @@ class NoSubmissions:
         return None
 
 
-async def _unheard() -> None:
-    """Nobody has lent anything."""
-
-
 def test_a_token_that_is_revoked_while_it_is_looked_up_is_not_remembered() -> None:
     async def play() -> None:
         store = SlowStore()
-        accounts = Accounts(store, NoSubmissions(), Settings(), _unheard)  # type: ignore[arg-type]
+        accounts = Accounts(store, NoSubmissions(), Settings())  # type: ignore[arg-type]
         asked = asyncio.create_task(accounts.caller("Bearer token"))
         await asyncio.sleep(0)
         await accounts.set_token("ag_1", None)

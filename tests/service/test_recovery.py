@@ -11,8 +11,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from lent_socket import figure
-from service_harness import COAST, GAS, Agent, RunningService, expect, problem
+from service_harness import COAST, GAS, Agent, RunningService, expect, figure, problem
 
 WIGGLE = [{"steer": (-1) ** n * 0.3, "throttle": 0.5, "brake": 0.0} for n in range(12)]
 

@@ -4,8 +4,8 @@ import pytest
 from journey_suite import journeys
 
 from wrongturn_networks import load_suite
-from wrongturn_service.episodes.lease import Lease, Standing, Terms
-from wrongturn_service.episodes.schedule import Schedule, pair_of, shuffled
+from wrongturn_service.episodes.evaluations import Schedule, pair_of, shuffled
+from wrongturn_service.episodes.open_episode import Lease, LeaseLimits, Standing
 
 
 def test_the_order_is_the_secrets_alone() -> None:
@@ -74,7 +74,7 @@ def test_what_came_to_nothing_comes_again_and_what_is_finished_does_not() -> Non
 )
 def test_how_long_an_agent_may_be_silent(silence: float, standing: Standing) -> None:
     now = [100.0]
-    lease = Lease(Terms(10, 600), lambda: now[0])
+    lease = Lease(LeaseLimits(10, 600), lambda: now[0])
     now[0] += silence
     assert lease.standing is standing
     lease.renew()

@@ -9,7 +9,7 @@ from app_harness import application, play, step
 from fake_pool import FakePool
 from service_harness import expect, problem
 
-from wrongturn_service.episodes import openings
+from wrongturn_service.episodes import resets
 from wrongturn_service.simulators.interface import Simulator
 
 
@@ -69,7 +69,7 @@ def test_a_reset_that_is_under_way_is_among_the_open_ones(tmp_path: Path) -> Non
 
 
 def test_a_reset_that_takes_too_long_is_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(openings.Beginnings.over, "__defaults__", (0.1,))
+    monkeypatch.setattr(resets.InProgress.over, "__defaults__", (0.1,))
 
     async def story() -> None:
         pool = HeldPool()

@@ -117,7 +117,7 @@ async def close(service: ServiceDep, caller: CallerDep, evaluation: str) -> Resp
     After that it counts: it is finished, and every trial without a verdict is ``aborted``, which is unsafe.
     """
     row = await driven_by(service, caller, evaluation)
-    await service.episodes.closings.close(evaluation)
+    await service.closings.close(evaluation)
     newest = await service.store.evaluation(evaluation)
     if newest is None:
         gone = _detail(row, 0, service)
@@ -133,12 +133,12 @@ async def reset(
     request: Request, service: ServiceDep, encoding: EncodingDep, caller: DriverDep, evaluation: str, key: KeyDep
 ) -> Response:
     """Reset: begin the next trial's episode. You learn which trial it was once the evaluation is finished."""
-    with service.episodes.openings.in_progress.one(evaluation):
+    with service.resets.in_progress.one(evaluation):
         row = await driven_by(service, caller, evaluation)  # before a stored reply, whose evaluation may be deleted
         async with key.once(caller.holder) as once:
             remember = once.remember(201, encoding)
             address = address_of(request)
-            body = await service.episodes.openings.next(caller, address, row, encoding, remember, once.key)
+            body = await service.resets.next(caller, address, row, encoding, remember, once.key)
     return Response(body, 201, media_type=encoding)
 
 
@@ -156,7 +156,7 @@ async def episodes(
     """
     row = await _visible(service, authorization, evaluation)
     if state is EpisodeState.OPEN:
-        await service.episodes.openings.in_progress.over(evaluation)
+        await service.resets.in_progress.over(evaluation)
     rows = await service.store.episodes(evaluation, state, after=page.number, limit=page.limit + 1)
     rows, following = page.cut(rows, lambda found: found.seq)
     shown = row.state == EvaluationState.FINISHED

@@ -47,7 +47,7 @@ async def ready(service: ServiceDep) -> Response:
     They can if the database answers and its last write succeeded, a simulator runs or could be started, and the
     service is not stopping.
     """
-    error = why_not_ready(service.episodes.openings, service.pool, service.store)
+    error = why_not_ready(service.episodes, service.pool, service.store)
     if error is not None:
         raise error
     try:
@@ -58,7 +58,7 @@ async def ready(service: ServiceDep) -> Response:
         ) from None
     except SQLAlchemyError:
         # Whoever is the first to notice hears the same as the next.
-        error = why_not_ready(service.episodes.openings, service.pool, service.store)
+        error = why_not_ready(service.episodes, service.pool, service.store)
         if error is None:
             raise
         raise error from None

@@ -1,10 +1,12 @@
 """Middleware around every request: its id, its time, its log line, and a reply to errors that nobody expected."""
 
 import time
+from collections.abc import Awaitable, Callable
 from typing import Final
 
 import structlog
 from starlette.requests import Request
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wrongturn_protocol import ProblemType
@@ -20,13 +22,18 @@ _METHODS: Final = {"GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"}
 _QUOTA_REACHED: Final = 507
 _STEP: Final = "/v1/episodes/{episode}/step"
 """Not logged at all: a line costs a tenth of a step."""
+_STEP_HEAD, _, _STEP_TAIL = _STEP.partition("{episode}")
 
 
 class Middleware:
-    """Plain ASGI middleware; Starlette's class for middleware would make a task of every request."""
+    """Plain ASGI middleware; Starlette's class for middleware would make a task of every request.
 
-    def __init__(self, app: ASGIApp, telemetry: Telemetry) -> None:
+    It answers steps itself, by ``step`` with the request and the episode's id: nearly all requests are steps.
+    """
+
+    def __init__(self, app: ASGIApp, telemetry: Telemetry, step: Callable[[Request, str], Awaitable[Response]]) -> None:
         self._app = app
+        self._step = step
         self._telemetry = telemetry
         self._log = structlog.get_logger("requests")
         self._refusals = logs.Seldom()
@@ -39,6 +46,7 @@ class Middleware:
         began = time.perf_counter()
         request_id = logs.begin_request(scope["path"])
         status = 0
+        episode = _stepped(scope)
 
         async def watched(message: Message) -> None:
             nonlocal status
@@ -49,18 +57,22 @@ class Middleware:
 
         try:
             _check_text(scope)
-            await self._app(scope, receive, watched)
+            if episode is None:
+                await self._app(scope, receive, watched)
+            else:
+                response = await self._step(Request(scope, receive), episode)
+                await response(scope, receive, watched)
         except Exception as error:
             if status:
                 raise
             await response_for(Request(scope), as_service_error(error))(scope, receive, watched)
         finally:
             # The route's pattern, never the path: a metric for each id would grow without end.
-            route = getattr(scope.get("route"), "path", "unknown")
+            route = getattr(scope.get("route"), "path", "unknown") if episode is None else _STEP
             seconds = time.perf_counter() - began
             method = scope["method"] if scope["method"] in _METHODS else "other"
             self._telemetry.answered(method, route, status, seconds)
-            if route != _STEP:
+            if episode is None:
                 self._write_line(scope["method"], route, status, seconds)
 
     def _write_line(self, method: str, route: str, status: int, seconds: float) -> None:
@@ -72,6 +84,15 @@ class Middleware:
             log = self._log.debug if others is None else log
         more = {"others": others} if others else {}
         log("request", method=method, route=route, status=status, seconds=round(seconds, 6), **more)
+
+
+def _stepped(scope: Scope) -> str | None:
+    """Return the id of the episode that a request steps; None for another request."""
+    path: str = scope["path"]
+    if scope["method"] != "POST" or not path.startswith(_STEP_HEAD) or not path.endswith(_STEP_TAIL):
+        return None
+    episode = path[len(_STEP_HEAD) : -len(_STEP_TAIL)]
+    return episode if episode and "/" not in episode else None
 
 
 def _check_text(scope: Scope) -> None:

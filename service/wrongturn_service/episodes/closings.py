@@ -11,9 +11,8 @@ import structlog
 from wrongturn_networks import load_suite
 from wrongturn_protocol import EpisodeState, EvaluationState, Track, Trial
 from wrongturn_service.episodes.driver import aborted_outcome
-from wrongturn_service.episodes.endings import Endings
+from wrongturn_service.episodes.episodes import Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations
-from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.tokens import new_id
@@ -29,28 +28,19 @@ class Closings:
         self,
         store: Store,
         evaluations: RunningEvaluations,
-        registry: Registry,
-        endings: Endings,
+        episodes: Episodes,
         idle_s: float,
         longest_s: float,
         clock: Callable[[], float] = time.time,
     ) -> None:
-        """Begin to watch the evaluations.
+        """Begin to watch the evaluations, which are closed ``idle_s`` after their last reset or step.
 
-        Args:
-            store: Holds evaluations and episodes.
-            evaluations: Holds the schedules of trials.
-            registry: Holds the open episodes.
-            endings: Ends the open episodes.
-            idle_s: Seconds without a reset or a step after which an evaluation is closed.
-            longest_s: Seconds after its begin when a driven evaluation is closed in any case, or one step a day would
-                keep a bad one from ever becoming an entry.
-            clock: Seconds since 1970.
+        A driven one is closed ``longest_s`` after its begin in any case, or one step a day would keep a bad one from
+        ever becoming an entry.
         """
         self._store = store
         self._evaluations = evaluations
-        self._registry = registry
-        self._endings = endings
+        self._episodes = episodes
         self._idle_s = idle_s
         self._longest_s = longest_s
         self._clock = clock
@@ -71,37 +61,28 @@ class Closings:
                 return
             if await self._store.delete_undriven(evaluation_id):
                 self._evaluations.drop(evaluation_id)
-                await self._endings.drop_evaluation(evaluation_id)
+                await self._episodes.drop([evaluation_id])
                 self._log.info("evaluation deleted before its first step", evaluation=evaluation_id)
                 return
             with self._evaluations.closing(evaluation_id):
-                for episode in self._registry:
-                    if episode.evaluation == evaluation_id:
-                        await self._endings.abort_now(episode)
+                await self._episodes.abort_evaluation(evaluation_id)
                 await self._store.abort_rest(evaluation_id, await self._aborted(evaluation))
                 self._evaluations.drop(evaluation_id)
-                await self._endings.drop_evaluation(evaluation_id)
+                await self._episodes.drop([evaluation_id])
             self._log.info("evaluation closed", evaluation=evaluation_id)
             # From here on every trial has a verdict. The next start finishes the evaluation if this one fails.
             await self._evaluations.finish_closed(evaluation_id)
 
     async def drop(self, evaluations: Collection[str], holders: Collection[str]) -> None:
-        """Let go of what was deleted in the database: nobody drives it any more.
-
-        Args:
-            evaluations: Ids of evaluations.
-            holders: Ids of agents and submissions whose practice ends.
-        """
+        """Let go of what was deleted in the database: evaluations, and agents and submissions whose practice ends."""
         for evaluation_id in evaluations:
             self._evaluations.drop(evaluation_id)
-            await self._endings.drop_evaluation(evaluation_id)
-        await self._endings.drop_holders(holders)
+        await self._episodes.drop(evaluations, holders)
 
     async def close_overdue(self, spared: Collection[str] = ()) -> None:
         """Close the evaluations whose agents were idle for too long, and those that were begun too long ago.
 
-        Args:
-            spared: Ids of evaluations that the service itself drives: if one is idle, its agent is not to blame.
+        ``spared`` are those that the service itself drives: if one is idle, its agent is not to blame.
         """
         now = self._clock()
         if now - self._began < min(self._idle_s, GRACE_S):
@@ -110,9 +91,8 @@ class Closings:
             if evaluation_id in spared:
                 continue
             idle_s = now - active
-            for episode in self._registry:
-                if episode.evaluation == evaluation_id:
-                    idle_s = min(idle_s, 0.0 if episode.lock.locked() else episode.lease.silence_s)
+            for episode in self._episodes.registry.of(evaluation_id):
+                idle_s = min(idle_s, 0.0 if episode.lock.locked() else episode.lease.silence_s)
             if idle_s >= self._idle_s or now - begun >= self._longest_s:
                 self._log.warning("evaluation overdue", evaluation=evaluation_id, idle_s=int(idle_s))
                 try:

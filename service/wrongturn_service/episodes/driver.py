@@ -10,7 +10,7 @@ from wrongturn_protocol import FaultKind, Outcome, Reaction, Trial, Verdict
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.queue import SimulatorQueue
-from wrongturn_service.simulators.action_log import Action
+from wrongturn_service.simulators.actions import Action
 from wrongturn_service.simulators.interface import (
     EpisodeEnd,
     Simulator,

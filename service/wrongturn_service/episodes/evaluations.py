@@ -1,17 +1,28 @@
-"""Running evaluations: their schedules, and their metrics once every trial has a verdict."""
+"""Running evaluations: the order of their trials, and their metrics once every trial has a verdict."""
 
 import asyncio
 import contextlib
+import hashlib
+import hmac
 import secrets
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from weakref import WeakValueDictionary
 
 import structlog
 
 from wrongturn_networks import Suite, load_suite
-from wrongturn_protocol import Entry, EpisodeState, EvaluationState, FieldError, ProblemType, Track
-from wrongturn_service.episodes.schedule import Schedule
+from wrongturn_protocol import (
+    Entry,
+    EpisodeState,
+    EvaluationState,
+    FaultKind,
+    FieldError,
+    ProblemType,
+    Track,
+    Trial,
+    twin_id,
+)
 from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError
 from wrongturn_service.storage.models import EvaluationRow
 from wrongturn_service.storage.store import Store
@@ -20,17 +31,64 @@ from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.tokens import new_id
 
 
+def shuffled(trials: Iterable[Trial], secret: str) -> list[Trial]:
+    """Return the trials in an order that follows from the secret alone, so that it survives a restart."""
+    key = secret.encode()
+    return sorted(trials, key=lambda trial: hmac.digest(key, trial.id.encode(), hashlib.sha256))
+
+
+def pair_of(trial: Trial) -> str:
+    """Return a name that a trial shares with its twin only: the twin's id. A journey has no twin."""
+    return trial.id if trial.journey is not None or trial.fault.kind is FaultKind.NONE else twin_id(trial)
+
+
+class Schedule:
+    """An evaluation's trials: pending, open or finished.
+
+    A trial and its twin are never open together: an agent that compares the two could tell the fault.
+    """
+
+    def __init__(self, trials: Iterable[Trial], secret: str, finished: Iterable[str] = ()) -> None:
+        """Order the trials by the secret. ``finished`` are the ids of those that have a verdict."""
+        done = frozenset(finished)
+        self._pending = [trial for trial in shuffled(trials, secret) if trial.id not in done]
+        self._open: dict[str, Trial] = {}
+
+    @property
+    def open(self) -> int:
+        """Number of trials that are being driven."""
+        return len(self._open)
+
+    @property
+    def finished(self) -> bool:
+        """Whether every trial has a verdict."""
+        return not self._pending and not self._open
+
+    def take(self) -> Trial | None:
+        """Open the next trial and return it. None while only twins of open trials are left."""
+        taken = {pair_of(trial) for trial in self._open.values()}
+        for index, trial in enumerate(self._pending):
+            if pair_of(trial) not in taken:
+                del self._pending[index]
+                self._open[trial.id] = trial
+                return trial
+        return None
+
+    def put_back(self, trial: Trial) -> None:
+        """Return an open trial, so that it runs again."""
+        if self._open.pop(trial.id, None) is not None:
+            self._pending.insert(0, trial)
+
+    def finish(self, trial: Trial) -> None:
+        """Note that an open trial has its verdict."""
+        self._open.pop(trial.id, None)
+
+
 class RunningEvaluations:
     """Schedules of running evaluations. Each is made from the database when it is first needed."""
 
     def __init__(self, store: Store, telemetry: Telemetry, on_finished: Callable[[str], None]) -> None:
-        """Create the collection without schedules.
-
-        Args:
-            store: Holds evaluations and episodes.
-            telemetry: Counts the verdicts of evaluations that finish.
-            on_finished: Called with the suite of each evaluation that finishes.
-        """
+        """Create the collection without schedules. ``on_finished`` gets the suite of each evaluation that finishes."""
         self._store = store
         self._telemetry = telemetry
         self._on_finished = on_finished
@@ -159,18 +217,7 @@ class RunningEvaluations:
 
 
 def new_evaluation(suite: Suite, agent: str, track: Track, entry: Entry) -> EvaluationRow:
-    """Return the row of a new evaluation with a secret of its own, if the suite takes the agent.
-
-    Args:
-        suite: The suite.
-        agent: Id of the agent.
-        track: Track of the agent.
-        entry: Who drives: the agent's own worker, or the service.
-
-    Raises:
-        ConflictError: The suite is retired.
-        InvalidRequestError: The suite does not take agents of the track.
-    """
+    """Return the row of a new evaluation with a secret of its own. Raises as :func:`check_takes`."""
     check_takes(suite, track)
     return EvaluationRow(
         id=new_id("ev"),
@@ -187,11 +234,7 @@ def new_evaluation(suite: Suite, agent: str, track: Track, entry: Entry) -> Eval
 
 
 def check_takes(suite: Suite, track: Track | None) -> None:
-    """Check whether a suite takes a new evaluation.
-
-    Args:
-        suite: The suite.
-        track: Track of the agent, None if it is not known yet.
+    """Check whether a suite takes a new evaluation of an agent's track, None if the track is not known yet.
 
     Raises:
         ConflictError: The suite is retired.

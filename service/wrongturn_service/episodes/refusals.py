@@ -3,19 +3,14 @@
 from wrongturn_protocol import ProblemType
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError, ServiceError, UnavailableError
-from wrongturn_service.simulators.action_log import Action
+from wrongturn_service.simulators.actions import Action
 
 
 def check_step(episode: OpenEpisode, holder: str, seq: int) -> bool:
-    """Check a step of an open episode. HTTP, batches and lent connections all use these rules.
+    """Return True for the next step of an open episode, False for a repeat of the last one.
 
-    Args:
-        episode: The episode.
-        holder: Id of the agent that sends the step, or of the submission whose runner does.
-        seq: Sequence number of the step.
-
-    Returns:
-        True for the next step, False for a repeat of the last one.
+    HTTP and the WebSocket use these rules. ``holder`` is who sends the step: an agent, or the submission whose runner
+    does.
 
     Raises:
         ForbiddenError: The episode belongs to another agent.

@@ -14,12 +14,7 @@ _COME_BACK_S = 5
 
 @dataclass(frozen=True, slots=True)
 class Most:
-    """How many episodes somebody may have open.
-
-    Attributes:
-        open: All episodes.
-        practice: Practice episodes.
-    """
+    """How many episodes somebody may have open."""
 
     open: int
     practice: int
@@ -27,19 +22,16 @@ class Most:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits on open episodes.
-
-    Attributes:
-        evaluation: Episodes of one evaluation.
-        agent: Episodes of one agent, or of the runner of a submission.
-        owner: Episodes of all agents of one owner.
-        address: Episodes that one address has begun.
-    """
+    """Limits on open episodes."""
 
     evaluation: int
+    """Episodes of one evaluation."""
     agent: Most
+    """Episodes of one agent, or of the runner of a submission."""
     owner: Most
+    """Episodes of all agents of one owner."""
     address: Most
+    """Episodes that one address has begun."""
 
 
 class Registry:
@@ -63,10 +55,14 @@ class Registry:
         """Return an open episode, or None."""
         return self._open.get(episode_id)
 
+    def of(self, evaluation_id: str) -> list[OpenEpisode]:
+        """Return the open episodes of an evaluation."""
+        return [episode for episode in self if episode.evaluation == evaluation_id]
+
     @property
     def held(self) -> int:
         """Number of open episodes that have a simulator."""
-        return sum(episode.simulator is not None for episode in self._open.values())
+        return sum(episode.simulator is not None for episode in self)
 
     def count(self, holder: str) -> int:
         """Return how many episodes somebody drives, with those that are just being opened."""

@@ -21,28 +21,12 @@ FAILED: Final = 2
 
 
 class Receiver:
-    """Receives values, and file descriptors beside them, from a blocking socket."""
+    """Receives values from a blocking socket."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
         self._splitter = Splitter()
         self._values: deque[Any] = deque()
-        self._handle: int | None = None
-
-    def fileno(self) -> int:
-        """Return the socket's file descriptor."""
-        return self._connection.fileno()
-
-    @property
-    def waiting(self) -> bool:
-        """Whether a value can be received without reading from the socket."""
-        return bool(self._values)
-
-    def take_handle(self) -> int:
-        """Return the file descriptor that came with the last value; the caller closes it."""
-        handle, self._handle = self._handle, None
-        assert handle is not None
-        return handle
 
     def receive(self) -> Any:
         """Return the next value.
@@ -51,11 +35,9 @@ class Receiver:
             EOFError: the other side has closed the stream.
         """
         while not self._values:
-            data, handles, _, _ = socket.recv_fds(self._connection, _READ_SIZE, 1)
+            data = self._connection.recv(_READ_SIZE)
             if not data:
                 raise EOFError
-            if handles:
-                (self._handle,) = handles
             self._values.extend(self._splitter.feed(data))
         return self._values.popleft()
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from wrongturn_protocol import Outcome, Track
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.simulators.action_log import ACTION, Action, LogEntries, Seconds
+from wrongturn_service.simulators.actions import ACTION, Action
 from wrongturn_service.simulators.shared_memory import ObservationView
 
 
@@ -82,61 +82,6 @@ class StepResult:
     final: EpisodeEnd | None
 
 
-@dataclass(frozen=True, slots=True)
-class Loan:
-    """A client's connection on which a simulator answers the steps of one episode.
-
-    Attributes:
-        handle: the connection's file descriptor.
-        episode: its id.
-        track: what is observed.
-        seq: of the episode's last reply.
-        practice: whether replies carry rewards.
-    """
-
-    handle: int
-    episode: str
-    track: Track
-    seq: int
-    practice: bool
-
-
-@dataclass(frozen=True, slots=True)
-class LastStep:
-    """The step that ended an episode; the service answers it when the verdict is stored.
-
-    Attributes:
-        number: of the client's message.
-        action: of the step.
-        result: of the step.
-        seconds: of the simulation.
-    """
-
-    number: int
-    action: Action
-    result: StepResult
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True)
-class LoanEnd:
-    """What happened during a loan.
-
-    Attributes:
-        steps: the steps that were answered.
-        observation: of the last of them; None without steps.
-        unread: bytes that were read from the connection and are not answered.
-        last: the step after them, if it ended the episode.
-        died: whether the simulator died: nobody knows what it has read or sent, so the connection has to be closed.
-    """
-
-    steps: LogEntries
-    observation: ObservationView | None
-    unread: bytes = b""
-    last: LastStep | None = None
-    died: bool = False
-
-
 class Simulator(ABC):
     """One simulation, which drives one episode at a time."""
 
@@ -166,32 +111,6 @@ class Simulator(ABC):
     def begin_step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
         """Begin a step, if possible without a task. The future must not be cancelled."""
         return asyncio.ensure_future(self.step(action, encoding))
-
-    @property
-    def lends(self) -> bool:
-        """Whether a client's connection can be lent to it now."""
-        return False
-
-    def lend(self, loan: Loan) -> "asyncio.Future[LoanEnd]":
-        """Let it answer the steps on a client's connection. Make no other call until the loan is over.
-
-        Returns:
-            The loan's end, also if the simulator dies. It must not be cancelled.
-        """
-        raise NotImplementedError
-
-    def answered(self, first: int, most: int) -> tuple[Seconds, ...]:
-        """Return the seconds of steps that were answered during the current loan.
-
-        Args:
-            first: the number of the first step to return.
-            most: the number of steps to return at most.
-        """
-        raise NotImplementedError
-
-    def recall(self) -> None:
-        """End the current loan soon. Does nothing without one."""
-        raise NotImplementedError
 
     @abstractmethod
     async def view(self) -> bytes:

@@ -1,7 +1,6 @@
 """One simulator as a process of this machine."""
 
 import asyncio
-import math
 import socket
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
@@ -10,17 +9,13 @@ from typing import Any, Final, TypeVar
 from typing_extensions import override
 
 from wrongturn_protocol import Outcome, Track
-from wrongturn_protocol.wire import layout
 from wrongturn_service.child_environment import child_environment
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.simulators import frames
-from wrongturn_service.simulators.action_log import Action, Seconds
+from wrongturn_service.simulators.actions import Action
 from wrongturn_service.simulators.interface import (
     EpisodeEnd,
     EpisodeRefusedError,
-    LastStep,
-    Loan,
-    LoanEnd,
     Simulator,
     SimulatorDiedError,
     SimulatorError,
@@ -31,7 +26,6 @@ from wrongturn_service.simulators.interface import (
 from wrongturn_service.simulators.shared_memory import SharedMemory
 
 _T = TypeVar("_T")
-_RECALL: Final = frames.pack(["recall"])
 _STEP_S: Final = 5.0
 """Seconds after which a step counts as hung. It takes milliseconds; only a reset may have to load a town."""
 _ENDED: Final = "the simulator process ended"
@@ -114,7 +108,6 @@ class LocalSimulator(Simulator):
         self._alarm: asyncio.TimerHandle | None = None
         self._limit_s = timeout_s
         self._deadline = 0.0
-        self._loan = 0
 
     @classmethod
     async def start(
@@ -206,52 +199,6 @@ class LocalSimulator(Simulator):
         await self._finished(self._ask(["prepare", town], lambda _: None, self._timeout_s))
         self.town = town
 
-    @property
-    @override
-    def lends(self) -> bool:
-        return not self.dead and not self._transport.get_write_buffer_size()
-
-    @override
-    def lend(self, loan: Loan) -> "asyncio.Future[LoanEnd]":
-        self._loan += 1
-        place = self._shared.free_all()
-        request = frames.pack(["lend", self._loan, place, loan.episode, loan.seq, loan.practice])
-        reply = self._expect(self._checked, math.inf)
-        try:
-            socket.send_fds(self._stream, [request], [loan.handle])
-        except OSError as error:
-            self._connection.fail(f"the simulator process could not be asked: {error}")
-        return self._loop.create_task(self._loan_end(loan, place, reply))
-
-    @override
-    def answered(self, first: int, most: int) -> tuple[Seconds, ...]:
-        steps = self._shared.action_log.read(self._loan, first, most).seconds
-        return steps if not steps or steps[-1][1] else steps[:-1]
-
-    @override
-    def recall(self) -> None:
-        if self._connection.awaited is not None and self._deadline == math.inf and not self.dead:
-            frames.write_now(self._transport, self._stream.fileno(), [_RECALL])
-            self._set_deadline(self._step_s)
-
-    async def _loan_end(self, loan: Loan, place: int, reply: "asyncio.Future[list[Any]]") -> LoanEnd:
-        try:
-            _, unread, last = await reply
-        except SimulatorError:
-            # While it lives it can still log a step and answer it.
-            self.kill()
-            await asyncio.to_thread(self.process.wait)
-            unread, last, died = b"", None, True
-        else:
-            died = False
-        steps = self._shared.action_log.read(self._loan)
-        count = len(steps.seconds)
-        observation = self._shared.last_view(place, count, layout(loan.track).size) if count else None
-        if last is not None:
-            number, action, seconds, result = last
-            last = LastStep(number, tuple(action), self._step_result(result), seconds)
-        return LoanEnd(steps, observation, unread, last, died)
-
     def kill(self) -> None:
         """End the process at once; an awaited reply fails."""
         self._connection.closed = True
@@ -304,8 +251,6 @@ class LocalSimulator(Simulator):
 
     def _set_alarm(self) -> None:
         """Call :meth:`_look` at the deadline. An earlier alarm stays: moving it takes time each step."""
-        if self._deadline == math.inf:
-            return
         if self._alarm is not None:
             if self._alarm.when() <= self._deadline:
                 return

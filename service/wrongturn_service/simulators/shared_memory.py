@@ -2,7 +2,7 @@
 
 It has two places for observations, which are written by turns. So the last observation can be sent again while the
 next one is written, even after the process has died. Whoever still uses an older observation when its place is needed
-gets a copy. The action log lies behind the places.
+gets a copy.
 """
 
 import contextlib
@@ -17,13 +17,10 @@ from typing_extensions import override
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.wire import Block, layout
-from wrongturn_service.simulators import action_log
-from wrongturn_service.simulators.action_log import ActionLog
 
 PLACES: Final = 2
 _PLACE_SIZE: Final = -(-max(layout(track).size for track in Track) // mmap.PAGESIZE) * mmap.PAGESIZE
-_LOG_AT: Final = PLACES * _PLACE_SIZE
-_SIZE: Final = _LOG_AT + action_log.SIZE
+_SIZE: Final = PLACES * _PLACE_SIZE
 
 
 class ObservationView:
@@ -60,7 +57,6 @@ class SharedMemory:
         self._memory = memoryview(mmap.mmap(self._handle, _SIZE, prot=mmap.PROT_READ))
         self._views: list[ReferenceType[ObservationView] | None] = [None] * PLACES
         self._place = 0
-        self.action_log = ActionLog(self._memory[_LOG_AT:])
 
     @contextlib.contextmanager
     def inherited(self) -> Iterator[int]:
@@ -87,23 +83,6 @@ class SharedMemory:
         self._views[self._place] = ref(view)
         return view
 
-    def free_all(self) -> int:
-        """Free all places, and return the number of the one to write to first."""
-        for _ in range(PLACES):
-            self.next_place()
-        return (self._place + 1) % PLACES
-
-    def last_view(self, first: int, count: int, size: int) -> ObservationView:
-        """Return the last of so many observations that were written by turns.
-
-        Args:
-            first: the place of the first one.
-            count: how many there are, at least one.
-            size: bytes of each.
-        """
-        self._place = (first + count - 1) % PLACES
-        return self.view(size)
-
 
 class SharedMemoryWriter:
     """The process's side: it writes."""
@@ -118,7 +97,6 @@ class SharedMemoryWriter:
         os.close(handle)
         self._places = [memory[at * _PLACE_SIZE : (at + 1) * _PLACE_SIZE] for at in range(PLACES)]
         self._blocks: list[Block | None] = [None] * PLACES
-        self.action_log = ActionLog(memory[_LOG_AT:])
 
     def write(self, observation: Observation, track: Track, place: int) -> memoryview:
         """Write an observation to a place, and return its bytes there."""

@@ -10,15 +10,12 @@ Requests:
     | ``["view"]``
     | ``["abort"]``
     | ``["prepare", town]``
-    | ``["lend", loan, place, episode, seq, practice]``, with a client's connection as a file descriptor
-    | ``["recall"]``, which ends the loan and has no reply of its own
 
 Replies:
     | ``[OK, observation, reward, terminated, truncated, end]`` to a reset or a step; ``end`` is None or
       ``[outcome, steps, trajectory, SHA-256 of it, SHA-256 of the actions]``
     | ``[OK, pixmap]`` to a view
     | ``[OK, end]`` to an abort, ``[OK]`` to prepare
-    | ``[OK, unread, last step]`` to lend, see :meth:`LentConnection.answer_steps`
     | ``[REFUSED, name, message]``
     | ``[FAILED, name, message]``
 
@@ -40,8 +37,7 @@ from wrongturn_protocol import FaultKind, Outcome, Task, Track, Trial, observati
 from wrongturn_protocol.pixmap import to_pixmap
 from wrongturn_service.encoding import Encoding, encoded
 from wrongturn_service.simulators import frames
-from wrongturn_service.simulators.action_log import ACTION
-from wrongturn_service.simulators.handover import LentConnection
+from wrongturn_service.simulators.actions import ACTION
 from wrongturn_service.simulators.interface import replay_s
 from wrongturn_service.simulators.shared_memory import SharedMemoryWriter
 from wrongturn_sim import Episode
@@ -59,7 +55,7 @@ class Server:
         self._track = Track.STATE
 
     def answer(self, request: list[Any]) -> list[Any]:
-        """Return the reply to any request but a loan."""
+        """Return the reply to a request."""
         operation, *arguments = request
         if operation == "step":
             return self._step(*arguments)
@@ -72,16 +68,6 @@ class Server:
         if operation == "view":
             return [frames.OK, to_pixmap(episode.view())]
         return [frames.OK, _end(episode, episode.abort())]
-
-    def lend(
-        self, service: frames.Receiver, limit_s: int, loan: int, place: int, episode: str, seq: int, practice: bool
-    ) -> list[Any]:
-        """Answer steps on a client's connection, and return the reply at the end of the loan."""
-        self._writer.action_log.begin(loan)
-        with socket.socket(fileno=service.take_handle()) as client:
-            connection = LentConnection(client, self._writer, place, episode, seq, practice)
-            driven = self._driven()
-            return [frames.OK, *connection.answer_steps(driven, self._track, service, limit_s, self._reply)]
 
     def warm_up(self) -> None:
         """Drive a little, so that the first agent does not wait for what is compiled or loaded late."""
@@ -119,11 +105,11 @@ class Server:
         reward: float,
         terminated: bool,
         truncated: bool,
-        encoding: str = Encoding.RAW,
-        place: int | None = None,
+        encoding: str,
+        place: int,
     ) -> list[Any]:
         shown: bytes | int
-        if encoding == Encoding.RAW and place is not None:
+        if encoding == Encoding.RAW:
             shown = len(self._writer.write(observation, self._track, place))
         else:
             shown = encoded(observation, self._track, Encoding(encoding))
@@ -162,15 +148,9 @@ def serve(connection: socket.socket, limit_s: int, writer: SharedMemoryWriter) -
             request = requests.receive()
         except (EOFError, ConnectionError):
             return
-        operation, *arguments = request
-        if operation == "recall":
-            continue  # the loan has just ended by itself
         try:
-            if operation == "lend":
-                reply = server.lend(requests, limit_s, *arguments)
-            else:
-                signal.alarm(limit_s + (math.ceil(replay_s(request[3])) if operation == "reset" else 0))
-                reply = server.answer(request)
+            signal.alarm(limit_s + (math.ceil(replay_s(request[3])) if request[0] == "reset" else 0))
+            reply = server.answer(request)
         except Exception as error:
             kind = frames.REFUSED if type(error).__name__ in REFUSALS else frames.FAILED
             reply = [kind, type(error).__name__, str(error)]

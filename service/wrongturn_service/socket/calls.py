@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import json
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any, Final
 
@@ -20,12 +20,9 @@ from wrongturn_service.api.dependencies import driven_by
 from wrongturn_service.api.episodes import episode_detail, is_shown
 from wrongturn_service.api.errors import as_service_error
 from wrongturn_service.encoding import Encoding, Reply
-from wrongturn_service.episodes.loans import LendableConnection
-from wrongturn_service.episodes.steps import Done
 from wrongturn_service.errors import InvalidRequestError, ServiceError
 from wrongturn_service.service import Service
-from wrongturn_service.simulators.action_log import Seconds
-from wrongturn_service.simulators.handover import plain_step
+from wrongturn_service.simulators.actions import Action, rounded
 
 _SHAPES: Final = {
     Call.STEP: "episode, seq, steer, throttle, brake",
@@ -36,6 +33,8 @@ _SHAPES: Final = {
 }
 _NAMES: Final = {call.value: call for call in Call}
 _UNKNOWN: Final = "unknown"
+_NUMBERS: Final = {float, int}
+"""Some clients' languages write 0.0 as the integer 0."""
 _READS: Final = 2
 """Calls of a connection that are answered from the database at a time."""
 _LONGEST_ID: Final = 64
@@ -68,23 +67,12 @@ class Calls:
         Returns:
             Whether it has begun; otherwise nothing has happened.
         """
-        step = plain_step(call)
+        step = _plain_step(call)
         if step is None:
             return False
-        return self._service.episodes.steps.begin(self._caller.holder, *step, Encoding.RAW, self.stepped(done))
-
-    def stepped(self, done: Callable[[bytes | Reply], None], ago_s: float = 0.0) -> Done:
-        """Return what ends a step that began so long ago: it counts the step and passes the result on."""
-        return partial(self._stepped, time.perf_counter() - ago_s, done)
-
-    def lend(self, episode: str, connection: LendableConnection) -> bool:
-        """Let an episode's simulator answer the next steps itself; return whether it does."""
-        return self._service.episodes.loans.begin(self._caller.holder, episode, connection)
-
-    def count_steps(self, seconds: Sequence[Seconds]) -> None:
-        """Count steps that a simulator answered during a loan."""
-        for simulated_s, step_s in seconds:
-            self._service.telemetry.stepped(_STEP_ROUTE, simulated_s, max(simulated_s, step_s))
+        return self._service.episodes.begin_step(
+            self._caller.holder, *step, Encoding.RAW, partial(self._stepped, time.perf_counter(), done)
+        )
 
     def _stepped(
         self,
@@ -135,7 +123,7 @@ class Calls:
     async def _next(self, evaluation: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
         wanted = _id("evaluation", evaluation)
-        with service.episodes.openings.in_progress.one(wanted):
+        with service.resets.in_progress.one(wanted):
             call = f"WS {Call.NEXT} {wanted}"
             async with service.idempotency.once(_key(key), caller.holder, call, b"", self._reading) as once:
                 if once.stored is not None:
@@ -143,9 +131,7 @@ class Calls:
                 async with self._reading:
                     row = await driven_by(service, caller, wanted)
                 remember = once.remember(201, Encoding.RAW)
-                return await service.episodes.openings.next(
-                    caller, self._address, row, Encoding.RAW, remember, once.key
-                )
+                return await service.resets.next(caller, self._address, row, Encoding.RAW, remember, once.key)
 
     async def _practise(self, request: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
@@ -163,7 +149,7 @@ class Calls:
                 return once.stored.body
             caller.check_track(wanted)
             trial = await catalogue.practice_trial(wanted)
-            return await service.episodes.openings.practice(
+            return await service.resets.practise(
                 caller,
                 self._address,
                 trial,
@@ -175,7 +161,7 @@ class Calls:
     async def _look(self, episode: Any) -> bytes:
         service, wanted = self._service, _id("episode", episode)
         async with self._reading:
-            _, row = await service.episodes.look(self._caller, wanted)
+            row = await service.episodes.look(self._caller, wanted)
             self._caller.check_episode(row)
             detail = episode_detail(service, row, shown=await is_shown(service, row), last_reply=False).model_dump(
                 mode="json"
@@ -205,6 +191,20 @@ def problem_result(error: ServiceError) -> bytes:
     if after is not None:
         fields[RETRY_AFTER] = int(after)
     return pack_result(error.status, fields)
+
+
+def _plain_step(call: Any) -> tuple[str, int, Action] | None:
+    """Return episode, seq and action of a step whose values are all valid; None for any other call."""
+    if type(call) is not list or len(call) != 6 or call[0] != "step":
+        return None
+    _, episode, seq, steer, throttle, brake = call
+    if type(episode) is not str or type(seq) is not int:
+        return None
+    if not type(steer) is type(throttle) is type(brake) is float and not {*map(type, call[3:])} <= _NUMBERS:
+        return None
+    if not (-1.0 <= steer <= 1.0 and 0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0):
+        return None
+    return episode, seq, rounded(steer, throttle, brake)
 
 
 def _parsed(call: Any) -> tuple[Call, list[Any]]:

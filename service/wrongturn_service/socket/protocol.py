@@ -49,8 +49,6 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         self._behind = False
         self._refused = False
         self._handle = -1
-        self._recall: Callable[[], None] | None = None
-        self._after_loan: Callable[[], None] | None = None
 
     # For the application
 
@@ -75,46 +73,6 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             return
         length = sum(map(len, pieces))
         write_now(self.transport, self._handle, (framing.head(length), *pieces))
-
-    def lend(self, recall: Callable[[], None]) -> int | None:
-        """Let another process read and write, until :meth:`take_back`.
-
-        Args:
-            recall: asks the other process to stop.
-
-        Returns:
-            The file descriptor; None if the connection is encrypted, is being closed, or holds half a message.
-        """
-        if (
-            self.conn.state is not State.OPEN
-            or self.close_sent
-            or self.scheme != "ws"
-            or self.read_paused
-            or self.incomplete
-            or self.transport.is_closing()
-            or self.transport.get_write_buffer_size()
-        ):
-            return None
-        self._recall = recall
-        self._pace()
-        return self._handle
-
-    def take_back(self, unread: bytes, *, broken: bool) -> None:
-        """Go on where the other process has stopped.
-
-        Args:
-            unread: bytes that it has read and not answered.
-            broken: close the connection, since nobody knows where the other process has stopped.
-        """
-        self._recall = None
-        if broken or self.transport.is_closing():
-            self.transport.abort()
-            return
-        self._pending += unread
-        if self._after_loan is None:
-            self._pace()
-        else:
-            self._after_loan()
 
     # For uvicorn and the transport
 
@@ -155,27 +113,6 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         self._on_message(message)
 
     @override
-    def connection_lost(self, exc: Exception | None) -> None:
-        if self._recall is not None:
-            self._recall()  # otherwise the socket would stay open in the other process
-        super().connection_lost(exc)
-
-    @override
-    def shutdown(self) -> None:
-        self._end(super().shutdown)
-
-    @override
-    def keepalive_timeout(self) -> None:
-        self._end(super().keepalive_timeout)
-
-    @override
-    def send_keepalive_ping(self) -> None:
-        if self._recall is None:
-            super().send_keepalive_ping()
-        else:
-            self.schedule_ping()  # a client that takes steps is alive, and the ping could split a reply
-
-    @override
     def pause_writing(self) -> None:
         super().pause_writing()
         self._pace()
@@ -185,19 +122,11 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         super().resume_writing()
         self._pace()
 
-    def _end(self, end: Callable[[], None]) -> None:
-        """End the connection, but not in the middle of another process's reply."""
-        if self._recall is None:
-            end()
-        else:
-            self._after_loan = end
-            self._recall()
-
     def _pace(self) -> None:
-        """Read only while the application is not busy, the connection is not lent, and replies are taken."""
+        """Read only while the application is not busy and replies are taken."""
         if self._on_message is None:
             return
-        paused = self._busy or self._behind or self._recall is not None or not self.writable.is_set()
+        paused = self._busy or self._behind or not self.writable.is_set()
         if paused and not self.read_paused:
             self.read_paused = True
             self.transport.pause_reading()

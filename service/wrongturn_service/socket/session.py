@@ -3,26 +3,22 @@
 import asyncio
 import contextlib
 from collections import Counter
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any, Final
 
 from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect
 
-from wrongturn_protocol import ProblemType, framing, wire
-from wrongturn_protocol.wire import Call
+from wrongturn_protocol import ProblemType, wire
 from wrongturn_service.accounts import Caller
 from wrongturn_service.api.errors import as_service_error, problem_response
 from wrongturn_service.client_address import address_of
 from wrongturn_service.counting import one_less
 from wrongturn_service.encoding import Reply
 from wrongturn_service.episodes.refusals import stopping
-from wrongturn_service.episodes.steps import Done
 from wrongturn_service.errors import ServiceError, UnauthenticatedError
 from wrongturn_service.service import Service
-from wrongturn_service.simulators.action_log import Seconds
-from wrongturn_service.simulators.interface import LastStep, LoanEnd
 from wrongturn_service.socket.calls import Calls, problem_result
 from wrongturn_service.socket.protocol import EXTENSION, DirectWebSocket
 
@@ -36,10 +32,6 @@ _CLOSE_CODES: Final = {
 }
 """Codes that close the connection after a problem (RFC 6455, 7.4.1); the close's reason is the problem's type."""
 _FAILED: Final = 1011
-_STREAK: Final = 2
-"""Repeated steps of one episode, with nothing between them, after which the connection is lent to its simulator."""
-_IN_VAIN: Final = 32
-"""Steps more if the last loan ended with its first message, for example since the client's messages come in pieces."""
 
 
 @router.websocket(wire.PATH)
@@ -108,7 +100,6 @@ class Connection:
         self._queued: Counter[str] = Counter()
         self._tasks: set[asyncio.Task[None]] = set()
         self._closing = False
-        self._driven, self._streak = "", 0
         self._answered_all = asyncio.Event()
 
     async def serve(self) -> None:
@@ -178,7 +169,6 @@ class Connection:
     def _begin(self, number: int, calls: list[Any]) -> None:
         self._answering += len(calls)
         answer = _Answer(number, len(calls))
-        self._count_streak(calls)
         for at, call in enumerate(calls):
             done = partial(self._take_result, answer, at)
             episode = _episode_of(call)
@@ -214,41 +204,6 @@ class Connection:
         self._pace()
         if not self._answering:
             self._answered_all.set()
-            if self._streak >= _STREAK:
-                self._lend()
-
-    def _count_streak(self, calls: list[Any]) -> None:
-        """Count messages in a row that hold nothing but one step of the same episode."""
-        only = calls[0]
-        episode = _episode_of(only) if len(calls) == 1 and isinstance(only, list) and only[:1] == [Call.STEP] else ""
-        self._streak = self._streak + 1 if episode and episode == self._driven else 0
-        self._driven = episode
-
-    def _lend(self) -> None:
-        """Let the simulator answer the next steps, if that is possible now."""
-        if not self._closing and self._service.accounts.changes == self._known_at:
-            self._calls.lend(self._driven, self)
-
-    def lend(self, recall: Callable[[], None]) -> int | None:
-        """Lend the connection; return its file descriptor, or None if that is not possible now."""
-        return self._direct.lend(recall)
-
-    def count_steps(self, seconds: Sequence[Seconds]) -> None:
-        """Count steps that the simulator answered."""
-        self._calls.count_steps(seconds)
-
-    def answer(self, last: LastStep) -> Done:
-        """Return what sends the reply to the step that ended the episode during a loan."""
-        self._answering += 1
-        self._streak = 0
-        return self._calls.stepped(partial(self._take_result, _Answer(last.number, 1), 0), last.seconds)
-
-    def returned(self, end: LoanEnd) -> None:
-        """Use the connection again after a loan."""
-        # A pong may answer a ping from before the loan. It says nothing about the messages that come.
-        if end.unread and not end.unread[0] & framing.CONTROL and end.observation is None:
-            self._streak = -_IN_VAIN
-        self._direct.take_back(end.unread, broken=end.died)
 
     def _pace(self) -> None:
         self._direct.set_busy(self._checking or self._waiting is not None or self._answering >= wire.CALLS)

@@ -25,9 +25,8 @@ from wrongturn_runner.messages import (
     SandboxAddress,
 )
 from wrongturn_service import catalogue
+from wrongturn_service.episodes.episodes import PATIENCE_S, Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations, new_evaluation
-from wrongturn_service.episodes.manager import EpisodeManager
-from wrongturn_service.episodes.openings import PATIENCE_S
 from wrongturn_service.errors import ServiceError
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.models import SubmissionRow
@@ -62,7 +61,7 @@ class JobContext:
     settings: Settings
     store: Store
     submissions: Submissions
-    episodes: EpisodeManager
+    episodes: Episodes
     evaluations: RunningEvaluations
     availability: Availability
     telemetry: Telemetry

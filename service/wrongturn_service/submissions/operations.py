@@ -11,7 +11,8 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from wrongturn_protocol import AgentKind, FieldError, ProblemType, SubmissionState, Track
 from wrongturn_protocol.submissions import NAME, SUITE
-from wrongturn_service.episodes.manager import EpisodeManager
+from wrongturn_service.episodes.closings import Closings
+from wrongturn_service.episodes.episodes import Episodes
 from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.accounts import AgentNameTakenError
@@ -57,7 +58,8 @@ class Submissions:
         self,
         rows: SubmissionStore,
         files: ModelFiles,
-        episodes: EpisodeManager,
+        episodes: Episodes,
+        closings: Closings,
         settings: Settings,
         telemetry: Telemetry,
     ) -> None:
@@ -65,6 +67,7 @@ class Submissions:
         self.files = files
         self.changed: Callable[[], None] = _nobody
         self._episodes = episodes
+        self._closings = closings
         self._settings = settings
         self._telemetry = telemetry
         self._ending: dict[str, set[asyncio.Event]] = {}
@@ -197,7 +200,7 @@ class Submissions:
 
     async def _clean_up(self, row: SubmissionRow) -> None:
         if row.evaluation_id is not None:
-            await self._episodes.closings.close(row.evaluation_id)
+            await self._closings.close(row.evaluation_id)
         await self._episodes.lose(row.id)
         agent = await self.rows.remove_agent(row.id)
         if agent is not None:

@@ -5,7 +5,6 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Final
 
 from structlog.contextvars import bind_contextvars
 
@@ -13,12 +12,10 @@ from wrongturn_protocol import EpisodeState, ProblemType, Track, Trial
 from wrongturn_service.accounts import Caller
 from wrongturn_service.encoding import Encoding, Reply, reset_reply
 from wrongturn_service.episodes.driver import EpisodeDriver, ReplayFailedError
-from wrongturn_service.episodes.endings import Endings
+from wrongturn_service.episodes.episodes import PATIENCE_S, Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations, finished, unknown
-from wrongturn_service.episodes.lease import Lease, Terms
-from wrongturn_service.episodes.open_episode import OpenEpisode, Payer
+from wrongturn_service.episodes.open_episode import Lease, LeaseLimits, OpenEpisode, Payer
 from wrongturn_service.episodes.refusals import stopping
-from wrongturn_service.episodes.registry import Registry
 from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError
 from wrongturn_service.simulators.shared_memory import ObservationView
 from wrongturn_service.storage.evaluations import EvaluationOverError
@@ -27,11 +24,8 @@ from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.usage import reserve_of
 from wrongturn_service.tokens import new_id
 
-PATIENCE_S: Final = 20.0
-"""Seconds to wait for resets in progress; less than a client waits for a reply."""
 
-
-class Beginnings:
+class InProgress:
     """Resets in progress, by evaluation.
 
     An agent that is killed during a reset comes back and asks which episodes are open. It has to learn of the
@@ -103,7 +97,7 @@ class _Wanted:
         return Payer(self.caller.holder, self.caller.owner, None if runner else self.address)
 
 
-class Openings:
+class Resets:
     """Begins episodes."""
 
     def __init__(
@@ -111,20 +105,16 @@ class Openings:
         store: Store,
         driver: EpisodeDriver,
         evaluations: RunningEvaluations,
-        registry: Registry,
-        endings: Endings,
-        terms: Terms,
+        episodes: Episodes,
+        lease_limits: LeaseLimits,
     ) -> None:
-        self.in_progress = Beginnings()
-        """Resets in progress."""
-        self.stopping = False
-        """Whether new episodes are refused."""
+        self.in_progress = InProgress()
         self._store = store
         self._driver = driver
         self._evaluations = evaluations
-        self._registry = registry
-        self._endings = endings
-        self._terms = terms
+        self._episodes = episodes
+        self._registry = episodes.registry
+        self._lease_limits = lease_limits
 
     async def next(
         self,
@@ -137,13 +127,8 @@ class Openings:
     ) -> bytes:
         """Begin an evaluation's next trial and return the reply's body.
 
-        Args:
-            caller: Who drives it.
-            address: The address that the request comes from.
-            evaluation: The evaluation.
-            encoding: Encoding of the reply.
-            remember: Makes the row that is stored for the request's key.
-            key: The request's key. A request that is sent again keeps its place in the queue.
+        ``remember`` makes the row that is stored for the request's key. A request that is sent again with its key keeps
+        its place in the queue.
 
         Raises:
             ConflictError: The evaluation is finished or cancelled, or has no trial for now.
@@ -175,7 +160,7 @@ class Openings:
             raise
         if self._evaluations.known(evaluation.id) is not schedule:
             # The evaluation was closed before this episode could be found and ended.
-            await self._endings.drop_evaluation(evaluation.id)
+            await self._episodes.drop([evaluation.id])
             raise await self._over(evaluation.id)
         return body
 
@@ -183,7 +168,7 @@ class Openings:
         gone = await self._store.evaluation(evaluation_id) is None
         return unknown(evaluation_id) if gone else finished(evaluation_id)
 
-    async def practice(
+    async def practise(
         self, caller: Caller, address: str, trial: Trial, encoding: Encoding, remember: Remember, key: str | None
     ) -> bytes:
         """Begin a practice episode and return the reply's body. Arguments and errors as for :meth:`next`.
@@ -198,7 +183,7 @@ class Openings:
         return await self._begin(wanted, counts=True)
 
     def _check_stopping(self) -> None:
-        if self.stopping:
+        if self._episodes.stopping:
             raise stopping()
 
     async def _begin(self, wanted: _Wanted, *, counts: bool) -> bytes:
@@ -213,7 +198,7 @@ class Openings:
         trial, track, encoding = wanted.trial, wanted.caller.track, wanted.encoding
         episode_id = new_id("ep")
         bind_contextvars(episode=episode_id, evaluation=wanted.evaluation)
-        lease = Lease(self._terms)
+        lease = Lease(self._lease_limits)
 
         def reply(observation: bytes | ObservationView) -> Reply:
             return reset_reply(
@@ -223,7 +208,7 @@ class Openings:
                 track,
                 town=trial.town if wanted.practice or track is Track.PRIVILEGED else None,
                 trial=trial.id if wanted.practice else None,
-                lease_s=self._terms.abort_s,
+                lease_s=self._lease_limits.abort_s,
             )
 
         episode = OpenEpisode(episode_id, wanted.payer, wanted.evaluation, trial, track, reply(b""), lease)
