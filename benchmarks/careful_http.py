@@ -7,16 +7,14 @@ agent's own thinking, the calls that step, the calls that reset, and the rest; t
 the share of simulation and of transport can be told.
 """
 
-import argparse
-import json
 import statistics
 import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
+from common import finish, parser
 from rich.console import Console
 from rich.table import Table
 
@@ -117,22 +115,21 @@ def show(http: dict[str, Any], inside: dict[str, float]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--suite", default="wrong-command@2")
-    parser.add_argument("--url", help="of a service that runs already")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures")
-    options = parser.parse_args()
+    options_of = parser(__doc__)
+    options_of.add_argument("--suite", default="wrong-command@2")
+    options_of.add_argument("--url", help="of a service that runs already")
+    options = options_of.parse_args()
+    suite = "smoke@2" if options.short else options.suite
     with ExitStack() as stack:
         url = options.url
         if url is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory())
             database = f"sqlite+aiosqlite:///{folder}/wrongturn.db"
             url = stack.enter_context(LocalService(database=database)).url
-        http = over_http(url, options.suite)
-    inside = in_process(options.suite, http["secret"])
+        http = over_http(url, suite)
+    inside = in_process(suite, http["secret"])
     show(http, inside)
-    if options.json is not None:
-        options.json.write_text(json.dumps({"over_http": http, "in_process": inside}, indent=2) + "\n")
+    finish({"over_http": http, "in_process": inside}, options)
 
 
 if __name__ == "__main__":

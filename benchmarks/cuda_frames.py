@@ -9,16 +9,15 @@ the vectorised environment that cruises through Town01. ``--variants`` also time
 and other blocks.
 """
 
-import argparse
 import json
 import math
 import statistics
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import finish, parser
 
 from wrongturn_networks import load_town
 from wrongturn_protocol import Weather
@@ -187,13 +186,12 @@ def steps(number: int, backend: str, rounds: int) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--towns", nargs="+", default=["Town01", "Town02"])
-    parser.add_argument("--poses", type=int, default=64)
-    parser.add_argument("--numbers", type=int, nargs="+", default=[256, 512, 2048])
-    parser.add_argument("--variants", action="store_true")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    options_of = parser(__doc__)
+    options_of.add_argument("--towns", nargs="+", default=["Town01", "Town02"])
+    options_of.add_argument("--poses", type=int, default=64)
+    options_of.add_argument("--numbers", type=int, nargs="+", default=[256, 512, 2048])
+    options_of.add_argument("--variants", action="store_true")
+    options = options_of.parse_args()
     figures: dict[str, Any] = {}
 
     def tell(name: str, work: Callable[[], dict[str, float]]) -> None:
@@ -202,8 +200,6 @@ def main() -> None:
         except Exception as error:  # go on with the other figures
             figures[name] = {"failed": f"{type(error).__name__}: {error}"[:2000]}
         print(name, json.dumps(figures[name]), flush=True)
-        if options.json:
-            options.json.write_text(json.dumps(figures, indent=2) + "\n", "utf-8")
 
     for town in options.towns:
         tell(f"equality {town}", lambda town=town: equality(town, options.poses, Camera()))
@@ -220,6 +216,7 @@ def main() -> None:
         tell(f"steps {number}, cpu, 8 threads", lambda n=number: steps(n, "cpu", 10))
     if options.variants:
         tell("variants 512, ms", lambda: variants(town, 512))
+    finish(figures, options)
 
 
 if __name__ == "__main__":

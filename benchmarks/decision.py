@@ -12,12 +12,11 @@ SUMO's driving them.
     python benchmarks/decision.py [--rounds 60] [--town junctions] [--vehicles 0] [--pedestrians 0] [--json FILE]
 """
 
-import argparse
-import json
 import math
 import statistics
 import time
-from pathlib import Path
+
+from common import finish, parser
 
 from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import VEHICLE, FaultKind, Start, Track, Traffic
@@ -85,21 +84,20 @@ def measure(town_name: str, rounds: int, traffic: Traffic) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=60)
-    parser.add_argument("--town", default="junctions")
-    parser.add_argument("--vehicles", type=int, default=0)
-    parser.add_argument("--pedestrians", type=int, default=0)
-    parser.add_argument("--json", type=Path, help="write the figures there too")
-    arguments = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--rounds", type=int, default=60)
+    options.add_argument("--town", default="junctions")
+    options.add_argument("--vehicles", type=int, default=0)
+    options.add_argument("--pedestrians", type=int, default=0)
+    arguments = options.parse_args()
+    rounds = 2 if arguments.short else arguments.rounds
     traffic = Traffic(vehicles=arguments.vehicles, pedestrians=arguments.pedestrians)
-    figures = measure(arguments.town, arguments.rounds, traffic)
+    figures = measure(arguments.town, rounds, traffic)
     print(
         f"one decision {figures['decision_us']:.1f} us, its bare libsumo calls {figures['bare_us']:.1f} us: "
         f"ratio {figures['ratio']:.2f} (at most 2)",
     )
-    if arguments.json:
-        arguments.json.write_text(json.dumps(figures) + "\n", encoding="utf-8")
+    finish(figures, arguments)
 
 
 if __name__ == "__main__":

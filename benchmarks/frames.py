@@ -21,18 +21,16 @@ The environment that python runs in provides the rest (Gymnasium, NumPy, SciPy, 
 Do not set SDL_VIDEODRIVER to ``dummy``: highway-env would draw nothing and return a black picture.
 """
 
-import argparse
-import json
 import math
 import os
 import statistics
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
+from common import finish, parser
 from decision import measure
 
 from wrongturn_networks import load_town
@@ -188,12 +186,12 @@ def metadrive(kind: str) -> dict[str, Task]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--town", default="Town01")
-    parser.add_argument("--metadrive", choices=("top-down", "state", "rgb"), default="top-down")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    options_of = parser(__doc__)
+    options_of.add_argument("--rounds", type=int, default=9)
+    options_of.add_argument("--town", default="Town01")
+    options_of.add_argument("--metadrive", choices=("top-down", "state", "rgb"), default="top-down")
+    options = options_of.parse_args()
+    rounds = 1 if options.short else options.rounds
 
     begin = time.perf_counter()
     Renderer(World.of(load_town(options.town))).render(0.0, 0.0, 0.0)
@@ -214,7 +212,7 @@ def main() -> None:
         except Exception as error:  # what is missing or has no screen is reported and left out
             absent[name] = f"{type(error).__name__}: {error}".splitlines()[0][:100]
     times: dict[str, list[float]] = {name: [] for name in tasks}
-    for _ in range(options.rounds):
+    for _ in range(rounds):
         for name, run in tasks.items():
             times[name].append(run())
     bare.append(measure("junctions", 20, Traffic())["bare_us"])
@@ -229,8 +227,7 @@ def main() -> None:
         print(f"{name:28}{figures[name]:10,.0f}{1 / min(spent):10,.0f}{ratio:10.3f}")
     for name, why in absent.items():
         print(f"{name:28}not measured: {why}")
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=2) + "\n", "utf-8")
+    finish(figures, options)
 
 
 if __name__ == "__main__":

@@ -13,10 +13,8 @@ runs in this process, so times are those of the server without a network:
 The exit status is 1 if a query reads all episodes or trajectories, or if a request fails.
 """
 
-import argparse
 import asyncio
 import contextlib
-import json
 import logging
 import statistics
 import sys
@@ -30,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests/service"))
 
 import httpx
 import structlog
+from common import finish, parser
 from fake_pool import FakePool
 from page_filling import Filled, fill
 from page_plans import outline, plan, recorded, scanned
@@ -182,18 +181,18 @@ def show(measured: list[dict[str, Any]]) -> None:
 
 def main() -> int:
     """Fill, measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--agents", type=int, default=1000)
-    parser.add_argument("--suite", default="wrong-command@2")
-    parser.add_argument("--database", help="URL of an empty database, postgresql+asyncpg://…")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    options_of = parser(__doc__)
+    options_of.add_argument("--agents", type=int, default=1000)
+    options_of.add_argument("--suite", default="wrong-command@2")
+    options_of.add_argument("--database", help="URL of an empty database, postgresql+asyncpg://…")
+    options = options_of.parse_args()
+    if options.short:
+        options.agents, options.suite = 4, "smoke@2"
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR))
     with contextlib.nullcontext(options.database) if options.database else database() as url:
         measured = asyncio.run(run(url, options.suite, options.agents))
     show(measured)
-    if options.json:
-        options.json.write_text(json.dumps(measured, indent=1) + "\n")
+    finish({"paths": measured}, options)
     wrong = [f"{row['path']}: status {row['status']}" for row in measured if row["status"] != 200]
     wrong += [
         f"{row['path']} reads all of {', '.join(query['scans'])}: {query['query'][:200]}"

@@ -7,13 +7,13 @@ painting, encoding as msgpack and as JSON, packing and unpacking the frame for t
 client. The rest of a step over HTTP (``benchmarks/http_step.py``) is HTTP itself.
 """
 
-import argparse
 import statistics
 import time
 from collections.abc import Callable
 
 import msgpack
 import orjson
+from common import finish, parser
 
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Track
@@ -46,9 +46,10 @@ def stepping(track: Track) -> Callable[[], object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=2000)
-    rounds = parser.parse_args().rounds
+    options = parser(__doc__)
+    options.add_argument("--rounds", type=int, default=2000)
+    given = options.parse_args()
+    rounds = 2 if given.short else given.rounds
     track = Track.SEGMENTATION
     drive = median_us(stepping(Track.STATE), rounds)
     paint = median_us(stepping(track), rounds) - drive
@@ -69,6 +70,7 @@ def main() -> None:
     print(f"pictures {64 * 192 * 4} bytes, msgpack {len(packed)}, JSON {len(text)}")
     for name, microseconds in rows.items():
         print(f"{name:<28}{microseconds:8.1f} us")
+    finish({"us": rows}, given)
 
 
 if __name__ == "__main__":

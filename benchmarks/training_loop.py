@@ -15,16 +15,14 @@ On two idle cores this takes a minute:
     python benchmarks/training_loop.py --device cpu --rollouts 2 --repeats 3 --option num_envs=32
 """
 
-import argparse
-import json
 import os
 import statistics
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from common import finish, parser
 
 from wrongturn_agents.models import build
 from wrongturn_agents.training.budget import Budget
@@ -110,15 +108,17 @@ def timed(work: Any, device: torch.device) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--algorithm", default="ppo-segmentation")
-    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
-    parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)))
-    parser.add_argument("--rollouts", type=int, default=4)
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--option", action="append", default=[])
-    parser.add_argument("--json", type=Path)
-    arguments = parser.parse_args()
+    options_of = parser(__doc__)
+    options_of.add_argument("--algorithm", default="ppo-segmentation")
+    options_of.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    options_of.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)))
+    options_of.add_argument("--rollouts", type=int, default=4)
+    options_of.add_argument("--repeats", type=int, default=3)
+    options_of.add_argument("--option", action="append", default=[])
+    arguments = options_of.parse_args()
+    if arguments.short:
+        arguments.rollouts = arguments.repeats = 1
+        arguments.option += ["num_envs=2", "n_steps=8"]
     device = torch.device(arguments.device)
     if device.type == "cpu":
         torch.set_num_threads(arguments.threads)
@@ -149,10 +149,7 @@ def main() -> None:
     whole = parts.pop("whole")
     shares = {part: value / whole for part, value in sorted(parts.items(), key=lambda item: -item[1])}
     print("  " + ", ".join(f"{part} {share:.0%}" for part, share in shares.items()))
-    if arguments.json:
-        content = {"algorithm": arguments.algorithm, "device": str(device), "rates": rates, "shares": shares}
-        arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        arguments.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    finish({"algorithm": arguments.algorithm, "device": str(device), "rates": rates, "shares": shares}, arguments)
 
 
 if __name__ == "__main__":

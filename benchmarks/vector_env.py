@@ -8,14 +8,12 @@ copying of the observation, and Python.
     python benchmarks/vector_env.py [--egos 512] [--steps 100] [--town Town01] [--threads 1,2] [--json FILE]
 """
 
-import argparse
-import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import finish, parser
 
 from wrongturn_sim import WrongturnSimEnv, WrongturnVectorEnv
 
@@ -92,13 +90,14 @@ def single(town: str, track: str, steps: int) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--egos", type=int, default=512)
-    parser.add_argument("--steps", type=int, default=100)
-    parser.add_argument("--town", default="Town01")
-    parser.add_argument("--threads", default="", help="such as 1,2,4: measure these by the clock too")
-    parser.add_argument("--json", type=Path, help="write the figures there too")
-    arguments = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--egos", type=int, default=512)
+    options.add_argument("--steps", type=int, default=100)
+    options.add_argument("--town", default="Town01")
+    options.add_argument("--threads", default="", help="such as 1,2,4: measure these by the clock too")
+    arguments = options.parse_args()
+    if arguments.short:
+        arguments.egos, arguments.steps = 8, 4
     figures: dict[str, dict[str, float]] = {}
     for track in ("state", "privileged", *WITH_PICTURES):
         painted = track in WITH_PICTURES
@@ -115,8 +114,7 @@ def main() -> None:
         for threads in [int(number) for number in arguments.threads.split(",") if number]:
             rate = found[f"threads_{threads}"] = threaded(arguments.town, track, egos, steps, threads)
             print(f"{'':12} {threads} threads by the clock: {rate:,.0f} ego-steps/s")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    finish({"tracks": figures}, arguments)
 
 
 if __name__ == "__main__":
