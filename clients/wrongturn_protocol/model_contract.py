@@ -140,7 +140,7 @@ def contract_of(
     """Return how to drive with a model.
 
     Args:
-        signature: The model's inputs, outputs, opset and metadata.
+        signature: The model.
         tracks: Tracks that the suite takes; None for any.
         agent_track: Track of the agent that the model has to drive as; None if there is no agent yet.
 
@@ -153,8 +153,7 @@ def contract_of(
     wrong = list(_wrong_opset(signature.opset))
     track: Track | None = None
     try:
-        track = _track(observed, signature.metadata.get("track"))
-        _check_taken(observed, track, tracks, agent_track)
+        track = _track(observed, signature.metadata.get("track"), tracks, agent_track)
     except ContractError as error:
         wrong += error.messages
     wrong += [message for name in observed if name in _KEYS for message in _wrong_input(inputs[name], _KEYS[name])]
@@ -179,11 +178,7 @@ def contract_of(
 
 
 def check_opset(opset: int) -> None:
-    """Check the opset alone: onnxruntime does not load a model of an unknown one, so that nothing else is known of it.
-
-    Raises:
-        ContractError: The opset is out of range.
-    """
+    """Check the opset alone: onnxruntime does not load a model of an unknown one. Raises ContractError."""
     if wrong := list(_wrong_opset(opset)):
         raise ContractError(*wrong)
 
@@ -194,8 +189,10 @@ def _wrong_opset(opset: int) -> Iterator[str]:
         yield f"opset: {opset}; export the model with one from {least} to {greatest}"
 
 
-def _track(inputs: tuple[str, ...], said: str | None) -> Track:
-    """Return the smallest track that has all inputs, or the one that the metadata names."""
+def _track(
+    inputs: tuple[str, ...], said: str | None, tracks: Collection[Track] | None, agent_track: Track | None
+) -> Track:
+    """Return the smallest track that has all inputs, or the one that the metadata names, if agent and suite take it."""
     if said is not None and said not in set(_TRACKS):
         raise ContractError(f"metadata track: {_shown(said)} is none of {', '.join(_TRACKS)}")
     fitting = [track for track in _TRACKS if not _beyond(inputs, track)]
@@ -203,25 +200,15 @@ def _track(inputs: tuple[str, ...], said: str | None) -> Track:
         raise ContractError(f"inputs: {_listed(unknown)}: no such observation key; the keys are {_keys_of_tracks()}")
     if not fitting:
         raise ContractError(f"inputs: no track has all of these; take the keys of one track: {_keys_of_tracks()}")
-    if said is None:
-        return fitting[0]
-    if said not in fitting:
-        lacking = _listed(_beyond(inputs, Track(said)))
+    track = fitting[0] if said is None else Track(said)
+    if track not in fitting:
         raise ContractError(
-            f"inputs: the metadata's track {said} does not have {lacking}; remove track from the metadata, "
-            f"or let it be {' or '.join(fitting)}"
+            f"inputs: the metadata's track {track} does not have {_listed(_beyond(inputs, track))}; remove track from "
+            f"the metadata, or let it be {' or '.join(fitting)}"
         )
-    return Track(said)
-
-
-def _check_taken(
-    inputs: tuple[str, ...], track: Track, tracks: Collection[Track] | None, agent_track: Track | None
-) -> None:
-    """Check that a model's track is its agent's, or else one that the suite takes. Raises ContractError."""
     if agent_track is not None and track is not agent_track:
-        beyond = _beyond(inputs, agent_track)
         wants, remedy = f"is of the {track} track", f"set the metadata's track to {agent_track}"
-        if beyond:
+        if beyond := _beyond(inputs, agent_track):
             wants, remedy = f"wants {_listed(beyond)}", "do without"
         raise ContractError(
             f"inputs: the agent is of the {agent_track} track, and the model {wants}; {remedy}, "
@@ -229,13 +216,11 @@ def _check_taken(
         )
     if agent_track is None and tracks is not None and track not in tracks:
         taken = [each for each in _TRACKS if each in tracks]
-        fitting = [each for each in taken if not _beyond(inputs, each)]
-        remedy = (
-            f"set the metadata's track to {' or '.join(fitting)}"
-            if fitting
-            else f"take the keys of one of its tracks ({', '.join(taken)})"
-        )
+        remedy = f"take the keys of one of its tracks ({', '.join(taken)})"
+        if both := [each for each in taken if each in fitting]:
+            remedy = f"set the metadata's track to {' or '.join(both)}"
         raise ContractError(f"inputs: the suite does not take the model's track, {track}; {remedy}")
+    return track
 
 
 def _beyond(inputs: Iterable[str], track: Track) -> list[str]:
