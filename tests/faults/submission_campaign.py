@@ -113,7 +113,7 @@ class Owner:
         return submission
 
 
-def run(folder: Path, kills: Sequence[Blow], spare: int = 1) -> Report:
+def run(folder: Path, kills: Sequence[Blow]) -> Report:
     """Hand in, kill, let everything come to its end, and examine."""
     report = Report()
     store = File(folder)
@@ -122,7 +122,7 @@ def run(folder: Path, kills: Sequence[Blow], spare: int = 1) -> Report:
         folder / "service.log",
         home=folder / "home",
         simulators=4,
-        spare_simulators=spare,
+        spare_simulators=1,
         submissions=1,
     )
     service.start()
