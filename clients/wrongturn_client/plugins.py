@@ -81,12 +81,16 @@ class LazyCommand(TyperCommand):
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Load the command and return its context."""
+        return self.loaded().make_context(info_name, args, parent, **extra)
+
+    def loaded(self) -> Any:
+        """Return the command itself."""
         target = load(self.entry_point)
         if not isinstance(target, typer.Typer):
             app = typer.Typer(add_completion=False, rich_markup_mode="rich")
             app.command(self.name, help=inspect.getdoc(target))(target)
             target = app
-        return typer.main.get_command(target).make_context(info_name, args, parent, **extra)
+        return typer.main.get_command(target)
 
 
 class PluginGroup(TyperGroup):

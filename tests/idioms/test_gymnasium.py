@@ -86,91 +86,81 @@ def test_its_checker_of_ids_with_wrappers(env_id: str) -> None:
     check_env(gym.make(env_id))
 
 
-def test_flatten() -> None:
-    env = gym.make(SIM)
-    env = gym.wrappers.FlattenObservation(env)
-    observation, _ = env.reset(seed=1)
-    assert observation.shape == env.observation_space.shape == (3,)
+GO = np.array([0.0, 1.0, 0.0], np.float32)
+wrappers = gym.wrappers
 
 
-def test_filter_and_transform() -> None:
-    env = gym.make(SIM)
-    env = gym.wrappers.FilterObservation(env, filter_keys=["speed"])
-    env = gym.wrappers.TransformObservation(
-        env, lambda obs: obs["speed"] * 3.6, gym.spaces.Box(0.0, 80.0, (1,), np.float32)
-    )
-    observation, _ = env.reset(seed=1)
-    assert observation == pytest.approx(env.unwrapped.episode.trajectory.rows[0].v * 3.6)
+def row(env):
+    return env.unwrapped.episode.trajectory.rows[-1]
 
 
-def test_stack_whole_observations() -> None:
-    env = gym.make(SIM)
-    env = gym.wrappers.FrameStackObservation(env, stack_size=4)
+@pytest.mark.parametrize(
+    ("wrap", "right"),
+    [
+        (wrappers.FlattenObservation, lambda env, seen: seen.shape == env.observation_space.shape == (3,)),
+        (
+            lambda env: wrappers.FilterObservation(env, filter_keys=["speed"]),
+            lambda env, seen: seen.keys() == {"speed"},
+        ),
+        (
+            lambda env: wrappers.TransformObservation(
+                env, lambda obs: obs["speed"] * 3.6, gym.spaces.Box(0.0, 80.0, (1,), np.float32)
+            ),
+            lambda env, seen: seen == pytest.approx(row(env).v * 3.6),
+        ),
+        (
+            lambda env: wrappers.FrameStackObservation(env, stack_size=4),
+            lambda env, seen: seen["speed"].shape == (4, 1) and seen["speed"][2] < seen["speed"][3],
+        ),
+        (
+            lambda env: wrappers.AddRenderObservation(env, render_only=True),
+            lambda env, seen: np.array_equal(seen, env.render()),
+        ),
+        (lambda env: wrappers.RepeatAction(env, num_repeats=4), lambda env, seen: row(env).t == pytest.approx(0.4)),
+        (lambda env: wrappers.StickyAction(env, repeat_action_probability=0.9), lambda env, seen: row(env).t > 0),
+        (
+            lambda env: wrappers.TimeAwareObservation(wrappers.FlattenObservation(wrappers.TimeLimit(env, 10))),
+            lambda env, seen: seen[-1] == 1,
+        ),
+        (
+            lambda env: wrappers.DelayObservation(wrappers.FlattenObservation(env), delay=2),
+            lambda env, seen: not seen.any(),
+        ),
+    ],
+)
+def test_wrappers_of_observations_and_actions(wrap, right) -> None:
+    env = wrap(gym.make(SIM, render_mode="rgb_array"))
     env.reset(seed=1)
-    observation, *_ = env.step(np.array([0.0, 1.0, 0.0], np.float32))
-    assert observation["speed"].shape == (4, 1)
-    assert observation["speed"][2] < observation["speed"][3]
+    observation, *_ = env.step(GO)
+    assert right(env, observation)
 
 
 def test_gray_small_stacked_pictures() -> None:
-    env = gym.make(PIXELS)
-    env = gym.wrappers.GrayscaleObservation(env)
-    env = gym.wrappers.ResizeObservation(env, (84, 84))
-    env = gym.wrappers.FrameStackObservation(env, stack_size=4)
+    env = wrappers.GrayscaleObservation(gym.make(PIXELS))
+    env = wrappers.FrameStackObservation(wrappers.ResizeObservation(env, (84, 84)), stack_size=4)
     observation, _ = env.reset(seed=1)
     assert (observation.shape, observation.dtype) == ((4, 84, 84), np.uint8)
     assert observation.std() > 1
 
 
-def test_the_rendered_picture_as_the_observation() -> None:
-    env = gym.make(SIM, render_mode="rgb_array")
-    env = gym.wrappers.AddRenderObservation(env, render_only=True)
-    observation, _ = env.reset(seed=1)
-    assert np.array_equal(observation, env.render())
-
-
-def test_rescale_and_clip_actions() -> None:
-    env = gym.wrappers.RescaleAction(gym.make(SIM), min_action=-1, max_action=1)
+@pytest.mark.parametrize(
+    ("wrap", "action", "driven"),
+    [
+        (lambda env: wrappers.RescaleAction(env, min_action=-1, max_action=1), [0.0, 1.0, -1.0], (0.0, 1.0, 0.0)),
+        (wrappers.ClipAction, [7.0, -3.0, 0.0], (1.0, 0.0, 0.0)),
+        (lambda env: wrappers.DiscretizeAction(env, bins=(5, 2, 2), multidiscrete=True), [2, 1, 0], (0.0, 0.75, 0.25)),
+    ],
+)
+def test_wrappers_that_change_the_action(wrap, action, driven) -> None:
+    env = wrap(gym.make(SIM))
     env.reset(seed=1)
-    env.step(np.array([0.0, 1.0, -1.0], np.float32))  # full throttle, no brake
-    assert env.unwrapped.episode.trajectory.rows[-1].throttle == 1.0
-    env = gym.wrappers.ClipAction(gym.make(SIM))
-    env.reset(seed=1)
-    env.step(np.array([7.0, -3.0, 0.0], np.float32))
-    assert env.unwrapped.episode.trajectory.rows[-1].steer == 1.0
-
-
-def test_discretize_action() -> None:
-    env = gym.wrappers.DiscretizeAction(gym.make(SIM), bins=(5, 2, 2), multidiscrete=True)
-    env.reset(seed=1)
-    env.step(env.action_space.sample())
-    assert env.action_space == gym.spaces.MultiDiscrete([5, 2, 2])
-
-
-def test_repeated_and_sticky_actions() -> None:
-    env = gym.wrappers.RepeatAction(gym.make(SIM), num_repeats=4)
-    env.reset(seed=1)
-    env.step(env.action_space.sample())
-    assert len(env.unwrapped.episode.trajectory.rows) == 1 + 4 * 2  # a row each 0.05 s
-    env = gym.wrappers.StickyAction(gym.make(SIM), repeat_action_probability=0.9)
-    env.reset(seed=1)
-    for _ in range(3):
-        env.step(env.action_space.sample())
-
-
-def test_time_and_delay_in_observations() -> None:
-    env = gym.wrappers.TimeAwareObservation(gym.make(FLAT, max_episode_steps=10))
-    first, _ = env.reset(seed=1)
-    later, *_ = env.step(env.action_space.sample())
-    assert (first[-1], later[-1]) == (0, 1)
-    env = gym.wrappers.DelayObservation(gym.make(FLAT), delay=2)
-    assert not env.reset(seed=1)[0].any()
+    env.step(np.array(action, env.action_space.dtype))
+    assert (row(env).steer, row(env).throttle, row(env).brake) == pytest.approx(driven, abs=1e-6)
 
 
 def test_normalized_observations_and_rewards() -> None:
-    env = gym.wrappers.NormalizeObservation(gym.make(FLAT))
-    env = gym.wrappers.NormalizeReward(env, gamma=0.99)
-    env = gym.wrappers.ClipReward(env, -1.0, 1.0)
+    env = wrappers.NormalizeObservation(gym.make(FLAT))
+    env = wrappers.ClipReward(wrappers.NormalizeReward(env, gamma=0.99), -1.0, 1.0)
     env.reset(seed=1)
     rewards = [env.step(np.float32([0.0, 1.0]))[1] for _ in range(5)]
     assert all(-1 <= reward <= 1 for reward in rewards)
@@ -178,7 +168,7 @@ def test_normalized_observations_and_rewards() -> None:
 
 
 def test_episode_statistics() -> None:
-    env = gym.wrappers.RecordEpisodeStatistics(gym.make(SIM, max_episode_steps=5))
+    env = wrappers.RecordEpisodeStatistics(gym.make(SIM, max_episode_steps=5))
     env.reset(seed=1)
     rewards = 0.0
     for _ in range(5):

@@ -18,7 +18,7 @@ def commands(group: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str
     """Yield the words and the object of each command, those of other packages too."""
     for name in group.list_commands(None):
         command = group.get_command(None, name)
-        command = command._command() if hasattr(command, "entry_point") else command
+        command = command.loaded() if hasattr(command, "entry_point") else command
         if hasattr(command, "list_commands"):
             yield from commands(command, (*path, name))
         else:
