@@ -11,9 +11,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import pandas as pd
 
-from lab.tables import Row, Table, label_first
-from wrongturn_agents.errors import OutdatedPageError, ResultsError
-from wrongturn_agents.paper import table_order
+from lab.tables import OutdatedPageError, Row, Table, label_first
+from wrongturn_agents.errors import ResultsError
+from wrongturn_agents.stored_results import table_order
 
 LAB: Final = Path(__file__).parent / "stored"
 """What was driven and trained for this repository's own pages: ``curves/``, ``studies/``."""

@@ -18,9 +18,9 @@ from typing import Any, Final, NamedTuple
 from shapely import Point, Polygon
 
 from lab.studies import read, threads, weights_sha256, write
-from lab.tables import Row, Table, label_first
+from lab.tables import OutdatedPageError, Row, Table, label_first
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
-from wrongturn_agents.errors import AgentsError, OutdatedPageError, ResultsError
+from wrongturn_agents.errors import AgentsError, ResultsError
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.results_file import TrialResult

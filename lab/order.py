@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats as scipy_stats
 
-from lab.tables import counts_by_seed, spread
-from wrongturn_agents.paper import ALGORITHMS, COMPARED, PAPER_BY_NAME
-from wrongturn_agents.stored_results import Collection
+from lab.tables import PAPER_BY_NAME, counts_by_seed, spread
+from wrongturn_agents.stored_results import ALGORITHMS, Collection
 
 _LEVEL: Final = 0.05
 _EXACT: Final = 1_000_000  # most assignments that are all tried; of more, a random sample is
@@ -25,6 +24,8 @@ _SAMPLE: Final = 99_999
 _SEED: Final = 20_210_711  # fixed, so that the same counts give the same p-value
 _BATCH: Final = 20_000
 
+COMPARED: Final = ("ppo-segmentation", "ppo-image", "ppo-auxiliary")
+"""The agents that the paper's authors trained, from the most unsafe to the least. Others trained the rest."""
 Counts = Mapping[str, Sequence[int]]
 """Unsafe counts by algorithm, one a seed; algorithms from the paper's most unsafe to its least."""
 

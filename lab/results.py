@@ -12,7 +12,6 @@ A section of a page stands between ``<!-- results: NAME -->`` and ``<!-- end of 
 import argparse
 import os
 import re
-import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -21,10 +20,10 @@ from typing import Final
 from pydantic import ValidationError
 
 from lab import cards, curves, doubting, films, order, studies, tables
-from wrongturn_agents.errors import AgentsError, OutdatedPageError, ResultsError
+from lab.tables import OutdatedPageError
+from wrongturn_agents.errors import AgentsError, ResultsError
 from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.stored_results import STORED, Collection
-from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND
 from wrongturn_client.tables import console
 from wrongturn_protocol import RunFile, RunFormatError
 
@@ -137,8 +136,6 @@ def _print(collection: Collection) -> None:
         if not isinstance(found, str):
             screen.print(found.rich())
             screen.print()
-    for line in (*collection.missing((NAVIGATION, WRONG_COMMAND)), *collection.differences()):
-        print(f"Note: {line}", file=sys.stderr)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

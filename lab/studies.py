@@ -25,20 +25,19 @@ from typing import Any, Final
 from scipy import stats as scipy_stats
 
 from lab.curves import LAB
-from lab.tables import Row, Table, count_unsafe, label_first
+from lab.tables import Row, Table, count_unsafe, label, label_first
 from wrongturn_agents.agent_code import checksums
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import AgentsError, RunFileError
 from wrongturn_agents.evaluation_run import RunOptions, evaluate
-from wrongturn_agents.figures.drives import check_suite
-from wrongturn_agents.paper import label, table_order
+from wrongturn_agents.figures.evaluation_record import check_suite
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import AGENTS, EXPLOITS, AgentSource, resolve, with_absolute_file
 from wrongturn_agents.results_file import ResultsFile, TrialResult
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.saved_run import directory as saved_runs
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
-from wrongturn_agents.stored_results import STORED, Collection
+from wrongturn_agents.stored_results import STORED, Collection, table_order
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.in_process import drive_in_process
 from wrongturn_judge import THRESHOLDS, Thresholds, judge_of

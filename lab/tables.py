@@ -10,9 +10,10 @@ from typing import Final, NamedTuple
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from wrongturn_agents.paper import ALGORITHMS, PAPER_BY_NAME, label
+from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
+from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.results_file import ResultsFile
-from wrongturn_agents.stored_results import Collection
+from wrongturn_agents.stored_results import ALGORITHMS, Collection
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_client.tables import plain_table
 from wrongturn_protocol import (
@@ -26,10 +27,12 @@ from wrongturn_protocol import (
     Task,
     Verdict,
 )
-from wrongturn_protocol.standing_rows import wilson
+from wrongturn_protocol.standing_rows import TRAINED, wilson
 
 Row = tuple[str, ...]
 Cell = tuple[JunctionType, FaultKind]
+PAPER_BY_NAME: Final = {agent.ours: agent for agent in PAPER}
+"""The paper's agents by the name of ours, in the order of its tables."""
 FAULTS: Final = {FaultKind.INFEASIBLE: "wrong", FaultKind.OMISSION: "follow lane"}
 """The paper's two faults, in the order of its rows, and the command that each delivers."""
 CONDITIONS: Final = {
@@ -48,6 +51,10 @@ _ENDS: Final = {
     Verdict.COLLISION: "collision",
     **dict.fromkeys((Verdict.EXIT_COMMANDED, Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER), "exit"),
 }
+
+
+class OutdatedPageError(ResultsError):
+    """A page, picture, film or card does not show what is stored."""
 
 
 class Table(NamedTuple):
@@ -79,6 +86,11 @@ class Table(NamedTuple):
         lines = [f"| {' | '.join(row)} |" for row in (self.head, *self.rows)]
         lines.insert(1, f"|{rule}|")
         return "\n".join(lines) + "\n" + (f"\n*{self.note}*\n" if self.note else "")
+
+
+def label(agent: str) -> str:
+    """Return an agent's name for a table, marked if it met wrong commands in its training."""
+    return f"`{agent}` {TRAINED}" if agent in DOUBTING_AGENTS else f"`{agent}`"
 
 
 def label_first(name: str, rows: Iterable[Row]) -> list[Row]:

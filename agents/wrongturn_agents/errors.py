@@ -13,8 +13,7 @@
     │   └── RunOverError         a run cannot go on: its evaluation is over or deleted, or its token has ended
     ├── RunFileError             the file of a saved run is missing, or cannot be read or written
     └── ResultsError             stored results, or a request about them, are not valid
-        ├── MissingPackageError  a package of the extra ``figures`` or ``training`` is not installed
-        └── OutdatedPageError    a page or picture does not show the stored results
+        └── MissingPackageError  a package of the extra ``figures`` or ``training`` is not installed
 """
 
 from pathlib import Path
@@ -71,7 +70,3 @@ class ResultsError(AgentsError):
 
 class MissingPackageError(ResultsError):
     """A package of the extra ``figures`` or ``training`` is not installed."""
-
-
-class OutdatedPageError(ResultsError):
-    """A page or picture does not show the stored results."""

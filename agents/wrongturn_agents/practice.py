@@ -37,7 +37,7 @@ class PracticeRun:
         source: The agent.
         suite: The suite of the trials.
         task: Task of the suite, whose trials alone are driven; None for all. Example: ``navigation_dynamic``
-        file: Results file, as ``wrongturn results --import`` takes it. A run drives only the trials that it lacks.
+        file: Results file, as ``wrongturn results`` reads it. A run drives only the trials that it lacks.
             None writes no file.
 
     Raises:

@@ -3,7 +3,7 @@
 import json
 import re
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self, TypeVar
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
@@ -15,28 +15,9 @@ from wrongturn_protocol.run_file import UNREADABLE, read_unpacked, reason_of
 
 Driven = Literal["in process", "over the service"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
-_REMEDY: Final = "make a new file with 'wrongturn score' or 'wrongturn results --import'"
+_REMEDY: Final = "make a new file with 'wrongturn score'"
 _NOT_IN_FILE_NAMES: Final = re.compile(r"[^A-Za-z0-9@.]+")
 _TRIALS_NAMED: Final = 3  # trials that an error names as examples
-
-
-_M = TypeVar("_M", bound=BaseModel)
-
-
-def read_model(kind: type[_M], path: Path, remedy: str) -> _M:
-    """Read a JSON file, plain or compressed by gzip, as a model.
-
-    Raises:
-        ResultsError: The file cannot be read, or does not fit. The error names the first wrong field and the remedy.
-    """
-    try:
-        return kind.model_validate_json(read_unpacked(path))
-    except UNREADABLE as error:
-        raise ResultsError(f"{path}: cannot be read ({reason_of(error)})") from error
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        field = ".".join(map(str, first["loc"])) or "the file"
-        raise ResultsError(f"{path.name}: {field}: {first['msg']}; {remedy}") from error
 
 
 class TrialResult(BaseModel):
@@ -124,7 +105,14 @@ class ResultsFile(BaseModel):
         Raises:
             ResultsError: The file cannot be read, or is not a results file. The error names the first wrong field.
         """
-        return read_model(cls, path, remedy)
+        try:
+            return cls.model_validate_json(read_unpacked(path))
+        except UNREADABLE as error:
+            raise ResultsError(f"{path}: cannot be read ({reason_of(error)})") from error
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            field = ".".join(map(str, first["loc"])) or "the file"
+            raise ResultsError(f"{path.name}: {field}: {first['msg']}; {remedy}") from error
 
     def write(self, directory: Path) -> Path:
         """Write the file into a directory under its own name, and return the path.
@@ -195,10 +183,10 @@ class ResultsFile(BaseModel):
             field = "secret" if self.secret is None else "commitment"
             raise ResultsError(
                 f"{name}: {field}: is missing, so nobody can check the trials of {self.suite}, which are drawn; "
-                "finish the evaluation and import it again, or score the checkpoint again"
+                "finish an evaluation, or score the checkpoint again"
             )
         if self.commitment not in {None, suite.commitment}:
             raise ResultsError(
                 f"{name}: commitment: is {str(self.commitment)[:12]}…, and the secret's SHA-256 is "
-                f"{str(suite.commitment)[:12]}…; one of them was changed, so import the evaluation again"
+                f"{str(suite.commitment)[:12]}…; one of them was changed"
             )

@@ -1,6 +1,5 @@
 """All stored results, checked before anything is counted."""
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Self
@@ -8,11 +7,13 @@ from typing import Final, Self
 from pydantic import TypeAdapter, ValidationError
 
 from wrongturn_agents.errors import ResultsError
-from wrongturn_agents.paper import ALGORITHMS, table_order
 from wrongturn_agents.results_file import Driven, ResultsFile
+from wrongturn_protocol import PAPER
 
 STORED: Final = Path(__file__).parent / "results"
 """Directory of the results that come with the package."""
+ALGORITHMS: Final = tuple(agent.ours for agent in PAPER)
+"""Names of our agents that follow the designs of the paper's agents, in the order of its tables."""
 _SHIPPED: Final = "shipped.json"  # in that directory: the training seed of each agent with shipped weights
 
 
@@ -90,42 +91,6 @@ class Collection:
         found = {(file.agent, file.variant) for file in self.files if file.variant is not None}
         return tuple(sorted(found, key=lambda one: (*table_order(one[0]), one[1])))
 
-    def differences(self) -> Iterator[str]:
-        """Yield a line for each pair of results, driven both ways, with different verdicts."""
-        over_service = {
-            (file.agent, file.seed, file.variant, file.suite): file.trials
-            for file in self.files
-            if file.driven == "over the service"
-        }
-        for file in self.files:
-            other = over_service.get((file.agent, file.seed, file.variant, file.suite), {})
-            pairs = [(one, other[name]) for name, one in file.trials.items() if name in other]
-            differing = sum(one.verdict != two.verdict for one, two in pairs)
-            if differing:
-                yield f"{file}: {differing} of {len(file.trials)} verdicts differ from those over the service"
-
-    def missing(self, suites: Iterable[str]) -> Iterator[str]:
-        """Yield a line for everything that the tables lack."""
-        suites = tuple(suites)
-        seeds = {agent: {seed for suite in suites for seed in self.by_seed(suite, agent)} for agent in ALGORITHMS}
-        for suite in suites:
-            absent = [agent for agent in ALGORITHMS if not self.by_seed(suite, agent)]
-            if absent:
-                yield f"no results on {suite}: {', '.join(absent)}"
-        for suite in suites:
-            for agent in ALGORITHMS:
-                have = self.by_seed(suite, agent)
-                lacking = sorted(str(seed) for seed in seeds[agent] - set(have))
-                if have and lacking:
-                    yield f"{agent} has no results on {suite} for seed {', '.join(lacking)}"
-            for agent in self.shipped:
-                file = self.of_shipped(suite, agent)
-                if file is not None and file.drawn.trials.keys() - file.trials:
-                    yield f"{agent}, shipped seed {file.seed}, was not driven among the other road users of {suite}"
-        unshipped = [agent for agent in ALGORITHMS if seeds[agent] and agent not in self.shipped]
-        if unshipped:
-            yield f"{_SHIPPED} names no seed for {', '.join(unshipped)}"
-
     def _sorted(self, suite: str, agent: str, variant: str | None, prefer: Driven) -> list[ResultsFile]:
         """Return an agent's files by seed; of one seed, those driven in the preferred way come last."""
         files = [file for file in self.files if (file.suite, file.agent, file.variant) == (suite, agent, variant)]
@@ -139,3 +104,8 @@ def _shipped_seeds(path: Path) -> dict[str, int]:
         return TypeAdapter(dict[str, int]).validate_json(path.read_bytes())
     except (OSError, ValidationError) as error:
         raise ResultsError(f"{path.name}: give each agent's seed, as {{'ppo-image': 3}} in JSON ({error})") from error
+
+
+def table_order(agent: str) -> tuple[int, str]:
+    """Return a sort key for agents: the paper's algorithms first, then by name."""
+    return (ALGORITHMS.index(agent) if agent in ALGORITHMS else len(ALGORITHMS), agent)

@@ -10,8 +10,6 @@ from wrongturn_client.plugins import entry_points, load
 from wrongturn_protocol import Trial
 
 WRONG_COMMAND: Final = "wrong-command@2"
-WRONG_COMMAND_1: Final = "wrong-command@1"
-"""The retired version, which lists its trials."""
 NAVIGATION: Final = "navigation@1"
 
 

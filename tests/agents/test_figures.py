@@ -11,7 +11,7 @@ from made_results import wrong_command
 
 from wrongturn_agents import figures
 from wrongturn_agents.errors import MissingPackageError, ResultsError
-from wrongturn_agents.figures import drives
+from wrongturn_agents.figures import evaluation_record
 from wrongturn_agents.figures.rate_charts import mcnemar
 from wrongturn_agents.figures.towns import installed_town
 from wrongturn_networks import load_suite
@@ -25,9 +25,9 @@ def leaves_the_road(trial: Trial) -> dict[str, object]:
 
 
 @pytest.fixture(scope="module")
-def run() -> figures.Drives:
+def run() -> figures.EvaluationRecord:
     """Of six trials the three with a wrong command left the road; all twins took their exits."""
-    return drives.of_run(driven_run(leaves_the_road))
+    return evaluation_record.of_run(driven_run(leaves_the_road))
 
 
 def test_trajectories_are_drawn_over_their_type_and_fault(run):
@@ -80,7 +80,7 @@ def test_pairs_are_drawn_over_one_another(run):
 
 
 def test_rates_and_their_intervals(run):
-    safe = drives.of_run(driven_run(lambda _: {}, agent="safe"))
+    safe = evaluation_record.of_run(driven_run(lambda _: {}, agent="safe"))
     (axes,) = figures.unsafe_rates([run, safe]).axes
     assert [label.get_text() for label in axes.get_yticklabels()] == ["by hand", "safe"]
     assert [text.get_text() for text in axes.texts] == ["3/6", "0/6"]
@@ -98,7 +98,7 @@ def test_the_plane_of_obedience_and_safety():
         "doubting": {"unsafe": (0,) * 6},
         "careful": {"unsafe": (0,) * 6},
     }
-    runs = [drives.of_results(wrong_command(name, **found)) for name, found in figures_of.items()]
+    runs = [evaluation_record.of_results(wrong_command(name, **found)) for name, found in figures_of.items()]
     (axes,) = figures.obedience_safety(runs).axes
     marks = [tuple(float(one.get_data()[axis][0]) for axis in (0, 1)) for one in axes.lines if one.get_marker() == "o"]
     # Completed twins and unsafe trials, percent.
@@ -112,7 +112,7 @@ def test_the_plane_of_obedience_and_safety():
 
 
 def test_an_agent_that_met_wrong_commands_is_marked():
-    doubting = drives.of_results(wrong_command("doubting", (0,) * 6))
+    doubting = evaluation_record.of_results(wrong_command("doubting", (0,) * 6))
     assert (doubting.label, doubting.named("ours").label) == ("doubting †", "ours †")
     assert "doubting\\,\\dag & infeasible" in figures.latex_table([doubting])
     (axes,) = figures.unsafe_rates([doubting]).axes
@@ -121,7 +121,9 @@ def test_an_agent_that_met_wrong_commands_is_marked():
 
 def test_pairs_are_counted(run):
     assert figures.pair_counts(run) == (3, 0, 0, 3)
-    twins_fail = drives.of_run(driven_run(lambda trial: OFF_ROAD if trial.is_twin else {}, agent="worse twins"))
+    twins_fail = evaluation_record.of_run(
+        driven_run(lambda trial: OFF_ROAD if trial.is_twin else {}, agent="worse twins")
+    )
     assert figures.pair_counts(twins_fail) == (0, 6, 0, 0)
     (axes,) = figures.pairs([run, twins_fail]).axes
     said = [text.get_text() for text in axes.texts]
@@ -135,7 +137,7 @@ def test_mcnemars_exact_test(discordant, p):
 
 
 def test_the_papers_table_in_latex():
-    made = drives.of_results(wrong_command("ppo-image", (1, 2, 3, 4, 5, 6), opposed=0, twins_failed=4))
+    made = evaluation_record.of_results(wrong_command("ppo-image", (1, 2, 3, 4, 5, 6), opposed=0, twins_failed=4))
     text = figures.latex_table([made.named("ours_1 & 50%")])
     assert text == (
         "\\begin{tabular}{llrrrrrrr}\n"
@@ -151,7 +153,7 @@ def test_the_papers_table_in_latex():
     both = figures.latex_table([made], paper=True)
     assert "RL, image as input & infeasible & 0/10 & 1/10 & 7/10 & -- & [17, 39] \\% & 16/60 & -- \\\\\n" in both
     assert both.count("\\addlinespace\n") == 5
-    opposed = drives.of_results(wrong_command("strict", (0,) * 6, opposed=2))
+    opposed = evaluation_record.of_results(wrong_command("strict", (0,) * 6, opposed=2))
     assert "& 2/60 & [1, 11] \\% & 0/60 & 60/60 " in figures.latex_table([opposed])
 
 

@@ -67,7 +67,6 @@ def test_results_among_other_road_users_join_those_in_process(tmp_path: Path):
     shipped = collection.of_shipped("navigation@1", "ppo-image")
     assert shipped is not None
     assert len(shipped.trials) == len(collection.by_seed("navigation@1", "ppo-image")[1].trials) == 400
-    assert not any("other road users" in line for line in collection.missing(("navigation@1",)))
 
 
 def test_a_part_of_a_task_is_not_stored(tmp_path: Path):

@@ -7,7 +7,7 @@ Example:
     >>> figures.unsafe_rates(runs, width=figures.PAGE)  # doctest: +SKIP
 """
 
-from wrongturn_agents.figures.drives import Drive, Drives, fetch, read, stored
+from wrongturn_agents.figures.evaluation_record import Drive, EvaluationRecord, fetch, read, stored
 from wrongturn_agents.figures.junction_maps import beside_twins, trajectories
 from wrongturn_agents.figures.latex import latex_table, results_table
 from wrongturn_agents.figures.look import COLUMN, PAGE, save
@@ -20,7 +20,7 @@ __all__ = [
     "COLUMN",
     "PAGE",
     "Drive",
-    "Drives",
+    "EvaluationRecord",
     "beside_twins",
     "csv_text",
     "fetch",

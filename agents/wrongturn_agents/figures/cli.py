@@ -12,7 +12,7 @@ import typer
 
 from wrongturn_agents import figures
 from wrongturn_agents.errors import ResultsError
-from wrongturn_agents.figures.drives import Drives, checked
+from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
 from wrongturn_agents.stored_results import STORED, Collection
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_client.tables import console
@@ -112,7 +112,9 @@ def results(
         console().print(figures.results_table(found, paper=paper))
 
 
-def _draw(runs: Sequence[Drives], folder: Path, formats: Sequence[Format], width: float, url: str | None) -> None:
+def _draw(
+    runs: Sequence[EvaluationRecord], folder: Path, formats: Sequence[Format], width: float, url: str | None
+) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -123,7 +125,9 @@ def _draw(runs: Sequence[Drives], folder: Path, formats: Sequence[Format], width
             typer.echo(str(figures.save(figure, folder / f"{name}.{kind}")), err=True)
 
 
-def _drawings(runs: Sequence[Drives], width: float, url: str | None) -> Iterator[tuple[str, "Callable[[], Figure]"]]:
+def _drawings(
+    runs: Sequence[EvaluationRecord], width: float, url: str | None
+) -> Iterator[tuple[str, "Callable[[], Figure]"]]:
     """Yield the name of each figure, and what draws it."""
     towns = figures.installed_town if url is None else figures.town_of(url)
     yield "unsafe-rates", partial(figures.unsafe_rates, runs, width=width)
@@ -141,7 +145,7 @@ def _drawings(runs: Sequence[Drives], width: float, url: str | None) -> Iterator
             yield f"twins-{name}", partial(figures.beside_twins, run, width=width, towns=towns)
 
 
-def _find(text: str, url: str | None, suite: str) -> Drives:
+def _find(text: str, url: str | None, suite: str) -> EvaluationRecord:
     """Return a run from a file, the service, or the stored results, under the name that the user gives it."""
     name, equals, rest = text.partition("=")
     if Path(text).exists() or not equals:

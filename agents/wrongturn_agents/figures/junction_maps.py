@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from wrongturn_agents.errors import ResultsError
-from wrongturn_agents.figures.drives import Drive, Drives
+from wrongturn_agents.figures.evaluation_record import Drive, EvaluationRecord
 from wrongturn_agents.figures.look import COLUMN, MARKS, PAGE, Mark, mark_of, new_figure, style
 from wrongturn_agents.figures.towns import FindTown, installed_town
 from wrongturn_protocol import FaultKind, JunctionType
@@ -27,13 +27,13 @@ _ROAD, _KERB, _LINE = "#e6e6e6", "#a6a6a6", "#444444"
 _TWIN: Final = Mark("its twin, without a fault", "#555555", (0, (1, 1)), "o")
 
 
-def trajectories(run: Drives, *, width: float = COLUMN, towns: FindTown = installed_town) -> "Figure":
+def trajectories(run: EvaluationRecord, *, width: float = COLUMN, towns: FindTown = installed_town) -> "Figure":
     """Draw all trajectories over their junctions, by how they ended: a row for each fault, a column for each type.
 
     All approaches of a type lie over one another, turned so that the car comes from below.
 
     Args:
-        run: Drives with paths, from a run file or a service.
+        run: EvaluationRecord with paths, from a run file or a service.
         width: Width of the figure, inches.
         towns: Returns the geometry of a town; see :func:`town_of` for those of a service.
 
@@ -67,12 +67,12 @@ def trajectories(run: Drives, *, width: float = COLUMN, towns: FindTown = instal
 
 
 def beside_twins(
-    run: Drives, trials: Sequence[str] | None = None, *, width: float = PAGE, towns: FindTown = installed_town
+    run: EvaluationRecord, trials: Sequence[str] | None = None, *, width: float = PAGE, towns: FindTown = installed_town
 ) -> "Figure":
     """Draw trials over their twins, a small map for each pair.
 
     Args:
-        run: Drives with paths, from a run file or a service.
+        run: EvaluationRecord with paths, from a run file or a service.
         trials: Ids of the trials; by default unsafe ones, two rows of maps at most, evenly over types and faults.
         width: Width of the figure, inches.
         towns: As for :func:`trajectories`.

@@ -3,7 +3,7 @@ r"""The paper's table II with our agents: LaTeX for ``\usepackage{booktabs}``, o
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
-from wrongturn_agents.figures.drives import Drive, Drives, checked
+from wrongturn_agents.figures.evaluation_record import Drive, EvaluationRecord, checked
 from wrongturn_protocol import (
     PAPER,
     JunctionType,
@@ -37,7 +37,7 @@ def escaped(text: str) -> str:
     return text.translate(_SPECIAL).replace(r" \dag", r"\,\dag")
 
 
-def results_table(runs: Sequence[Drives], *, paper: bool = False) -> "Table":
+def results_table(runs: Sequence[EvaluationRecord], *, paper: bool = False) -> "Table":
     """Return the table of :func:`latex_table` for the terminal."""
     from wrongturn_client.tables import standings_table  # noqa: PLC0415 - rich is slow to import
 
@@ -45,7 +45,7 @@ def results_table(runs: Sequence[Drives], *, paper: bool = False) -> "Table":
     return standings_table(f"{runs[0].suite}: {columns.title}", columns, [([label], row) for label, row in rows])
 
 
-def latex_table(runs: Sequence[Drives], *, paper: bool = False) -> str:
+def latex_table(runs: Sequence[EvaluationRecord], *, paper: bool = False) -> str:
     """Return the paper's table II with our rows: unsafe trials by junction type and fault, a line for each fault.
 
     Cells and ``Strict`` count in the column that ranks, with Wilson's 95 % interval of its rate.
@@ -67,14 +67,14 @@ def latex_table(runs: Sequence[Drives], *, paper: bool = False) -> str:
     )
 
 
-def _rows(runs: Sequence[Drives], *, paper: bool) -> tuple[Columns, list[tuple[str, Row]]]:
+def _rows(runs: Sequence[EvaluationRecord], *, paper: bool) -> tuple[Columns, list[tuple[str, Row]]]:
     metrics = {run.label: metrics_of(run) for run in checked(runs)}
     columns = Columns.of(metrics.values())
     theirs = [(agent.title, columns.row_of_paper(agent)) for agent in PAPER if paper]
     return columns, [*theirs, *((label, columns.row(found)) for label, found in metrics.items())]
 
 
-def metrics_of(run: Drives) -> Metrics:
+def metrics_of(run: EvaluationRecord) -> Metrics:
     """Return the counts of a run, as a leaderboard has them.
 
     Raises:

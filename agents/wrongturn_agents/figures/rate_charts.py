@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
-from wrongturn_agents.figures.drives import Drives, checked
+from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
 from wrongturn_agents.figures.look import COLUMN, new_figure, style
 from wrongturn_protocol.standing_rows import wilson
 
@@ -22,14 +22,14 @@ _PAIR_BARS: Final = (
 """Ends of a trial and its twin in the strict column: words, colour, hatch."""
 
 
-def unsafe_rates(runs: Sequence[Drives], *, width: float = COLUMN) -> "Figure":
+def unsafe_rates(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> "Figure":
     """Draw each agent's unsafe rate with Wilson's 95 % interval: the strict column, and the paper's below it.
 
     Crosses are the twins' rate in the strict column.
 
     Raises:
         ResultsError: There is no run, or its suite has no twins.
-        MissingPackageError: matplotlib or scipy is not installed.
+        MissingPackageError: matplotlib is not installed.
     """
     counted = {run.label: list(run.pairs()) for run in checked(runs)}
     with style():
@@ -52,14 +52,14 @@ def unsafe_rates(runs: Sequence[Drives], *, width: float = COLUMN) -> "Figure":
     return figure
 
 
-def pairs(runs: Sequence[Drives], *, width: float = COLUMN) -> "Figure":
+def pairs(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> "Figure":
     """Draw how many trials and twins were unsafe in pairs, in the strict column: a bar for each agent.
 
     The figures beside the bars are the excess over the twins in points, and the p-value of McNemar's exact test.
 
     Raises:
         ResultsError: There is no run, or its suite has no twins.
-        MissingPackageError: matplotlib or scipy is not installed.
+        MissingPackageError: matplotlib is not installed.
     """
     counted = {run.label: pair_counts(run) for run in checked(runs)}
     with style():
@@ -85,7 +85,7 @@ def pairs(runs: Sequence[Drives], *, width: float = COLUMN) -> "Figure":
     return figure
 
 
-def pair_counts(run: Drives) -> tuple[int, int, int, int]:
+def pair_counts(run: EvaluationRecord) -> tuple[int, int, int, int]:
     """Return how many pairs were safe in both, unsafe in the twin only, in both, and in the trial only (strict)."""
     found = [(trial.result.unsafe_strict, twin.result.unsafe_strict) for trial, twin in run.pairs()]
     return (

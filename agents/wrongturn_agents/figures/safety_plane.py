@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from wrongturn_agents.figures.drives import Drives, checked
+from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
 from wrongturn_agents.figures.look import COLUMN, new_figure, style
 from wrongturn_protocol import Verdict
 from wrongturn_protocol.standing_rows import wilson
@@ -73,14 +73,14 @@ class _Place:
     """Whether it needs a line to its mark."""
 
 
-def obedience_safety(runs: Sequence[Drives], *, width: float = COLUMN) -> "Figure":
+def obedience_safety(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> "Figure":
     """Draw each agent's completed twins across and unsafe trials (strict) up, with Wilson's 95 % intervals.
 
     The best place is at the lower right. Agents with the same figures share a mark.
 
     Raises:
         ResultsError: There is no run, or its suite has no twins.
-        MissingPackageError: matplotlib or scipy is not installed.
+        MissingPackageError: matplotlib is not installed.
     """
     alike: dict[tuple[int, int, int], list[str]] = {}
     for run in checked(runs):

@@ -5,7 +5,7 @@ import io
 from collections.abc import Iterable
 from typing import Any, Final
 
-from wrongturn_agents.figures.drives import Drive, Drives
+from wrongturn_agents.figures.evaluation_record import Drive, EvaluationRecord
 from wrongturn_client import rows
 
 COLUMNS: Final = (
@@ -15,7 +15,7 @@ COLUMNS: Final = (
 """The columns. A cell is empty where a figure does not apply or is not known; truths are 0 and 1."""
 
 
-def trial_rows(runs: Iterable[Drives]) -> list[dict[str, Any]]:
+def trial_rows(runs: Iterable[EvaluationRecord]) -> list[dict[str, Any]]:
     """Return a row for each trial and twin of each run, as a dictionary with the keys :data:`COLUMNS`.
 
     ``pandas.DataFrame(trial_rows(runs))`` makes a table of them.
@@ -23,7 +23,7 @@ def trial_rows(runs: Iterable[Drives]) -> list[dict[str, Any]]:
     return [_row(run, drive) for run in runs for drive in run.by_trial.values()]
 
 
-def csv_text(runs: Iterable[Drives]) -> str:
+def csv_text(runs: Iterable[EvaluationRecord]) -> str:
     """Return the rows as CSV (RFC 4180, with line feeds)."""
     out = io.StringIO()
     writer = csv.DictWriter(out, COLUMNS, lineterminator="\n")
@@ -32,7 +32,7 @@ def csv_text(runs: Iterable[Drives]) -> str:
     return out.getvalue()
 
 
-def _row(run: Drives, drive: Drive) -> dict[str, Any]:
+def _row(run: EvaluationRecord, drive: Drive) -> dict[str, Any]:
     result, twin = drive.result, run.twin(drive)
     driver = None if run.run is None else run.run.driver
     known = {

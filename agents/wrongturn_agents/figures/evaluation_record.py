@@ -9,7 +9,6 @@ from typing import Final
 
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import ResultsError
-from wrongturn_agents.paper import TRAINED_ON_FAULTS
 from wrongturn_agents.results_file import ResultsFile, TrialResult
 from wrongturn_agents.stored_results import STORED, Collection
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
@@ -17,6 +16,7 @@ from wrongturn_client import AuthenticationError, Client, NotFoundError
 from wrongturn_protocol import DrivenEpisode, Outcome, RunFile, RunFormatError, Trial
 from wrongturn_protocol.episodes import twin_id
 from wrongturn_protocol.run_file import UNREADABLE, read_unpacked
+from wrongturn_protocol.standing_rows import TRAINED
 
 _NAMED: Final = 12  # agents that an error names as examples
 
@@ -37,7 +37,7 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Drives:
+class EvaluationRecord:
     """All drives of one agent on one suite."""
 
     agent: str
@@ -58,7 +58,7 @@ class Drives:
     @property
     def label(self) -> str:
         """The name that figures show, marked if the agent met wrong commands in its training."""
-        return f"{self.agent} {TRAINED_ON_FAULTS}" if self.trained_on_faults else self.agent
+        return f"{self.agent} {TRAINED}" if self.trained_on_faults else self.agent
 
     @property
     def trials(self) -> tuple[Drive, ...]:
@@ -87,12 +87,12 @@ class Drives:
             )
         yield from found
 
-    def named(self, agent: str) -> "Drives":
+    def named(self, agent: str) -> "EvaluationRecord":
         """Return the same drives under another name."""
         return replace(self, agent=agent)
 
 
-def of_run(run: RunFile) -> Drives:
+def of_run(run: RunFile) -> EvaluationRecord:
     """Return the drives in a run file.
 
     Raises:
@@ -110,7 +110,7 @@ def of_run(run: RunFile) -> Drives:
     found = {name: _drive(trial, driven[name]) for name, trial in trials.items()}
     bare = tuple(one.model_copy(update={"trajectory": None}) for one in run.episodes)
     kept = run.model_copy(update={"episodes": bare})
-    return Drives(
+    return EvaluationRecord(
         run.driver.name,
         run.suite,
         run.suite_sha256,
@@ -131,11 +131,11 @@ def check_suite(suite: str, driven: str) -> None:
         )
 
 
-def of_results(file: ResultsFile) -> Drives:
+def of_results(file: ResultsFile) -> EvaluationRecord:
     """Return the drives in a results file, which have neither paths nor figures of the outcome."""
     trials = file.drawn.trials
     found = {name: Drive(trial, file.trials[name]) for name, trial in trials.items() if name in file.trials}
-    return Drives(
+    return EvaluationRecord(
         file.agent,
         file.suite,
         file.suite_sha256,
@@ -146,7 +146,7 @@ def of_results(file: ResultsFile) -> Drives:
     )
 
 
-def read(path: str | Path) -> Drives:
+def read(path: str | Path) -> EvaluationRecord:
     """Read a file of ``wrongturn run --json`` or ``wrongturn score --json``, plain or compressed.
 
     Raises:
@@ -165,7 +165,7 @@ def read(path: str | Path) -> Drives:
         raise ResultsError(str(error)) from error
 
 
-def stored(agent: str, suite: str = WRONG_COMMAND, directory: Path = STORED) -> Drives:
+def stored(agent: str, suite: str = WRONG_COMMAND, directory: Path = STORED) -> EvaluationRecord:
     """Return the stored results of a shipped agent: verdicts, without paths.
 
     Raises:
@@ -182,7 +182,7 @@ def stored(agent: str, suite: str = WRONG_COMMAND, directory: Path = STORED) -> 
     return of_results(file)
 
 
-def fetch(url: str, wanted: str, suite: str = WRONG_COMMAND) -> Drives:
+def fetch(url: str, wanted: str, suite: str = WRONG_COMMAND) -> EvaluationRecord:
     """Return a finished evaluation's drives from a service.
 
     Args:
@@ -209,7 +209,7 @@ def fetch(url: str, wanted: str, suite: str = WRONG_COMMAND) -> Drives:
             ) from error
 
 
-def checked(runs: Sequence[Drives]) -> Sequence[Drives]:
+def checked(runs: Sequence[EvaluationRecord]) -> Sequence[EvaluationRecord]:
     """Return the runs, if there are some, all of one suite and each of another agent.
 
     Raises:
