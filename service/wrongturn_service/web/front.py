@@ -15,7 +15,8 @@ from wrongturn_service.api.dependencies import ServiceDep
 from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.evaluation.metrics import of_journeys
 from wrongturn_service.service import Service
-from wrongturn_service.web import plane, standings, words
+from wrongturn_service.web import standings, words
+from wrongturn_service.web.figures import figures
 from wrongturn_service.web.page import numbered_page, rendered, sent
 from wrongturn_service.web.standings import page_count
 
@@ -23,6 +24,11 @@ router = APIRouter(include_in_schema=False)
 FIRST: Final = "wrong-command@2"
 """The suite whose leaderboard is the first page."""
 Filter = Annotated[str, Query(max_length=40)]
+_KINDS: Final = (
+    *(AgentKind.SUBMITTED, AgentKind.REFERENCE, AgentKind.BASELINE),
+    *(AgentKind.EXPLOIT, AgentKind.ALGORITHM),
+)
+"""Kinds in the order of the filter."""
 _Word = TypeVar("_Word", bound=StrEnum)
 
 
@@ -83,23 +89,16 @@ def _render(
         board=board,
         journeys=journeys,
         table=standings.standings(board, entries, number, journeys=journeys, paper=kind is None),
-        planes=_planes([] if journeys else entries),
-        plot=plane,
+        figures=list(figures(entries)),
         bars=standings,
         words=words,
         marks=MARKS,
         track=track,
         kind=kind,
         tracks=[each for each in Track if each in suite.tracks],
-        kinds=list(AgentKind),
+        kinds=_KINDS,
         others=others.leaderboards,
     )
-
-
-def _planes(entries: Sequence[LeaderboardEntry]) -> list[plane.Plane]:
-    """Return the drawings of the plane: a wide one, and a narrow one for telephones. None if there are no twins."""
-    drawn = (plane.plane(entries, frame) for frame in (plane.WIDE, plane.NARROW))
-    return [each for each in drawn if each is not None]
 
 
 def _word(path: str, name: str, words: type[_Word]) -> _Word | None:

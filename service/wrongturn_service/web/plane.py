@@ -6,6 +6,7 @@ from typing import Final
 
 from wrongturn_protocol import AgentKind, LeaderboardEntry
 from wrongturn_service.evaluation.ranking import least_completed
+from wrongturn_service.web.page import templates
 
 _MARGIN: Final = 22
 """Room between the frame and the rates 0 and 100 %, pixels. Most marks are near these."""
@@ -111,6 +112,12 @@ class Plane:
     """Marks of agents that complete enough twins for a rank are to the right of this; pixels."""
     kinds: tuple[AgentKind, ...]
     """Kinds that are present, for the key."""
+
+
+def figure(entries: Sequence[LeaderboardEntry]) -> str | None:
+    """Return the plane as HTML: a wide drawing, and a narrow one for telephones. None if no entry has twins."""
+    planes = [drawn for frame in (WIDE, NARROW) if (drawn := plane(entries, frame)) is not None]
+    return templates().get_template("_plane.html").render(planes=planes, ticks=TICKS, shape=shape) if planes else None
 
 
 def plane(entries: Sequence[LeaderboardEntry], frame: Frame) -> Plane | None:
