@@ -59,9 +59,6 @@ class ActorCritic(nn.Module):
             observation: the batch.
             augment: change its image at random first.
             generator: random generator on the batch's device.
-
-        Raises:
-            ValueError: the observation lacks this agent's image, or the image has another shape.
         """
         if augment:
             observation = self.disturb(observation, generator)
@@ -108,9 +105,6 @@ class ActorCritic(nn.Module):
         """Return logits (B, 11, 64, 192) of each pixel's class, from ``rgb``. Arguments as for :meth:`features`.
 
         In training mode, batch normalisation learns its statistics here and nowhere else.
-
-        Raises:
-            ValueError: the agent's input is the segmentation itself.
         """
         if augment:
             observation = self.disturb(observation, generator)

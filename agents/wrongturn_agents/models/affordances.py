@@ -44,12 +44,7 @@ class Affordances(NamedTuple):
 
 
 class AffordanceHeads(nn.Module):
-    """Tells classes and affordances from an encoding; only pretraining needs it.
-
-    Args:
-        deep: width of the flat encoding.
-        widths: channels of the encoder's stages.
-    """
+    """Tells classes and affordances from an encoding; only pretraining needs it."""
 
     groups: Tensor
 

@@ -33,13 +33,8 @@ class Branches(nn.Module):
     any number that is no command, uses LANE_FOLLOW's branch.
 
     Args:
-        features: width of the input.
         hidden: units of each layer.
-        actions: numbers in a mean action.
         activation: ``tanh``, ``elu`` or ``relu``.
-
-    Raises:
-        ValueError: there is no such activation.
     """
 
     def __init__(self, features: int, hidden: int = 128, actions: int = 2, activation: str = "tanh") -> None:

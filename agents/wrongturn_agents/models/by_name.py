@@ -32,9 +32,6 @@ def build(
             and drives frozen: ``encoder.freeze(...)``.
         augmentation: for the two agents that see RGB: how much pictures are changed.
         activation: activation of the heads: ``tanh``, ``elu`` or ``relu``.
-
-    Raises:
-        ValueError: there is no such algorithm, or it does not take one of the arguments.
     """
     if algorithm not in ALGORITHMS:
         raise ValueError(f"algorithm: {algorithm!r} is none of {', '.join(ALGORITHMS)}")

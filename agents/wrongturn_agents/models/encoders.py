@@ -40,11 +40,7 @@ class Encoder(nn.Module, ABC):
         return encoded
 
     def segmentation_logits(self, observation: Observation) -> Tensor:  # noqa: ARG002 - here it is refused
-        """Return logits (B, 11, 64, 192) of each pixel's class.
-
-        Raises:
-            ValueError: the encoder's input is the segmentation itself.
-        """
+        """Return logits (B, 11, 64, 192) of each pixel's class."""
         raise ValueError(f"{type(self).__name__}: it is given the segmentation and tells none; ask another agent")
 
     def update_statistics(self, observation: Observation) -> None:
@@ -52,11 +48,7 @@ class Encoder(nn.Module, ABC):
 
 
 class SegmentationEncoder(Encoder):
-    """NatureCNN on one-hot segmentation.
-
-    Args:
-        masked_classes: probability that a class is hidden in training.
-    """
+    """NatureCNN on one-hot segmentation."""
 
     def __init__(self, masked_classes: float = 0.0) -> None:
         super().__init__()
@@ -115,7 +107,6 @@ class ImageEncoder(PictureEncoder):
     """ResNet-34 that learns segmentation first, through a decoder without links, and is then frozen.
 
     Args:
-        frozen: whether the ResNet stays as it is.
         augmentation: how much pictures are changed in training.
     """
 

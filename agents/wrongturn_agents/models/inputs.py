@@ -22,9 +22,6 @@ def wanted(observation: Observation, key: str) -> Tensor:
     Args:
         observation: the batch.
         key: ``rgb`` (B, 64, 192, 3) or ``segmentation`` (B, 64, 192).
-
-    Raises:
-        ValueError: the image is missing, or has another shape.
     """
     image = observation.get(key)
     if image is None:

@@ -25,7 +25,6 @@ class WaypointAgent(nn.Module):
     """An agent that tells waypoints for all commands, and follows those of the command that it gets.
 
     Args:
-        channels: planes of its input.
         depths: blocks in each stage of its ResNet.
         width: channels after the first stage; each stage has twice as many as the one before.
 
@@ -119,11 +118,7 @@ def commanded(waypoints: Tensor, command: Tensor) -> Tensor:
 
 
 def _resnet(channels: int, depths: Sequence[int], width: int) -> Any:
-    """Return a ResNet of basic blocks, with weights drawn at random.
-
-    Raises:
-        ModuleNotFoundError: transformers is not installed.
-    """
+    """Return a ResNet of basic blocks, with weights drawn at random."""
     try:
         # Imported here, because it takes seconds.
         from transformers import ResNetConfig, ResNetModel  # noqa: PLC0415

@@ -16,10 +16,6 @@ class LinkNetDecoder(nn.Module):
 
     Each block doubles the picture's size and adds the encoder's output of that size, if it is given. Without these
     links, all that the decoder knows has come through the last stage, which learns to hold it.
-
-    Args:
-        widths: channels of the encoder's four stages.
-        classes: number of classes.
     """
 
     def __init__(self, widths: Sequence[int] = WIDTHS, classes: int = CLASSES) -> None:

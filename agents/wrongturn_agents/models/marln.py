@@ -41,7 +41,6 @@ class ValueNetwork(nn.Module):
     """What learns by driving: from an encoding, speed, steering and command to the quantiles of each action's value.
 
     Args:
-        width: numbers in an encoding.
         hidden: units of each stream's hidden layer.
         deviation: first deviation of the noise that explores.
     """
@@ -90,8 +89,6 @@ class Marln(nn.Module):
     Args:
         hidden: units of each stream's hidden layer.
         deviation: first deviation of the noise that explores.
-        widths: channels of the encoder's stages.
-        depths: blocks of the encoder's stages.
 
     Attributes:
         algorithm: ``marln``.

@@ -12,9 +12,6 @@ class MaskedClasses(nn.Module):
 
     Args:
         probability: probability for each class of each picture.
-
-    Raises:
-        ValueError: the probability is not from 0 to 1.
     """
 
     def __init__(self, probability: float) -> None:

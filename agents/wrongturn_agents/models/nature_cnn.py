@@ -12,11 +12,6 @@ class NatureCNN(nn.Module):
     """Three convolutions and a linear layer, with the sizes that Stable-Baselines3 uses.
 
     The input is (B, ``channels``, 64, 192), the output (B, ``features``).
-
-    Args:
-        channels: planes of the picture.
-        features: width of the output.
-        widths: channels of the three convolutions.
     """
 
     def __init__(self, channels: int, features: int = 512, widths: tuple[int, int, int] = (32, 64, 64)) -> None:

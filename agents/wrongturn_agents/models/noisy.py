@@ -17,8 +17,6 @@ class NoisyBranches(nn.Module):
     Each row of a batch has its own noise: w + s * (a x b), with a of the inputs and b of the outputs.
 
     Args:
-        inputs: width of the input.
-        outputs: width of the output.
         deviation: first deviation of the noise, times the square root of ``inputs``.
     """
 

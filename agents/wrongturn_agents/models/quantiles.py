@@ -18,8 +18,6 @@ class QuantileHeads(nn.Module):
     """From features and shares of the return's distribution to the quantile of each action, with a head per command.
 
     Args:
-        features: width of the input.
-        actions: number of actions.
         hidden: units of each stream's hidden layer.
         deviation: first deviation of the noise.
     """

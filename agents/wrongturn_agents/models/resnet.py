@@ -26,14 +26,10 @@ class ResNet(nn.Module):
     Args:
         widths: channels after each stage.
         depths: blocks in each stage.
-        channels: channels of the picture.
 
     Attributes:
         stem: (B, ``channels``, 64, 192) to (B, 64, 16, 48).
         stages: four; see :data:`WIDTHS`.
-
-    Raises:
-        ModuleNotFoundError: transformers is not installed.
     """
 
     def __init__(self, widths: Sequence[int], depths: Sequence[int], channels: int) -> None:
@@ -88,7 +84,6 @@ class ResNet18(ResNet):
     """A ResNet with 18 layers for several pictures, one behind the other.
 
     Args:
-        pictures: number of pictures.
         widths: channels after each stage.
         depths: blocks in each stage.
     """

@@ -31,11 +31,7 @@ class Gains:
 
 
 class WaypointControl(nn.Module):
-    """Follows waypoints: a controller for the steering and one for the speed.
-
-    Args:
-        gains: settings.
-    """
+    """Follows waypoints: a controller for the steering and one for the speed."""
 
     def __init__(self, gains: Gains | None = None) -> None:
         super().__init__()

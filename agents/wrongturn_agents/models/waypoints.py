@@ -67,10 +67,6 @@ class WaypointHeads(nn.Module):
     """Turns an encoded picture and the speed into waypoints for each command.
 
     Three transposed convolutions enlarge the encoding eightfold. Then each command has its own heat maps.
-
-    Args:
-        channels: channels of the encoding.
-        commands: number of commands.
     """
 
     def __init__(self, channels: int, commands: int) -> None:

@@ -20,9 +20,6 @@ class Budget:
         minutes: wall clock from now on, for everything: pretraining, compiling and evaluations.
         used: seconds that the run used before it was interrupted.
         clock: monotonic clock, in seconds.
-
-    Raises:
-        TrainingError: neither steps nor minutes are given, or one is not positive.
     """
 
     def __init__(

@@ -20,11 +20,7 @@ class Candidate:
 
 
 class Candidates:
-    """The best agent in training since the last evaluation, and the best evaluated agent.
-
-    Args:
-        model: the agent that learns.
-    """
+    """The best agent in training since the last evaluation, and the best evaluated agent."""
 
     def __init__(self, model: Any) -> None:
         self._model = model

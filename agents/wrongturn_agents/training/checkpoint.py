@@ -63,11 +63,7 @@ def is_path(name: str) -> bool:
 
 
 def load_checkpoint(path: Path | str) -> dict[str, Any]:
-    """Load on the CPU what :func:`save_checkpoint` wrote.
-
-    Raises:
-        TrainingError: the file is missing, or is no checkpoint of this version.
-    """
+    """Load on the CPU what :func:`save_checkpoint` wrote."""
     found = read(Path(path), "checkpoint", "a run's best.pt or last.pt")
     if isinstance(found, dict) and "told" in found:  # of a doubting agent, before all methods had the same fields
         found = {**found, "steps": found.get("pictures"), "evaluation": found["told"]}
@@ -86,9 +82,6 @@ def load_weights(model: nn.Module, weights: dict[str, torch.Tensor], spare: Call
         model: the network.
         weights: weights by name.
         spare: returns whether a checkpoint may lack a weight, by its name.
-
-    Raises:
-        TrainingError: they do not fit this version's network, or are not finite.
     """
     try:
         missing, unexpected = model.load_state_dict(weights, strict=False)
@@ -103,11 +96,7 @@ def load_weights(model: nn.Module, weights: dict[str, torch.Tensor], spare: Call
 
 
 def write(path: Path, content: Any) -> None:
-    """Write a file all at once: if the process is interrupted, the old file stays.
-
-    Raises:
-        TrainingError: the file cannot be written, for example because the disk is full.
-    """
+    """Write a file all at once: if the process is interrupted, the old file stays."""
     beside = path.with_name(path.name + ".part")
     try:
         torch.save(content, beside)
@@ -126,9 +115,6 @@ def read(path: Path, what: str = "file", wanted: str = "one that a run wrote") -
         path: the file.
         what: argument that named the file, for the error.
         wanted: what the user should name instead, for the error.
-
-    Raises:
-        TrainingError: the file is missing or damaged.
     """
     try:
         if not path.is_file():
@@ -161,9 +147,6 @@ def read_encoder(path: Path, parts: tuple[str, ...]) -> dict[str, torch.Tensor]:
     Args:
         path: the file.
         parts: first parts of the names that its weights may have.
-
-    Raises:
-        TrainingError: the file is missing, damaged or of another method.
     """
     found = read(path, "option encoder:", "a run's encoder.pt")
     weights = found.get("state_dict") if isinstance(found, dict) else None
@@ -173,11 +156,7 @@ def read_encoder(path: Path, parts: tuple[str, ...]) -> dict[str, torch.Tensor]:
 
 
 def take_encoder(module: nn.Module, weights: dict[str, torch.Tensor], parts: tuple[str, ...]) -> None:
-    """Load an encoder's weights into a module.
-
-    Raises:
-        TrainingError: they do not fit.
-    """
+    """Load an encoder's weights into a module."""
     try:
         missing, unexpected = module.load_state_dict(weights, strict=False)
     except (RuntimeError, TypeError, AttributeError) as error:

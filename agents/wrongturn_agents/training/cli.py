@@ -146,11 +146,7 @@ def _is_agent(name: str) -> bool:
 
 
 def _require_extra() -> None:
-    """Check that the packages of the extra *training* are installed.
-
-    Raises:
-        TrainingError: a package is missing.
-    """
+    """Check that the packages of the extra *training* are installed."""
     missing = [name for name in ("torch", "stable_baselines3", "wrongturn_sim") if find_spec(name) is None]
     if missing:
         raise TrainingError(f"{', '.join(missing)}: not installed; pip install 'wrongturn-agents[training]'")

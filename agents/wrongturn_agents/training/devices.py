@@ -11,11 +11,7 @@ _MOST_THREADS: Final = 1024
 
 
 def device_of(name: str) -> torch.device:
-    """Return the device that a user names: ``cpu``, ``cuda``, or ``auto`` for CUDA where there is some.
-
-    Raises:
-        TrainingError: the name is another, or there is no CUDA device.
-    """
+    """Return the device that a user names: ``cpu``, ``cuda``, or ``auto`` for CUDA where there is some."""
     if name not in {"auto", "cpu", "cuda"}:
         raise TrainingError(f"device: is {name!r}; give auto, cpu or cuda")
     if name == "cuda" and not torch.cuda.is_available():
@@ -24,11 +20,7 @@ def device_of(name: str) -> torch.device:
 
 
 def check_threads(threads: int | None) -> None:
-    """Check a number of threads.
-
-    Raises:
-        TrainingError: there are none, or more than a machine can start.
-    """
+    """Check a number of threads."""
     if threads is not None and not 1 <= threads <= _MOST_THREADS:
         raise TrainingError(f"threads: is {threads}; give a whole number from 1 to {_MOST_THREADS}")
 

@@ -12,11 +12,7 @@ _EVERY = 10.0
 
 
 class Display:
-    """Shows the rows of a run.
-
-    Args:
-        title: name of the run.
-    """
+    """Shows the rows of a run."""
 
     def __init__(self, title: str) -> None:
         self._title = title

@@ -53,9 +53,6 @@ def drive_in_process(
         enough: called with what a car has driven so far, once a second; True ends its drive before ``drive_on``.
         threads: threads that share the simulation and an agent without memory.
         progress: called with the numbers of finished and of all trials.
-
-    Raises:
-        AgentsError: the agent cannot be made, or fails.
     """
     finished = 0
     progress(finished, len(trials))

@@ -21,9 +21,6 @@ def memory_named(settings: Settings, device: torch.device) -> Iterator[None]:
     Args:
         settings: settings of the run.
         device: device of the run, which keeps its decisions and pictures.
-
-    Raises:
-        TrainingError: what a run keeps exceeds the device's memory, or an allocation failed.
     """
     there = memory_of(device)
     for option, wanted, what in settings.memory():

@@ -55,12 +55,7 @@ class ProgressFile:
     """Rows that are on the disk as soon as they are added.
 
     Args:
-        path: the file.
-        columns: names of the columns.
         resumed_at: steps at which an interrupted run continues; later rows are dropped. None starts a new file.
-
-    Raises:
-        TrainingError: the file of the interrupted run is damaged, or it cannot be written.
     """
 
     def __init__(self, path: Path, columns: Sequence[str] = COLUMNS, *, resumed_at: int | None = None) -> None:

@@ -37,11 +37,7 @@ class Begun:
     minutes: float | None
 
     def write(self, folder: Path, device: torch.device) -> None:
-        """Write ``config.json``.
-
-        Raises:
-            TrainingError: the file cannot be written.
-        """
+        """Write ``config.json``."""
         content = {
             "algorithm": self.settings.algorithm,
             "variant": self.settings.variant,
@@ -59,11 +55,7 @@ class Begun:
 
     @classmethod
     def read(cls, folder: Path, method: Method) -> "Begun":
-        """Read ``config.json`` of a method's run.
-
-        Raises:
-            TrainingError: the folder holds no run or one of another method, or the file is damaged.
-        """
+        """Read ``config.json`` of a method's run."""
         path = folder / CONFIG
         if not path.is_file():
             raise TrainingError(f"directory {folder}: holds no run to resume; name the directory of one")
@@ -92,10 +84,6 @@ def held(folder: Path, *, resume: bool) -> Iterator[None]:
     """Lock a directory while the block runs. The directory is made if it is missing.
 
     A run without a checkpoint and an encoder has nothing to continue from, so another run may start in its place.
-
-    Raises:
-        TrainingError: the directory cannot be written, another process trains there, or it holds a run that would be
-        lost.
     """
     if not resume:
         _refuse_to_lose(folder)
@@ -144,11 +132,7 @@ def _only_pretrained(there: Set[str]) -> bool:
 
 
 def pretraining_seconds(folder: Path) -> float | None:
-    """Return the seconds up to the end of a run's pretraining, if its encoder is all that it has saved; else None.
-
-    Raises:
-        TrainingError: the encoder's file is damaged.
-    """
+    """Return the seconds up to the end of a run's pretraining, if its encoder is all that it has saved; else None."""
     if not _only_pretrained({path.name for path in folder.iterdir()}):
         return None
     found = read(folder / ENCODER, "resume:", _OWN)
@@ -157,11 +141,7 @@ def pretraining_seconds(folder: Path) -> float | None:
 
 
 def read_state(folder: Path) -> dict[str, Any]:
-    """Return the state from which a run continues.
-
-    Raises:
-        TrainingError: there is none, or it is damaged.
-    """
+    """Return the state from which a run continues."""
     path = folder / STATE
     if not path.is_file():
         raise TrainingError(f"resume: the run in {folder} has saved nothing to go on from; begin it without --resume")
@@ -172,16 +152,7 @@ def read_state(folder: Path) -> dict[str, Any]:
 
 
 def check_resumed(options: Sequence[str], seed: int | None, own: int) -> None:
-    """Check what is given again with ``--resume``.
-
-    Args:
-        options: options that were given.
-        seed: the seed that was given.
-        own: the run's seed.
-
-    Raises:
-        TrainingError: there are options, or another seed than the run's.
-    """
+    """Check what is given again with ``--resume``."""
     if options:
         raise TrainingError(f"option {options[0]!r}: the run has its own options; give none with --resume")
     if seed is not None and seed != own:

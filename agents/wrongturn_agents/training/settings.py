@@ -64,11 +64,7 @@ class Settings:
         return ()
 
     def with_options(self, options: Iterable[str]) -> Self:
-        """Return these settings with the fields of ``name=value`` options changed.
-
-        Raises:
-            TrainingError: an option has an unknown name or a wrong value.
-        """
+        """Return these settings with the fields of ``name=value`` options changed."""
         names = sorted(field.name for field in dataclasses.fields(self))
         changed: dict[str, Any] = {}
         for option in options:
@@ -84,11 +80,7 @@ class Settings:
 
     @classmethod
     def of(cls, fields: Mapping[str, Any]) -> Self:
-        """Return the settings of a stored run; a field that is younger than the run changes nothing.
-
-        Raises:
-            TrainingError: a field is unknown or has a wrong value.
-        """
+        """Return the settings of a stored run; a field that is younger than the run changes nothing."""
         known = {field.name for field in dataclasses.fields(cls)}
         unknown = [name for name in fields if name not in known]
         if unknown:

@@ -15,7 +15,6 @@ class Stopwatch:
     result. This costs nothing in the training loop, where each part needs the result of the one before.
 
     Args:
-        device: device to wait for.
         clock: monotonic clock, in seconds.
     """
 

@@ -76,9 +76,6 @@ def export(
 
     Returns:
         The comparison, if there was one.
-
-    Raises:
-        TrainingError: the file is no checkpoint, or the ONNX file cannot be written.
     """
     file = Path(file)
     check_target(file, name)

@@ -68,10 +68,6 @@ def export_sb3(
         actions: JSON file with the controls of each discrete action.
         name: the agent's name on the leaderboard; the file's by default.
         description: one sentence for the leaderboard.
-
-    Raises:
-        TrainingError: a file is not what it should be, the spaces are not those of our environments, torch cannot
-            export the network, or the file's actions are not the policy's.
     """
     source, file = Path(source), Path(file)
     check_target(file, name or file.stem, "--out")
@@ -170,11 +166,7 @@ class _Driver(nn.Module):
 
 
 def _graph(source: Path, saved: SavedPolicy, keys: tuple[Taken, ...], meaning: Meaning) -> onnx.ModelProto:
-    """Return the agent's graph, with a batch axis of 1.
-
-    Raises:
-        TrainingError: torch cannot export the network.
-    """
+    """Return the agent's graph, with a batch axis of 1."""
     example = {key.field.name: torch.as_tensor(np.ones((1, *key.field.shape), key.field.numpy_dtype)) for key in keys}
     validated = torch.distributions.Distribution._validate_args
     torch.distributions.Distribution.set_default_validate_args(False)  # it looks at values, which a graph does not have

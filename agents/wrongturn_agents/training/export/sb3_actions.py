@@ -39,9 +39,6 @@ def meaning_of(space: spaces.Space[Any], file: Path | None) -> Meaning:
     Args:
         space: the policy's action space: one of our environments', or discrete.
         file: JSON file with the controls of each discrete action.
-
-    Raises:
-        TrainingError: the space is another one, or the file does not fit it.
     """
     if isinstance(space, spaces.Discrete):
         if file is None:

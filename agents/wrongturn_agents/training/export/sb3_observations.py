@@ -47,11 +47,7 @@ class Taken:
 
 
 def taken_by(saved: SavedPolicy, statistics: VecNormalize | None) -> tuple[Track, tuple[Taken, ...]]:
-    """Return the track of a policy, and the keys that it takes.
-
-    Raises:
-        TrainingError: its space is not made of keys of one track, or a wrapper changed them.
-    """
+    """Return the track of a policy, and the keys that it takes."""
     seen = _by_key(saved.observation_space)
     track = _track(tuple(seen))
     fields = [field for field in FIELDS[track] if field.name in seen]
@@ -83,11 +79,7 @@ def as_policy_takes(
 
 
 def _by_key(space: spaces.Space[Any]) -> dict[str, spaces.Space[Any]]:
-    """Return the space of each key that a policy takes. One array is a key's if it has its type and shape.
-
-    Raises:
-        TrainingError: the array is no key's.
-    """
+    """Return the space of each key that a policy takes. One array is a key's if it has its type and shape."""
     if isinstance(space, spaces.Dict):
         return dict(space.spaces)
     fields = {field.name: field for track in _TRACKS for field in FIELDS[track]}

@@ -61,11 +61,7 @@ class SavedPolicy:
 
 
 def check_files(file: Path, statistics: Path | None) -> None:
-    """Check that a model's file is one, and that statistics can be read, without loading either.
-
-    Raises:
-        TrainingError: the file is missing or no model of Stable-Baselines3, or the statistics cannot be read.
-    """
+    """Check that a model's file is one, and that statistics can be read, without loading either."""
     _keys(file)
     if statistics is not None:
         try:
@@ -75,12 +71,7 @@ def check_files(file: Path, statistics: Path | None) -> None:
 
 
 def load_policy(file: Path) -> SavedPolicy:
-    """Load the policy of a zip file. This runs code that the file names.
-
-    Raises:
-        TrainingError: the file is missing, is no model of Stable-Baselines3, was made by another algorithm, needs a
-            module that cannot be imported, or does not fit this version.
-    """
+    """Load the policy of a zip file. This runs code that the file names."""
     keys = _keys(file)
     data, weights = _load(file, keys)
     policy_class = data["policy_class"]
@@ -102,11 +93,7 @@ def load_policy(file: Path) -> SavedPolicy:
 
 
 def load_statistics(file: Path) -> VecNormalize:
-    """Load what ``VecNormalize.save`` wrote. This runs code that the file names.
-
-    Raises:
-        TrainingError: the file is missing, or holds something else.
-    """
+    """Load what ``VecNormalize.save`` wrote. This runs code that the file names."""
     try:
         with file.open("rb") as opened:
             found = pickle.load(opened)  # noqa: S301 - the user is warned

@@ -26,9 +26,6 @@ def check_target(file: Path, name: str | None = None, said: str = "FILE") -> Non
         file: the file to write.
         name: the agent's name on the leaderboard, if the user gives one.
         said: what the user calls the file, for the error.
-
-    Raises:
-        TrainingError: the folder does not exist, the file does not end with .onnx, or the name is not allowed.
     """
     if file.is_dir() or not file.absolute().parent.is_dir():
         raise TrainingError(f"{said}: {file} cannot be written; name a file in a directory that exists")
@@ -74,11 +71,7 @@ def export_graph(
 
 
 def write_graph(file: Path, graph: onnx.ModelProto, facts: Mapping[str, str]) -> None:
-    """Write a file all at once, with its metadata.
-
-    Raises:
-        TrainingError: it cannot be written.
-    """
+    """Write a file all at once, with its metadata."""
     onnx.helper.set_model_props(graph, dict(facts))
     beside = file.with_name(file.name + ".part")
     try:

@@ -75,11 +75,7 @@ class AveragedLearner:
         }
 
     def restore(self, run: Run) -> None:
-        """Continue from the ``learner`` of a run's state.
-
-        Raises:
-            TrainingError: the state is of other networks.
-        """
+        """Continue from the ``learner`` of a run's state."""
         with run.restoring() as state:
             kept = state["learner"]
             self.live.load_state_dict(kept["live"])

@@ -55,13 +55,7 @@ class Points(NamedTuple):
 
 
 def draw_places(town: Town, random: np.random.Generator, count: int) -> Places:
-    """Draw places in a town with their truth, most of them near junctions and a quarter of them off the ideal line.
-
-    Args:
-        town: the town.
-        random: generator of everything that is drawn.
-        count: number of places.
-    """
+    """Draw places in a town with their truth, most of them near junctions and a quarter of them off the ideal line."""
     points = points_of(town)
     names = [name for name, rows in points.groups.items() if len(rows)]
     shares = np.array([SHARES[name] for name in names])

@@ -40,11 +40,7 @@ def wander(random: np.random.Generator, count: int) -> NDArray[np.float64]:
 
 
 class Pool:
-    """The newest rows of several tensors, on the device: a new row replaces the oldest.
-
-    Args:
-        size: most rows that are kept.
-    """
+    """The newest rows of several tensors, on the device: a new row replaces the oldest."""
 
     def __init__(self, size: int) -> None:
         self._size = size

@@ -25,12 +25,7 @@ _SHAPES: Final = {"rgb": (64, 192, 3), "segmentation": (64, 192)}
 
 
 class GatedDoubt(nn.Module):
-    """What a doubting agent adds to a driving one: from an observation to the command to obey, and its memory.
-
-    Args:
-        doubt: tells what the road offers.
-        gate: replaces commands.
-    """
+    """What a doubting agent adds to a driving one: from an observation to the command to obey, and its memory."""
 
     def __init__(self, doubt: Doubt, gate: Gate) -> None:
         super().__init__()
@@ -62,9 +57,6 @@ def write_doubting(
         name: the agent's name on the leaderboard; the algorithm by default.
         gate: settings of the gate; the shipped ones by default.
         whole: False writes only what doubts, as the shipped agents have it: its output is the command to obey.
-
-    Raises:
-        TrainingError: the precision is another, or the ONNX file cannot be written.
     """
     check_target(file, name)
     if precision not in {Precision.FP32, Precision.FP16}:

@@ -43,7 +43,6 @@ class FrameSource:
         first_share: share of the chunks that show the first town; the others are shared equally.
         weathers: weathers, drawn equally often.
         device: device of the minibatches. On CUDA the pictures are rendered there too.
-        threads: threads that render on the CPU.
     """
 
     def __init__(
@@ -118,15 +117,7 @@ class FrameSource:
 
 
 def towns_of(folder: Path, seeds: Sequence[int]) -> list[Town]:
-    """Return generated towns, building those that are missing in the folder.
-
-    Args:
-        folder: folder of the towns' folders.
-        seeds: seeds of the towns.
-
-    Raises:
-        TrainingError: a town is missing, and SUMO's netconvert, which builds it, is not installed.
-    """
+    """Return generated towns, building those that are missing in the folder."""
     from wrongturn_networks.making.generated import generated_recipe  # noqa: PLC0415 - only training needs it
     from wrongturn_networks.making.netconvert import build  # noqa: PLC0415
 

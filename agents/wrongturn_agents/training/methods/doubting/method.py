@@ -25,11 +25,7 @@ _ROW_EVERY: Final = 15.0
 
 
 class DoubtingMethod(Method):
-    """A network that tells what the road offers. It drives as a shipped agent does, behind a gate.
-
-    Args:
-        settings: settings of the agent.
-    """
+    """A network that tells what the road offers. It drives as a shipped agent does, behind a gate."""
 
     unit = "pictures"
     columns = ("step", "minutes", "loss", "exits_loss", "distance_loss", "steps_per_second", "learning_rate")

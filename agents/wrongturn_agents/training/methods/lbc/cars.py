@@ -24,8 +24,6 @@ class Cars:
     """A number of cars with right commands, each on one drive after the other.
 
     Args:
-        count: number of cars.
-        config: settings of the drives.
         seed: seed of starts, routes, weathers and traffic.
         pictures: render what the cars' cameras see.
         device: device of the tensors. On CUDA the pictures are rendered there.

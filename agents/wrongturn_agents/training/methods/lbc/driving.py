@@ -17,7 +17,6 @@ class Drivers:
     """Controllers of all cars, and the disturbance of some.
 
     Args:
-        count: number of cars.
         config: share and strength of the disturbance.
         generator: of the disturbance, on the cars' device.
     """

@@ -21,12 +21,6 @@ class PrivilegedHalf:
     """What the privileged agent learns from: the expert drives.
 
     Of each observation there are samples with the car moved and turned, as in the paper.
-
-    Args:
-        config: settings.
-        learner: the agent.
-        seed: seed of the drives and of all that is drawn.
-        threads: threads of the simulation.
     """
 
     def __init__(self, config: LBCConfig, learner: AveragedLearner, *, seed: int, threads: int) -> None:

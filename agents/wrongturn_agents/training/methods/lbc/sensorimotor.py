@@ -20,7 +20,6 @@ class Teacher:
     """Tells what the agent with a camera should tell: the privileged agent's waypoints, or the expert's.
 
     Args:
-        privileged: the privileged agent.
         white_box: teach its waypoints for all commands; else the expert's for the one that is given.
     """
 
@@ -44,13 +43,6 @@ class SensorimotorHalf:
     """What the agent with a camera learns from.
 
     At first the teacher drives. Then the agent drives most of the cars, in rounds: each begins with a copy of it.
-
-    Args:
-        config: settings.
-        learner: the agent.
-        teacher: tells what to learn.
-        seed: seed of the drives and of all that is drawn.
-        threads: threads of simulation and camera.
     """
 
     def __init__(

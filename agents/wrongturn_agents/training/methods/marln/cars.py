@@ -24,11 +24,7 @@ class Cars:
     """Drives all cars by a network's best actions, with noise.
 
     Args:
-        envs: the cars.
         model: the network; its encoder is frozen.
-        config: settings.
-        stopwatch: counts the encoder and the choice of actions.
-        generator: random generator on the device.
     """
 
     def __init__(

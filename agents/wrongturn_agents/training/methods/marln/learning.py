@@ -25,7 +25,6 @@ class Learner:
 
     Args:
         values: what learns, on its device.
-        config: settings.
         generator: random generator on the device, for shares and noise.
     """
 

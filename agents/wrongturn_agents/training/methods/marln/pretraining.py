@@ -55,9 +55,6 @@ class Source:
     elsewhere.
 
     Args:
-        config: cars and traffic.
-        seed: seed of drives and actions.
-        device: device of everything.
         threads: threads that share the simulation.
     """
 

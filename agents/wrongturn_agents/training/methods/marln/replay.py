@@ -54,13 +54,7 @@ class Replay:
 
     Args:
         size: number of decisions; rounded down to whole times of all cars.
-        cars: number of cars.
-        width: numbers of a picture's features.
-        n_step: rewards of a return.
-        gamma: discount.
         exponent: exponent of the priorities; 0 replays all alike.
-        device: device of everything.
-        dtype: dtype of the features.
     """
 
     def __init__(

@@ -14,11 +14,7 @@ _HEADING = 3.0
 
 
 class RoadTruth:
-    """Tells the affordances of any place in a town.
-
-    Args:
-        town: the town.
-    """
+    """Tells the affordances of any place in a town."""
 
     def __init__(self, town: Town) -> None:
         points = points_of(town)

@@ -30,11 +30,7 @@ _WARMING: Final = 40
 
 
 class PPOMethod(Method):
-    """PPO with one of the paper's networks.
-
-    Args:
-        settings: settings of the agent.
-    """
+    """PPO with one of the paper's networks."""
 
     def __init__(self, settings: type[PPOConfig]) -> None:
         self.settings = settings

@@ -29,12 +29,9 @@ class WrongturnPolicy(ActorCriticPolicy):
     """An actor-critic of ``wrongturn_agents.models`` with a Gaussian over steer and accelerate.
 
     Args:
-        observation_space: space of the environments' observations.
         action_space: (2,).
         lr_schedule: learning rate by the remaining share of the run.
-        model: function that makes the actor-critic.
         bf16: compute the encoder in bfloat16 on CUDA. Everything after it always computes in float32.
-        compiled: compile the encoder.
         joined: join another loss to PPO's, with learned weights.
         encoder_share: share of the learning rate for the encoder's convolutions; see ``PPOConfig``.
         projection_share: the same for the layer between a ResNet and the heads.

@@ -33,9 +33,6 @@ class WrongturnPPO(PPO):
     update the learning rate is halved, and recovers over the next dozens of updates.
 
     Args:
-        config: the algorithm's configuration.
-        env: environments that return tensors on the device.
-        model: function that makes the actor-critic.
         budget: the learning rate falls as it is used up.
         stopwatch: counts updates as ``learn``.
         more: further arguments of ``PPO``.

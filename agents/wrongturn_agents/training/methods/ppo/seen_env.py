@@ -24,10 +24,8 @@ class SeenVecEnv(VecEnvWrapper):
     and the policy's ratio is 1 before anything is learned.
 
     Args:
-        envs: environments that return tensors on the device.
         disturb: changes pictures at random, or masks classes. None leaves them.
         encode: the frozen encoder, from observations to (b, width). Each frame is encoded once, and RGB is not kept.
-        width: width of the encoder's output.
         stopwatch: counts all of this as ``encode``.
     """
 

@@ -10,10 +10,6 @@ class Snapshot:
     """A copy of a module's weights and statistics, and of its optimiser's state, on the device.
 
     Its memory is allocated once. Weights that are never trained are not copied.
-
-    Args:
-        module: module with the parameters and buffers.
-        optimizer: optimiser with the moments and counts.
     """
 
     def __init__(self, module: nn.Module, optimizer: torch.optim.Optimizer) -> None:
