@@ -1,8 +1,14 @@
+import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 import torch
 from torch import Tensor
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from small_networks import small_networks
 
 Batch = Callable[..., dict[str, Tensor]]
 
@@ -14,6 +20,13 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module", name="small_networks")
+def _small_networks() -> Iterator[None]:
+    """Build the agents of a module with few channels and one block in each stage."""
+    with small_networks():
+        yield
 
 
 @pytest.fixture(scope="session")

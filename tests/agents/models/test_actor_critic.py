@@ -6,12 +6,12 @@ from wrongturn_agents.models.actor_critic import controls
 
 
 @pytest.fixture(scope="module", params=ALGORITHMS)
-def model(request):
+def model(request, small_networks):
     return build(request.param, seed=0).eval()
 
 
 @pytest.fixture(scope="module")
-def segmentation():
+def segmentation(small_networks):
     return build("ppo-segmentation", seed=0).eval()
 
 

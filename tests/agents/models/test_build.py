@@ -2,6 +2,7 @@ import sys
 
 import pytest
 import torch
+from small_networks import small_networks
 
 from wrongturn_agents.models import ALGORITHMS, build
 from wrongturn_agents.models.augmentation import AugmentationConfig
@@ -23,7 +24,8 @@ def test_resnet_34_has_its_21_million_parameters():
 
 def test_a_seed_gives_the_same_weights_and_leaves_torchs_own_alone():
     state = torch.random.get_rng_state()
-    one, same, other = (build("ppo-segmentation", seed=seed).state_dict() for seed in (1, 1, 2))
+    with small_networks():
+        one, same, other = (build("ppo-segmentation", seed=seed).state_dict() for seed in (1, 1, 2))
     assert one.keys() == same.keys() == other.keys()
     assert torch.equal(torch.random.get_rng_state(), state)
     assert all(torch.equal(one[name], same[name]) for name in one)
@@ -32,7 +34,8 @@ def test_a_seed_gives_the_same_weights_and_leaves_torchs_own_alone():
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_it_begins_near_doing_nothing_with_the_given_spread(algorithm, batch):
-    model = build(algorithm, seed=0)
+    with small_networks():
+        model = build(algorithm, seed=0)
     assert model.log_std.exp().tolist() == pytest.approx([0.24, 0.40])
     model.update_statistics(batch(2))
     assert model.drive(batch(2)).abs().max() < 0.2

@@ -6,12 +6,12 @@ from wrongturn_agents.models import build
 
 
 @pytest.fixture(scope="module")
-def auxiliary():
+def auxiliary(small_networks):
     return build("ppo-auxiliary", seed=0)
 
 
 @pytest.fixture(scope="module")
-def image():
+def image(small_networks):
     return build("ppo-image", seed=0)
 
 

@@ -8,9 +8,9 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 # The helpers beside these tests are imported by their plain names.
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 
-WIDTHS = (8, 8, 16, 16)
+from small_networks import WIDTHS, small_networks  # noqa: E402
 
 
 @pytest.fixture(scope="package", autouse=True)
@@ -22,20 +22,11 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(before)
 
 
-@pytest.fixture
-def small_networks(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(name="small_networks")
+def _small_networks() -> Iterator[None]:
     """Build the paper's agents with few channels and one block in each stage."""
-    from wrongturn_agents.models import encoders
-    from wrongturn_agents.models.linknet import LinkNetDecoder
-    from wrongturn_agents.models.nature_cnn import NatureCNN
-    from wrongturn_agents.models.resnet import ResNet34
-
-    deep = WIDTHS[-1] * 2 * 6
-    monkeypatch.setattr(encoders, "NatureCNN", partial(NatureCNN, widths=(8, 16, 16)))
-    monkeypatch.setattr(encoders, "ResNet34", partial(ResNet34, widths=WIDTHS, depths=(1, 1, 1, 1)))
-    monkeypatch.setattr(encoders, "LinkNetDecoder", partial(LinkNetDecoder, widths=WIDTHS))
-    monkeypatch.setattr(encoders, "_DEEP", deep)
-    monkeypatch.setattr(encoders.PictureEncoder, "width", deep)
+    with small_networks():
+        yield
 
 
 @pytest.fixture(scope="module")

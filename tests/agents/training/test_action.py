@@ -27,9 +27,8 @@ def test_many_at_once():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("track", ["state", "segmentation"])
-def test_stable_baselines_accepts_the_single_environment(track):
-    env = WrongturnSimEnv("junctions", track)
+def test_stable_baselines_accepts_the_single_environment():
+    env = WrongturnSimEnv("junctions", "state")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # advice on images and on symmetric actions
         check_env(env, warn=True)
