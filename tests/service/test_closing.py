@@ -18,6 +18,8 @@ from sqlalchemy import text
 from wrongturn_networks import load_suite
 from wrongturn_protocol import EpisodeState, Leaderboard, SuiteDetail, TrialList
 from wrongturn_service import service
+from wrongturn_service.episodes.evaluations import RunningEvaluations
+from wrongturn_service.storage.store import Store
 
 SUITE = "smoke@2"
 
@@ -366,6 +368,25 @@ def test_an_idle_evaluation_is_closed(tmp_path: Path, monkeypatch: pytest.Monkey
             problem(await step(http, episode, 2), 409, "episode-finished")
             again = expect(await http.post("/v1/evaluations", json={"suite": SUITE}, headers=headers), 201)
             assert again["commitment"] == untouched["commitment"]
+
+    play(story)
+
+
+def test_a_chore_that_fails_keeps_no_other_from_being_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service, "_RETRY_S", 0.01)
+
+    async def fail(*_: object, **__: object) -> None:
+        raise OSError("for good")
+
+    monkeypatch.setattr(Store, "purge", fail)
+    monkeypatch.setattr(RunningEvaluations, "retry", fail)
+
+    async def story() -> None:
+        async with running(tmp_path) as http:
+            begun = (await begin(http))["id"]
+            await drive(http, begun)
+            http.clock.now += 25 * HOUR_S  # type: ignore[attr-defined]
+            await becomes(http, begun, "finished")
 
     play(story)
 

@@ -135,7 +135,9 @@ async def request_key(
     key: Annotated[
         str | None,
         WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 255, "pattern": "^[ -~]+$"}),
-        Header(alias=HEADER, description="A random UUID. A repeat with the same key gets the stored reply"),
+        Header(
+            alias=HEADER, description="A random UUID. A repeat gets the stored reply, with a new token if it had one"
+        ),
     ] = None,
 ) -> RequestKey:
     """Return the request's key."""

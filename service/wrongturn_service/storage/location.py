@@ -18,7 +18,7 @@ NAMED_BY = "--database or WRONGTURN_DATABASE"
 OTHERWISE = "use that one (other commands take its URL by --url or WRONGTURN_URL), stop it,"
 """Remedies if another service uses the database."""
 OWNER_ALONE = 0o600
-"""Mode of the database file, which holds hashes of tokens and sealed tokens."""
+"""Mode of the database file, which holds hashes of tokens."""
 _LOCKED_BYTE: Final = 1 << 62
 
 
