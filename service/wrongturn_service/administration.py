@@ -1,7 +1,6 @@
 """What the operator does: hiding, ending tokens, and deleting with all that hangs on it."""
 
 import asyncio
-from typing import Final
 
 import structlog
 
@@ -19,13 +18,6 @@ from wrongturn_service.storage.administration import AdministrationStore, Found,
 from wrongturn_service.storage.audit import Act
 from wrongturn_service.storage.models import EvaluationRow, OwnerRow
 from wrongturn_service.submissions.operations import Submissions
-
-_UNKNOWN: Final = {
-    Collection.OWNERS: ProblemType.UNKNOWN_OWNER,
-    Collection.AGENTS: ProblemType.UNKNOWN_AGENT,
-    Collection.EVALUATIONS: ProblemType.UNKNOWN_EVALUATION,
-    Collection.SUBMISSIONS: ProblemType.UNKNOWN_SUBMISSION,
-}
 
 
 class Administration:
@@ -174,7 +166,7 @@ class Administration:
 
 def unknown(collection: Collection, item_id: str) -> NotFoundError:
     """Return the error for an item that does not exist."""
-    return NotFoundError(_UNKNOWN[collection], f"there is no {collection.one} {item_id[:64]!r}")
+    return NotFoundError(ProblemType(f"unknown-{collection.one}"), f"there is no {collection.one} {item_id[:64]!r}")
 
 
 def _check_not_shipped(found: Found) -> None:

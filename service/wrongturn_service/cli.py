@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from wrongturn_service.extra import REMEDY, missing_modules, require_server
+from wrongturn_service.extra import REMEDY, missing_packages, require_server
 
 if TYPE_CHECKING:
     from wrongturn_service.settings import Settings
@@ -115,7 +115,7 @@ def _await_end(pipe: int) -> None:
 
 def checks() -> Iterator[tuple[str, bool, str, str]]:
     """Yield each check as its name, whether it passed, what it found, and the remedy if it failed."""
-    if missing_modules():
+    if missing_packages():
         yield "service", True, f"not installed; to run one: {REMEDY}", ""
         return
     from pydantic import ValidationError  # noqa: PLC0415

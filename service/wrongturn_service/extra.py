@@ -1,45 +1,34 @@
 """The extra ``server``: what the HTTP service needs and the simulation alone does not."""
 
-from importlib.util import find_spec
+import re
+from importlib.metadata import PackageNotFoundError, requires, version
 from typing import Final
 
 import typer
 
-MODULES: Final = (
-    "aiosqlite",
-    "alembic",
-    "asyncpg",
-    "fastapi",
-    "httptools",
-    "jinja2",
-    "msgpack",
-    "onnx",
-    "onnxruntime",
-    "orjson",
-    "prometheus_client",
-    "pydantic_settings",
-    "pyseccomp",
-    "python_multipart",
-    "scipy",
-    "sqlalchemy",
-    "structlog",
-    "typing_extensions",
-    "uvicorn",
-    "uvloop",
-    "websockets",
-)
-"""Modules of the extra's packages."""
 REMEDY: Final = "pip install 'wrongturn-service[server]'"
 
 
-def missing_modules() -> list[str]:
-    """Return the extra's modules that are not installed."""
-    return [name for name in MODULES if find_spec(name) is None]
+def missing_packages() -> list[str]:
+    """Return the extra's packages that are not installed."""
+    return [name for name in _packages() if not _installed(name)]
+
+
+def _packages() -> list[str]:
+    wanted = [line for line in requires("wrongturn-service") or () if re.search(r"""extra == ["']server["']""", line)]
+    return [re.split(r"[^\w.-]", line)[0] for line in wanted]
+
+
+def _installed(name: str) -> bool:
+    try:
+        return bool(version(name))
+    except PackageNotFoundError:
+        return False
 
 
 def require_server(command: str) -> None:
     """Check that the extra is installed. If it is not, say what is missing and exit with status 1."""
-    missing = missing_modules()
+    missing = missing_packages()
     if missing:
         typer.echo(f"{command}: {', '.join(missing)}: not installed; {REMEDY}", err=True)
         raise typer.Exit(1)
