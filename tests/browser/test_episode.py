@@ -64,12 +64,6 @@ def test_what_happened_and_why(visit: Visit, accessible: Accessible, pair: Pair)
     accessible(page)
 
 
-def test_the_page_is_accessible_in_the_dark_and_on_a_telephone(visit: Visit, accessible: Accessible, pair: Pair):
-    page = ready(visit(pair.path, width=400, dark=True))
-    accessible(page)
-    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
-
-
 def test_scrubbing_moves_everything(visit: Visit, pair: Pair):
     page = ready(visit(pair.path))
     places = (".map", ".camera")
