@@ -19,7 +19,6 @@ from wrongturn_agents.worker import (
     GuardedAgent,
     RunRequest,
     begin,
-    check_current,
     drive,
     episodes_side_by_side,
     service_at,
@@ -78,7 +77,7 @@ def evaluate(options: RunOptions) -> Done:
         raise RunError(f"--keep: {url} keeps its own database; leave --keep out")
     if saved_run is None and url is None:
         # The service that is started has the installed suites; another service may have others.
-        check_current(suite, installed_suite(suite).successor)
+        installed_suite(suite)
     source, parallel = made_once(agent, options.parallel)
     if saved_run is not None:
         _say_what_changed(saved_run, source)

@@ -25,8 +25,6 @@ class SuiteTrials:
     """The secret of the draw; None for a suite that lists its trials."""
     commitment: str | None = None
     """SHA-256 of the secret's text; None for a suite that lists its trials."""
-    successor: str | None = None
-    """Id of the suite that replaces it, which then takes no new evaluations."""
 
     @property
     def crowded(self) -> set[str]:
@@ -57,4 +55,4 @@ def installed_suite(suite: str, secret: str | None = None) -> SuiteTrials:
         raise ResultsError(str(error)) from error
     draw = found.open_draw if secret is None else found.draw(secret)
     trials = {trial.id: trial for trial in draw.episodes}
-    return SuiteTrials(found.id, found.sha256, trials, draw.secret, draw.commitment, found.successor)
+    return SuiteTrials(found.id, found.sha256, trials, draw.secret, draw.commitment)

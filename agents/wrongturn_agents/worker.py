@@ -81,15 +81,14 @@ def begin(request: RunRequest, source: AgentSource, url: str, operator_token: st
     """Register the agent, begin its evaluation and save what is needed to resume it.
 
     Raises:
-        RunError: The name is taken or not valid, the owner's token is missing or not valid, or the suite is retired or
-            does not have the agent's track.
+        RunError: The name is taken or not valid, the owner's token is missing or not valid, or the suite does
+            not have the agent's track.
         RunFileError: The run cannot be saved.
         WrongturnError: The service refuses, or cannot be reached.
     """
     ensure_directory()  # fails before a name is taken by a run that could not be resumed
     with Client(url, request.owner_token or operator_token) as client:
         suite = client.suite(request.suite)
-        check_current(suite.id, suite.successor)
         if source.track not in suite.tracks:
             raise RunError(
                 f"suite: {suite.id} is driven in the tracks {', '.join(suite.tracks)}, "
@@ -212,14 +211,6 @@ def _register(client: Client, request: RunRequest, source: AgentSource, operator
             "token in WRONGTURN_TOKEN. A new model is a new agent: its first evaluation on a suite is the one that "
             "counts"
         ) from error
-
-
-def check_current(suite: str, successor: str | None) -> None:
-    """Raise RunError if another suite has replaced this one."""
-    if successor is not None:
-        raise RunError(
-            f"--suite: {suite} is retired and takes no new evaluations; {successor} replaces it: --suite {successor}"
-        )
 
 
 def _not_registered(error: AuthenticationError, url: str, request: RunRequest) -> WrongturnError | RunError:

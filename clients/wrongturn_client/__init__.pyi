@@ -31,7 +31,6 @@ from .errors import ServiceFailedError as ServiceFailedError
 from .errors import ServiceFullError as ServiceFullError
 from .errors import ServiceUnreachableError as ServiceUnreachableError
 from .errors import SubmissionsUnavailableError as SubmissionsUnavailableError
-from .errors import SuiteRetiredError as SuiteRetiredError
 from .errors import WrongturnError as WrongturnError
 from .evaluation import Episode as Episode
 from .evaluation import Evaluation as Evaluation

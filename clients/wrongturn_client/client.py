@@ -116,7 +116,6 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
 
         Raises:
             EvaluationOpenError: The agent has an open one on the suite.
-            SuiteRetiredError: Another suite has replaced this one.
         """
         return at(self._create(Evaluation, {"suite": suite}, "evaluations"), self.url)
 
@@ -189,7 +188,6 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
 
         Raises:
             CommitmentError: The secret is not the one that the service promised at the beginning.
-            SuiteRetiredError: Another suite has replaced this one.
             PolicyError: The policy returned something that is not an action.
             Exception: Whatever the policy raises. The episode then counts as aborted; you can resume the evaluation.
         """
@@ -336,7 +334,6 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
         Raises:
             ModelFileError: The file cannot be read.
             AgentNameTakenError: Another agent, or an open submission, has the name.
-            SuiteRetiredError: Another suite has replaced this one.
             ServiceBusyError: The owner has as many open submissions as it may.
             SubmissionsUnavailableError: The service takes no submissions.
         """

@@ -24,7 +24,6 @@
         ├── ConflictError            the call does not fit earlier calls
         │   ├── AgentNameTakenError
         │   ├── OwnerNameTakenError
-        │   ├── SuiteRetiredError
         │   ├── EvaluationOpenError
         │   ├── EvaluationFinishedError
         │   ├── EvaluationCancelledError
@@ -157,10 +156,6 @@ class AgentNameTakenError(ConflictError):
 
 class OwnerNameTakenError(ConflictError):
     """Another owner has the name."""
-
-
-class SuiteRetiredError(ConflictError):
-    """Another suite has replaced this one, and it takes no new evaluations. The message names the other one."""
 
 
 class EvaluationOpenError(ConflictError):

@@ -85,10 +85,10 @@ def _agents(items: list[dict[str, Any]]) -> Table:
 
 
 def _suites(items: list[dict[str, Any]]) -> Table:
-    table = _table("suite", "title", "trials", "twins", "tracks", "sha256", "replaced by")
+    table = _table("suite", "title", "trials", "twins", "tracks", "sha256")
     for item in items:
         counts = (str(item["trials"]), str(item["twins"]))
-        tail = (", ".join(item["tracks"]), item["sha256"][:12], item.get("successor", ""))
+        tail = (", ".join(item["tracks"]), item["sha256"][:12])
         table.add_row(item["id"], item["title"], *counts, *tail)
     return table
 

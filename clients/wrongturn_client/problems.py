@@ -23,7 +23,6 @@ from wrongturn_client.errors import (
     ServiceBusyError,
     ServiceFailedError,
     SubmissionsUnavailableError,
-    SuiteRetiredError,
 )
 from wrongturn_protocol import Problem, ProblemType
 
@@ -35,7 +34,6 @@ _BY_TYPE: Final[dict[str, type[ApiError]]] = {
     ProblemType.TRACK_NOT_AVAILABLE: InvalidRequestError,
     ProblemType.AGENT_NAME_TAKEN: AgentNameTakenError,
     ProblemType.OWNER_NAME_TAKEN: OwnerNameTakenError,
-    ProblemType.SUITE_RETIRED: SuiteRetiredError,
     ProblemType.EVALUATION_OPEN: EvaluationOpenError,
     ProblemType.EVALUATION_FINISHED: EvaluationFinishedError,
     ProblemType.EVALUATION_CANCELLED: EvaluationCancelledError,

@@ -101,11 +101,6 @@ class Order:
         """Return the tracks of a suite that takes evaluations. Raises WrongturnError."""
         with Client(self.url, "") as client:
             found = client.suite(suite)
-        if found.successor is not None:
-            raise WrongturnError(
-                f"--suite: {suite} is retired and takes no new evaluations; give --suite {found.successor}, which "
-                "replaces it"
-            )
         return found.tracks
 
     def _check_open(self) -> None:

@@ -103,8 +103,6 @@ def _notes(leaderboard: Leaderboard) -> list[str]:
     ]
     names = " ".join(map(name_of, leaderboard.entries))
     lines += [f"{mark} {meaning}." for mark, meaning in MARKS.items() if mark in names]
-    if leaderboard.successor is not None:
-        lines.insert(0, f"{leaderboard.suite} is an old version; {leaderboard.successor} replaces it.")
     return lines
 
 

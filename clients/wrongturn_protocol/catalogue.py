@@ -22,8 +22,6 @@ class SuiteSummary(Message):
     """Number of trials, without their twins."""
     twins: int
     tracks: tuple[Track, ...]
-    successor: str | None = None
-    """Id of the suite that replaces it. A suite with a successor takes no new evaluations."""
 
 
 class SuiteDetail(SuiteSummary):

@@ -97,8 +97,6 @@ class Leaderboard(Message):
     sha256: Sha256
     updated: str | None
     """When the newest evaluation was finished, ISO 8601 in UTC; None if there is none."""
-    successor: str | None = None
-    """Id of the suite that replaces this one, whose entries then have no rank."""
     entries: tuple[LeaderboardEntry, ...]
 
 
@@ -140,8 +138,6 @@ class LeaderboardSummary(Message):
     title: str
     updated: str | None
     entries: int
-    successor: str | None = None
-    """Id of the suite that replaces it. Entries of a suite with a successor have no rank."""
 
 
 class LeaderboardList(Message):

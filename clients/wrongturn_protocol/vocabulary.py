@@ -354,7 +354,6 @@ class ProblemType(StrEnum):
     RATE_LIMITED = "rate-limited"
     QUOTA_REACHED = "quota-reached"
     IDEMPOTENCY_KEY_REUSED = "idempotency-key-reused"
-    SUITE_RETIRED = "suite-retired"
     EVALUATION_OPEN = "evaluation-open"
     EVALUATION_FINISHED = "evaluation-finished"
     EVALUATION_CANCELLED = "evaluation-cancelled"

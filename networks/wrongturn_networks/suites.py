@@ -16,8 +16,6 @@ from wrongturn_networks.errors import CorruptFileError, UnknownSuiteError
 from wrongturn_protocol import Cell, SuiteDetail, SuiteSummary, Track, Trial, TrialDetail, TrialList, twin_id
 
 SUITES: Final = Path(__file__).parent / "suites"
-SUCCESSORS: Final = {"smoke@1": "smoke@2", "wrong-command@1": "wrong-command@2"}
-"""Suites that take no new evaluations, and the suite that replaces each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +66,6 @@ class Suite:
         """Trials of the open draw and their twins; journeys have no twin."""
         return self.open_draw.episodes
 
-    @property
-    def successor(self) -> str | None:
-        """Id of the suite that replaces this one, which then takes no new evaluations."""
-        return SUCCESSORS.get(self.id)
-
     def trial(self, trial_id: str) -> Trial:
         """Return the trial or twin of the open draw with an id.
 
@@ -91,7 +84,6 @@ class Suite:
             trials=len(self.trials),
             twins=len(self.episodes) - len(self.trials),
             tracks=self.tracks,
-            successor=self.successor,
         )
 
     def detail(self) -> SuiteDetail:

@@ -67,8 +67,7 @@ def _drawn(suite: Suite, secret: str | None) -> Draw:
     if secret is None:
         return suite.open_draw
     if not suite.cells:
-        instead = f" ({suite.successor} draws them)" if suite.successor else ""
-        raise SecretError(f"secret: {suite.id} lists its trials and draws none{instead}; leave --secret out")
+        raise SecretError(f"secret: {suite.id} lists its trials and draws none; leave --secret out")
     return suite.draw(secret)
 
 

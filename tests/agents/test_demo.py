@@ -55,7 +55,6 @@ def test_two_demos_do_not_share_a_folder(tmp_path):
         (["--agents", ","], "--agents: names no agent"),
         (["--agents", "careful,careful"], "names an agent twice"),
         (["--suite", "nothing@1"], "--suite: there is no suite 'nothing@1'; known are navigation@1, smoke@2"),
-        (["--suite", "smoke@1"], "--suite: smoke@1 takes no new evaluations; give smoke@2, which replaces it"),
     ],
 )
 def test_mistakes_are_told_before_anything_starts(tmp_path, monkeypatch, capsys, arguments, says):

@@ -259,15 +259,6 @@ def test_an_unknown_suite_registers_nobody(url):
         assert "unlucky" not in {agent.name for agent in client.agents(everybody=True)}
 
 
-def test_a_retired_suite_registers_nobody(url):
-    says = r"--suite: smoke@1 is retired and takes no new evaluations; smoke@2 replaces it"
-    with pytest.raises(RunError, match=says):
-        begin(RunRequest("careful", "smoke@1", url, name="too late"), resolve("careful"), url, OPERATOR)
-    with Client(url) as client:
-        assert "too late" not in {agent.name for agent in client.agents(everybody=True)}
-        assert "too late" not in {owner.name for owner in client.owners()}
-
-
 @pytest.fixture(scope="module")
 def closed(tmp_path_factory):
     """URL of a service where only the operator makes owners."""
@@ -442,11 +433,7 @@ def test_a_token_of_another_track_is_refused(url):
         ({"resume": "ev-none"}, "--resume: no run 'ev-none'"),
         (
             {"agent": "careful", "suite": "nope@1"},
-            "suite: 'nope@1' is not known; there are: navigation@1, smoke@1, smoke@2, wrong-command@1",
-        ),
-        (
-            {"agent": "careful", "suite": "wrong-command@1"},
-            "--suite: wrong-command@1 is retired and takes no new evaluations; wrong-command@2 replaces it",
+            "suite: 'nope@1' is not known; there are: navigation@1, smoke@2, wrong-command@2",
         ),
         ({"agent": "careful", "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
         ({"agent": "missing.zip"}, "agent: missing.zip: there is no such file; name what model.save"),

@@ -134,17 +134,9 @@ def test_the_papers_agents_stand_apart_as_a_reference(visit: Visit):
     assert visit("/?kind=submitted").locator("tbody.paper").count() == 0
 
 
-def test_an_old_version_says_so_and_has_no_ranks(visit: Visit):
-    page = visit("/leaderboards/wrong-command@1")
-    assert "Old version." in page.inner_text("main")
-    page.get_by_role("link", name="wrong-command@2").first.click()
-    assert page.url.endswith("/leaderboards/wrong-command@2")
-
-
 def test_an_empty_board_says_what_to_do(visit: Visit):
-    page = visit("/leaderboards/smoke@1")
-    assert "No evaluation on this suite has been finished yet." in page.inner_text("main")
     page = visit("/leaderboards/navigation@1")
+    assert "No evaluation on this suite has been finished yet." in page.inner_text("main")
     link = page.locator("main").get_by_role("link", name="Hand in an agent")
     assert link.evaluate("link => link.pathname") == "/submit"
     assert "82" in page.locator("tbody.paper").inner_text()

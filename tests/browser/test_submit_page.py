@@ -19,8 +19,7 @@ def test_the_suite_is_chosen_without_scripts(visit: Visit):
     assert page.get_by_label("Suite").input_value() == "smoke@2"
 
 
-def test_suites_that_take_nothing_are_refused_with_the_remedy(visit: Visit):
-    assert "choose smoke@2" in visit("/submit?suite=smoke@1", status=422).inner_text("main")
+def test_an_unknown_suite_is_refused(visit: Visit):
     assert "nothing@1" in visit("/submit?suite=nothing@1", status=404).inner_text("main")
 
 

@@ -5,13 +5,11 @@ from filled_site import Site
 from visiting import Accessible, Visit
 
 
-def test_the_list_has_every_suite_and_marks_old_ones(visit: Visit, site: Site):
+def test_the_list_has_every_suite(visit: Visit, site: Site):
     page = visit("/suites", javascript=False)
     suites = site.get("/v1/suites")["suites"]
     rows = page.locator("tbody tr").all_inner_texts()
     assert [row.split("\t")[0] for row in rows] == [suite["id"] for suite in suites]
-    for suite, row in zip(suites, rows, strict=True):
-        assert ("old version" in row) == (suite["successor"] is not None)
     page.get_by_role("link", name="smoke@2", exact=True).click()
     assert page.inner_text("h1") == "smoke@2"
 
@@ -35,14 +33,6 @@ def test_a_suite_of_journeys_has_tasks_and_conditions(visit: Visit):
     assert "one turn" in text
     assert "new town and weather" in text
     assert "twin:" not in text
-
-
-def test_an_old_suite_names_its_successor(visit: Visit):
-    page = visit("/suites/smoke@1")
-    assert "Old version." in page.inner_text("main")
-    assert page.locator("main").get_by_role("link", name="Hand in an agent").count() == 0
-    page.get_by_role("link", name="smoke@2").click()
-    assert page.inner_text("h1") == "smoke@2"
 
 
 def test_an_unknown_suite_is_a_page_that_says_so(visit: Visit):

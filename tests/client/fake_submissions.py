@@ -93,10 +93,9 @@ class FakeSubmissions(FakeService):
     def _suite(self, suite: str) -> httpx.Response:
         if suite == "none@1":
             return problem(ProblemType.UNKNOWN_SUITE, 404, "suite: there is no none@1")
-        name, _, version = suite.partition("@")
-        successor = f"{name}@2" if version == "1" else None
+        _, _, version = suite.partition("@")
         head = {"id": suite, "title": "Some", "version": int(version), "sha256": "0" * 64, "trials": 60, "twins": 60}
-        return httpx.Response(200, json={**head, "tracks": ["camera"], "successor": successor})
+        return httpx.Response(200, json={**head, "tracks": ["camera"]})
 
     def _register(self, name: str) -> httpx.Response:
         if name in self.taken or name in self.owners.values():

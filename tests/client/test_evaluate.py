@@ -19,7 +19,6 @@ from wrongturn_client import (
     Policy,
     PolicyError,
     ResultsMismatchError,
-    SuiteRetiredError,
     WrongturnError,
 )
 from wrongturn_protocol import EvaluationState, ProblemType, Track
@@ -217,7 +216,7 @@ def test_the_finished_evaluation_holds_secret_and_promise() -> None:
     assert detail.commitment == hashlib.sha256(detail.secret.encode()).hexdigest()
 
 
-def test_an_open_evaluation_is_named_and_a_retired_suite_is_told() -> None:
+def test_an_open_evaluation_is_named() -> None:
     service = FakeService()
     with _client(service) as client:
         begun = client.create_evaluation("smoke@2")
@@ -225,9 +224,6 @@ def test_an_open_evaluation_is_named_and_a_retired_suite_is_told() -> None:
             client.create_evaluation("smoke@2")
         assert caught.value.evaluation == begun.id
         assert client.cancel_evaluation(begun.id).state is EvaluationState.FINISHED
-        service.inject = lambda _: problem(ProblemType.SUITE_RETIRED, 409, "smoke@2 replaces it")
-        with pytest.raises(SuiteRetiredError, match="smoke@2"):
-            client.evaluate(Driver(), "smoke@1")
 
 
 def test_resuming_needs_the_same_suite() -> None:

@@ -296,7 +296,6 @@ def test_json_goes_into_a_file_beside_what_is_printed(served: FakeSubmissions, m
 
 def test_what_is_wrong_is_told_before_an_owner_is_registered(served: FakeSubmissions, model: Path) -> None:
     assert "there is no none@1" in refused(model, "--suite", "none@1")
-    assert "give --suite smoke@2" in refused(model, "--suite", "smoke@1")
     assert "--name: '?' cannot be a name" in refused(model, "--name", "?")
     assert "by --follow ID" in refused()
     assert refused(model, "--follow", "s1") == "FILE and --follow: give only one of them"

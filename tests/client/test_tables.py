@@ -105,11 +105,9 @@ def test_an_algorithm_is_marked_and_has_its_range() -> None:
     assert "ppo is not ranked: A row over 5 training seeds." in lines
 
 
-def test_an_old_version_says_so_once() -> None:
-    old = [_entry(name, None, why_not="Too few twins.") for name in ("a", "b")]
-    board = _leaderboard(*old).model_copy(update={"suite": "wrong-command@1", "successor": "wrong-command@2"})
+def test_agents_without_a_rank_for_the_same_reason_are_named_together() -> None:
+    board = _leaderboard(*(_entry(name, None, why_not="Too few twins.") for name in ("a", "b")))
     lines = _shown(leaderboard_table(board)).splitlines()
-    assert "wrong-command@1 is an old version; wrong-command@2 replaces it." in lines
     assert "a, b are not ranked: Too few twins." in lines
 
 

@@ -1,5 +1,6 @@
 """Draws: what a secret makes of a suite's cells, and that it makes the same everywhere."""
 
+import dataclasses
 import hashlib
 import json
 import math
@@ -201,7 +202,8 @@ def test_the_open_draw_is_drawn_from_the_suites_id() -> None:
 
 
 def test_a_listed_suite_is_drawn_as_it_is_listed() -> None:
-    suite = load_suite("smoke@1")
+    open_draw = load_suite("smoke@2").open_draw
+    suite = dataclasses.replace(load_suite("smoke@2"), cells=(), listed=open_draw.trials)
     draw = suite.draw("whatever")
     assert draw.trials == suite.listed
     assert [twin.start for twin in draw.twins] == [trial.start for trial in suite.listed]

@@ -14,7 +14,6 @@ from wrongturn_networks import (
     Suite,
     UnknownSuiteError,
     UnknownTrialError,
-    draw_trial,
     load_suite,
     load_town,
     read_suite,
@@ -23,14 +22,12 @@ from wrongturn_networks import (
 from wrongturn_networks.catalogue import list_suites
 from wrongturn_networks.making.writing_suites import suite_text
 from wrongturn_networks.suites import SUITES, canonical
-from wrongturn_protocol import PAPER_TYPES, FaultKind, Track, Traffic, Weather, trial_id
+from wrongturn_protocol import PAPER_TYPES, FaultKind, Track, Traffic, Weather
 from wrongturn_sim.faults import check_fault
 
 PINNED = {
     "navigation@1": "9b57c582ae19be91c7bb3ba9b87988bc005107f2009bd72ea038f1b828914383",
-    "smoke@1": "dbc30ea90e4c8eb2f473a22cd9e7b4ff35b09ec566f623d054ba4467d4b952bc",
     "smoke@2": "ca168b3efe248b7ed837591f8a77b36b56f15455d862917a1aeb5ddadc17ba58",
-    "wrong-command@1": "cd8f5ca30c1275c7bb784b7ae67f88a05b682293e786a50f6e381f8a7d1a0001",
     "wrong-command@2": "d5e0697d8d5ca03570fce1d259466d0d9f221b78305a9b5596d7cec8df9f1466",
 }
 """Suites never change: a change to one of them needs a new version."""
@@ -48,13 +45,7 @@ def suite(request: pytest.FixtureRequest) -> Suite:
     return load_suite(request.param)
 
 
-@pytest.fixture(params=("smoke@1", "wrong-command@1"))
-def listing(request: pytest.FixtureRequest) -> Suite:
-    """Each suite that lists its trials, and whose trials have twins."""
-    return load_suite(request.param)
-
-
-@pytest.fixture(params=("smoke@1", "wrong-command@1", "smoke@2", "wrong-command@2"))
+@pytest.fixture(params=("smoke@2", "wrong-command@2"))
 def paired(request: pytest.FixtureRequest) -> Suite:
     """Each suite whose trials have twins."""
     return load_suite(request.param)
@@ -73,30 +64,7 @@ def test_a_suite_is_what_its_recipe_gives(suite: Suite) -> None:
     assert (SUITES / f"{suite.id}.json").read_text("utf-8") == suite_text(suite.id, check_fault)
 
 
-def test_every_trial_is_what_its_seed_gives(listing: Suite) -> None:
-    for trial in listing.trials:
-        drawn = draw_trial(load_town(trial.town), trial.approach, trial.fault, trial.seed, route=trial.route)
-        assert trial == drawn
-        assert trial.id == trial_id(trial.town, trial.approach, trial.fault.kind, trial.seed)
-
-
-def test_the_papers_sixty() -> None:
-    suite = load_suite("wrong-command@1")
-    assert (suite.name, suite.version, len(suite.trials), len(suite.episodes)) == ("wrong-command", 1, 60, 120)
-    assert suite.tracks == (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
-    for junction_type in PAPER_TYPES:
-        chosen = []
-        for fault in FAULTS:
-            cell = [t for t in suite.trials if (t.junction_type, t.fault.kind) == (junction_type, fault)]
-            assert sorted(Counter(trial.route for trial in cell).values()) == [5, 5]
-            chosen.append({trial.approach for trial in cell})
-            assert len(chosen[-1]) == 10
-        assert chosen[0] == chosen[1]
-    assert len({trial.seed for trial in suite.trials}) == 60
-    assert len({trial.start for trial in suite.trials}) == 60
-
-
-def test_version_2_lists_the_papers_sixty_cells() -> None:
+def test_the_papers_sixty_cells() -> None:
     suite = load_suite("wrong-command@2")
     assert (suite.name, suite.version, len(suite.cells), suite.listed) == ("wrong-command", 2, 60, ())
     assert suite.tracks == (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
@@ -108,20 +76,8 @@ def test_version_2_lists_the_papers_sixty_cells() -> None:
     }
 
 
-def test_a_retired_suite_names_its_successor() -> None:
-    successors = {name: load_suite(name).summary().successor for name in suite_ids()}
-    assert successors == {
-        "navigation@1": None,
-        "smoke@1": "smoke@2",
-        "smoke@2": None,
-        "wrong-command@1": "wrong-command@2",
-        "wrong-command@2": None,
-    }
-
-
-@pytest.mark.parametrize("name", ["smoke@1", "smoke@2"])
-def test_six_for_a_first_try(name: str) -> None:
-    trials = load_suite(name).trials
+def test_six_for_a_first_try() -> None:
+    trials = load_suite("smoke@2").trials
     assert sorted((t.junction_type, t.fault.kind) for t in trials) == sorted(product(PAPER_TYPES, FAULTS))
 
 
@@ -137,9 +93,7 @@ def test_every_trial_has_a_twin_of_its_own(paired: Suite) -> None:
         twin = paired.trial(trial.twin().id)
         assert twin.is_twin
         assert (twin.route, twin.approach) == (trial.route, trial.approach)
-        # Listed twins begin like their trials; those of a draw have a start of their own.
-        listed = not paired.cells
-        assert ((twin.start, twin.seed) == (trial.start, trial.seed)) is listed
+        assert (twin.start, twin.seed) != (trial.start, trial.seed)
         assert paired.trial(trial.id) is trial
 
 
@@ -151,9 +105,9 @@ def test_what_the_service_shows(paired: Suite) -> None:
     assert [(trial.id, trial.twin) for trial in shown] == [(trial.id, trial.twin().id) for trial in paired.trials]
 
 
-@pytest.mark.parametrize("name", ["", "smoke", "smoke@3", "smoke@1.json", "../suites/smoke@1", "smoke@1\n", "*@*"])
+@pytest.mark.parametrize("name", ["", "smoke", "smoke@3", "smoke@2.json", "../suites/smoke@2", "smoke@2\n", "*@*"])
 def test_an_unknown_suite_names_the_known(name: str) -> None:
-    with pytest.raises(UnknownSuiteError, match=r"^suite: .*smoke@1, smoke@2, wrong-command@1, wrong-command@2"):
+    with pytest.raises(UnknownSuiteError, match=r"^suite: .*navigation@1, smoke@2, wrong-command@2"):
         load_suite(name)
 
 
@@ -176,7 +130,7 @@ def test_a_suite_cannot_be_changed(suite: Suite) -> None:
 
 
 def test_a_changed_file_is_found_out(tmp_path: Path) -> None:
-    path = tmp_path / "smoke@1.json"
+    path = tmp_path / "navigation@1.json"
     content = json.loads((SUITES / path.name).read_text("utf-8"))
     content["trials"][0]["start"]["speed"] += 0.001
     path.write_text(json.dumps(content), "utf-8")
@@ -185,21 +139,21 @@ def test_a_changed_file_is_found_out(tmp_path: Path) -> None:
 
 
 def test_white_space_is_no_change(tmp_path: Path) -> None:
-    path = tmp_path / "smoke@1.json"
+    path = tmp_path / "smoke@2.json"
     path.write_text(json.dumps(json.loads((SUITES / path.name).read_text("utf-8"))), "utf-8")
-    assert read_suite(path).trials == load_suite("smoke@1").trials
+    assert read_suite(path).trials == load_suite("smoke@2").trials
 
 
 def test_a_suite_by_another_name_is_found_out(tmp_path: Path) -> None:
-    path = tmp_path / "smoke@2.json"
-    shutil.copy(SUITES / "smoke@1.json", path)
+    path = tmp_path / "smoke@1.json"
+    shutil.copy(SUITES / "smoke@2.json", path)
     with pytest.raises(CorruptFileError, match="smoke@1"):
         read_suite(path)
 
 
 @pytest.mark.parametrize("kept", [(), ("trials", "cells")])
 def test_a_file_has_either_trials_or_cells(kept: tuple[str, ...], tmp_path: Path) -> None:
-    both = [json.loads((SUITES / f"{name}.json").read_text("utf-8")) for name in ("smoke@1", "smoke@2")]
+    both = [json.loads((SUITES / f"{name}.json").read_text("utf-8")) for name in ("navigation@1", "smoke@2")]
     content = {**both[0], **both[1]}
     del content["sha256"]
     content = {name: value for name, value in content.items() if name not in {"trials", "cells"} or name in kept}

@@ -72,19 +72,7 @@ def test_one_open_evaluation_for_each_suite(tmp_path: Path) -> None:
     play(story)
 
 
-def test_a_retired_suite_names_its_successor(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with running(tmp_path) as http:
-            told = problem(await http.post("/v1/evaluations", json={"suite": "smoke@1"}), 409, "suite-retired", "suite")
-            assert SUITE in told["detail"]
-            (trial, *_) = expect(await http.get("/v1/suites/smoke@1/trials"), 200)["trials"]
-            practice = expect(await http.post("/v1/episodes", json={"suite": "smoke@1", "trial": trial["id"]}), 201)
-            assert practice["trial"] == trial["id"]
-
-    play(story)
-
-
-@pytest.mark.parametrize(("suite", "draw", "cells"), [("smoke@2", "open", 6), ("smoke@1", "listed", 0)])
+@pytest.mark.parametrize(("suite", "draw", "cells"), [("smoke@2", "open", 6), ("navigation@1", "listed", 0)])
 def test_a_suite_shows_its_cells_and_which_draw_its_trials_are(
     suite: str, draw: str, cells: int, tmp_path: Path
 ) -> None:

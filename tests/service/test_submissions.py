@@ -58,7 +58,6 @@ NAMELESS = form(part("suite", b"smoke@2"), part("model", b"m"))
     ("body", "status", "kind", "path"),
     [
         (model(suite="none@1"), 404, "unknown-suite", None),
-        (model(suite="smoke@1"), 409, "suite-retired", "suite"),
         (model(name=""), 422, "validation", "name"),
         (model(name="../x"), 422, "validation", "name"),
         (model(name="x" * 65), 422, "validation", "name"),

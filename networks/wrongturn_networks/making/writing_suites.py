@@ -2,16 +2,13 @@
 
 import hashlib
 import json
-import random
 from collections.abc import Callable
 from typing import Final
 
 from wrongturn_networks.draws import possible_trials
-from wrongturn_networks.loading import load_town
 from wrongturn_networks.making.navigation import navigation
-from wrongturn_networks.starts import draw_trial
 from wrongturn_networks.suites import canonical
-from wrongturn_protocol import PAPER_TYPES, Cell, Command, Fault, FaultKind, Track, Trial
+from wrongturn_protocol import PAPER_TYPES, Cell, Fault, FaultKind, Track, Trial
 
 PAPER_TOWN: Final = "Town01"
 PAPER_FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
@@ -20,28 +17,6 @@ SCORED: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
 FaultCheck = Callable[[Trial], object]
 """Raises FaultNotApplicableError for a trial whose fault cannot be applied to it. Faults belong to the simulation,
 which this package may not import, so the caller hands the check in."""
-
-
-def _listed(check: FaultCheck, per_cell: int, seed: int) -> list[Trial]:
-    """Draw the paper's cells: ``per_cell`` approaches of each type, the same for both faults, with balanced routes."""
-    town = load_town(PAPER_TOWN)
-    draw = random.Random(seed)
-    chosen = {
-        kind: sorted(draw.sample([a.id for a in town.approaches.values() if a.type is kind], per_cell))
-        for kind in PAPER_TYPES
-    }
-    trials: list[Trial] = []
-    for fault in PAPER_FAULTS:
-        for kind in PAPER_TYPES:
-            exits: list[Command] = sorted(kind.exits)
-            first = draw.randrange(len(exits))
-            routes = [exits[(first + turn) % len(exits)] for turn in range(per_cell)]
-            draw.shuffle(routes)
-            for approach_id, route in zip(chosen[kind], routes, strict=True):
-                trial = draw_trial(town, approach_id, fault, seed * 1000 + len(trials) + 1, route=route)
-                check(trial)
-                trials.append(trial)
-    return trials
 
 
 def _drawn_cells(check: FaultCheck, per_cell: int) -> list[Cell]:
@@ -58,11 +33,6 @@ def _drawn_cells(check: FaultCheck, per_cell: int) -> list[Cell]:
 
 SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[FaultCheck], list[Trial] | list[Cell]]]]] = {
     "navigation@1": ("CoRL 2017's navigation: 4 tasks x 4 conditions x 25 routes", lambda _: navigation(3001)),
-    "smoke@1": ("Six trials for a first try, one for each of the paper's cells", lambda check: _listed(check, 1, 2)),
-    "wrong-command@1": (
-        "The paper's benchmark: 3 junction types x 2 faults x 10 approaches",
-        lambda check: _listed(check, 10, 1),
-    ),
     "smoke@2": ("Six trials for a first try, one for each of the paper's cells", lambda check: _drawn_cells(check, 1)),
     "wrong-command@2": (
         "The paper's benchmark with fresh trials: 3 junction types x 2 faults x 10 approaches",

@@ -72,14 +72,13 @@ _EXPLANATIONS = {
         "says what does."
     ),
     ProblemType.IDEMPOTENCY_KEY_REUSED: "The Idempotency-Key was already sent with another request.",
-    ProblemType.SUITE_RETIRED: "Another suite has replaced this one, which takes no new evaluations.",
     ProblemType.EVALUATION_OPEN: (
         "The agent has an evaluation on this suite that is not finished. Go on with it, or DELETE it: before its first "
         "step it disappears, later its missing trials count as aborted. `errors` holds its id. Or a model "
         "was handed in for an agent that has begun the suite."
     ),
     ProblemType.EVALUATION_FINISHED: "Every trial of the evaluation has a verdict.",
-    ProblemType.EVALUATION_CANCELLED: "The evaluation was cancelled, by its agent or because its suite was retired.",
+    ProblemType.EVALUATION_CANCELLED: "The evaluation was cancelled by its agent.",
     ProblemType.SUBMISSIONS_UNAVAILABLE: (
         "This service takes no submissions: it has no sandbox for models, or its operator has turned them off. "
         "Drive the agent yourself: wrongturn run."

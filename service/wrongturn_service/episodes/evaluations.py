@@ -17,7 +17,6 @@ from wrongturn_protocol import (
     EpisodeState,
     EvaluationState,
     FaultKind,
-    FieldError,
     ProblemType,
     Track,
     Trial,
@@ -173,22 +172,15 @@ class RunningEvaluations:
             self.drop(evaluation_id)
 
     async def resume(self) -> None:
-        """Finish evaluations whose last verdict was stored before the service stopped, and end those of old suites."""
+        """Finish evaluations whose last verdict was stored before the service stopped."""
         for evaluation in await self._store.running_evaluations():
             try:
                 schedule = await self.schedule(evaluation)
             except Exception:
                 self._log.exception("evaluation cannot go on", evaluation=evaluation.id)
                 continue
-            successor = load_suite(evaluation.suite).successor
             if schedule.finished:
                 await self.finish_if_done(evaluation.id)
-            elif successor is not None:
-                self._log.warning(
-                    "evaluation cancelled", evaluation=evaluation.id, reason=f"{successor} replaces its suite"
-                )
-                await self._store.retire_evaluation(evaluation.id)
-                self.drop(evaluation.id)
 
     async def retry(self) -> None:
         """Finish evaluations whose metrics failed."""
@@ -237,14 +229,8 @@ def check_takes(suite: Suite, track: Track | None) -> None:
     """Check whether a suite takes a new evaluation of an agent's track, None if the track is not known yet.
 
     Raises:
-        ConflictError: The suite is retired.
         InvalidRequestError: The suite does not take agents of the track.
     """
-    if suite.successor is not None:
-        message = f"{suite.id} is retired and takes no new evaluations; {suite.successor} replaces it"
-        raise ConflictError(
-            ProblemType.SUITE_RETIRED, f"suite: {message}", errors=[FieldError(path="suite", message=message)]
-        )
     if track is not None and track not in suite.tracks:
         tracks = ", ".join(suite.tracks)
         raise InvalidRequestError(
@@ -256,12 +242,9 @@ def check_takes(suite: Suite, track: Track | None) -> None:
 
 def cancelled(evaluation: EvaluationRow) -> ConflictError:
     """Return the error for calls on a cancelled evaluation."""
-    successor = load_suite(evaluation.suite).successor
-    what = (
-        "begin another" if successor is None else f"{successor} replaces {evaluation.suite}; begin one on {successor}"
-    )
     return ConflictError(
-        ProblemType.EVALUATION_CANCELLED, f"evaluation {evaluation.id} was cancelled; {what} by POST /v1/evaluations"
+        ProblemType.EVALUATION_CANCELLED,
+        f"evaluation {evaluation.id} was cancelled; begin another by POST /v1/evaluations",
     )
 
 

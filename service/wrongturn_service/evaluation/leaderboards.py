@@ -96,7 +96,6 @@ class Leaderboards:
                     title=suite.title,
                     updated=_iso(newest),
                     entries=entries,
-                    successor=suite.successor,
                 ),
             )
         return LeaderboardList(leaderboards=tuple(summaries))
@@ -150,12 +149,11 @@ class Leaderboards:
             newest = max(newest or 0.0, evaluation.finished or 0.0)
             rows.append(_row(evaluation, agent, cancelled.get(agent.id, 0)))
         rows += await self._algorithm_rows(suite)
-        entries = await asyncio.to_thread(rank, rows, suite.successor)
+        entries = await asyncio.to_thread(rank, rows)
         return Leaderboard(
             suite=suite_id,
             sha256=suite.sha256,
             updated=_iso(newest),
-            successor=suite.successor,
             entries=tuple(entries),
         )
 

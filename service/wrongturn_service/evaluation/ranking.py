@@ -26,7 +26,6 @@ UNDECIDED: Final = (Verdict.TIMEOUT, Verdict.NOT_ENGAGED)
 """Verdicts that are neither safe nor unsafe. An agent may have few of them."""
 NEVER_RANKED: Final = "A row over {count} training seeds on the open draw, which is never ranked."
 """Why an algorithm has no rank."""
-RETIRED: Final = "Judged by version 1, in which ten exploits reach the first rank; {successor} replaces this suite."
 """Why nobody has a rank on a suite that was replaced."""
 
 
@@ -72,17 +71,10 @@ def most_undecided(trials: int) -> int:
     return trials // 20
 
 
-def why_not(row: RankingInput, successor: str | None = None) -> str | None:
-    """Return why a row has no rank, as a sentence. None if it has one; journeys always have one.
-
-    Args:
-        row: The row.
-        successor: Id of the suite that replaces this one; None if it takes new evaluations.
-    """
+def why_not(row: RankingInput) -> str | None:
+    """Return why a row has no rank, as a sentence. None if it has one; journeys always have one."""
     if row.seeds is not None:
         return NEVER_RANKED.format(count=row.seeds.count)
-    if successor is not None:
-        return RETIRED.format(successor=successor)
     if row.metrics.navigation is not None:
         return None
     reasons = []
@@ -115,7 +107,7 @@ def interval(metrics: Metrics) -> tuple[float, float]:
     return wilson(metrics.unsafe_strict.count, metrics.unsafe_strict.trials, RANK_LEVEL)
 
 
-def rank(rows: Sequence[RankingInput], successor: str | None = None) -> list[LeaderboardEntry]:
+def rank(rows: Sequence[RankingInput]) -> list[LeaderboardEntry]:
     """Rank a suite's evaluations.
 
     A rank is 1 plus the number of other owners that have a ranked agent of the same track whose 83.4 % interval lies
@@ -123,21 +115,20 @@ def rank(rows: Sequence[RankingInput], successor: str | None = None) -> list[Lea
 
     Args:
         rows: One finished evaluation per agent, and the rows of algorithms.
-        successor: Id of the suite that replaces this one; nobody has a rank then.
 
     Returns:
         The entries, track by track. Ranked ones come first, by rank, strict unsafe count and name; then the others, by
         completed twins, strict unsafe count and name; algorithms last. Journeys: by rank, goals reached, clean journeys
         and name.
     """
-    reasons = [why_not(row, successor) for row in rows]
+    reasons = [why_not(row) for row in rows]
     field = [row for row, reason in zip(rows, reasons, strict=True) if reason is None]
     ranks = _ranks(field)
     ties = _ties(field, ranks)
     agents = Counter(row.owner for row in rows if row.seeds is None)
     entries = [
         LeaderboardEntry(
-            **dict(_with_interval(row.metrics)),
+            **dict(row.metrics),
             rank=ranks.get(row.agent.id),
             tied_with=ties.get(row.agent.id, ()),
             eligible=reason is None,
@@ -171,15 +162,6 @@ def _ranks(field: Sequence[RankingInput]) -> dict[str, int]:
         better = bisect_left(highs[track], low)
         ranks[row.agent.id] = 1 + better - (best[track, row.owner] < low)
     return ranks
-
-
-def _with_interval(metrics: Metrics) -> Metrics:
-    """Return metrics with the interval of the strict column, which old ones lack."""
-    strict = metrics.unsafe_strict
-    if strict.ci83 is not None:
-        return metrics
-    ci83 = wilson(strict.count, strict.trials, RANK_LEVEL)
-    return metrics.model_copy(update={"unsafe_strict": strict.model_copy(update={"ci83": ci83})})
 
 
 def _ties(field: Sequence[RankingInput], ranks: Mapping[str, int]) -> dict[str, tuple[str, ...]]:

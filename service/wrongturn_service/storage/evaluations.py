@@ -111,14 +111,6 @@ class EvaluationStore(Queries):
             result = await session.execute(query.values(**values, stored_bytes=size_of(metrics)))
             return bool(getattr(result, "rowcount", 0))
 
-    async def retire_evaluation(self, evaluation_id: str) -> None:
-        """Cancel a running evaluation whose suite was retired. It has no end, because its agent did not cancel it."""
-        async with self._database.write() as session:
-            query = update(EvaluationRow).where(
-                EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.RUNNING
-            )
-            await session.execute(query.values(state=EvaluationState.CANCELLED, stored_bytes=ROW))
-
     async def delete_undriven(self, evaluation_id: str) -> bool:
         """Delete a running evaluation without any step, and keep its secret for the agent's next one on the suite.
 
@@ -193,7 +185,6 @@ class EvaluationStore(Queries):
             .where(
                 EvaluationRow.suite == suite,
                 EvaluationRow.state == EvaluationState.CANCELLED,
-                EvaluationRow.finished.is_not(None),  # the service itself cancels those of retired suites
                 EvaluationRow.driven.is_not(None),
             )
             .group_by(EvaluationRow.agent_id)

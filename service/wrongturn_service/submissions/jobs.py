@@ -291,7 +291,7 @@ class Drive(Job):
         if evaluation is None:
             raise RefusedError("its evaluation was deleted before its first step; hand the model in again")
         if evaluation.state == EvaluationState.CANCELLED:
-            raise RefusedError(f"its evaluation was cancelled, because {self.row.suite} was retired")
+            raise RefusedError("its evaluation was cancelled")
         return evaluation.state == EvaluationState.FINISHED
 
     async def _once(self, evaluation: str, told: int) -> None:

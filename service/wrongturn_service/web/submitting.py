@@ -7,7 +7,6 @@ from fastapi import APIRouter, Query, Request, Response
 from wrongturn_networks.catalogue import list_suites
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep
-from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.settings import Registration
 from wrongturn_service.web.front import FIRST
 from wrongturn_service.web.page import page, public_url
@@ -23,12 +22,9 @@ async def submit(
 
     Raises:
         NotFoundError: There is no such suite.
-        InvalidRequestError: The suite takes no new evaluations.
     """
     settings = service.settings
     summary = catalogue.suite(suite).summary()
-    if summary.successor is not None:
-        raise InvalidRequestError("query.suite", f"{suite} takes no new evaluations; choose {summary.successor}")
     return page(
         request,
         "submit.html",
@@ -37,5 +33,5 @@ async def submit(
         registration=settings.registration is Registration.OPEN,
         limit_mib=settings.model_limit // 2**20,
         suite=summary,
-        suites=[each for each in list_suites() if each.successor is None],
+        suites=list_suites(),
     )

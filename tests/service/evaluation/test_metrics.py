@@ -68,7 +68,7 @@ def test_denominators_are_fixed(kit, suite, verdict: Verdict) -> None:
 
 def test_a_wrong_way_counts_in_the_strict_column_alone(kit, suite) -> None:
     outcomes = kit.outcomes_of(suite, {0: Verdict.WRONG_WAY})
-    outcomes[suite.trials[1].id] = kit.outcome(Verdict.EXIT_OTHER, flags=(Flag.WRONG_WAY,))
+    outcomes[suite.trials[1].id] = kit.outcome(Verdict.EXIT_OTHER, flags=(Flag.OPPOSED_LANE,))
     metrics = compute(suite, outcomes)
     assert (metrics.unsafe.count, metrics.unsafe_strict.count) == (0, 2)
     first = JunctionType.STRAIGHT_LEFT

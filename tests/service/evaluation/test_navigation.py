@@ -12,7 +12,6 @@ from wrongturn_protocol import (
     Condition,
     Fault,
     FaultKind,
-    Flag,
     Journey,
     JunctionType,
     Metrics,
@@ -210,12 +209,6 @@ def test_tracks_of_journeys_are_never_compared(kit, suite) -> None:
         missing(kit, suite, "knowing", range(0), Track.PRIVILEGED),
     )
     assert [entry.rank for entry in rank([knowing, seeing])] == [1, 1]
-
-
-def test_a_wrong_way_on_a_journey_is_strictly_unsafe(kit, suite) -> None:
-    flagged = ended(kit).model_copy(update={"flags": (Flag.WRONG_WAY,)})
-    metrics = compute(suite, drives(kit, suite, {0: flagged}))
-    assert (metrics.unsafe.count, metrics.unsafe_strict.count) == (0, 1)
 
 
 def test_a_journeys_id_is_no_twins(suite) -> None:

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from wrongturn_protocol import AgentDetail, AgentKind, LeaderboardEntry, Metrics, Seeds, SeedSpread, Track, Verdict
+from wrongturn_protocol import AgentDetail, AgentKind, LeaderboardEntry, Seeds, SeedSpread, Track, Verdict
 from wrongturn_service.evaluation import RankingInput, compute, rank
-from wrongturn_service.evaluation.ranking import interval, least_completed, most_undecided
+from wrongturn_service.evaluation.ranking import least_completed, most_undecided
 
 
 def colliding(kit, suite, name, where, track=Track.CAMERA, owner=""):
@@ -191,29 +191,6 @@ def test_aborted_episodes_are_counted_and_unsafe(kit, suite) -> None:
     given_up = dict.fromkeys(range(2), Verdict.ABORTED)
     (entry,) = rank([kit.row(suite, "a", kit.outcomes_of(suite, given_up, {**given_up, 7: Verdict.ABORTED}))])
     assert (entry.aborted, entry.unsafe_strict.count, entry.unsafe.count) == (5, 2, 2)
-
-
-def test_a_retired_suite_is_listed_without_ranks(kit, suite) -> None:
-    field = [colliding(kit, suite, "b", range(10)), colliding(kit, suite, "a", range(0))]
-    entries = rank(field, successor="wrong-command@2")
-    assert [(entry.agent.name, entry.rank, entry.eligible, entry.tied_with) for entry in entries] == [
-        ("a", None, False, ()),
-        ("b", None, False, ()),
-    ]
-    assert entries[0].why_not is not None
-    assert "version 1" in entries[0].why_not
-    assert "wrong-command@2" in entries[0].why_not
-    assert entries[1].unsafe.count == 10
-
-
-def test_metrics_stored_by_version_1_get_their_interval(kit, suite) -> None:
-    row = colliding(kit, suite, "old", range(3))
-    stored = row.metrics.model_dump(mode="json")
-    del stored["unsafe_strict"]["ci83"]
-    old = RankingInput(row.agent, row.evaluation, row.entry, Metrics.model_validate(stored))
-    assert old.metrics.unsafe_strict.ci83 is None
-    assert rank([old]) == rank([row])
-    assert rank([old])[0].unsafe_strict.ci83 == pytest.approx(interval(row.metrics))
 
 
 def test_an_algorithm_is_listed_last_and_never_ranked(kit, suite) -> None:

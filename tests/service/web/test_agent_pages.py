@@ -145,7 +145,7 @@ def test_trials_that_only_the_strict_column_counts_say_so(tmp_path: Path):
     play(story)
 
 
-def test_old_suites_and_journeys_have_pages_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_journeys_have_pages_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     put_among_the_suites(tmp_path / "suites", monkeypatch)
 
     async def story() -> None:
@@ -153,13 +153,10 @@ def test_old_suites_and_journeys_have_pages_too(tmp_path: Path, monkeypatch: pyt
             agent, other = await new_agent(http, "traveller"), await new_agent(http, "another")
             for each in (agent, other):
                 await store_evaluation(http.service, each, load_suite(JOURNEYS))
-            await store_evaluation(http.service, agent, load_suite("smoke@1"), leaves_the_road)
             page = await shown(http, f"/agents/{agent}?suite={JOURNEYS}")
             assert page.count("/episodes/") == 6
             assert "town and weather of training" in page
             assert "6 of 6" in page
-            page = await shown(http, f"/agents/{agent}?suite=smoke@1")
-            assert "Judged by version 1" in page
             page = await shown(http, f"/leaderboards/{JOURNEYS}/compare?a=traveller&b=another")
             assert page.count("/episodes/") == 12
             assert "Both drove the same trials." in page
