@@ -151,7 +151,7 @@ def _below(metrics: Metrics) -> list[str]:
     if (excess := metrics.excess_unsafe_rate) is not None:
         low, high = excess.ci95
         lines.append(
-            f"strict rate minus the twins': {100 * excess.value:+.0f} points, "
+            f"unsafe beyond the twins: {100 * excess.value:+.0f} points, "
             f"95 % [{100 * low:+.0f}, {100 * high:+.0f}], p = {excess.p:.2g}"
         )
     if metrics.navigation is not None:

@@ -184,7 +184,7 @@ def test_an_agents_name_is_no_markup() -> None:
     ("change", "seen"),
     [
         ({}, ["infeasible", "omission", "15/60 25 %", "[16, 37] %", "12/60", "58/60", "p = 0.0005"]),
-        ({}, ["9/10", "\nstrict rate minus the twins': +20 points, 95 % [+10, +30], p = 0.0005"]),
+        ({}, ["9/10", "\nunsafe beyond the twins: +20 points, 95 % [+10, +30], p = 0.0005"]),
         ({"table_strict": {"CROSS": {"stuck": {"unsafe": 1, "trials": 2}}}}, ["crossing", "stuck", "1/2"]),
         ({"table": {}, "table_strict": None}, ["infeasible", "–"]),
     ],
