@@ -56,10 +56,16 @@ def postgres() -> Iterator[PostgresServer]:
         yield server
 
 
+@pytest.fixture
+def sqlite_url(tmp_path: Path) -> str:
+    """The URL of a database that is not there yet."""
+    return f"sqlite+aiosqlite:///{tmp_path / 'a.db'}"
+
+
 @pytest.fixture(params=["sqlite", "postgresql"])
-def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """The URL of a database that is not there yet, or is empty, of each engine in turn."""
+def database_url(request: pytest.FixtureRequest, sqlite_url: str) -> str:
+    """The URL of a database that is not there yet, or is empty, of each engine in turn: for what may differ."""
     if request.param == "sqlite":
-        return f"sqlite+aiosqlite:///{tmp_path / 'a.db'}"
+        return sqlite_url
     server: PostgresServer = request.getfixturevalue("postgres")
     return server.new_database()

@@ -80,9 +80,9 @@ def test_episodes_are_listed_in_the_order_of_their_resets(tmp_path: Path, clock:
     play(story)
 
 
-def test_owners_are_served_in_turn(database_url: str, clock: SetBack) -> None:
+def test_owners_are_served_in_turn(sqlite_url: str, clock: SetBack) -> None:
     async def story() -> None:
-        async with opened(database_url) as (store, submissions):
+        async with opened(sqlite_url) as (store, submissions):
             for name, owner in (("x", "ow_a"), ("y", "ow_b"), ("z", "ow_a")):
                 await serve(store, submissions, name, owner)
                 clock.again()

@@ -257,9 +257,9 @@ TRAJECTORY = b'{"rows":[]}' * 1000
 SHA256 = hashlib.sha256(TRAJECTORY).hexdigest()
 
 
-def test_an_episode_has_one_end(database_url: str) -> None:
+def test_an_episode_has_one_end(sqlite_url: str) -> None:
     async def story() -> None:
-        async with filled(database_url) as (_, store):
+        async with filled(sqlite_url) as (_, store):
             for name in ("a", "b"):
                 await store.add_episode(episode_row(name, name), None)
             end = {"verdict": "timeout", "steps": 3}
@@ -295,9 +295,9 @@ def test_a_trial_counts_once(database_url: str) -> None:
     asyncio.run(story())
 
 
-def test_a_damaged_trajectory_is_not_handed_out(database_url: str) -> None:
+def test_a_damaged_trajectory_is_not_handed_out(sqlite_url: str) -> None:
     async def story() -> None:
-        async with filled(database_url) as (database, store):
+        async with filled(sqlite_url) as (database, store):
             for name, data in (("a", zlib.compress(b"another")), ("b", b"noise")):
                 await store.add_episode(episode_row(name, name), None)
                 assert await store.finish_episode(name, {"verdict": "timeout"}, TRAJECTORY, SHA256)

@@ -1,4 +1,4 @@
-"""Submissions in the database, on both engines: their order, their states, their agents and their logs."""
+"""Submissions in the database: their order, their states, their agents and their logs."""
 
 import asyncio
 import contextlib
@@ -62,7 +62,7 @@ def play(url: str, story: Callable[[Store, SubmissionStore], Awaitable[None]]) -
     asyncio.run(run())
 
 
-def test_they_wait_in_the_order_of_arrival(database_url: str) -> None:
+def test_they_wait_in_the_order_of_arrival(sqlite_url: str) -> None:
     async def story(_: Store, submissions: SubmissionStore) -> None:
         for name in ("x", "y", "z"):
             await submissions.add(submission(name, "ow_b" if name == "y" else "ow_a"), None, most=2)
@@ -76,7 +76,7 @@ def test_they_wait_in_the_order_of_arrival(database_url: str) -> None:
         assert [row.id for row in await submissions.waiting()] == ["su_y", "su_z", "su_w"]
         assert await submissions.open_count("ow_a") == 2
 
-    play(database_url, story)
+    play(sqlite_url, story)
 
 
 def test_what_is_over_stays_as_it_is(database_url: str) -> None:
@@ -116,7 +116,7 @@ def test_what_is_over_stays_as_it_is(database_url: str) -> None:
     play(database_url, story)
 
 
-def test_a_name_is_for_one_agent(database_url: str) -> None:
+def test_a_name_is_for_one_agent(sqlite_url: str) -> None:
     async def story(store: Store, submissions: SubmissionStore) -> None:
         await submissions.add(submission("Swift"), None, most=9)
         for taken in (submission("SWIFT", id="su_2"), submission("swift", "ow_b", id="su_3")):
@@ -140,10 +140,10 @@ def test_a_name_is_for_one_agent(database_url: str) -> None:
         assert (row.agent_id, row.track) == (None, "camera")
         await submissions.add(submission("swift", id="su_5"), None, most=9)
 
-    play(database_url, story)
+    play(sqlite_url, story)
 
 
-def test_somebody_else_took_the_name(database_url: str) -> None:
+def test_somebody_else_took_the_name(sqlite_url: str) -> None:
     async def story(store: Store, submissions: SubmissionStore) -> None:
         await submissions.add(submission("swift"), None, most=9)
         taken = agent("Swift", "ow_b")
@@ -157,10 +157,10 @@ def test_somebody_else_took_the_name(database_url: str) -> None:
         assert await submissions.remove_agent("su_swift") is None
         assert await store.agent("ag_Swift") is not None
 
-    play(database_url, story)
+    play(sqlite_url, story)
 
 
-def test_an_agent_with_an_evaluation_stays(database_url: str) -> None:
+def test_an_agent_with_an_evaluation_stays(sqlite_url: str) -> None:
     async def story(store: Store, submissions: SubmissionStore) -> None:
         await submissions.add(submission("made"), None, most=9)
         await submissions.make_agent("su_made", agent("made"))
@@ -181,10 +181,10 @@ def test_an_agent_with_an_evaluation_stays(database_url: str) -> None:
         await submissions.set_state("su_made", SubmissionState.CANCELLED)
         assert await submissions.remove_agent("su_made") == "ag_made"
 
-    play(database_url, story)
+    play(sqlite_url, story)
 
 
-def test_the_log_is_kept_for_a_time(database_url: str) -> None:
+def test_the_log_is_kept_for_a_time(sqlite_url: str) -> None:
     async def story(_: Store, submissions: SubmissionStore) -> None:
         for name in ("over", "open"):
             await submissions.add(submission(name), None, most=9)
@@ -201,4 +201,4 @@ def test_the_log_is_kept_for_a_time(database_url: str) -> None:
         assert await submissions.log("su_over") == []
         assert [line.number for line in await submissions.log("su_open")] == [1, 2, 3]
 
-    play(database_url, story)
+    play(sqlite_url, story)
