@@ -14,14 +14,7 @@ def is_of_action(error: ValidationError) -> bool:
 
 
 def action_of(given: object) -> Action:
-    """Return what an agent gave as an action that can be driven.
-
-    Args:
-        given: An :data:`~wrongturn_protocol.ActionLike`: an Action, or three numbers in an array, a tuple or a list.
-
-    Raises:
-        InvalidActionError: It is not three numbers, or one is out of range.
-    """
+    """Return what an agent gave as an action that can be driven; raise InvalidActionError if it is none."""
     try:
         if isinstance(given, Action):  # checked again, because model_construct and model_copy check nothing
             return Action(given.steer, given.throttle, given.brake)

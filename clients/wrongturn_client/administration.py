@@ -51,23 +51,12 @@ class Administration:
         self._transport.close()
 
     def items(self, collection: Collection, limit: int, **filters: object) -> Iterator[AdminItem]:
-        """Yield items, newest first.
-
-        Args:
-            collection: What is listed.
-            limit: Most items.
-            **filters: ``name``, ``owner``, ``agent``, ``suite``, ``state``, ``hidden``. None leaves one out.
-        """
+        """Yield at most ``limit`` items, newest first. Filters are those of the REST call; None leaves one out."""
         for page in self._pages(AdminList, (collection.value,), limit, filters):
             yield from page.items
 
     def usage(self, limit: int, cursor: str | None = None) -> UsageList:
-        """Return the owners with the most bytes, and the sum over all.
-
-        Args:
-            limit: Most owners.
-            cursor: ``next`` of an earlier reply, to go on from there.
-        """
+        """Return the owners with the most bytes, and the sum over all; ``cursor`` goes on after an earlier reply."""
         pages: list[UsageList] = list(self._pages(UsageList, ("usage",), limit, {}, cursor))
         owners = tuple(owner for page in pages for owner in page.owners)
         return UsageList(owners=owners, total=pages[0].total, next=pages[-1].next)

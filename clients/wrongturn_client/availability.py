@@ -12,7 +12,6 @@ class Availability:
     """What a client and its driving connections know of the service at a URL."""
 
     def __init__(self, url: str) -> None:
-        """Begin with a service that has not answered yet."""
         self.url = url
         self.offers_socket = False
         """Whether the WebSocket for driving was there once."""
@@ -31,14 +30,7 @@ class Availability:
             _LOG.info("%s answers again", self.url)
 
     def unanswered(self, why: str, seconds: float) -> None:
-        """Note that the service does not answer and the client waits; log it once.
-
-        Nothing is logged before the first answer, because the error then comes soon.
-
-        Args:
-            why: The reason.
-            seconds: How long the client tries again.
-        """
+        """Log once that the client waits. Before the first answer it logs nothing: the error then comes soon."""
         if self._has_answered and not self._waiting:
             self._waiting = True
             _LOG.warning("%s does not answer (%s); trying again for up to %.0f s", self.url, why, seconds)

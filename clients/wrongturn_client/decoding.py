@@ -14,11 +14,7 @@ _TRACKS: Final = {frozenset(field.name for field in fields): track for track, fi
 
 
 def track_of_message(observation: Mapping[str, Any]) -> Track:
-    """Return the track of an observation, by its keys.
-
-    Raises:
-        ProtocolError: No track has exactly these keys.
-    """
+    """Return the track of an observation, by its keys; raise ProtocolError if no track has exactly these."""
     track = _TRACKS.get(frozenset(observation))
     if track is None:
         raise ProtocolError(
@@ -29,11 +25,7 @@ def track_of_message(observation: Mapping[str, Any]) -> Track:
 
 
 def decode_observation(message: Any) -> Observation:
-    """Return the arrays of an observation in JSON or msgpack.
-
-    Raises:
-        ProtocolError: The message is not an observation.
-    """
+    """Return the arrays of an observation in JSON or msgpack; raise ProtocolError if it is none."""
     if not isinstance(message, Mapping):
         raise ProtocolError(f"an observation must be an object, not {type(message).__name__}")
     try:
@@ -43,11 +35,7 @@ def decode_observation(message: Any) -> Observation:
 
 
 def decode_reply(message: Any) -> dict[str, Any]:
-    """Return the reply to a reset or a step, with its observation as arrays.
-
-    Raises:
-        ProtocolError: The message is not such a reply.
-    """
+    """Return the reply to a reset or a step, with its observation as arrays; raise ProtocolError if it is none."""
     if not isinstance(message, dict) or "observation" not in message:
         raise ProtocolError("the answer has no observation; are the service and this client of the same version?")
     message["observation"] = decode_observation(message["observation"])
@@ -55,11 +43,7 @@ def decode_reply(message: Any) -> dict[str, Any]:
 
 
 def validated(kind: type[M], message: Any) -> M:
-    """Return plain values as a message of this kind.
-
-    Raises:
-        ProtocolError: They are not such a message.
-    """
+    """Return plain values as a message of this kind; raise ProtocolError if they are none."""
     try:
         # model_validate does the same, but first looks at options that are not given here.
         found: M = kind.__pydantic_validator__.validate_python(message)

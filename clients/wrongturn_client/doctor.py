@@ -36,11 +36,7 @@ class Check:
 
 
 def diagnose(url: str | None) -> Iterator[Check]:
-    """Run all checks, one after the other.
-
-    Args:
-        url: URL of a service to check too; None for none.
-    """
+    """Run all checks, one after the other, with those of a service if a URL is given."""
     version = platform.python_version()
     yield Check("Python", sys.version_info[:2] >= _LEAST_PYTHON, version, "install Python 3.11 or newer")
     for part, what in _PARTS.items():

@@ -110,25 +110,17 @@ class DriveConnection(EpisodeCalls):
 
     @abstractmethod
     def submit(self, calls: Sequence[EpisodeCall]) -> int:
-        """Send a message of calls and return its number.
-
-        Raises:
-            ServiceUnreachableError: Nobody answered within the patience.
-            ApiError: The service refused the connection.
-        """
+        """Send a message of calls and return its number; raises as :meth:`exchange`."""
 
     @abstractmethod
     def receive(self) -> tuple[int, list[Result]]:
-        """Wait for any answered message and return its number and results; raises as :meth:`submit`."""
+        """Wait for any answered message and return its number and results; raises as :meth:`exchange`."""
 
     @abstractmethod
     def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result], patience: float | None = None) -> None:
-        """Repeat the calls that met a busy service, and replace their results.
+        """Repeat the calls of a message that met a busy service, and replace their results.
 
-        Args:
-            calls: The calls of one message.
-            results: Their results; calls that still meet a busy service keep their error.
-            patience: Seconds for which to repeat them; the connection's own by default.
+        Calls that still meet a busy service after ``patience`` seconds (by default the connection's) keep their error.
         """
 
     @abstractmethod

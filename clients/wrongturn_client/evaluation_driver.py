@@ -76,16 +76,7 @@ class EvaluationDriver:
         resumed: Iterable[str] = (),
         on_end: Callable[[EpisodeRecorder | None], None],
     ) -> None:
-        """Create a driver without episodes.
-
-        Args:
-            connection: Carries the calls.
-            policy: Decides on the actions, or makes a policy for each episode.
-            evaluation: The evaluation's id.
-            parallel: Episodes at a time.
-            resumed: Ids of open episodes to finish first.
-            on_end: Called with the record of each episode that ends; with None for a resumed episode.
-        """
+        """Create a driver without episodes; ``on_end`` gets the record of each that ends, None for a ``resumed`` one."""
         self._connection = connection
         self._make_policy = maker_of(policy)
         self._evaluation = evaluation

@@ -25,28 +25,12 @@ class HttpCalls:
     """Sends the calls of an episode as HTTP requests."""
 
     def __init__(self, transport: Transport, media_type: str) -> None:
-        """Store where and how to send calls.
-
-        Args:
-            transport: Sends the requests.
-            media_type: Of bodies and replies, JSON or msgpack.
-        """
         self.patience = transport.patience
         self._transport = transport
         self._media_type = media_type
 
     def send(self, call: EpisodeCall, patience: float | None = None) -> dict[str, Any]:
-        """Send one call and return the fields of its reply.
-
-        Args:
-            call: See :data:`~wrongturn_client.episode_calls.EpisodeCall`.
-            patience: Seconds for which it is repeated; the transport's own by default.
-
-        Raises:
-            ServiceUnreachableError: Nobody answered within the patience.
-            ApiError: The service refused.
-            ProtocolError: The reply is not one of this protocol.
-        """
+        """Send one call and return the fields of its reply; raises as :meth:`Transport.call`."""
         kind, name, *given = call
         if kind == Call.STEP:
             seq, steer, throttle, brake = given
@@ -79,12 +63,7 @@ class HttpDrive(DriveConnection):
     """Connection for driving over HTTP; the calls of a message go side by side."""
 
     def __init__(self, http: HttpCalls, threads: int) -> None:
-        """Open nothing yet.
-
-        Args:
-            http: Sends the calls.
-            threads: Calls at a time. With 1, :meth:`submit` waits for the answer.
-        """
+        """Open nothing yet. With one of ``threads``, :meth:`submit` waits for the answer."""
         self.patience = http.patience
         self._http = http
         self._alone = OneThread()

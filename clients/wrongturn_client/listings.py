@@ -16,15 +16,7 @@ _PART = {"agents": "wrongturn-agents", "suites": "wrongturn-networks", "towns": 
 
 
 def listing(what: Listed, url: str | None) -> list[dict[str, Any]]:
-    """Return the items of a list as plain values.
-
-    Args:
-        what: The list.
-        url: The service's URL; None for the packages installed here.
-
-    Raises:
-        WrongturnError: The service does not answer, or the package with the list is not installed.
-    """
+    """Return the items of a list as plain values: a service's, or without a URL those installed here."""
     if url is not None:
         with Client(url, patience=0) as client:
             return [item.model_dump(mode="json", exclude_none=True) for item in getattr(client, what)()]
@@ -35,15 +27,7 @@ def listing(what: Listed, url: str | None) -> list[dict[str, Any]]:
 
 
 def approaches(town: str, url: str | None) -> dict[str, Any]:
-    """Return a town's name, checksum and approaches as plain values, the approaches by type.
-
-    Args:
-        town: The town's name.
-        url: The service's URL; None for the packages installed here.
-
-    Raises:
-        WrongturnError: The service does not answer or has no such town, or the package with the towns is not installed.
-    """
+    """Return a town's name, checksum and approaches by type, as plain values, from where :func:`listing` looks."""
     if url is not None:
         with Client(url, patience=0) as client:
             found = client.town(town)

@@ -17,11 +17,7 @@ _LFS: Final = b"version https://git-lfs"
 
 
 def check_model_file(path: Path) -> None:
-    """Check that a file exists and may be an ONNX file; the service checks the rest.
-
-    Raises:
-        ModelFileError: It is not there, empty, or of another kind. The message says what to do.
-    """
+    """Raise ModelFileError, which says what to do, unless a file may be an ONNX file."""
     try:
         if path.is_dir():
             raise ModelFileError(f"FILE: {path} is a folder; name the .onnx file in it")
@@ -47,12 +43,9 @@ def check_model_file(path: Path) -> None:
 
 
 def check_contract(path: Path, tracks: Collection[Track]) -> None:
-    """Check by the file alone that a model keeps the contract of ``docs/models.md`` in one of a suite's tracks.
+    """Raise ModelFileError unless a model keeps the contract of ``docs/models.md`` in one of a suite's tracks.
 
     The service checks it again, with onnxruntime.
-
-    Raises:
-        ModelFileError: The file is no ONNX model, or breaks the contract. The message names each input and output.
     """
     try:
         contract_of(signature_of(path), tracks)

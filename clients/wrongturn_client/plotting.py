@@ -14,15 +14,7 @@ PLOTS: Final = "wrongturn.plots"
 
 
 def plot(trajectory: bytes, outcome: Outcome | None) -> "Figure":
-    """Return a matplotlib figure of an episode.
-
-    Args:
-        trajectory: The trajectory's canonical JSON.
-        outcome: The outcome, if it is known.
-
-    Raises:
-        PluginError: Nothing is installed that draws, or it cannot be loaded.
-    """
+    """Return a matplotlib figure of an episode; raise PluginError if nothing is installed that draws."""
     point = next(iter(entry_points(PLOTS).values()), None)
     if point is None:
         raise PluginError("plot: nothing here draws; wrongturn-service does: pip install 'wrongturn-service[plot]'")

@@ -27,11 +27,7 @@ PolicyMaker = Callable[[], Policy]
 
 
 def maker_of(policy: Policy | PolicyMaker) -> PolicyMaker:
-    """Return what gives each episode its policy: the maker itself, or one that always gives the same policy.
-
-    Raises:
-        TypeError: It is neither a policy nor a maker.
-    """
+    """Return what gives each episode its policy: the maker itself, or one that always gives the same policy."""
     if not isinstance(policy, Policy) and not callable(policy):
         raise TypeError(
             f"policy: is {reprlib.repr(policy)}; give an object with reset and act, or a function that makes one"

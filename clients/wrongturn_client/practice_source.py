@@ -11,14 +11,7 @@ class PracticeSource:
     """Draws practice trials in a town (``Town01`` by default) or out of a suite's open split."""
 
     def __init__(self, options: TrialOptions) -> None:
-        """Check that a service can draw with these options.
-
-        Args:
-            options: What to draw.
-
-        Raises:
-            OptionError: An option works in process only.
-        """
+        """Raise OptionError for an option that works in process only."""
         if options.journeys is not None:
             raise OptionError("journeys: the service draws cruises its own way; leave it out, or drive in process")
         if isinstance(options.trial, Trial):
@@ -29,16 +22,9 @@ class PracticeSource:
         self._trials: tuple[str, ...] = () if options.trial is None else (options.trial,)
 
     def draw(self, client: Client, random: np.random.Generator, trial: str | None = None) -> PracticeRequest:
-        """Return the request of the next trial; equal generators give equal trials.
+        """Return the request of the next trial, or of the suite's named one; equal generators give equal trials.
 
-        Args:
-            client: Asked once for the approaches or trials to draw from.
-            random: The environment's generator.
-            trial: The id of one of the suite's trials to drive instead.
-
-        Raises:
-            OptionError: No approach suits the options, or there is no suite to take a trial from.
-            WrongturnError: The service does not answer, or refuses.
+        The first call asks the service for the approaches or trials to draw from.
         """
         options = self._options
         if options.suite is not None:

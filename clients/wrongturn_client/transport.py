@@ -46,11 +46,7 @@ class Reply:
     content: bytes
 
     def message(self) -> Any:
-        """Return the body as plain values; arrays are still encoded.
-
-        Raises:
-            ProtocolError: The body is not what its media type says.
-        """
+        """Return the body as plain values, arrays still encoded; raise ProtocolError if it has another type."""
         try:
             if self.media_type == MSGPACK:
                 return msgpack.unpackb(self.content)
@@ -79,18 +75,7 @@ class Transport:
         timeout: float = 30.0,
         patience: float = 60.0,
     ) -> None:
-        """Check the URL; the first call connects.
-
-        Args:
-            url: The service's URL, without ``/v1``.
-            token: The bearer token; None for public calls only.
-            transport: An httpx transport, for tests.
-            timeout: Seconds for each attempt at a call.
-            patience: Seconds for which a call is repeated; 0 for never.
-
-        Raises:
-            WrongturnError: The URL is not one of a service.
-        """
+        """Check the URL (without ``/v1``); the first call connects. Raises WrongturnError."""
         if not isinstance(url, str):
             raise WrongturnError(f"url: is {url!r}; give text, such as http://127.0.0.1:8000")
         self.url = url.rstrip("/")
@@ -116,15 +101,7 @@ class Transport:
         headers: dict[str, str] | None = None,
         patience: float | None = None,
     ) -> Reply:
-        """Send a call until it is answered.
-
-        Args:
-            method: The HTTP method.
-            path: The path below the service's URL, with its query.
-            body: Plain values, or None.
-            media_type: The media type of the body and of the answer.
-            headers: Further headers.
-            patience: Seconds for which this call is repeated; the transport's own by default.
+        """Send a call, whose body and answer have the media type, until it is answered or the patience ends.
 
         Raises:
             ServiceUnreachableError: Nobody answered within the patience.
@@ -139,18 +116,7 @@ class Transport:
         return self._repeat(lambda: self._connections.exchange(method, path, sent, content), patience)
 
     def send_form(self, path: str, upload: Upload, headers: dict[str, str]) -> Reply:
-        """Send a multipart form with a file until it is answered; each attempt reads the file from its start.
-
-        Args:
-            path: The path below the service's URL.
-            upload: The form.
-            headers: Further headers.
-
-        Raises:
-            ModelFileError: The file cannot be read.
-            ServiceUnreachableError: Nobody answered within the patience.
-            ApiError: The service refused.
-        """
+        """Send a form until it is answered, each time from its start; raises as :meth:`call`, or ModelFileError."""
         sent = {"Accept": JSON, **headers, **self._headers}
         connections = HttpxConnections(self.url, self._timeout, self._injected)
         try:
@@ -187,12 +153,7 @@ def _report(hook: instrumentation.RetryHook, details: instrumentation.RetryDetai
 
 
 def attempts(patience: float, availability: Availability) -> Iterator[stamina.Attempt]:
-    """Return attempts, with pauses between them, at something that fails when a connection breaks or a service is busy.
-
-    Args:
-        patience: Seconds for which to try.
-        availability: What the client knows of the service.
-    """
+    """Return attempts for ``patience`` seconds, with pauses, at something that fails if a service is away."""
     _keep_retries_quiet()
     begin = time.monotonic()
     longest = min(_LONGEST_GROWN_PAUSE, availability.patience(patience) / 4)
@@ -229,12 +190,7 @@ def attempts(patience: float, availability: Availability) -> Iterator[stamina.At
 
 
 def check(answer: Answer) -> Reply:
-    """Return the answer if it is not an error.
-
-    Raises:
-        ApiError: It is an error.
-        ProtocolError: It is a redirection.
-    """
+    """Return the answer if it is not an error; raise ApiError, or ProtocolError for a redirection."""
     status = answer.status
     if status < 300:
         return Reply(status, answer.media_type.partition(";")[0].strip().lower(), answer.content)
@@ -262,11 +218,7 @@ def _seconds(value: str | None) -> float | None:
 
 
 def _split(url: str) -> SplitResult:
-    """Return the parts of a service's URL.
-
-    Raises:
-        WrongturnError: It is not the URL of a service.
-    """
+    """Return the parts of a service's URL; raise WrongturnError for any other."""
     try:
         parts = urlsplit(url)
         if parts.scheme in {"http", "https"} and parts.hostname and parts.port != 0:

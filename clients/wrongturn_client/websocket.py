@@ -46,17 +46,8 @@ class WebSocketConnection:
     def __init__(self, url: SplitResult, token: str | None, timeout: float, *, offered: bool = False) -> None:
         """Connect and shake hands.
 
-        Args:
-            url: The service's URL, ``http`` or ``https``.
-            token: The bearer token.
-            timeout: Seconds for each wait.
-            offered: The WebSocket was there before. Any other answer then comes from something that stands in for the
-                service, such as a proxy, so the service counts as away.
-
-        Raises:
-            ConnectionBrokeError: Nobody answers.
-            NotOfferedError: There is no such WebSocket.
-            ApiError: The service refuses.
+        ``offered``: the WebSocket was there before. Any other answer then comes from something that stands in for the
+        service, such as a proxy, so the service counts as away: ConnectionBrokeError.
         """
         secure = url.scheme == "https"
         self._socket = _connected(url, timeout, secure=secure)

@@ -57,11 +57,7 @@ class OpenEnvServer:
         self._stopped = False
 
     async def in_thread(self, function: Callable[[], T]) -> T:
-        """Run a function that waits for the service in a thread, and return its result.
-
-        Raises:
-            RefusedError: The server stops.
-        """
+        """Run a function that waits for the service in a thread; raise RefusedError if the server stops meanwhile."""
         stops = RefusedError(ErrorCode.EXECUTION_ERROR, "the server stops")
         if self._stopped:
             raise stops
@@ -126,12 +122,7 @@ class OpenEnvServer:
 
 
 def create_app(service: Service, sessions: int) -> FastAPI:
-    """Return the ASGI application of an OpenEnv server. Call ``app.state.stop`` before you wait for its tasks.
-
-    Args:
-        service: The service that the sessions practise on.
-        sessions: Most sessions at a time.
-    """
+    """Return the ASGI application of an OpenEnv server. Call ``app.state.stop`` before you wait for its tasks."""
     server = OpenEnvServer(service, sessions)
 
     @contextlib.asynccontextmanager

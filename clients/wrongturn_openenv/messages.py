@@ -119,11 +119,7 @@ class Message(BaseModel):
 
 
 def read(text: str) -> Message:
-    """Return a message of a client.
-
-    Raises:
-        RefusedError: It is no message of OpenEnv.
-    """
+    """Return a message of a client; raise RefusedError if it is none of OpenEnv's."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -138,11 +134,7 @@ def read(text: str) -> Message:
 
 
 def reset_request(data: dict[str, Any]) -> ResetRequest:
-    """Return the parameters of a reset.
-
-    Raises:
-        RefusedError: There is no such parameter, or a value has another type.
-    """
+    """Return the parameters of a reset; raise RefusedError for an unknown one, or a value of another type."""
     try:
         return ResetRequest.model_validate(data)
     except ValidationError as error:
@@ -150,10 +142,9 @@ def reset_request(data: dict[str, Any]) -> ResetRequest:
 
 
 def action_of(data: dict[str, Any]) -> Action:
-    """Return the action of a step. It ignores ``metadata``, which OpenEnv's typed clients send with each action.
+    """Return the action of a step; raise RefusedError if it is none.
 
-    Raises:
-        RefusedError: It is not steer, throttle and brake in their ranges.
+    It ignores ``metadata``, which OpenEnv's typed clients send with each action.
     """
     try:
         return Action.model_validate({name: value for name, value in data.items() if name != "metadata"})

@@ -25,11 +25,7 @@ _GRACE_S: Final = 10
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """Bind an address and listen on it.
-
-    Raises:
-        WrongturnError: It cannot be bound.
-    """
+    """Bind an address and listen on it."""
     try:
         return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
@@ -37,13 +33,7 @@ def bind(host: str, port: int) -> socket.socket:
 
 
 def run(service: Service, sessions: int, listening: socket.socket) -> None:
-    """Serve until SIGTERM or SIGINT.
-
-    Args:
-        service: The service that the sessions practise on.
-        sessions: Most sessions at a time.
-        listening: Socket that listens.
-    """
+    """Serve until SIGTERM or SIGINT, at most so many sessions at a time."""
     app = create_app(service, sessions)
     config = uvicorn.Config(
         app,

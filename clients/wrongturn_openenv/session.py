@@ -38,12 +38,7 @@ class Service:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def environment(self, options: Mapping[str, Any]) -> tuple[RemoteEnv, str]:
-        """Return an environment that draws its trials by these options, and the token that it uses.
-
-        Raises:
-            ValueError: A name does not exist, or options do not go together.
-            WrongturnError: The service does not answer, or refuses to register an agent.
-        """
+        """Return an environment that draws its trials by these options, and the token that it uses."""
         track = TrialOptions.of(**options).track
         token = self.token or self._registered(track)
         return RemoteEnv(self.url, token, patience=PATIENCE_S, transport=self.transport, **options), token
@@ -60,11 +55,7 @@ class Service:
         return self.token is None
 
     def check(self) -> None:
-        """Check that the service answers and has the town or suite of the defaults.
-
-        Raises:
-            WrongturnError: It does not answer, or has no such town or suite.
-        """
+        """Raise WrongturnError unless the service answers and has the town or suite of the defaults."""
         with self._client(patience=0) as client:
             client.live()
             if (town := self.defaults.get("town")) is not None:

@@ -13,12 +13,7 @@ ActionLike = Action | NDArray[Any] | Sequence[float]
 
 
 def three_numbers(action: object, error: type[Exception]) -> tuple[float, float, float]:
-    """Return steer, throttle and brake; whether they are in their ranges is not checked.
-
-    Args:
-        action: An :data:`ActionLike`.
-        error: The class to raise for anything else.
-    """
+    """Return steer, throttle and brake of an :data:`ActionLike`, in any range; raise ``error`` for anything else."""
     try:
         given = np.asarray(action)
     except (RuntimeError, TypeError, ValueError) as cause:  # lists of different lengths, a tensor on a GPU

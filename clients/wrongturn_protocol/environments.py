@@ -106,13 +106,7 @@ class TrialVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
     def _asked(
         self, seed: int | Sequence[int | None] | None, options: dict[str, Any] | None, single: type | tuple[type, ...]
     ) -> dict[int, Any]:
-        """Return the environments to reset, each with the trial that it was asked for, or None; seed their generators.
-
-        Args:
-            seed: As ``reset`` takes it.
-            options: As ``reset`` takes them.
-            single: Types of a trial in the options.
-        """
+        """Return the environments to reset, each with its trial (of a ``single`` type) or None; seed generators."""
         seeds = seeds_of(seed, self.num_envs)
         trials = trials_of(options, self.num_envs, single)
         chosen = mask_of(options, self.num_envs)

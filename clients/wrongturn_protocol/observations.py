@@ -181,11 +181,7 @@ def encode(observation: Observation, track: Track, *, binary: bool = False) -> d
 
 
 def decode(message: Mapping[str, Any], track: Track) -> Observation:
-    """Return the arrays of an observation from its JSON or msgpack form.
-
-    Raises:
-        ValueError: A field of the track is missing or has another shape.
-    """
+    """Return the arrays of an observation from JSON or msgpack; raise ValueError if a field is missing or misshaped."""
     observation: Observation = {}
     for field in FIELDS[track]:
         if field.name not in message:

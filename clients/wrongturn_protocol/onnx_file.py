@@ -150,12 +150,7 @@ def _span(value: int | Span) -> Span:
 
 
 def _fields(data: mmap, span: Span) -> Iterator[tuple[int, int | Span]]:
-    """Yield number and value of each field of a message; of bytes, their place.
-
-    Raises:
-        ValueError: It is no message, or is cut off.
-        IndexError: It is cut off.
-    """
+    """Yield number and value of each field of a message; of bytes, their place. Raises ValueError or IndexError."""
     at, end = span
     while at < end:
         key, at = _varint(data, at)

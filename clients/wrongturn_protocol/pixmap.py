@@ -17,11 +17,7 @@ def to_pixmap(image: NDArray[np.uint8]) -> bytes:
 
 
 def from_pixmap(content: bytes) -> NDArray[np.uint8]:
-    """Return the picture in a pixmap that :func:`to_pixmap` made, RGB uint8 (height, width, 3), writable.
-
-    Raises:
-        ValueError: It is something else.
-    """
+    """Return the picture in a pixmap, RGB uint8 (height, width, 3), writable; raise ValueError if it is none."""
     head = _HEAD.match(content)
     if head is None or len(content) - head.end() != int(head[1]) * int(head[2]) * 3:
         raise ValueError("not a binary portable pixmap of three bytes a pixel")

@@ -57,11 +57,7 @@ def looks_like(name: str, reserved: frozenset[str] = SHIPPED_NAMES) -> str | Non
 
 
 def misleads(name: str) -> str | None:
-    """Return what a reader could take a name for, in words: the operator, or an id. None if it is neither.
-
-    Args:
-        name: A valid name of an agent or owner.
-    """
+    """Return what a reader could take a name for, in words: the operator, or an id. None if it is neither."""
     if looks_like(name, OPERATOR_NAMES) is not None:
         return "it reads as if it were the operator's"
     return "it reads like an id" if _ID.fullmatch(name) is not None else None

@@ -29,11 +29,7 @@ class RunFormatError(ValueError):
 
 
 def read_unpacked(path: Path) -> bytes:
-    """Return the content of a file, plain or compressed by gzip.
-
-    Raises:
-        UNREADABLE: The file cannot be read, or is larger than :data:`LARGEST` when it is unpacked.
-    """
+    """Return the content of a file, plain or gzip; raise :data:`UNREADABLE`, also beyond :data:`LARGEST`."""
     with path.open("rb") as file:
         content = file.read(LARGEST + 1)
     if content.startswith(GZIP):
@@ -71,11 +67,7 @@ class RunFile(EvaluationDetail):
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file, plain or compressed by gzip.
-
-        Raises:
-            RunFormatError: The file cannot be read, or is something else.
-        """
+        """Read a file, plain or compressed by gzip; raise RunFormatError if it is something else."""
         try:
             content = read_unpacked(path)
         except UNREADABLE as error:
@@ -84,11 +76,7 @@ class RunFile(EvaluationDetail):
 
     @classmethod
     def from_json(cls, content: bytes, name: str = "run file") -> Self:
-        """Return the run in a file's content. Errors call the file ``name``.
-
-        Raises:
-            RunFormatError: The content is something else.
-        """
+        """Return the run in a file's content, or raise RunFormatError, which calls the file ``name``."""
         try:
             return cls.model_validate_json(content)
         except ValidationError as error:

@@ -18,15 +18,7 @@ FRAMES_A_SECOND: Final = 10
 
 
 def check_render_mode(render_mode: str | None, modes: Sequence[str] = RENDER_MODES) -> None:
-    """Check an environment's render mode.
-
-    Args:
-        render_mode: The mode, or None.
-        modes: Those that the environment has.
-
-    Raises:
-        OptionError: It has no such mode.
-    """
+    """Raise OptionError unless the mode is None or one of those that an environment has."""
     if render_mode is not None and render_mode not in modes:
         raise OptionError(
             f"render_mode: {render_mode!r} is not known; take {' or '.join(modes)}, or leave it None"

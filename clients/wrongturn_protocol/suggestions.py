@@ -5,12 +5,7 @@ from difflib import get_close_matches
 
 
 def did_you_mean(given: object, known: Iterable[str]) -> str:
-    """Return ``. Did you mean Town01?`` to end an error with; empty if no known name is near.
-
-    Args:
-        given: What the user wrote; only text has a near name.
-        known: The names that there are.
-    """
+    """Return ``. Did you mean Town01?`` to end an error with; empty if no known name is near, or none was given."""
     if not isinstance(given, str):
         return ""
     names = {name.lower(): name for name in known}

@@ -70,11 +70,11 @@ class TrialOptions:
     def of(
         cls, town: str | None = None, track: Track | str = Track.STATE, **given: Unpack[TrialKeywords]
     ) -> "TrialOptions":
-        """Return the options that an environment was given. ``weather`` may be one or several.
+        """Return the options that an environment was given; ``weather`` may be one or several.
 
         Raises:
             TypeError: There is no option of that name.
-            OptionError: A value has the wrong type, a name does not exist, or options do not go together.
+            OptionError: A value is wrong, or options do not go together.
         """
         if unknown := given.keys() - TrialKeywords.__annotations__.keys():
             raise TypeError(no_option(min(unknown), ("town", "track", *TrialKeywords.__annotations__)))
@@ -134,30 +134,14 @@ class TrialOptions:
 
 
 def check_keywords(made: Callable[..., object], given: Iterable[str]) -> None:
-    """Check the names of the keyword arguments that an environment leaves to :class:`TrialOptions`.
-
-    Args:
-        made: The environment's class, whose signature has the names of its other options.
-        given: The names.
-
-    Raises:
-        TypeError: There is no option of that name; the message has all names.
-    """
+    """Raise TypeError, with all names, for an option neither of :class:`TrialOptions` nor of ``made``'s."""
     if unknown := set(given) - TrialKeywords.__annotations__.keys():
         own = [name for name, one in inspect.signature(made).parameters.items() if one.kind is not one.VAR_KEYWORD]
         raise TypeError(no_option(min(unknown), (*own, *TrialKeywords.__annotations__)))
 
 
 def check_options(options: Mapping[str, Any] | None, known: Collection[str]) -> Mapping[str, Any]:
-    """Return the ``options`` of an environment's ``reset``; without options, an empty mapping.
-
-    Args:
-        options: What ``reset`` was given.
-        known: Names of the options that this environment knows.
-
-    Raises:
-        OptionError: They are no mapping, or one of them is not known.
-    """
+    """Return the ``options`` of a ``reset``, empty without any; raise OptionError for one that is not known."""
     if options is None:
         return {}
     if not isinstance(options, Mapping):

@@ -18,12 +18,7 @@ _VARIANTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
 
 
 def register_variants(name: str, entry_point: str) -> None:
-    """Register ``<name>Flat-v0``, ``<name>FlatDiscrete-v0`` and ``<name>Pixels-v0``.
-
-    Args:
-        name: The environment's name, such as ``Wrongturn``.
-        entry_point: Its class, as ``module:name``.
-    """
+    """Register ``<name>Flat-v0``, ``<name>FlatDiscrete-v0`` and ``<name>Pixels-v0`` of a class, ``module:name``."""
     for suffix, (track, wrappers) in _VARIANTS.items():
         register(
             f"{name}{suffix}-v0",

@@ -36,23 +36,14 @@ def autoreset_mode_of(mode: AutoresetMode | str) -> AutoresetMode:
 
 
 def seeds_of(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
-    """Return a seed for each environment. A single seed is the first one's; each next one is 1 higher.
-
-    Raises:
-        OptionError: The number of seeds differs from ``count``.
-    """
+    """Return a seed for each environment. A single seed is the first one's; each next one is 1 higher."""
     seeds = [None if seed is None else seed + i for i in range(count)] if not isinstance(seed, Sequence) else list(seed)
     _check_number("seed", len(seeds), count)
     return seeds
 
 
 def trials_of(options: dict[str, Any] | None, count: int, single: type | tuple[type, ...]) -> list[Any]:
-    """Return the trial in ``options`` for each environment: one for all, of a type in ``single``, or one for each.
-
-    Raises:
-        OptionError: ``options`` holds something unknown, the number of trials differs from ``count``, or it is not a
-            trial.
-    """
+    """Return the trial in ``options`` for each environment: one for all, of a type in ``single``, or one for each."""
     given = check_options(options, _OPTIONS).get("trial")
     if given is None or isinstance(given, single):
         return [given] * count
@@ -64,11 +55,7 @@ def trials_of(options: dict[str, Any] | None, count: int, single: type | tuple[t
 
 
 def mask_of(options: dict[str, Any] | None, count: int) -> list[int]:
-    """Return the indices of the environments in ``options["reset_mask"]``; all of them by default.
-
-    Raises:
-        OptionError: It is not a mask of (count,), or it is empty.
-    """
+    """Return the indices of the environments in ``options["reset_mask"]``; all of them by default."""
     mask = np.asarray((options or {}).get("reset_mask", np.ones(count, np.bool_)))
     if mask.shape != (count,) or mask.dtype != np.bool_ or not mask.any():
         raise OptionError(f"options.reset_mask: give ({count},) of bool, one of them True at least")
@@ -77,13 +64,7 @@ def mask_of(options: dict[str, Any] | None, count: int) -> list[int]:
 
 
 def checked_actions(actions: Any, driven: Flags, error: type[Exception]) -> NDArray[np.float64]:
-    """Return the actions as float64 (n, 3); the rows of environments that are not driven are not checked.
-
-    Args:
-        actions: Steer, throttle and brake of each environment.
-        driven: Flags (n,) of the environments whose rows are checked.
-        error: The class to raise for a wrong action.
-    """
+    """Return the actions as float64 (n, 3), or raise ``error``; rows that are not driven are not checked."""
     count = len(driven)
     wanted = f"actions: give ({count}, 3) numbers, steer, throttle and brake of each environment"
     try:

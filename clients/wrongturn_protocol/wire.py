@@ -124,11 +124,7 @@ class Block:
         ]
 
     def write(self, observation: Observation) -> None:
-        """Write an observation.
-
-        Raises:
-            ValueError: An array has another shape than the track's.
-        """
+        """Write an observation; raise ValueError if an array has another shape than the track's."""
         for name, array in self._arrays:
             given = observation[name]
             if given.shape != array.shape:
@@ -145,11 +141,7 @@ def block(observation: Observation, track: Track) -> bytes:
 
 
 def arrays(data: bytes | memoryview) -> Observation:
-    """Return the arrays of a block. They share one copy of it, which the caller may keep and change.
-
-    Raises:
-        MalformedMessageError: No track has blocks of this length.
-    """
+    """Return the arrays of a block, which share one copy of it; raise MalformedMessageError for any other length."""
     found = _LAYOUTS.get(len(data))
     if found is None:
         raise MalformedMessageError(f"no track's observation is a block of {len(data)} bytes")
@@ -170,22 +162,13 @@ _BLOCK_HEADERS: Final = tuple((size, _bin_header(size)) for size in sorted(_LAYO
 
 
 def pack_calls(number: int, calls: Sequence[Sequence[Any]]) -> bytes:
-    """Return a message of calls.
-
-    Args:
-        number: 0 to 2**32 - 1; no other unanswered message has it.
-        calls: See the module's docstring.
-    """
+    """Return a message of calls; no other unanswered one has its number, 0 to 2**32 - 1."""
     packed: bytes = msgpack.packb((number, calls))
     return packed
 
 
 def unpack_calls(data: bytes | memoryview) -> tuple[int, list[Any]]:
-    """Return the number and the calls of a message. The calls themselves are not checked.
-
-    Raises:
-        MalformedMessageError: The data is not a message of calls; TruncatedMessageError if its end is missing.
-    """
+    """Return number and calls, unchecked, of a message; raise MalformedMessageError, or TruncatedMessageError."""
     # The library makes room for as many items as an array claims to have.
     message = _unpacked(data, max_array_len=4 * CALLS, max_map_len=CALLS, max_ext_len=0)
     if not (isinstance(message, list) and len(message) == 2 and isinstance(message[1], list)):
@@ -232,11 +215,7 @@ def join_results(number: int | None, results: Sequence[bytes]) -> bytes:
 
 
 def unpack_results(data: bytes | memoryview) -> tuple[int | None, list[Any]]:
-    """Return the number and the results of a reply message. A block may be a view of the data.
-
-    Raises:
-        MalformedMessageError: The data is not a reply message; TruncatedMessageError if its end is missing.
-    """
+    """Return number and results of a reply; raise MalformedMessageError. A block may be a view of the data."""
     message = _around_block(data) or _unpacked(data)
     try:
         number, results = message
