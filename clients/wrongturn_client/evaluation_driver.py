@@ -76,7 +76,7 @@ class EvaluationDriver:
         resumed: Iterable[str] = (),
         on_end: Callable[[EpisodeRecorder | None], None],
     ) -> None:
-        """Create a driver without episodes; ``on_end`` gets the record of each that ends, None for a ``resumed`` one."""
+        """Create a driver without episodes; ``on_end`` gets the record of each ended one, None for a resumed one."""
         self._connection = connection
         self._make_policy = maker_of(policy)
         self._evaluation = evaluation

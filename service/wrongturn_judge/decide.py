@@ -7,9 +7,7 @@ without fastmath, as in ``kernels.py``.
 """
 
 import math
-from typing import Any
 
-import numpy as np
 from numba import njit
 
 from wrongturn_judge import kernels
@@ -41,12 +39,11 @@ from wrongturn_judge.kernels import (
     PAST_SHIFT,
     TAKEN_SHIFT,
     WHEELS,
+    Array,
     box_meets,
     inspect_row,
     nose_past,
 )
-
-Array = np.ndarray[Any, Any]
 
 # Floats of every state: the last row, and the extremes so far.
 S_T, S_X, S_Y, S_V, S_MIN_TTC, S_MAX_DECELERATION = 0, 1, 2, 3, 4, 5

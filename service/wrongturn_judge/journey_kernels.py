@@ -48,14 +48,13 @@ from wrongturn_judge.kernels import (
     N_WHEELS_OFF,
     NOT_FINITE,
     NUMBERS,
+    Array,
     covers,
     least_contact,
     on_road,
     project,
     wheels_off,
 )
-
-Array = np.ndarray[Any, Any]
 
 ARRIVED = 13
 """Number of this verdict, in the vocabulary's order."""

@@ -1,16 +1,12 @@
 """The cells of a grid that a polygon touches or covers, compiled. ``packing.py`` asks for them."""
 
 import math
-from typing import Any
 
-import numpy as np
 from numba import njit
 
 from wrongturn_judge import kernels
 from wrongturn_judge.compiling import compiled_with
-from wrongturn_judge.kernels import inside_listed
-
-Array = np.ndarray[Any, Any]
+from wrongturn_judge.kernels import Array, inside_listed
 
 
 @njit(cache=True)

@@ -13,10 +13,9 @@ import numpy as np
 from numba import njit
 
 from wrongturn_judge.compiling import compiled_with
+from wrongturn_judge.kernels import Array
 from wrongturn_sim import polyline
 from wrongturn_sim.polyline import fill, project
-
-Array = np.ndarray[Any, Any]
 
 WINDOW_BEFORE = 15.0
 """The nominal window opens this far before the stop line, metres along the lane. A trial can have its own."""

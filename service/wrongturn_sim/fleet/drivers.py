@@ -6,11 +6,9 @@ for it where it is in the junction first.
 """
 
 import math
-from typing import Any
-
-import numpy as np
 
 from wrongturn_judge.compiling import uncounted
+from wrongturn_judge.kernels import Array
 from wrongturn_sim import guide
 from wrongturn_sim.fleet.ego_ahead import FAR, ego_crosses, ego_to_line, gap_to_ego, gap_to_merging_ego
 from wrongturn_sim.fleet.others import (
@@ -46,8 +44,6 @@ from wrongturn_sim.fleet.others import (
 )
 from wrongturn_sim.fleet.right_of_way import CROSSES, YIELDS
 from wrongturn_sim.fleet.streets import Streets
-
-Array = np.ndarray[Any, Any]
 
 ACCELERATION = 2.6
 """m/s²; this and the next five are SUMO's defaults."""

@@ -1,18 +1,14 @@
 """The ego in the way of a fleet's car: how far away it is, and whether it is in the junction ahead."""
 
 import math
-from typing import Any
-
-import numpy as np
 
 from wrongturn_judge.compiling import uncounted
+from wrongturn_judge.kernels import Array
 from wrongturn_protocol.vehicle import VEHICLE
 from wrongturn_sim import guide
 from wrongturn_sim.fleet.others import GATE, INSIDE, LEG, WIDTH, Others, S, X, Y, point_ahead
 from wrongturn_sim.fleet.right_of_way import CROSSES
 from wrongturn_sim.fleet.streets import Streets
-
-Array = np.ndarray[Any, Any]
 
 MARGIN = 0.3
 """Drivers brake for an ego whose body is this near to their own car's way, metres."""

@@ -5,11 +5,9 @@ any, and a car that waits behind another is not punished for standing.
 """
 
 import math
-from typing import Any
-
-import numpy as np
 
 from wrongturn_judge.compiling import uncounted
+from wrongturn_judge.kernels import Array
 from wrongturn_sim import guide
 from wrongturn_sim.fleet.drivers import safe_speed, time_to
 from wrongturn_sim.fleet.ego_ahead import EGO_HALF_LENGTH, EGO_HALF_WIDTH, ego_to_line
@@ -32,8 +30,6 @@ from wrongturn_sim.fleet.others import (
 )
 from wrongturn_sim.fleet.right_of_way import CROSSES, YIELDS
 from wrongturn_sim.fleet.streets import Streets
-
-Array = np.ndarray[Any, Any]
 
 STRIDE = 1.0
 """Distance between the points that are checked, metres."""

@@ -5,13 +5,13 @@ shared among threads. The steps and the functions are those of :class:`~wrongtur
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
 from wrongturn_judge import decide, journey_kernels, kernels
 from wrongturn_judge.compiling import compiled_with
+from wrongturn_judge.kernels import Array
 from wrongturn_protocol import vehicle
 from wrongturn_sim import ego, guide, polyline, reward
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, advance
@@ -21,8 +21,6 @@ from wrongturn_sim.fleet.streets import Streets
 from wrongturn_sim.guide import LANE_FOLLOW
 from wrongturn_sim.reward import score, score_below
 from wrongturn_sim.traffic import crowd, plan, slots
-
-Array = np.ndarray[Any, Any]
 
 REST, DRIVE, GUIDE, BEGIN = 0, 1, 2, 3
 """Work to do for an ego: nothing; one decision; find its first command; record its first row with that command."""

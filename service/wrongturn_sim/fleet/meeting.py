@@ -1,10 +1,7 @@
 """Cars that an ego meets at a junction, for training: without them it has to give way too rarely to learn it."""
 
-from typing import Any
-
-import numpy as np
-
 from wrongturn_judge.compiling import uncounted
+from wrongturn_judge.kernels import Array
 from wrongturn_sim import guide
 from wrongturn_sim.fleet.drivers import BRAKING, GAP, REACTION, STOP, leader_of, safe_speed
 from wrongturn_sim.fleet.ego_ahead import ego_to_line
@@ -33,8 +30,6 @@ from wrongturn_sim.fleet.others import (
 )
 from wrongturn_sim.fleet.right_of_way import YIELDS
 from wrongturn_sim.fleet.streets import Streets
-
-Array = np.ndarray[Any, Any]
 
 NEAR = 25.0
 """It is drawn this far before the ego's stop line whether the ego meets a car, metres."""

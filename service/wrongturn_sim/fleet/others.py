@@ -4,16 +4,15 @@ Each ego has road users of its own, in its row of every array. They mind their e
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from wrongturn_judge.compiling import uncounted
+from wrongturn_judge.kernels import Array
 from wrongturn_sim import guide
 from wrongturn_sim.fleet.streets import Streets
 from wrongturn_sim.traffic import crowd
-
-Array = np.ndarray[Any, Any]
 
 VEHICLES, PEDESTRIANS = 0, 1
 """Columns of ``Others.counts``: the number of each kind."""

@@ -1,11 +1,9 @@
 """The start of an ego's traffic: cars and pedestrians at random places, apart from each other and from the ego."""
 
 import math
-from typing import Any
-
-import numpy as np
 
 from wrongturn_judge.compiling import uncounted
+from wrongturn_judge.kernels import Array
 from wrongturn_sim import guide
 from wrongturn_sim.fleet.drivers import (
     BRAKING,
@@ -51,8 +49,6 @@ from wrongturn_sim.fleet.others import (
 )
 from wrongturn_sim.fleet.streets import Streets
 from wrongturn_sim.traffic import plan, slots
-
-Array = np.ndarray[Any, Any]
 
 CLEARANCE, PEDESTRIAN_CLEARANCE, JITTER = slots.CLEARANCE, slots.PEDESTRIAN_CLEARANCE, slots.JITTER
 COLOURS = plan.COLOURS

@@ -1,11 +1,12 @@
 """What a fleet's traffic needs to know of a town: right of way, limits, pavements, and places to start from."""
 
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wrongturn_judge.kernels import Array
 from wrongturn_networks import Town
 from wrongturn_sim.fleet.right_of_way import YIELDS, limits_of, rules_of
 from wrongturn_sim.polyline import measure
@@ -13,8 +14,6 @@ from wrongturn_sim.roads import roads_of
 from wrongturn_sim.traffic.plan import BODIES
 from wrongturn_sim.traffic.sidewalks import Sidewalks, sidewalks_of
 from wrongturn_sim.traffic.slots import car_slots, pedestrian_slots
-
-Array = np.ndarray[Any, Any]
 
 MOST: Final = 0.5
 """Greatest share of a town's places to start from that traffic may take, so that free ones are found by trying."""

@@ -3,19 +3,14 @@
 They wait as for the right of way: in the ego's own lane, or in the oncoming lane of the street that its way enters.
 """
 
-from typing import Any
-
-import numpy as np
-
 from wrongturn_judge.compiling import uncounted
+from wrongturn_judge.kernels import Array
 from wrongturn_sim import guide
 from wrongturn_sim.fleet.drivers import STOP, choose_gate, safe_speed
 from wrongturn_sim.fleet.ego_ahead import ego_to_line
 from wrongturn_sim.fleet.headway import BRAKING, GAP, REACTION
 from wrongturn_sim.fleet.meeting import far_away, has_room, is_drawn, put, time_to_line
 from wrongturn_sim.fleet.others import FOR, LENGTH, STAYS, WAITS, Others, V, draw, place_car
-
-Array = np.ndarray[Any, Any]
 
 NEAR = 45.0
 """It is drawn this far before the ego's stop line whether a car stands, metres."""
