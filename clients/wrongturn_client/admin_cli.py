@@ -3,7 +3,6 @@
 import contextlib
 import os
 import secrets
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -320,15 +319,10 @@ def rotate_token(
     typer.echo("To check: 'wrongturn admin usage' must fail with the old token.")
 
 
-@contextlib.contextmanager
-def _service(url: str | None) -> Iterator["Administration"]:
+def _service(url: str | None) -> "Administration":
     from wrongturn_client.administration import Administration  # noqa: PLC0415
 
-    service = Administration(url)
-    try:
-        yield service
-    finally:
-        service.close()
+    return Administration(url)
 
 
 def _found(service: "Administration", target: str) -> tuple[Collection, str]:

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 from typing import Any
-from urllib.parse import urlencode
 
 from wrongturn_client import settings
-from wrongturn_client.decoding import validated
+from wrongturn_client.closing import Closing
 from wrongturn_client.errors import WrongturnError
-from wrongturn_client.transport import Transport, path_of
+from wrongturn_client.rest import RestCalls
+from wrongturn_client.transport import Transport
 from wrongturn_protocol.administration import (
     AdminDetail,
     AdminItem,
@@ -20,11 +20,12 @@ from wrongturn_protocol.administration import (
 )
 from wrongturn_protocol.vocabulary import Collection
 
+_PAGE = 500
 _PATIENCE = 300.0
 """Seconds for one attempt at a deletion, which can have much to delete."""
 
 
-class Administration:
+class Administration(RestCalls, Closing):
     """What the operator of one service can do. Every method raises an ApiError if the service refuses."""
 
     def __init__(self, url: str | None = None, token: str | None = None) -> None:
@@ -50,65 +51,49 @@ class Administration:
         """Close the connections."""
         self._transport.close()
 
-    def items(self, collection: Collection, limit: int, **filters: object) -> Iterator[AdminItem]:
+    def items(self, collection: Collection, limit: int, **filters: Any) -> Iterator[AdminItem]:
         """Yield at most ``limit`` items, newest first. Filters are those of the REST call; None leaves one out."""
-        for page in self._pages(AdminList, (collection.value,), limit, filters):
+        for page in self._first(AdminList, limit, collection.value, **filters):
             yield from page.items
 
     def usage(self, limit: int, cursor: str | None = None) -> UsageList:
         """Return the owners with the most bytes, and the sum over all; ``cursor`` goes on after an earlier reply."""
-        pages: list[UsageList] = list(self._pages(UsageList, ("usage",), limit, {}, cursor))
+        pages = list(self._first(UsageList, limit, "usage", cursor=cursor))
         owners = tuple(owner for page in pages for owner in page.owners)
         return UsageList(owners=owners, total=pages[0].total, next=pages[-1].next)
 
-    def audit(self, limit: int, **filters: object) -> Iterator[AuditEntry]:
+    def audit(self, limit: int, **filters: Any) -> Iterator[AuditEntry]:
         """Yield what the operator did, newest first. Filters are ``target`` and ``action``."""
-        for page in self._pages(AuditList, ("audit",), limit, filters):
+        for page in self._first(AuditList, limit, "audit", **filters):
             yield from page.entries
 
     def item(self, collection: Collection, item: str) -> AdminDetail:
         """Return an item with what hangs on it."""
-        return validated(AdminDetail, self._call("GET", collection, item))
+        return self._get(AdminDetail, "admin", collection.value, item)
 
     def hide(self, collection: Collection, item: str, reason: str | None = None) -> Change:
         """Hide an item. Safe to call again."""
-        return validated(Change, self._call("PUT", collection, item, "hidden", reason=reason))
+        return self._call(Change, "PUT", "admin", collection.value, item, "hidden", reason=reason)
 
     def unhide(self, collection: Collection, item: str, reason: str | None = None) -> Change:
         """Show an item again. Safe to call again."""
-        return validated(Change, self._call("DELETE", collection, item, "hidden", reason=reason))
+        return self._call(Change, "DELETE", "admin", collection.value, item, "hidden", reason=reason)
 
     def revoke(self, collection: Collection, item: str, reason: str | None = None) -> Change:
         """End the tokens of an owner and its agents, or of an agent. Safe to call again."""
-        return validated(Change, self._call("DELETE", collection, item, "tokens", reason=reason))
+        return self._call(Change, "DELETE", "admin", collection.value, item, "tokens", reason=reason)
 
     def delete(self, collection: Collection, item: str, *, free: bool = False, reason: str | None = None) -> Deletion:
         """Delete an item with all that hangs on it. Safe to call again."""
-        given = {"free": "true"} if free else {}
-        return validated(Deletion, self._call("DELETE", collection, item, reason=reason, **given))
+        return self._call(Deletion, "DELETE", "admin", collection.value, item, reason=reason, free=free or None)
 
-    def _call(self, method: str, collection: Collection, *path: str, **query: str | None) -> Any:
-        return self._transport.call(method, _path((collection.value, *path), query)).message()
-
-    def _pages(
-        self, kind: Any, path: tuple[str, ...], limit: int, filters: dict[str, object], cursor: str | None = None
-    ) -> Iterator[Any]:
+    def _first(self, kind: Any, limit: int, *path: str, cursor: str | None = None, **filters: Any) -> Iterator[Any]:
         """Yield pages until there are ``limit`` items."""
         while limit > 0:
-            size = min(limit, 500)
-            query = {**filters, "limit": size, "cursor": cursor}
-            page = validated(kind, self._transport.call("GET", _path(path, query)).message())
+            size = min(limit, _PAGE)
+            page = self._get(kind, "admin", *path, **filters, limit=size, cursor=cursor)
             yield page
             limit -= size
             cursor = page.next
             if cursor is None:
                 return
-
-
-def _path(path: tuple[str, ...], query: dict[str, Any]) -> str:
-    given = {
-        name: str(value).lower() if isinstance(value, bool) else str(value)
-        for name, value in query.items()
-        if value is not None
-    }
-    return path_of("v1", "admin", *path) + (f"?{urlencode(given)}" if given else "")

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_client import settings
-from wrongturn_client.account_calls import AccountCalls
 from wrongturn_client.commitment import check_commitment
 from wrongturn_client.connections import Upload
 from wrongturn_client.decoding import validated
@@ -31,8 +30,8 @@ from wrongturn_client.evaluation_driver import EvaluationDriver
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy, PolicyMaker, maker_of
 from wrongturn_client.progress_line import ProgressLine
-from wrongturn_client.public_calls import PublicCalls
 from wrongturn_client.recorder import EpisodeRecorder, installed_versions
+from wrongturn_client.rest import AccountCalls, PublicCalls
 from wrongturn_client.run_files import run_lines
 from wrongturn_client.transport import JSON, MSGPACK, Transport, path_of
 from wrongturn_protocol import (
@@ -129,8 +128,7 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
         Before its first step it disappears, and the agent's next one on the suite has the same trials. After that it
         counts: it is finished, and every trial without a verdict is ``aborted``, which is unsafe.
         """
-        answer = self._transport.call("DELETE", path_of("v1", "evaluations", evaluation))
-        return at(validated(Evaluation, answer.message()), self.url)
+        return at(self._call(Evaluation, "DELETE", "evaluations", evaluation), self.url)
 
     def open_episodes(self, evaluation: str) -> tuple[Episode, ...]:
         """Return the evaluation's open episodes, for example to continue after a crash."""
@@ -360,8 +358,7 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
         Before its drive begins, nothing of it counts and its name is free again. After that its evaluation is closed as
         by :meth:`cancel_evaluation`. One that is over stays as it is.
         """
-        answer = self._transport.call("DELETE", path_of("v1", "submissions", submission))
-        return validated(SubmissionDetail, answer.message())
+        return self._call(SubmissionDetail, "DELETE", "submissions", submission)
 
     def _answer(self, call: EpisodeCall) -> Result:
         try:

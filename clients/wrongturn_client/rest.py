@@ -1,19 +1,43 @@
-"""REST calls with typed replies: one item, a list by pages, and one that creates."""
+"""REST calls with typed replies: those that need no token, and those about owners, agents and their tokens."""
 
+import reprlib
 import uuid
 from collections.abc import Iterator
 from typing import Any, Final, TypeVar
 from urllib.parse import urlencode
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from wrongturn_client.decoding import validated
-from wrongturn_client.evaluation import EpisodePage
-from wrongturn_client.transport import Transport, path_of
-from wrongturn_protocol import AgentList, OwnerList, SubmissionList
+from wrongturn_client.errors import ProtocolError
+from wrongturn_client.transport import CSV, Transport, path_of
+from wrongturn_protocol import (
+    AgentDetail,
+    AgentKind,
+    AgentList,
+    AgentRegistration,
+    Comparison,
+    Leaderboard,
+    LeaderboardList,
+    LeaderboardSummary,
+    OwnerDetail,
+    OwnerList,
+    OwnerRegistration,
+    RegisteredAgent,
+    RegisteredOwner,
+    SuiteDetail,
+    SuiteList,
+    SuiteSummary,
+    TownDetail,
+    TownList,
+    TownSummary,
+    Track,
+    TrialDetail,
+    TrialList,
+)
+from wrongturn_protocol.suggestions import did_you_mean
 
 M = TypeVar("M", bound=BaseModel)
-L = TypeVar("L", AgentList, OwnerList, EpisodePage, SubmissionList)
 _PAGE: Final = "500"
 """Items of a list that are asked for at a time."""
 
@@ -28,14 +52,21 @@ class RestCalls:
         """The service's URL."""
         return self._transport.url
 
-    def _get(self, kind: type[M], *path: str, query: str = "") -> M:
-        return validated(kind, self._transport.call("GET", path_of("v1", *path) + query).message())
+    def _call(self, kind: type[M], method: str, *path: str, **query: Any) -> M:
+        """Send a call without a body and return its reply; None leaves a part of the query out."""
+        given = [(name, value) for name, value in query.items() if value is not None]
+        asked = urlencode([(name, str(value).lower() if isinstance(value, bool) else value) for name, value in given])
+        reply = self._transport.call(method, path_of("v1", *path) + (f"?{asked}" if asked else ""))
+        return validated(kind, reply.message())
 
-    def _pages(self, kind: type[L], *path: str, **query: str) -> Iterator[L]:
+    def _get(self, kind: type[M], *path: str, **query: Any) -> M:
+        return self._call(kind, "GET", *path, **query)
+
+    def _pages(self, kind: type[M], *path: str, **query: Any) -> Iterator[M]:
         """Yield the pages of a list, each when the one before was read."""
         query = {"limit": _PAGE, **query}
         while True:
-            page = self._get(kind, *path, query="?" + urlencode(query))
+            page: Any = self._get(kind, *path, **query)
             yield page
             if page.next is None:
                 return
@@ -45,3 +76,178 @@ class RestCalls:
         headers = {"Idempotency-Key": str(uuid.uuid4())}
         reply = self._transport.call("POST", path_of("v1", *path), body=body, headers=headers)
         return validated(kind, reply.message())
+
+
+class PublicCalls(RestCalls):
+    """What anybody may ask a service."""
+
+    def live(self) -> bool:
+        """Return True if the service's process answers."""
+        self._transport.call("GET", "/health/live")
+        return True
+
+    def ready(self) -> bool:
+        """Return True once the service can take episodes; wait for the patience at most."""
+        self._transport.call("GET", "/health/ready")
+        return True
+
+    def submissions_state(self) -> str | None:
+        """Return whether the service takes submissions: ``on: …``, or ``off:`` and why; None if it does not say."""
+        state = self._readiness().get("submissions")
+        return state if isinstance(state, str) else None
+
+    def simulators(self) -> int | None:
+        """Return how many episodes all agents together can drive at a time; None if the service does not say."""
+        number = self._readiness().get("simulators")
+        return number if isinstance(number, int) else None
+
+    def _readiness(self) -> dict[str, Any]:
+        found = self._transport.call("GET", "/health/ready").message()
+        return found if isinstance(found, dict) else {}
+
+    def suites(self) -> tuple[SuiteSummary, ...]:
+        """Return all suites."""
+        return self._get(SuiteList, "suites").suites
+
+    def suite(self, suite: str) -> SuiteDetail:
+        """Return a suite by its id, such as ``wrong-command@2``."""
+        return self._get(SuiteDetail, "suites", suite)
+
+    def trials(self, suite: str) -> tuple[TrialDetail, ...]:
+        """Return the trials of a suite's open split, for practice. You can practise their twins too."""
+        return self._get(TrialList, "suites", suite, "trials").trials
+
+    def towns(self) -> tuple[TownSummary, ...]:
+        """Return all towns."""
+        return self._get(TownList, "towns").towns
+
+    def town(self, town: str) -> TownDetail:
+        """Return a town with its approaches and geometry."""
+        return self._get(TownDetail, "towns", town)
+
+    def leaderboards(self) -> tuple[LeaderboardSummary, ...]:
+        """Return the suites that have a leaderboard."""
+        return self._get(LeaderboardList, "leaderboards").leaderboards
+
+    def leaderboard(self, suite: str) -> Leaderboard:
+        """Return the ranking on a suite."""
+        return self._get(Leaderboard, "leaderboards", suite)
+
+    def leaderboard_csv(self, suite: str) -> str:
+        """Return the ranking on a suite as CSV, a row for each agent.
+
+        Raises:
+            ProtocolError: The service is of a version without it.
+        """
+        reply = self._transport.call("GET", path_of("v1", "leaderboards", suite), media_type=CSV)
+        if reply.media_type != CSV:
+            raise ProtocolError(
+                f"leaderboard: {self._transport.url} has none as CSV; its operator can upgrade the service"
+            )
+        return reply.content.decode("utf-8")
+
+    def compare(self, suite: str, a: str, b: str) -> Comparison:
+        """Compare two agents' results on a suite, with an exact test.
+
+        Args:
+            suite: The suite's id.
+            a: Id or name of an agent with an entry on the suite.
+            b: Id or name of another one.
+        """
+        return self._get(Comparison, "leaderboards", suite, "compare", a=a, b=b)
+
+
+class AccountCalls(RestCalls):
+    """Registers owners and agents, and looks after their tokens."""
+
+    def register_owner(self, name: str, *, contact: str | None = None) -> RegisteredOwner:
+        """Register an owner, who answers for agents. Its token is shown only now.
+
+        A client with that token registers agents for the owner, and rotates and revokes their tokens.
+
+        Args:
+            name: Shown beside the owner's agents.
+            contact: How the operator reaches the owner; nobody else sees it.
+
+        Raises:
+            ValueError: The name or the contact is not valid; the message names it.
+        """
+        registration = _checked(OwnerRegistration, name=name, contact=contact)
+        return self._create(RegisteredOwner, registration.model_dump(mode="json"), "owners")
+
+    def owners(self) -> tuple[OwnerDetail, ...]:
+        """Return all owners."""
+        return tuple(owner for page in self._pages(OwnerList, "owners") for owner in page.owners)
+
+    def owner(self, owner: str) -> OwnerDetail:
+        """Return an owner by its id."""
+        return self._get(OwnerDetail, "owners", owner)
+
+    def rotate_owner_token(self, owner: str) -> RegisteredOwner:
+        """Replace an owner's token; the old one becomes invalid. This client keeps using the old one."""
+        return self._create(RegisteredOwner, None, "owners", owner, "token")
+
+    def revoke_owner_token(self, owner: str) -> None:
+        """Make an owner's token invalid."""
+        self._transport.call("DELETE", path_of("v1", "owners", owner, "token"))
+
+    def register(
+        self,
+        name: str,
+        track: Track | str,
+        *,
+        description: str | None = None,
+        homepage: str | None = None,
+        kind: AgentKind = AgentKind.SUBMITTED,
+        trained_on_faults: bool = False,
+    ) -> RegisteredAgent:
+        """Register an agent. Its token is shown only now. Other kinds than ``submitted`` need the operator's token.
+
+        With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made. Say with
+        ``trained_on_faults`` that it met wrong commands in its training; the leaderboard marks it.
+
+        Raises:
+            ValueError: The name, the track or another argument is not valid; the message names it.
+        """
+        registration = _checked(
+            AgentRegistration,
+            name=name,
+            track=track,
+            description=description,
+            homepage=homepage,
+            kind=kind,
+            trained_on_faults=trained_on_faults,
+        )
+        return self._create(RegisteredAgent, registration.model_dump(mode="json"), "agents")
+
+    def agents(self, *, everybody: bool = False) -> tuple[AgentDetail, ...]:
+        """Return the agents that have begun an evaluation.
+
+        Args:
+            everybody: Whether to return those that have only practised too.
+        """
+        query = {"all": "true"} if everybody else {}
+        return tuple(agent for page in self._pages(AgentList, "agents", **query) for agent in page.agents)
+
+    def agent(self, agent: str) -> AgentDetail:
+        """Return an agent by its id."""
+        return self._get(AgentDetail, "agents", agent)
+
+    def rotate_token(self, agent: str) -> RegisteredAgent:
+        """Replace an agent's token; the old one becomes invalid. This client keeps using the old one."""
+        return self._create(RegisteredAgent, None, "agents", agent, "token")
+
+    def revoke_token(self, agent: str) -> None:
+        """Make an agent's token invalid."""
+        self._transport.call("DELETE", path_of("v1", "agents", agent, "token"))
+
+
+def _checked(registration: type[M], /, **fields: Any) -> M:
+    """Return a registration. The error for a wrong one is one line about its first wrong field."""
+    try:
+        return registration(**fields)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = str(first["loc"][0])
+        rule = f"give {', '.join(Track)}{did_you_mean(first['input'], Track)}" if field == "track" else first["msg"]
+        raise ValueError(f"{field}: is {reprlib.repr(first['input'])}; {rule}") from error
