@@ -2,16 +2,12 @@
 
 import os
 import signal
-import warnings
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from wrongturn_client import (
     Action,
@@ -162,31 +158,3 @@ def test_a_service_that_is_killed_and_started_again_costs_nothing(tmp_path: Path
     assert detail.finished == detail.trials == 12
     assert detail.metrics is not None
     assert all(not counts.get("aborted") for counts in detail.metrics.verdicts.values())  # type: ignore[call-overload]
-
-
-@pytest.mark.parametrize(
-    "options",
-    [{}, {"track": "privileged", "fault": "infeasible"}, {"track": "privileged", "suite": "smoke@2"}],
-)
-def test_the_environment_passes_both_checkers(service: LocalService, options: dict[str, Any]) -> None:
-    env = gymnasium.make("wrongturn_client:Wrongturn-v0", url=service.url, **options)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # advice on infinite bounds and unnormalised actions
-        check_env(env.unwrapped, skip_render_check=True)
-        check_env_sb3(env)
-    env.close()
-
-
-def test_the_environment_gives_reward_and_verdict(service: LocalService) -> None:
-    env = gymnasium.make("wrongturn_client:Wrongturn-v0", url=service.url, town="junctions")
-    _, info = env.reset(seed=3)
-    assert info["town"] == "junctions"
-    rewards = []
-    for _ in range(500):
-        _, reward, terminated, truncated, info = env.step(np.array([0, 0, 1], np.float32))
-        rewards.append(reward)
-        if terminated or truncated:
-            break
-    assert "verdict" in info
-    assert len(set(rewards)) > 1
-    env.close()
