@@ -11,17 +11,7 @@ from typing import Final
 from pydantic import ValidationError
 
 from wrongturn_runner.errors import RunnerFailedError
-from wrongturn_runner.messages import (
-    JOB,
-    CheckJob,
-    Described,
-    DriveJob,
-    Driven,
-    Passed,
-    PracticeJob,
-    Progressed,
-    Refused,
-)
+from wrongturn_runner.messages import JOB, Described, Driven, Event, Job, Passed, PracticeJob, Progressed, Refused
 
 FAILED: Final = 1
 """Exit status of a runner that did not finish its work."""
@@ -44,7 +34,7 @@ class Conversation:
         self._parent = _pidfd(os.getppid())
         threading.Thread(target=self._listen, daemon=True).start()
 
-    def job(self) -> CheckJob | DriveJob:
+    def job(self) -> Job:
         """Wait for the first message and return it. Raises RunnerFailedError if it is not a job."""
         try:
             return JOB.validate_json(self._lines.get())
@@ -69,7 +59,7 @@ class Conversation:
             self._status = 0  # the service may close stdin as soon as it has read the event
             self._write(event)
 
-    def _write(self, event: Described | Passed | Refused | Progressed | Driven) -> None:
+    def _write(self, event: Event) -> None:
         try:
             self._out.write(event.model_dump_json() + "\n")
             self._out.flush()

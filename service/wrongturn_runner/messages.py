@@ -109,7 +109,7 @@ class Driven(Message):
 
 Job = Annotated[CheckJob | DriveJob, Field(discriminator="task")]
 Event = Annotated[Described | Passed | Refused | Progressed | Driven, Field(discriminator="event")]
-JOB: TypeAdapter[CheckJob | DriveJob] = TypeAdapter(Job)
+JOB: TypeAdapter[Job] = TypeAdapter(Job)
 """Reads the first line of a runner's stdin."""
-EVENT: TypeAdapter[Described | Passed | Refused | Progressed | Driven] = TypeAdapter(Event)
+EVENT: TypeAdapter[Event] = TypeAdapter(Event)
 """Reads a line of a runner's stdout."""

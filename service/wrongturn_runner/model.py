@@ -15,7 +15,7 @@ from wrongturn_protocol import Action, Track
 from wrongturn_protocol.model_contract import ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
 from wrongturn_protocol.observations import Observation
 from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError, plain
-from wrongturn_runner.messages import CheckJob, DriveJob
+from wrongturn_runner.messages import Job
 from wrongturn_runner.pace import LOAD_S, Pace
 from wrongturn_sandbox.errors import ModelRefusedError, SandboxBusyError, SandboxLostError, SandboxUnavailableError
 from wrongturn_sandbox.host import Sandbox, open_sandbox
@@ -94,7 +94,7 @@ class EpisodePolicy:
 
 @contextlib.contextmanager
 def sandboxed_model(
-    job: CheckJob | DriveJob,
+    job: Job,
     *,
     step_s: float,
     tracks: Collection[Track] | None = None,

@@ -12,20 +12,8 @@ import psutil
 
 from wrongturn_client import Client, LocalService
 from wrongturn_protocol import Track
-from wrongturn_runner.messages import (
-    EVENT,
-    CheckJob,
-    Described,
-    DriveJob,
-    Driven,
-    Passed,
-    PracticeJob,
-    Progressed,
-    Refused,
-    SandboxAddress,
-)
+from wrongturn_runner.messages import EVENT, CheckJob, DriveJob, Event, Job, PracticeJob, SandboxAddress
 
-Event = Described | Passed | Refused | Progressed | Driven
 COMMAND = (sys.executable, "-m", "wrongturn_runner")
 SANDBOX = SandboxAddress(memory=2 << 30)
 SUITE = "smoke@2"
@@ -51,7 +39,7 @@ class Runner:
             assert stream is not None
             stream.close()
 
-    def tell(self, message: CheckJob | DriveJob | PracticeJob) -> None:
+    def tell(self, message: Job | PracticeJob) -> None:
         assert self.process.stdin is not None
         self.process.stdin.write(message.model_dump_json().encode() + b"\n")
         self.process.stdin.flush()

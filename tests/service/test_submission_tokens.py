@@ -8,17 +8,7 @@ import pytest
 from drive_socket import DriveSocket
 from model_form import TYPE, model
 from service_harness import COAST, expect, problem
-from submission_story import (
-    TakingService,
-    agent,
-    begun,
-    checked,
-    hand_in,
-    looked_at,
-    running,
-    service_of,
-    story,
-)
+from submission_story import TakingService, agent, begun, checked, hand_in, looked_at, running, service_of, story
 from test_submissions import NAMELESS, bearer
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 

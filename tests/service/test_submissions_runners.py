@@ -13,15 +13,7 @@ import pytest
 import structlog
 
 from wrongturn_protocol import Track
-from wrongturn_runner.messages import (
-    CheckJob,
-    Described,
-    Passed,
-    PracticeJob,
-    Progressed,
-    Refused,
-    SandboxAddress,
-)
+from wrongturn_runner.messages import CheckJob, Described, Passed, PracticeJob, Progressed, Refused, SandboxAddress
 from wrongturn_service.submissions.runners import Runner, RunnerLostError, runner
 
 JOB = CheckJob(

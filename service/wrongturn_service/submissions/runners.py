@@ -15,23 +15,11 @@ from typing import Final
 import structlog
 from pydantic import ValidationError
 
-from wrongturn_runner.messages import (
-    BUSY,
-    EVENT,
-    CheckJob,
-    Described,
-    DriveJob,
-    Driven,
-    Passed,
-    PracticeJob,
-    Progressed,
-    Refused,
-)
+from wrongturn_runner.messages import BUSY, EVENT, Driven, Event, Job, Passed, PracticeJob, Refused
 from wrongturn_service.child_environment import child_environment
 
 COMMAND: Final = (sys.executable, "-P", "-m", "wrongturn_runner")
 """Program of a runner. ``-P``: a file in the service's folder must not take the place of a package."""
-Event = Described | Passed | Refused | Progressed | Driven
 _NICE: Final = 5
 """A runner gives way to the service and its simulators, which other agents use too."""
 _LINE: Final = 64 * 1024
@@ -67,7 +55,7 @@ class Runner:
         self._spoken = False
         self._log = structlog.get_logger("submissions").bind(submission=submission, runner=process.pid)
 
-    async def send(self, message: CheckJob | DriveJob | PracticeJob) -> None:
+    async def send(self, message: Job | PracticeJob) -> None:
         """Send a message. A runner that is gone is noticed by :meth:`events`."""
         assert self._process.stdin is not None
         with contextlib.suppress(ConnectionError):
@@ -164,7 +152,7 @@ class Runner:
 
 @contextlib.asynccontextmanager
 async def runner(
-    job: CheckJob | DriveJob,
+    job: Job,
     submission: str,
     command: Sequence[str] = COMMAND,
     halt: asyncio.Event | None = None,
