@@ -1,7 +1,6 @@
 """Teach MaRLn's encoder affordances on stacks of pictures, before it drives."""
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -16,7 +15,7 @@ from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.methods.marln.config import MarlnConfig
 from wrongturn_agents.training.methods.marln.frames import FrameStack
 from wrongturn_agents.training.methods.marln.truth import RoadTruth
-from wrongturn_agents.training.methods.wandering import Pool, wander, wandering_cars
+from wrongturn_agents.training.methods.wandering import Confusion, Pool, learn_to_see, wander, wandering_cars
 from wrongturn_networks import load_town
 
 _POOL: Final = 16_384
@@ -104,44 +103,28 @@ def pretrain(
         on_note: told now and then how far it is.
     """
     source = Source(config, seed, device, threads)
-    size = min(_POOL, config.pretraining_frames)
-    pool = Pool(size)
-    parts = (model.network, model.affordances)
     model.affordances.train()
-    weights = [weight for part in parts for weight in part.parameters()]
+    weights = [weight for part in (model.network, model.affordances) for weight in part.parameters()]
     optimizer = torch.optim.AdamW(weights, lr=config.pretraining_rate, fused=device.type == "cuda")
-    total = max(1, round(config.pretraining_frames * config.pretraining_passes / config.pretraining_batch))
-    done, rendered, begin = 0, 0, time.monotonic()
-    while not budget.over():
-        over = max(done / total, (time.monotonic() - begin) / (60.0 * config.pretraining_minutes))
-        if over >= 1.0:
-            break
-        if rendered < config.pretraining_frames:
-            frames, segmentation, truth = source.next()
-            pool.add({"frames": frames, "segmentation": segmentation, **truth._asdict()})
-            rendered += config.num_envs
-        due = total if rendered >= config.pretraining_frames else total * rendered // config.pretraining_frames
-        if len(pool) < min(size, 2 * config.pretraining_batch):
-            continue
-        while done < due and not budget.over():
-            over = max(done / total, (time.monotonic() - begin) / (60.0 * config.pretraining_minutes))
-            if over >= 1.0:
-                break
-            for group in optimizer.param_groups:
-                group["lr"] = config.pretraining_rate * _risen(over)
-            drawn = pool.draw(config.pretraining_batch)
-            frames, segmentation = drawn["frames"], drawn["segmentation"]
-            truth = Affordances(*(drawn[name] for name in Affordances._fields))
-            if config.augment:
-                frames = disturb(model.augmentation, frames)
-            with torch.autocast(device.type, torch.bfloat16, enabled=config.bf16 and device.type == "cuda"):
-                loss = model.affordances.loss(model.learn_to_see(frames), segmentation, truth)
-            optimizer.zero_grad(set_to_none=True)
-            torch.autograd.backward(loss)
-            optimizer.step()
-            done += 1
-            if done % 50 == 0:
-                on_note(f"pretraining, {rendered:,} frames, loss {loss.item():.3f}")
+
+    def following() -> dict[str, Tensor]:
+        frames, segmentation, truth = source.next()
+        return {"frames": frames, "segmentation": segmentation, **truth._asdict()}
+
+    def loss_of(drawn: dict[str, Tensor]) -> Tensor:
+        frames = disturb(model.augmentation, drawn["frames"]) if config.augment else drawn["frames"]
+        truth = Affordances(*(drawn[name] for name in Affordances._fields))
+        return model.affordances.loss(model.learn_to_see(frames), drawn["segmentation"], truth)
+
+    def on_step(over: float) -> None:
+        for group in optimizer.param_groups:
+            group["lr"] = config.pretraining_rate * _risen(over)
+
+    on_step(0.0)
+    rendered, done = learn_to_see(
+        config, Pool(min(_POOL, config.pretraining_frames)), optimizer, following, loss_of,
+        least=2, budget=budget, on_step=on_step, on_note=on_note, minutes=config.pretraining_minutes,
+    )  # fmt: skip
     model.affordances.eval()
     found = _examined(model, source, min(_EXAMINED, config.pretraining_frames))
     source.close()
@@ -158,18 +141,15 @@ def _risen(over: float) -> float:
 @torch.inference_mode()
 def _examined(model: Marln, source: Source, count: int) -> dict[str, Any]:
     """Return the figures of :class:`Pretraining` on stacks that come after those learned from."""
-    classes = len(GROUPS)
     device = model.table.device
-    confusion = torch.zeros((classes, classes), dtype=torch.int64, device=device)
+    confusion = Confusion(len(GROUPS), device)
     sums, outside, seen = torch.zeros(4, device=device), 0.0, 0
     while seen < count:
         for _ in range(8):
             frames, segmentation, truth = source.next()
         frames, segmentation, truth = frames[:256], segmentation[:256], Affordances(*(one[:256] for one in truth))
         deep = model.see(frames)
-        wanted = model.affordances.groups[segmentation.long()]
-        pairs = wanted.flatten() * classes + model.affordances.decoder(deep).argmax(1).flatten()
-        confusion += torch.bincount(pairs, minlength=classes**2).view(classes, classes)
+        confusion.add(model.affordances.groups[segmentation.long()], model.affordances.decoder(deep))
         told, on_lane = model.affordances.tell(deep), 1.0 - truth.inside
         sums += torch.stack(
             [
@@ -181,13 +161,10 @@ def _examined(model: Marln, source: Source, count: int) -> dict[str, Any]:
         )
         outside += on_lane.sum().item()
         seen += len(frames)
-    hits = confusion.diagonal().double()
-    union = confusion.sum(0) + confusion.sum(1) - confusion.diagonal()
-    there = confusion.sum(1) > 0
     inside, distance, lateral, angle = sums.tolist()
     return {
-        "accuracy": (hits.sum() / confusion.sum()).item(),
-        "iou": (hits[there] / union[there].clamp_min(1)).mean().item(),
+        "accuracy": confusion.accuracy,
+        "iou": confusion.iou,
         "inside": inside / seen,
         "distance": distance / seen,
         "lateral": lateral / max(outside, 1.0),
