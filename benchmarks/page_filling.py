@@ -16,10 +16,10 @@ import asyncpg
 from sqlalchemy.engine import make_url
 
 from wrongturn_agents.registry import resolve
+from wrongturn_judge.metrics import compute
 from wrongturn_networks import load_suite
 from wrongturn_protocol import AgentKind, Outcome, Track, Trial
 from wrongturn_protocol.observations import observation_space
-from wrongturn_service.evaluation.metrics import compute
 from wrongturn_service.storage.database import Database
 from wrongturn_sim import Episode, Simulator
 

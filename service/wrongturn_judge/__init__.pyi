@@ -1,3 +1,5 @@
+from .comparison import Side as Side
+from .comparison import compare as compare
 from .errors import GeometryMismatchError as GeometryMismatchError
 from .errors import JudgeError as JudgeError
 from .errors import RowError as RowError
@@ -11,6 +13,11 @@ from .judges import Judge as Judge
 from .judges import Zone as Zone
 from .judges import judge as judge
 from .judges import judge_of as judge_of
+from .metrics import SuiteLike as SuiteLike
+from .metrics import UnscoredTrialError as UnscoredTrialError
+from .metrics import compute as compute
+from .ranking import RankingInput as RankingInput
+from .ranking import rank as rank
 from .reaction import on_missing_side as on_missing_side
 from .reaction import reaction_of as reaction_of
 from .thresholds import JOURNEY_THRESHOLDS as JOURNEY_THRESHOLDS

@@ -6,9 +6,9 @@ import pytest
 from handmade_junction import STRAIGHT, junction, trial, verdict_of
 from test_stops import moves
 
+from wrongturn_judge.metrics import is_unsafe_strict
 from wrongturn_judge.trajectory import Row
 from wrongturn_protocol import Flag, Outcome, Verdict
-from wrongturn_service.evaluation.metrics import is_unsafe_strict
 
 CROSS = junction()
 ON = (8.0, 64.0)

@@ -31,9 +31,9 @@ from wrongturn_judge import (
     Thresholds,
 )
 from wrongturn_judge.geometry import MIRRORED
+from wrongturn_judge.metrics import is_unsafe_strict
 from wrongturn_judge.trajectory import Row
 from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Flag, JunctionType, Outcome, Verdict
-from wrongturn_service.evaluation.metrics import is_unsafe_strict
 
 KINDS = {kind: junction(kind) for kind in JunctionType}
 kinds = st.sampled_from(JunctionType)

@@ -6,9 +6,9 @@ import time
 import zlib
 from collections.abc import Callable
 
+from wrongturn_judge.metrics import compute
 from wrongturn_networks import Suite, load_town
 from wrongturn_protocol import EvaluationState, JourneyOutcome, Outcome, Trial, Verdict
-from wrongturn_service.evaluation.metrics import compute
 from wrongturn_service.service import Service
 from wrongturn_service.storage.evaluations import prepare_evaluation
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, TrajectoryRow

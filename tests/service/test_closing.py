@@ -285,7 +285,7 @@ def test_deleting_while_the_trials_are_laid_out(tmp_path: Path) -> None:
 
 
 def test_a_service_that_dies_between_closing_and_metrics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from wrongturn_service.evaluation import metrics
+    from wrongturn_judge import metrics
 
     async def story() -> None:
         with monkeypatch.context() as broken:

@@ -8,9 +8,9 @@ from app_harness import application, play, step
 from fake_pool import FakePool
 from service_harness import expect
 
+from wrongturn_judge import compute
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Outcome, Verdict
-from wrongturn_service.evaluation import compute
 from wrongturn_service.storage.models import AgentRow, EvaluationRow, OwnerRow
 
 SUITE = "smoke@2"

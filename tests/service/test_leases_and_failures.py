@@ -299,7 +299,7 @@ def test_a_mistake_of_ours_tells_nothing_of_itself(tmp_path: Path) -> None:
 
 
 def test_metrics_that_fail_are_computed_later(tmp_path: Path, monkeypatch: Any) -> None:
-    from wrongturn_service.evaluation import metrics
+    from wrongturn_judge import metrics
 
     compute = metrics.compute
 

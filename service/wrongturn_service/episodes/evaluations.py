@@ -196,7 +196,7 @@ class RunningEvaluations:
         draw = load_suite(evaluation.suite).draw(evaluation.secret)
 
         def compute() -> str:
-            from wrongturn_service.evaluation import metrics  # noqa: PLC0415 - statistics are heavy, and rarely needed
+            from wrongturn_judge import metrics  # noqa: PLC0415 - statistics are heavy, and rarely needed
 
             return metrics.compute(draw, outcomes).model_dump_json()
 

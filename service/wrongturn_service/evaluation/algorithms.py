@@ -11,10 +11,10 @@ from typing import Final
 
 import structlog
 
+from wrongturn_judge.metrics import compute, of_journeys
+from wrongturn_judge.ranking import RankingInput
 from wrongturn_networks import Suite
 from wrongturn_protocol import AgentDetail, AgentKind, AlgorithmResult, Metrics, Outcome, Seeds, SeedSpread
-from wrongturn_service.evaluation.metrics import compute, of_journeys
-from wrongturn_service.evaluation.ranking import RankingInput
 
 GROUP: Final = "wrongturn.algorithms"
 """Entry-point group of the functions that provide results."""

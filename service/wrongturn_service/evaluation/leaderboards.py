@@ -4,6 +4,8 @@ import asyncio
 from datetime import UTC, datetime
 from functools import lru_cache
 
+from wrongturn_judge.comparison import Side, compare
+from wrongturn_judge.ranking import RankingInput, rank
 from wrongturn_networks import Suite, load_suite, suite_ids
 from wrongturn_protocol import (
     Comparison,
@@ -20,8 +22,6 @@ from wrongturn_service import catalogue
 from wrongturn_service.accounts import detail
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
 from wrongturn_service.evaluation.algorithms import algorithm_rows
-from wrongturn_service.evaluation.comparison import Side, compare
-from wrongturn_service.evaluation.ranking import RankingInput, rank
 from wrongturn_service.storage.models import AgentRow, EvaluationRow
 from wrongturn_service.storage.store import Store
 

@@ -7,13 +7,13 @@ from typing import Annotated, Final, TypeVar
 
 from fastapi import APIRouter, Query, Request, Response
 
+from wrongturn_judge.metrics import of_journeys
 from wrongturn_networks import Suite
 from wrongturn_protocol import AgentKind, Leaderboard, LeaderboardEntry, LeaderboardList, Track
 from wrongturn_protocol.standing_rows import MARKS
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep
 from wrongturn_service.errors import InvalidRequestError
-from wrongturn_service.evaluation.metrics import of_journeys
 from wrongturn_service.service import Service
 from wrongturn_service.web import standings, words
 from wrongturn_service.web.figures import figures

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from wrongturn_judge.ranking import least_completed
 from wrongturn_protocol import AgentKind, LeaderboardEntry
-from wrongturn_service.evaluation.ranking import least_completed
 from wrongturn_service.web.page import templates
 
 _MARGIN: Final = 22

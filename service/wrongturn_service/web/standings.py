@@ -4,9 +4,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from wrongturn_judge.ranking import interval
 from wrongturn_protocol import PAPER, Leaderboard, LeaderboardEntry, Track
 from wrongturn_protocol.standing_rows import NONE, Columns, Row, name_of, notes_of, rank_of
-from wrongturn_service.evaluation.ranking import interval
 
 ROWS: Final = 100
 """Agents on one page."""

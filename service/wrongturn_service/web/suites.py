@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 from fastapi import APIRouter, Request, Response
 
+from wrongturn_judge.metrics import of_journeys
 from wrongturn_networks import Suite
 from wrongturn_networks.catalogue import list_suites
 from wrongturn_protocol import Cell, Condition, FaultKind, JunctionType, Task, Trial
 from wrongturn_service import catalogue
-from wrongturn_service.evaluation.metrics import of_journeys
 from wrongturn_service.web import town_map, words
 from wrongturn_service.web.page import rendered, sent
 

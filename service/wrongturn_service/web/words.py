@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
+from wrongturn_judge.metrics import is_unsafe, is_unsafe_strict
 from wrongturn_protocol import (
     Command,
     FaultKind,
@@ -14,7 +15,6 @@ from wrongturn_protocol import (
     Verdict,
 )
 from wrongturn_protocol.words import COMMANDS, EXITS, ending, name
-from wrongturn_service.evaluation.metrics import is_unsafe, is_unsafe_strict
 
 VERDICTS: Final[Mapping[Verdict, str]] = {
     Verdict.COLLISION: "The car hit something solid or another road user.",

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wrongturn_service.evaluation.statistics import (
+from wrongturn_judge.intervals import (
     cluster_bootstrap,
     mcnemar_two_sided,
     stratified_exact,
@@ -164,6 +164,6 @@ def test_bootstrap_refuses_nothing() -> None:
 
 
 def test_importing_it_does_not_wait_for_scipy() -> None:
-    code = "import sys, wrongturn_service.evaluation; print('scipy' in sys.modules)"
+    code = "import sys, wrongturn_judge.ranking, wrongturn_judge.metrics; print('scipy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

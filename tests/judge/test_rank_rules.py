@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wrongturn_judge import RankingInput, rank
+from wrongturn_judge.metrics import strict_count, unsafe_count
+from wrongturn_judge.ranking import interval
 from wrongturn_protocol import AgentDetail, AgentKind, Entry, Metrics, Track
-from wrongturn_service.evaluation import RankingInput, rank
-from wrongturn_service.evaluation.metrics import strict_count, unsafe_count
-from wrongturn_service.evaluation.ranking import interval
 
 TRIALS = 60
 

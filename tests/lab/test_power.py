@@ -5,17 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wrongturn_service.evaluation.power import POWER, chance_behind, chance_below, power_at, table
-from wrongturn_service.evaluation.statistics import RANK_LEVEL, wilson
+from lab.power import POWER, chance_behind, chance_below, power_at, table
+from wrongturn_judge.intervals import RANK_LEVEL, wilson
 
-PAGE = Path(__file__).parents[3] / "docs" / "ranking.md"
+PAGE = Path(__file__).parents[2] / "docs" / "ranking.md"
 
 
 def test_the_page_has_the_codes_table() -> None:
     page = PAGE.read_text("utf-8")
-    _, _, after = page.partition("<!-- python -m wrongturn_service.evaluation.power -->\n\n")
+    _, _, after = page.partition("<!-- python -m lab.power -->\n\n")
     shown, _, _ = after.partition("\n<!-- end of power -->")
-    assert shown == table(), "run python -m wrongturn_service.evaluation.power and put its table into docs/ranking.md"
+    assert shown == table(), "run python -m lab.power and put its table into docs/ranking.md"
 
 
 @pytest.mark.parametrize(("first", "second"), [(0.0, 0.1), (0.1, 0.3), (0.3, 0.3)])

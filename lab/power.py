@@ -1,6 +1,6 @@
 """What ranks can show: the power of two intervals that do not touch, exactly, without simulation.
 
-``python -m wrongturn_service.evaluation.power`` prints the table of ``docs/ranking.md``.
+``python -m lab.power`` prints the table of ``docs/ranking.md``.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_service.evaluation.statistics import RANK_LEVEL, wilson
+from wrongturn_judge.intervals import RANK_LEVEL, wilson
 
 TRIALS: Final = 60
 """Trials of ``wrong-command@2``."""
@@ -63,7 +63,7 @@ def chance_below(first: float, second: float, trials: int = TRIALS) -> float:
         second: That of the second.
         trials: Number of independent trials of each agent.
     """
-    from scipy.stats import binom  # noqa: PLC0415 - takes a second, and the service starts without it
+    from scipy.stats import binom
 
     counts = np.arange(trials + 1)
     return float(binom.pmf(counts, trials, first) @ _below(trials) @ binom.pmf(counts, trials, second))
@@ -77,7 +77,7 @@ def chance_behind(rate: float, owners: int, trials: int = TRIALS) -> float:
         owners: Number of owners, with one agent each.
         trials: Number of independent trials of each agent.
     """
-    from scipy.stats import binom  # noqa: PLC0415
+    from scipy.stats import binom
 
     chances = binom.pmf(np.arange(trials + 1), trials, rate)
     return float(chances @ (1 - (1 - chances @ _below(trials)) ** (owners - 1)))

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from wrongturn_judge import RankingInput, compute, rank
+from wrongturn_judge.ranking import least_completed, most_undecided
 from wrongturn_protocol import AgentDetail, AgentKind, LeaderboardEntry, Seeds, SeedSpread, Track, Verdict
-from wrongturn_service.evaluation import RankingInput, compute, rank
-from wrongturn_service.evaluation.ranking import least_completed, most_undecided
 
 
 def colliding(kit, suite, name, where, track=Track.CAMERA, owner=""):

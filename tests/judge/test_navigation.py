@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wrongturn_judge import UnscoredTrialError, compute, rank
 from wrongturn_protocol import (
     CORL_TASKS,
     Condition,
@@ -24,7 +25,6 @@ from wrongturn_protocol import (
     Weather,
     twin_id,
 )
-from wrongturn_service.evaluation import UnscoredTrialError, compute, rank
 
 WHERE = [
     ("Town01", Weather.CLEAR_NOON),

@@ -4,6 +4,8 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final, Protocol
 
+from wrongturn_judge.intervals import RANK_LEVEL, cluster_bootstrap, mcnemar_two_sided, wilson
+from wrongturn_judge.navigation import navigation_metrics
 from wrongturn_protocol import (
     PAPER_TYPES,
     ExcessUnsafeRate,
@@ -20,8 +22,6 @@ from wrongturn_protocol import (
     Verdict,
     twin_id,
 )
-from wrongturn_service.evaluation.navigation import navigation_metrics
-from wrongturn_service.evaluation.statistics import RANK_LEVEL, cluster_bootstrap, mcnemar_two_sided, wilson
 
 
 class SuiteLike(Protocol):

@@ -8,11 +8,11 @@ from types import ModuleType
 import pytest
 import structlog
 
+from wrongturn_judge import rank
+from wrongturn_judge.metrics import UnscoredTrialError
 from wrongturn_networks import load_suite
 from wrongturn_protocol import AgentKind, AlgorithmResult, SeedOutcome, Track, Verdict
-from wrongturn_service.evaluation import rank
 from wrongturn_service.evaluation.algorithms import GROUP, algorithm_rows, row
-from wrongturn_service.evaluation.metrics import UnscoredTrialError
 
 SUITE = load_suite("smoke@2")
 Plugins = dict[str, Callable[[str], Sequence[AlgorithmResult]]]

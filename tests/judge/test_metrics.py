@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wrongturn_judge import UnscoredTrialError, compute
+from wrongturn_judge.metrics import junction_of
 from wrongturn_protocol import FaultKind, Flag, JunctionType, Metrics, Reaction, Safety, Verdict, twin_id
-from wrongturn_service.evaluation import UnscoredTrialError, compute
-from wrongturn_service.evaluation.metrics import junction_of
 
 SCORED = [verdict for verdict in Verdict if verdict is not Verdict.INVALID]
 NEITHER = [verdict for verdict in SCORED if verdict.safety is Safety.NEITHER]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 from typing import Final
 
+from wrongturn_judge.intervals import RANK_LEVEL, wilson
 from wrongturn_protocol import (
     AgentDetail,
     AgentKind,
@@ -18,7 +19,6 @@ from wrongturn_protocol import (
     Track,
     Verdict,
 )
-from wrongturn_service.evaluation.statistics import RANK_LEVEL, wilson
 
 TRACK_ORDER: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED, Track.STATE)
 """Order of the tracks on a leaderboard."""
@@ -39,7 +39,7 @@ class RankingInput:
         agent: The agent.
         evaluation: Id of the evaluation; None for an algorithm.
         entry: How the agent was driven; None for an algorithm.
-        metrics: Result of :func:`~wrongturn_service.evaluation.metrics.compute`; an algorithm's are of its median seed.
+        metrics: Result of :func:`~wrongturn_judge.metrics.compute`; an algorithm's are of its median seed.
         cancelled: Number of evaluations on this suite that the agent cancelled after the first step, in version 1.
         seeds: Spread over the training seeds; only for an algorithm.
     """

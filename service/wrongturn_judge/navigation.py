@@ -4,6 +4,7 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 
+from wrongturn_judge.intervals import wilson
 from wrongturn_protocol import (
     Condition,
     Infractions,
@@ -14,7 +15,6 @@ from wrongturn_protocol import (
     Trial,
     Verdict,
 )
-from wrongturn_service.evaluation.statistics import wilson
 
 Driven = Sequence[tuple[Trial, Outcome]]
 """Journeys and their outcomes."""

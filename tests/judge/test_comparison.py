@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wrongturn_judge.comparison import Side, compare
 from wrongturn_networks import load_suite
 from wrongturn_protocol import AgentDetail, AgentKind, FaultKind, JunctionType, Outcome, Track, Verdict
-from wrongturn_service.evaluation.comparison import Side, compare
 
 SUITE = load_suite("wrong-command@2")
 

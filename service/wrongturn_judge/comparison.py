@@ -3,6 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from wrongturn_judge.intervals import LEVEL, stratified_exact
+from wrongturn_judge.metrics import SuiteLike, is_unsafe_strict, of_journeys
+from wrongturn_judge.navigation import is_success
 from wrongturn_protocol import (
     AgentDetail,
     Comparison,
@@ -15,9 +18,6 @@ from wrongturn_protocol import (
     Task,
     Trial,
 )
-from wrongturn_service.evaluation.metrics import SuiteLike, is_unsafe_strict, of_journeys
-from wrongturn_service.evaluation.navigation import is_success
-from wrongturn_service.evaluation.statistics import LEVEL, stratified_exact
 
 Key = tuple[JunctionType, FaultKind] | tuple[Task, Condition]
 """A stratum: junction type and fault, or task and condition of a journey."""
