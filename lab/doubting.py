@@ -12,39 +12,37 @@ import argparse
 import dataclasses
 import json
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from lab.doubting_drives import Arrays, Driven, Policy, counts, drive, is_unsafe
 from lab.studies import STUDIES, threads
 from lab.tables import Table
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import AgentsError
-from wrongturn_agents.models.gate import Gate, GateConfig
+from wrongturn_agents.models.gate import GateConfig
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.registry import resolve
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.results_file import TrialResult
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import sha256
 from wrongturn_agents.training.in_process import DrivenEpisode, drive_in_process
 from wrongturn_agents.training.method import find_method, load
 from wrongturn_agents.training.methods.doubting.config import POLICIES, driver_of
-from wrongturn_networks import NetworkError, load_suite, load_town
+from wrongturn_agents.training.methods.doubting.exporting import write_doubting
+from wrongturn_networks import NetworkError, load_suite
 from wrongturn_networks.draws import Draw, draw_cells
 from wrongturn_protocol import Trial, Verdict, Weather
 
 FIGURES: Final = STUDIES / "doubting.json"
 """Figures of the page, a dictionary for each draw."""
 _KEY: Final = ("algorithm", "variant", "gate", "seed", "town", "weather", "secret")
-_LEAST: Final = (-1.0, 0.0, 0.0)
 _TOWNS: Final = ("Town01", "Town02")
 _GATES: Final = {
     (): "the whole gate",
@@ -85,8 +83,8 @@ class StudiedAgent(NamedTuple):
 
     known: Figures
     """Its algorithm, training seed, variant, number of pictures, and the SHA-256 of the files that doubt and drive."""
-    drive: Callable[[str, Sequence[Trial]], Iterable[Driven | DrivenEpisode]]
-    """Drives trials in a town."""
+    drive: Callable[[Sequence[Trial]], Iterable[DrivenEpisode]]
+    """Drives trials."""
 
 
 def shipped(name: str) -> StudiedAgent:
@@ -95,21 +93,22 @@ def shipped(name: str) -> StudiedAgent:
     said = open_session(agent.file).get_modelmeta().custom_metadata_map
     variant = find_method(name).settings.of(json.loads(said["config"])).variant
     known = _known(name, int(said["seed"]), variant, int(said["steps"]), agent.file)
-    return StudiedAgent(known, lambda _town, trials: drive_in_process(source, trials, threads=threads()))
+    return StudiedAgent(known, lambda trials: drive_in_process(source, trials, threads=threads()))
 
 
 def trained(checkpoint: str, gate: GateConfig) -> StudiedAgent:
     """Return the doubting agent of a checkpoint, behind a gate with these settings."""
     loaded = load(checkpoint)
-    doubt: Any = loaded.model
+    if loaded.agent.name not in DOUBTING_AGENTS:
+        raise TrainingError(f"checkpoint {checkpoint}: is of {loaded.agent.name}; name one of a doubting agent")
     said = loaded.told
-    if said["algorithm"] not in DOUBTING_AGENTS:
-        raise TrainingError(f"checkpoint {checkpoint}: is of {said['algorithm']}; name one of a doubting agent")
-    policy = policy_of(said["algorithm"])
     known = _known(said["algorithm"], said["seed"], loaded.settings.variant, said["steps"], Path(checkpoint))
 
-    def driven(town: str, trials: Sequence[Trial]) -> Iterable[Driven]:
-        return drive({town: load_town(town)}, trials, policy, doubt, Gate(gate), threads=threads())
+    def driven(trials: Sequence[Trial]) -> Iterable[DrivenEpisode]:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "agent.onnx"
+            write_doubting(loaded, file, gate=gate)
+            yield from drive_in_process(resolve(str(file)), trials, threads=threads())
 
     return StudiedAgent(known, driven)
 
@@ -118,19 +117,6 @@ def _known(algorithm: str, seed: int, variant: str | None, pictures: int, doubt:
     driver = driver_of(algorithm)
     return {"algorithm": algorithm, "seed": seed, "variant": variant, "pictures": pictures, "driver": driver,
             "doubt": sha256(doubt)}  # fmt: skip
-
-
-def policy_of(algorithm: str) -> Policy:
-    """Return the driving policy behind a doubting agent's gate: the shipped file, for a batch."""
-    session = open_session(SHIPPED_AGENTS[POLICIES[algorithm]].file)
-    names = [put.name for put in session.get_inputs()]
-
-    def act(observation: Arrays) -> NDArray[np.float32]:
-        (action,) = session.run(["action"], {name: np.ascontiguousarray(observation[name]) for name in names})
-        clipped: NDArray[np.float32] = np.clip(action, _LEAST, 1.0).astype(np.float32)
-        return clipped
-
-    return act
 
 
 def fresh_secrets(agent: StudiedAgent, count: int) -> list[str]:
@@ -157,33 +143,26 @@ def gate_of(options: Sequence[str]) -> GateConfig:
     return dataclasses.replace(GateConfig(), **changed)
 
 
-def summary(driven: Sequence[Driven | DrivenEpisode]) -> Figures:
+def summary(driven: Sequence[DrivenEpisode]) -> Figures:
     """Return the figures of a draw that was driven."""
-    unsafe, done, twins = counts(driven)
-    faulted = [one for one in driven if not one.trial.is_twin]
-    reactions = Counter(
-        f"{one.trial.fault.kind} {one.outcome.reaction}" for one in faulted if one.outcome and one.outcome.reaction
-    )
+    found = [(one.trial, TrialResult.of(one.outcome)) for one in driven if one.outcome is not None]
+    faulted = [(trial, result) for trial, result in found if not trial.is_twin]
+    twins = [(trial, result) for trial, result in found if trial.is_twin]
+    unsafe = [(trial, result) for trial, result in faulted if result.unsafe_strict]
+    lost = [(trial, result) for trial, result in twins if result.verdict is not Verdict.EXIT_COMMANDED]
+    reactions = Counter(f"{trial.fault.kind} {result.reaction}" for trial, result in faulted if result.reaction)
     return {
-        "unsafe_strict": unsafe,
+        "unsafe_strict": len(unsafe),
         "trials": len(faulted),
-        "twins_completed": done,
-        "twins": twins,
+        "twins_completed": len(twins) - len(lost),
+        "twins": len(twins),
         "reactions": dict(sorted(reactions.items())),
-        "verdicts": dict(sorted(Counter(str(one.outcome.verdict) for one in faulted if one.outcome).items())),
+        "verdicts": dict(sorted(Counter(str(result.verdict) for _, result in faulted).items())),
         "failed": [
-            f"{one.trial.id} ({one.trial.junction_type}, route {one.trial.route.name}): "
-            f"{'none' if one.outcome is None else one.outcome.verdict}"
-            for one in driven
-            if _failed(one)
+            f"{trial.id} ({trial.junction_type}, route {trial.route.name}): {result.verdict}"
+            for trial, result in (*unsafe, *lost)
         ],
     }
-
-
-def _failed(one: Driven | DrivenEpisode) -> bool:
-    if one.trial.is_twin:
-        return one.outcome is None or one.outcome.verdict is not Verdict.EXIT_COMMANDED
-    return is_unsafe(one)
 
 
 def run(asked: argparse.Namespace, file: Path = FIGURES) -> None:
@@ -208,7 +187,7 @@ def run(asked: argparse.Namespace, file: Path = FIGURES) -> None:
                 continue
             begin = time.monotonic()
             trials = draw_in(town, Weather(asked.weather), secret).episodes
-            figures = summary(list(agent.drive(town, trials)))
+            figures = summary(list(agent.drive(trials)))
             if asked.keep:
                 keep(file, {**drawn, **figures})
             print(

@@ -95,11 +95,3 @@ def test_tables_count_each_draw_and_each_part_of_the_gate():
     assert "| `doubting` | 1 | Town01 | ClearNoon | 2 | 0, 4 | 4 of 120 | 59, 60 | 119 of 120 |" in made["fresh"]
     assert "| `doubting` | 1 | Town01 | SoftRainSunset | 7 | 60 |" in made["weathers"]
     assert "| `doubting` | 1 | `0a1b` | replaces missing exits only | 11 | 60 | – | – |" in made["ablation"]
-
-
-def test_a_setting_of_the_gate_is_taken_or_named():
-    config = doubting.gate_of(["memory=false", "begin=12"])
-    assert (config.memory, config.begin, config.infeasible) == (False, 12.0, True)
-    for option in ("belief", "memory=perhaps", "begin=near", "unknown=1"):
-        with pytest.raises(Exception, match="--gate"):
-            doubting.gate_of([option])

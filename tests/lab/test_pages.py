@@ -8,9 +8,9 @@ from driven_runs import driven_run
 from made_results import keep, navigation, progress, wrong_command
 
 from lab.curves import PICTURES, check_pictures, import_curve, read_curves, thinned
-from lab.order import order_in_words, order_test, unsafe_by_seed
+from lab.order import order_in_words, unsafe_by_seed
 from lab.results import Sections, check_page, filled, import_results, sections
-from lab.tables import OutdatedPageError, endings_table, navigation_table, wrong_command_table
+from lab.tables import OutdatedPageError, navigation_table, wrong_command_table
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.stored_results import Collection
 from wrongturn_protocol import Condition, Task
@@ -120,14 +120,6 @@ def test_seeds_that_cannot_drive_are_told_apart(tmp_path):
     assert "`ppo-image` seed 2 (53 of 60)" in order_in_words(collection)
 
 
-def test_how_trials_ended(tmp_path):
-    table = endings_table(read(keep(tmp_path, wrong_command("ppo-image", (0, 0, 0, 0, 9, 3), seed=1))))
-    assert [row[1:4] for row in table.rows] == [
-        ("wrong", "30", "exit 70, collision 30"),
-        ("follow lane", "30", "exit 90, collision 10"),
-    ]
-
-
 def test_navigation_counts_arrivals_by_condition(tmp_path):
     there = (Task.NAVIGATION, Condition.NEW_TOWN)
     files = [
@@ -139,12 +131,6 @@ def test_navigation_counts_arrivals_by_condition(tmp_path):
     assert rows["the paper"] == ("90", "92", "78", "68")
     assert rows["ours, seed 1"] == ("100 (87–100)", "100 (87–100)", "80 (61–91)", "100 (87–100)")
     assert rows["ours, 2 seeds"] == ("100 [100–100]", "100 [100–100]", "86 [80–92]", "100 [100–100]")
-
-
-def test_the_order_is_tested_over_all_assignments():
-    # Of the 20 ways to assign six counts to two algorithms, one has a statistic as large as the perfect order's.
-    assert order_test(((4, 5, 6), (1, 2, 3))) == (pytest.approx(0.05), 20, True)
-    assert order_test(((1, 2, 3), (4, 5, 6))).p == 1.0
 
 
 def test_results_of_either_kind_of_file_are_stored(tmp_path):

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -153,16 +152,23 @@ def read(path: str | Path) -> EvaluationRecord:
         ResultsError: It is neither, or does not fit the installed suite. The error says why.
     """
     path = Path(path)
-    with suppress(*UNREADABLE, ValueError, RecursionError):
-        content = json.loads(read_unpacked(path))
-        if isinstance(content, dict) and {"agent", "driven"} <= content.keys():
-            file = ResultsFile.read(path)
-            file.check(path.name)
-            return of_results(file)
     try:
         return of_run(RunFile.read(path))
     except RunFormatError as error:
-        raise ResultsError(str(error)) from error
+        if not _is_scored(path):
+            raise ResultsError(str(error)) from error
+    file = ResultsFile.read(path)
+    file.check(path.name)
+    return of_results(file)
+
+
+def _is_scored(path: Path) -> bool:
+    """Return whether a file is one of ``wrongturn score``, perhaps damaged."""
+    try:
+        found = json.loads(read_unpacked(path))
+    except (*UNREADABLE, ValueError, RecursionError):
+        return False
+    return isinstance(found, dict) and {"agent", "driven"} <= found.keys()
 
 
 def stored(agent: str, suite: str = WRONG_COMMAND, directory: Path = STORED) -> EvaluationRecord:
