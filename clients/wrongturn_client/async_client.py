@@ -11,7 +11,7 @@ import httpx
 
 from wrongturn_client.client import Client
 from wrongturn_client.closing import Closing
-from wrongturn_client.drive import Drive
+from wrongturn_client.drive import DriveSocket
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -61,21 +61,21 @@ def _awaited(
 
 
 class AsyncDrive(_Awaitable):
-    """WebSocket connection for driving, as :class:`~wrongturn_client.drive.Drive`; calls run one after the other.
+    """WebSocket connection for driving, as :class:`~wrongturn_client.drive.DriveSocket`; calls run one after the other.
 
     Drive many episodes with :meth:`steps`, all in one message.
     """
 
-    def __init__(self, drive: Drive) -> None:
+    def __init__(self, drive: DriveSocket) -> None:
         # A thread of its own: only one thread may use a connection, and it must not wait for other calls.
         super().__init__(drive, 1, "wrongturn-drive")
 
-    next_episode = _awaited(Drive.next_episode)
-    practise = _awaited(Drive.practise)
-    step = _awaited(Drive.step)
-    steps = _awaited(Drive.steps)
-    episode = _awaited(Drive.episode)
-    abort_episode = _awaited(Drive.abort_episode)
+    next_episode = _awaited(DriveSocket.next_episode)
+    practise = _awaited(DriveSocket.practise)
+    step = _awaited(DriveSocket.step)
+    steps = _awaited(DriveSocket.steps)
+    episode = _awaited(DriveSocket.episode)
+    abort_episode = _awaited(DriveSocket.abort_episode)
 
 
 class AsyncClient(_Awaitable):

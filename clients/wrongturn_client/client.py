@@ -16,7 +16,7 @@ from wrongturn_client import settings
 from wrongturn_client.commitment import check_commitment
 from wrongturn_client.connections import Upload
 from wrongturn_client.decoding import validated
-from wrongturn_client.drive import Drive
+from wrongturn_client.drive import DriveSocket
 from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, EpisodeCalls, Result
 from wrongturn_client.errors import (
     ApiError,
@@ -280,7 +280,7 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
         except ValueError as error:
             raise ProtocolError(f"the view of episode {episode} is {error}; is the service of this version?") from error
 
-    def drive(self) -> Drive:
+    def drive(self) -> DriveSocket:
         """Open a WebSocket connection for driving: many episodes at a time, many steps in a message.
 
         Raises:
@@ -292,7 +292,7 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
         if self._injected or (url.scheme in getproxies() and not proxy_bypass(url.hostname or "")):
             raise NotOfferedError("no WebSocket through a proxy or another transport; HTTP does the same")
         transport = self._transport
-        return Drive(
+        return DriveSocket(
             url,
             self._token,
             timeout=self._timeout,

@@ -22,7 +22,7 @@ from wrongturn_protocol.wire import CALLS, RETRY_AFTER, MalformedMessageError, a
 _NUMBERS: Final = 2**32
 
 
-class Drive(DriveConnection):
+class DriveSocket(DriveConnection):
     """WebSocket connection for driving; one thread may use it at a time. Make it with :meth:`Client.drive`.
 
     If the connection breaks, it is opened again and every unanswered message is sent again. Nothing happens twice: a

@@ -9,13 +9,13 @@ from client_fake_service import FakeService
 
 from wrongturn_client import Action, AsyncClient, Client, LocalService, NotFoundError
 from wrongturn_client.async_client import AsyncDrive
-from wrongturn_client.drive import Drive
+from wrongturn_client.drive import DriveSocket
 from wrongturn_protocol import PracticeRequest, Track
 
 GAS = Action(steer=0.0, throttle=0.8, brake=0.0)
 
 
-@pytest.mark.parametrize(("blocking", "awaited"), [(Client, AsyncClient), (Drive, AsyncDrive)])
+@pytest.mark.parametrize(("blocking", "awaited"), [(Client, AsyncClient), (DriveSocket, AsyncDrive)])
 def test_it_has_the_same_calls(blocking: type, awaited: type) -> None:
     own = {"connection", "submit", "receive", "exchange", "retry_busy"}  # of the blocking loops alone
     calls = {name for name, _ in inspect.getmembers(blocking, callable) if not name.startswith("_")} - own

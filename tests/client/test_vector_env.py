@@ -13,7 +13,6 @@ from gymnasium.vector import AutoresetMode
 from wrongturn_client import (
     ApiError,
     NotFoundError,
-    RemoteEnv,
     RemoteVectorEnv,
     ServiceFullError,
     ServiceUnreachableError,
@@ -48,20 +47,6 @@ def test_those_without_a_token_share_an_agent_for_practice() -> None:
     assert service.paths("POST").count("/v1/agents") == 1
 
 
-def test_each_draws_what_a_single_one_draws() -> None:
-    service = FakeService()
-    envs = _make(service)
-    envs.reset(seed=5)
-    envs.reset()
-    for i in range(3):
-        alone = FakeService()
-        env = RemoteEnv("http://fake", "t", transport=alone.transport)
-        env.reset(seed=5 + i)
-        env.reset()
-        assert all(request in service.practice for request in alone.practice)
-    assert len({request["seed"] for request in service.practice}) == 6
-
-
 def test_it_may_be_reset_after_it_was_closed() -> None:
     service = FakeService()
     envs = _make(service)
@@ -72,15 +57,6 @@ def test_it_may_be_reset_after_it_was_closed() -> None:
         with pytest.raises(ResetNeeded):
             envs.step(_gas())
     assert sorted(service.aborted) == sorted(service.seen)
-
-
-def test_a_suites_trials_are_driven_one_each() -> None:
-    service = FakeService()
-    envs = _make(service, suite="smoke@2", trial="one")
-    envs.reset(options={"trial": ["a", "b", "c"]})
-    envs.reset()
-    assert sorted(request["trial"] for request in service.practice[:3]) == ["a", "b", "c"]
-    assert [request["trial"] for request in service.practice[3:]] == ["one"] * 3
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from policies import policy
 from stamina import instrumentation
 
 from wrongturn_client import ApiError, Client
-from wrongturn_client.drive import Drive
+from wrongturn_client.drive import DriveSocket
 from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result
 from wrongturn_client.http_drive import HttpDrive
 from wrongturn_protocol import EvaluationState
@@ -51,7 +51,7 @@ class Watched(DriveConnection):
                 self.journal.note("final", episode=call[1], seq=result["seq"])
 
 
-class WatchedDrive(Watched, Drive):
+class WatchedDrive(Watched, DriveSocket):
     """Over the socket."""
 
 

@@ -32,13 +32,13 @@ from wrongturn_sim.fleet.right_of_way import YIELDS
 from wrongturn_sim.fleet.streets import Streets
 
 NEAR = 25.0
-"""It is drawn this far before the ego's stop line whether the ego meets a car, metres."""
+"""Distance before the stop line, in metres, at which it is drawn whether the ego meets a car."""
 MEETING = 0
 """Column of ``Others.junction``."""
 SLOWS, CRUISE, TURNS = 15.0, 7.0, 4.5
 """An ego's usual speed up to so many metres before its line, and after, m/s."""
 EARLY, SPREAD = -0.5, 3.0
-"""The car would be at its stop line so many seconds before the ego is at its own, and up to so many more."""
+"""The car reaches its stop line EARLY to EARLY + SPREAD seconds before the ego reaches its own."""
 APART = 25.0
 """No other car is this near to the car's place in its lane, metres."""
 

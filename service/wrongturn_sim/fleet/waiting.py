@@ -13,7 +13,7 @@ from wrongturn_sim.fleet.meeting import far_away, has_room, is_drawn, put, time_
 from wrongturn_sim.fleet.others import FOR, LENGTH, STAYS, WAITS, Others, V, draw, place_car
 
 NEAR = 45.0
-"""It is drawn this far before the ego's stop line whether a car stands, metres."""
+"""Distance before the stop line, in metres, at which it is drawn whether a car stands."""
 WAITING = 1
 """Column of ``Others.junction``."""
 OWN = 0.5
