@@ -10,9 +10,8 @@ from functools import partial
 from typing import IO
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
-from rich.text import Text
 
 Progress = Callable[[int, int], None]
 """Function that is called with the numbers of finished and of all episodes."""
@@ -28,14 +27,6 @@ class ProgressStyle(StrEnum):
     JSON = "json"
 
 
-class RateColumn(ProgressColumn):
-    """Column with the number of episodes a minute."""
-
-    def render(self, task: Task) -> Text:
-        """Return rich's estimate of the rate."""
-        return Text("" if task.speed is None else f"{_rate(60 * task.speed)}/min", style="progress.data.speed")
-
-
 def progress_bars(console: Console) -> Bars:
     """Return bars with the agent's name, the count of episodes, the rate and the time left."""
     return Bars(
@@ -43,7 +34,7 @@ def progress_bars(console: Console) -> Bars:
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("episodes"),
-        RateColumn(),
+        TextColumn("{task.fields[rate]}", style="progress.data.speed"),
         TimeRemainingColumn(compact=True),
         console=console,
     )
@@ -51,8 +42,14 @@ def progress_bars(console: Console) -> Bars:
 
 def add_bar(bars: Bars, name: str) -> Progress:
     """Add a bar for an agent, and return the function that moves it."""
-    bar = bars.add_task(name, total=None)
-    return lambda finished, total: bars.update(bar, completed=finished, total=total)
+    bar = bars.add_task(name, total=None, rate="")
+
+    def move(finished: int, total: int) -> None:
+        bars.update(bar, completed=finished, total=total)
+        speed = next(task.speed for task in bars.tasks if task.id == bar)
+        bars.update(bar, rate="" if speed is None else f"{_rate(60 * speed)}/min")
+
+    return move
 
 
 class LinesProgress:

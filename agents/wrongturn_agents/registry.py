@@ -7,7 +7,7 @@ A name is one of four things: a registered name (``careful``), your own class (`
 import importlib
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -43,24 +43,11 @@ AGENTS: Final = MappingProxyType(
     {agent.name: agent for agent in (Parked, AlwaysStops, IgnoresCommands, ObeysBlindly, Careful)},
 )
 """Classes of the baselines by name."""
-EXPLOITS: Final = MappingProxyType(
-    {
-        agent.name: agent
-        for agent in (
-            PauseThenObey,
-            OncomingLane,
-            OncomingLaneBack,
-            Creeper,
-            Blocker,
-            Twitcher,
-            Odometer,
-            Clone,
-            TwinTape,
-            UTurner,
-            HeadOn,
-        )
-    },
+_EXPLOITS: Final[tuple[Any, ...]] = (
+    *(PauseThenObey, OncomingLane, OncomingLaneBack, Creeper, Blocker, Twitcher),
+    *(Odometer, Clone, TwinTape, UTurner, HeadOn),
 )
+EXPLOITS: Final = MappingProxyType({agent.name: agent for agent in _EXPLOITS})
 """Classes of the exploits that only drive, by name. The others need a service: see ``wrongturn_agents.exploits``."""
 
 ZIP: Final = ".zip"
@@ -100,21 +87,20 @@ class AgentSource:
 
 def list_agents() -> list[AgentListing]:
     """Return the baselines, the trained agents and the exploits. The description says which must be trained first."""
-    described: list[tuple[Any, str]] = [(agent, agent.description) for agent in AGENTS.values()]
-    described += [(agent, _description(agent)) for agent in SHIPPED_AGENTS.values()]
-    described += [(agent, _description(agent)) for agent in DOUBTING_AGENTS.values()]
-    described += [(agent, agent.description) for agent in EXPLOITS.values()]
+    groups: tuple[Mapping[str, Any], ...] = (AGENTS, SHIPPED_AGENTS, DOUBTING_AGENTS, EXPLOITS)
     return [
-        AgentListing(name=agent.name, track=agent.track, kind=agent.kind, description=description)
-        for agent, description in described
+        AgentListing(name=agent.name, track=agent.track, kind=agent.kind, description=_description(agent))
+        for group in groups
+        for agent in group.values()
     ]
 
 
-def _description(agent: ShippedAgent | ShippedDoubtingAgent) -> str:
-    if agent.file.is_file():
-        return agent.description
+def _description(agent: Any) -> str:
+    described: str = agent.description
+    if not isinstance(agent, ShippedAgent | ShippedDoubtingAgent) or agent.file.is_file():
+        return described
     algorithm, _ = trained_with(agent.name)
-    return f"{agent.description} No weights are shipped yet: train it ('{program()} train {algorithm}')."
+    return f"{described} No weights are shipped yet: train it ('{program()} train {algorithm}')."
 
 
 def resolve(named: str) -> AgentSource:
@@ -132,10 +118,8 @@ def resolve(named: str) -> AgentSource:
         OnnxRuntimeMissingError: The extra ``onnx`` is not installed. A trained agent raises it only when it is made.
         MissingPackageError: A ``.zip`` file needs the extra ``training``, which is not installed.
     """
-    if named in AGENTS:
-        return _source(named, AGENTS[named])
-    if named in EXPLOITS:
-        return _source(named, EXPLOITS[named])
+    if (shipped := AGENTS.get(named) or EXPLOITS.get(named)) is not None:
+        return _source(named, shipped)
     agent = SHIPPED_AGENTS.get(named) or DOUBTING_AGENTS.get(named)
     if agent is not None:
         files = agent.files if isinstance(agent, ShippedDoubtingAgent) else (agent.file,)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from wrongturn_judge.ranking import least_completed
 from wrongturn_protocol import AgentKind, LeaderboardEntry
@@ -90,8 +90,7 @@ class Mark:
     """Where the label stands. None if there is no room."""
 
 
-@dataclass(frozen=True)
-class Place:
+class Place(NamedTuple):
     """The place of a label."""
 
     x: float
