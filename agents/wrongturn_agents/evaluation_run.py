@@ -68,7 +68,6 @@ def evaluate(options: RunOptions) -> Done:
 
     Raises:
         RunError: An option does not fit the others, or the run cannot begin.
-        AgentsError, WrongturnError: As :func:`wrongturn_agents.worker.begin` and :func:`wrongturn_agents.worker.drive`.
     """
     check_json_file(options.json_file)
     saved_run = None if options.resume is None else _resumed(options.resume, options)
@@ -110,8 +109,7 @@ def evaluate(options: RunOptions) -> Done:
 def made_once(agent: str, parallel: int | None) -> tuple[AgentSource, int]:
     """Find and make the agent, so that one that cannot be made takes no name and begins no evaluation.
 
-    Returns:
-        The source of this one agent, and the number of episodes that it drives at once.
+    Return the source of this one agent, and the number of episodes that it drives at once.
     """
     if agent.endswith(ZIP) and Path(agent).is_file():
         typer.echo(f"Loading {agent} runs code that is named inside: run only files that you trust.", err=True)

@@ -70,11 +70,8 @@ class PracticeRun:
     def drive(self, url: str, token: str | None, progress: Progress, *, parallel: int | None = None) -> ResultsFile:
         """Drive the missing trials and return all results.
 
-        Args:
-            url: URL of the service.
-            token: Token of an agent that is registered there; None to register one for practice.
-            progress: Called with the numbers of finished and of all trials.
-            parallel: Number of episodes at once; None as in :func:`~wrongturn_agents.worker.episodes_side_by_side`.
+        Without a token, an agent is registered for practice. ``progress`` is called with the numbers of finished and of
+        all trials; ``parallel`` is as in :func:`~wrongturn_agents.worker.episodes_side_by_side`.
 
         Raises:
             RunError: The service has another version of the suite, or the file cannot be written.

@@ -46,11 +46,7 @@ class SavedRun(BaseModel):
         return directory() / f"{self.evaluation}.json"
 
     def save(self) -> Path:
-        """Write the file with mode 0600, and return its path.
-
-        Raises:
-            RunFileError: The file cannot be written.
-        """
+        """Write the file with mode 0600, and return its path. Raises RunFileError."""
         with _writing(self.path):
             directory().mkdir(mode=0o700, parents=True, exist_ok=True)
             handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
@@ -91,11 +87,7 @@ class SavedRun(BaseModel):
 
 
 def ensure_directory() -> None:
-    """Create the directory of saved runs, and check that files can be created in it.
-
-    Raises:
-        RunFileError: They cannot.
-    """
+    """Create the directory of saved runs, and check that files can be created in it. Raises RunFileError."""
     with _writing(directory()):
         directory().mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=directory()):

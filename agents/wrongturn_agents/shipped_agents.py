@@ -68,17 +68,7 @@ class ShippedAgent:
 
 
 def load_shipped(name: str, file: Path, load: Callable[[Path], T]) -> T:
-    """Load a file of this package, and say what to do if that fails.
-
-    Args:
-        name: Name of the agent.
-        file: Path of its file.
-        load: Loads it.
-
-    Raises:
-        ModelFileError: The file is missing or broken.
-        OnnxRuntimeMissingError: onnxruntime is not installed.
-    """
+    """Load an agent's file. Raises ModelFileError or OnnxRuntimeMissingError, which say what to do."""
     if not file.is_file():
         algorithm, checkpoint = trained_with(name)
         raise ModelFileError(

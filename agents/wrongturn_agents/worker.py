@@ -62,12 +62,9 @@ class RunRequest:
 def service_at(
     url: str | None, operator_token: str | None, database: str | None = None
 ) -> Iterator[tuple[str, str | None]]:
-    """Yield the URL and operator's token of a service. Without a URL, start one for the ``with`` block.
+    """Yield the URL and operator's token of a service.
 
-    Args:
-        url: URL of the service.
-        operator_token: The operator's token there.
-        database: URL of the database of a service that is started; None for the default one.
+    Without a URL, start one for the ``with`` block, with a database at this URL or the default one.
     """
     if url is not None:
         yield url, operator_token
@@ -120,12 +117,7 @@ def begin(request: RunRequest, source: AgentSource, url: str, operator_token: st
 def episodes_side_by_side(agent: Agent, wanted: int | None) -> int:
     """Return how many episodes an agent drives at once: without a memory one for each processor, else one.
 
-    Args:
-        agent: The agent.
-        wanted: The number that the user asks for; None for the default.
-
-    Raises:
-        RunError: More than one is wanted of an agent that does not say ``memoryless``.
+    Raises RunError if more are wanted of an agent that does not say ``memoryless``.
     """
     if getattr(agent, "memoryless", False) is True:
         return wanted or len(os.sched_getaffinity(0))
@@ -139,15 +131,9 @@ def drive(
 ) -> EvaluationDetail:
     """Drive an evaluation to its end, from wherever it is.
 
-    Args:
-        saved_run: The run to drive.
-        source: The agent.
-        url: URL of the service.
-        progress: Called after each episode.
-        parallel: Number of episodes at once; None as in :func:`episodes_side_by_side`.
+    ``progress`` is called after each episode; ``parallel`` is as in :func:`episodes_side_by_side`.
 
     Raises:
-        RunError: As :func:`episodes_side_by_side`.
         RunOverError: The evaluation was ended or deleted, or its token was revoked. The run cannot be resumed.
         AgentFailedError: The agent failed. The episode counts as aborted, and the run can be resumed.
         WrongturnError: The service refuses, or cannot be reached any more. The run can be resumed.
@@ -252,20 +238,12 @@ class GuardedAgent:
         self._name, self._agent = name, agent
 
     def reset(self, observation_space: spaces.Space[Any]) -> None:
-        """Call the agent's ``reset``.
-
-        Raises:
-            AgentFailedError: The agent raised an exception.
-        """
+        """Call the agent's ``reset``."""
         with self._guard("reset"):
             self._agent.reset(observation_space)
 
     def act(self, observation: Observation) -> Action:
-        """Call the agent's ``act``.
-
-        Raises:
-            AgentFailedError: The agent raised an exception, or did not return an action that can be driven.
-        """
+        """Call the agent's ``act``. It has to return an action that can be driven."""
         with self._guard("act"):
             given: object = self._agent.act(observation)
         try:
