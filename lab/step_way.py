@@ -65,7 +65,7 @@ def main() -> None:
         threading.setprofile(note)
         threading.Thread(target=server.run, args=(settings, bound), daemon=True).start()
         url = f"http://127.0.0.1:{bound.getsockname()[1]}"
-        token = Client(url).register("way of a step", "state").token
+        token = Client(url, timeout=300).register("way of a step", "state").token
         client = Client(url, token)
         driving = client.drive() if "--socket" in sys.argv else client
         episode = driving.practise(PracticeRequest(town="Town01", approach="J3-S", seed=1)).id
